@@ -17,7 +17,7 @@ GROUPS: dict[str, tuple[str, str]] = {
     ),
     "Moments": (
         "A plane reduced to moments of the speed, from which any liner follows at any frequency.",
-        "moments Moments moments_part MomentsPart GrowingMoments read_moments",
+        "moments Moments GrowingMoments read_moments",
     ),
     "Liners": (
         "Models of a liner, presets and files; calibration against known impedances.",
@@ -45,8 +45,8 @@ GROUPS: dict[str, tuple[str, str]] = {
         "ir_tdibc LevelCurve",
     ),
     "Signals": (
-        "Incident signals other than one tone, and the kernels that replay them.",
-        "Tones Sweep BandNoise Recorded read_signal build_kernels",
+        "Incident signals other than one tone, the kernels that replay them, and the reflected signal.",
+        "replay Tones Sweep BandNoise Recorded read_signal build_kernels",
     ),
     "Reliability": (
         "How far each choice moves a result; results and models compared; figures for print.",

@@ -2,9 +2,9 @@
 
     python scripts/calibrate_without_flow.py [--write]
 
-The vena contracta alone is fitted, to the resistance of cases without flow (their reactance counts
+The contraction coefficient alone is fitted, to the resistance of cases without flow (their reactance counts
 with the error of the model, see docs/truth.md); the linear part is that of each preset, a run at
-115 dB on the same lattice. Then every case is predicted in every order of averaging at every
+115 dB on the same lattice. Then every case is predicted in every averaging at every
 height. ``--write`` puts the tables into docs/calibrate_without_flow.md and the picture, with its
 numbers, into docs/figures.
 """
@@ -21,9 +21,9 @@ from typing import Any
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.without_flow import PredictedRow, draw_without_flow
-from torchliner.audits.truth_rows import closure_of
+from torchliner.audits.truth_rows import level_check_of
 from torchliner.io.csv_rows import write_rows
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
 from truth_page import page_table, write_tables
 
@@ -31,12 +31,12 @@ PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate
 STEM = "calibrate_without_flow"
 NOISE = 0.002 + 0.1j  # two ways of measuring one case differ by 0.002; X is the model's error
 FREE = {"vena_contracta": (0.2, 1.0)}
-RULE = ORDERS[2]
+RULE = "phase-locked"
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Cases without flow that one vena contracta is fitted to, and those it predicts."""
+    """Cases without flow that one contraction coefficient is fitted to, and those it predicts."""
 
     name: str
     fitted: tuple[str, ...]
@@ -56,15 +56,15 @@ def planes_of(case: str) -> list[tl.VelocityPlane]:
 
 
 def calibrated(fit: Fit) -> Any:
-    """The calibration at the lowest height, in the order whose predictions are asked for."""
+    """The calibration at the lowest height, in the averaging whose predictions are asked for."""
     planes = [planes_of(case)[0] for case in fit.fitted]
     liner = tl.load_liner(planes[0].liner)
-    return tl.calibrate(planes, liner, "true", FREE, order=RULE, noise=NOISE, draws=0,
+    return tl.calibrate(planes, liner, "true", FREE, averaging=RULE, noise=NOISE, draws=0,
                         allow_short=True)  # fmt: skip
 
 
 def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
-    """Every case of a fit, order and height, before and after."""
+    """Every case of a fit, averaging and height, before and after."""
     rows = []
     for case in (*fit.fitted, *fit.predicted):
         for plane in planes_of(case):
@@ -72,12 +72,12 @@ def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
                 tl.educe(plane, liner, interval=None, allow_short=True)
                 for liner in (tl.load_liner(plane.liner), found.liner)
             )
-            for order in after.orders:
+            for averaging in after.averagings:
                 rows.append(
                     PredictedRow(
-                        fit.name, case, case in fit.fitted, plane.height or 0.0, order,
-                        complex(before.of_liner(order)[0]), complex(after.of_liner(order)[0]),
-                        complex(plane.reference["true"]), closure_of(after, order),
+                        fit.name, case, case in fit.fitted, plane.height or 0.0, averaging,
+                        complex(before.liner[averaging].impedance[0]), complex(after.liner[averaging].impedance[0]),
+                        complex(plane.reference["true"]), level_check_of(after, averaging),
                     )
                 )  # fmt: skip
     return rows
@@ -96,7 +96,7 @@ def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
          f"{float(found.standard[0]):.3f}"]
         for fit, found in fits
     ]  # fmt: skip
-    return page_table("model | fitted to | vena contracta | ±", lines)
+    return page_table("model | fitted to | contraction coefficient | ±", lines)
 
 
 def rows_by_case(rows: Sequence[PredictedRow]) -> list[list[PredictedRow]]:
@@ -105,29 +105,29 @@ def rows_by_case(rows: Sequence[PredictedRow]) -> list[list[PredictedRow]]:
 
 
 def prediction_table(rows: Sequence[PredictedRow]) -> str:
-    """Per case at its lowest height: before, then every order after."""
+    """Per case at its lowest height: before, then every averaging after."""
     lines = []
     for mine in rows_by_case(rows):
-        here = {row.order: row for row in mine if row.height == mine[0].height}
+        here = {row.averaging: row for row in mine if row.height == mine[0].height}
         rule = here[RULE]
         lines.append([
             f"{rule.case}{', fitted' if rule.fitted else ''}", format_complex(rule.true),
-            format_complex(rule.before), *(format_complex(here[order].after) for order in ORDERS),
+            format_complex(rule.before), *(format_complex(here[each].after) for each in AVERAGINGS),
         ])  # fmt: skip
-    return page_table(f"case | true Z | {RULE}, 0.8 | {' | '.join(ORDERS)}", lines)
+    return page_table(f"case | reference Z | {RULE}, 0.8 | {' | '.join(AVERAGINGS)}", lines)
 
 
 def height_table(rows: Sequence[PredictedRow]) -> str:
-    """Per case that was not fitted, over its heights: by how much R is off, and closure."""
+    """Per case that was not fitted, over its heights: by how much R is off, and the level check."""
     lines = []
-    for mine in rows_by_case([row for row in rows if row.order == RULE and not row.fitted]):
+    for mine in rows_by_case([row for row in rows if row.averaging == RULE and not row.fitted]):
         shares = [100 * (row.after.real / row.true.real - 1) for row in mine]
         lines.append([
             mine[0].case, ", ".join(f"{1e3 * row.height:g}" for row in mine),
             ", ".join(f"{round(share) + 0:+d}" for share in shares),
-            ", ".join(f"{row.closure:+.2f}" for row in mine),
+            ", ".join(f"{row.level_check:+.2f}" for row in mine),
         ])  # fmt: skip
-    return page_table("case | y (mm) | R off by (%) | closure (dB)", lines)
+    return page_table("case | y (mm) | R off by (%) | level check (dB)", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Tables and pictures of docs/frequencies.md: several tones, many frequencies, one for another.
+"""Tables and pictures of docs/frequencies.md: many frequencies, one for another.
 
 python scripts/frequencies_page.py [-o docs/figures]
 """
@@ -19,9 +19,6 @@ from torchliner.liners.response import reflection_of
 from torchliner.report.figure import COLOURS, LINES, finish, label_axes, panels_of, styled
 from torchliner.report.figures import draw_spectrum
 
-RATE, SAMPLES = 42e3, 4200  # 0.1 s
-TIMES = torch.arange(SAMPLES, dtype=torch.float64) / RATE
-PAIRS = ((1050.0, 1400.0), (1400.0, 2800.0), (1050.0, 3150.0))
 LINERS = ("polito", "onera")
 TOTAL, OTHER = 3.0, 2000.0  # rms of v, m/s; Hz
 SHARES = (0.1, 0.2, 0.5, 0.9)
@@ -30,25 +27,6 @@ NODES = 256
 
 def text(z: complex) -> str:
     return f"{z.real:.2f}{z.imag:+.2f}j"
-
-
-def joint_rows() -> list[tuple[str, ...]]:
-    """v of two tones, 3 and 2 m/s peak, and of 0.3 m/s rms of noise, under three phase rules."""
-    generator = torch.Generator().manual_seed(0)
-    noise = 0.3 * torch.randn(SAMPLES, generator=generator, dtype=torch.float64)
-    rows = []
-    for one, other in PAIRS:
-        v = 3 * torch.cos(2 * torch.pi * one * TIMES) + 2 * torch.sin(2 * torch.pi * other * TIMES)
-        plane = tl.VelocityPlane((v + noise)[None], sampling_rate=RATE)
-        found = []
-        for rule in ("averaged", "self-consistent", "joint"):
-            z = tl.educe(
-                plane, tl.load_liner("polito"), [one, other], phase=rule, interval=None,
-                minimum_coherence=0.0, order="probes first",
-            ).liner_impedance  # fmt: skip
-            found.append(", ".join(text(complex(each)) for each in z))
-        rows.append((f"{one:g}, {other:g}", *found))
-    return rows
 
 
 def impedance_of(liner: LinerModel, speed: Tensor) -> complex:
@@ -91,17 +69,14 @@ def draw_shares(path: Path) -> list[tuple[str, ...]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = options_of(parser_of(__doc__, FIGURES), arguments)
-    for row in joint_rows():
-        print("|", " | ".join(row), "|")
-    print()
     for row in draw_shares(options.output / "frequencies_tone_share.png"):
         print("|", " | ".join(row), "|")
     plane = tl.read_plane(DATA / "slit_g03_145_y0.5mm.h5")
     found = tl.educe(plane, tl.load_liner(plane.liner), [300 + 100.0 * i for i in range(58)])
     draw_spectrum([found], options.output / "frequencies_g03_145.png")
     print()
-    print("\n".join(found.notes))
-    print(found.choices["basis"], found.choices["model_error"], found.choices["tone_share"])
+    print("\n".join(map(str, found.notes)))
+    print(found.choices["nodes"], found.choices["model_error"], found.choices["tone_share"])
     return 0
 
 

@@ -86,7 +86,7 @@ def case_table(rows: Sequence[dict[str, Any]]) -> str:
          ", ".join(off(row[way], row["true"]) for way in ways)]
         for row in rows
     ]  # fmt: skip
-    return table("case | C_vc | true Z | Z(rms v) | periodic | least-squares | R off, %", lines)
+    return table("case | C_vc | reference Z | Z(rms v) | periodic | least-squares | R off, %", lines)
 
 
 def convergence_table() -> str:

@@ -25,10 +25,10 @@ from torchliner.in_situ_method.dean import in_situ
 from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.report import figures, height_figures
 from torchliner.report.figures import draw_spectrum
-from torchliner.tdibc.educe import educe
+from torchliner.velocity.educe import educe
 
 
 def main() -> None:
@@ -49,7 +49,7 @@ def main() -> None:
     torchliner(["insitu", pressure, "--figure", str(FIGURES / "in_situ_n130.png")])
     planes = [read_plane(DATA / f"slit_n130_y{height}mm.h5") for height in ("1.0", "2.5")]
     wide = [300 + 50.0 * i for i in range(115)]
-    spectra = educe(planes, load_liner(planes[0].liner), wide)
+    spectra = [educe(plane, load_liner(plane.liner), wide) for plane in planes]
     draw_spectrum(spectra, FIGURES / "slit_n130_spectrum.png")
     figures.draw_map(maps[1], FIGURES / "orifice_o145_map.png")
     channel = read_plane(DATA / "channel_y1.04mm.h5")
@@ -69,7 +69,7 @@ def main() -> None:
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
     torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
     highest = calibrate_resolved.HIGHEST
-    panels = {order: calibrate_resolved.study(highest, order, 1000)[1] for order in ORDERS}
+    panels = {name: calibrate_resolved.study(highest, name, 1000)[1] for name in AVERAGINGS}
     calibrate_resolved.draw(panels, FIGURES / "calibration_resolved.png")
     reasons = [truth_page.reasons_of(case) for case in truth_page.REASONED]
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]

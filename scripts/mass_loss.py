@@ -2,7 +2,7 @@
 
     python scripts/mass_loss.py [--write]
 
-The vena contracta of each model is fitted to its resistance without flow, as in
+The contraction coefficient of each model is fitted to its resistance without flow, as in
 ``calibrate_without_flow.py``; here the reactance alone is fitted, at y = 0.5 mm, with coefficients
 shared by slit and orifice. Every law is judged on cases that it was not fitted to. ``--write`` puts
 the tables into docs/mass_loss.md and the picture, with its numbers, into docs/figures.
@@ -27,7 +27,7 @@ from common import FIGURES, RESULTS, ROOT, options_of, parser_of
 from studies.mass_loss_figure import LossRow, draw_mass_loss
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.end_loss import EndLossSDoFLiner
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
 from truth_page import page_table, write_tables
 
@@ -35,7 +35,7 @@ PAGE, FOLDER, STEM = ROOT / "docs" / "mass_loss.md", RESULTS / "mass_loss", "mas
 CASES = tuple(case for fit in FITS for case in (*fit.fitted, *fit.predicted))
 FLOW = tuple(case for case in CASES if case[0] == "g" or case.startswith(("t03", "t015")))
 SLITS = tuple(case for case in CASES if case[0] in "ng")
-RULE = ORDERS[2]
+RULE = "phase-locked"
 REACTANCE_ALONE = 1e3 + 0.05j  # standard uncertainty of R and X: R has no say
 B, K, A = {"loss_displacement": (0.01, 10.0)}, {"mach_loss": (0.0, 3.0)}, {"end_loss": (0.0, 1.0)}
 
@@ -76,15 +76,15 @@ def planes_of(case: str) -> list[tl.VelocityPlane]:
 
 @functools.cache
 def base_liners() -> dict[str, tl.SDoFLiner]:
-    """By case: the preset with the vena contracta of a case without flow."""
+    """By case: the preset with the contraction coefficient of a case without flow."""
     return {case: liner for fit in FITS for liner in (calibrated(fit).liner,) for case in (*fit.fitted, *fit.predicted)}
 
 
 @functools.cache
-def moments_of(case: str, order: str) -> tuple[Any, ...]:
+def moments_of(case: str, averaging: str) -> tuple[Any, ...]:
     """Of all heights, the lowest first."""
     return tuple(
-        tl.moments(plane, order=order, cell_pitch=base_liners()[case].cell_pitch, allow_short=True)
+        tl.moments(plane, averaging=averaging, cell_pitch=base_liners()[case].cell_pitch, allow_short=True)
         for plane in planes_of(case)
     )
 
@@ -101,22 +101,22 @@ def liner_of(case: str, law: Law) -> tl.SDoFLiner:
     )  # fmt: skip
 
 
-def fitted(law: Law, cases: Sequence[str], order: str = RULE) -> Any:
+def fitted(law: Law, cases: Sequence[str], averaging: str = RULE) -> Any:
     """The calibration of a law by the reactance of some cases, 0.5 mm above the plate."""
     return tl.calibrate(
-        [moments_of(case, order)[0] for case in cases], [liner_of(case, law) for case in cases],
-        "true", dict(law.free), order=order, noise=REACTANCE_ALONE, draws=0, allow_short=True,
+        [moments_of(case, averaging)[0] for case in cases], [liner_of(case, law) for case in cases],
+        "true", dict(law.free), averaging=averaging, noise=REACTANCE_ALONE, draws=0, allow_short=True,
     )  # fmt: skip
 
 
-def predicted(law: Law, found: Any, case: str, order: str = RULE, height: int = 0) -> complex:
+def predicted(law: Law, found: Any, case: str, averaging: str = RULE, height: int = 0) -> complex:
     """Z of a case by what was fitted."""
     liner = liner_of(case, law)
     if found is not None:
         values = zip(found.parameters, found.values.tolist(), strict=True)
         liner = liner.with_numbers(dict(values))
-    educed = tl.educe(moments_of(case, order)[height], liner, interval=None, order=order, allow_short=True)
-    return complex(educed.of_liner(order)[0])
+    educed = tl.educe(moments_of(case, averaging)[height], liner, interval=None, averaging=averaging, allow_short=True)
+    return complex(educed.liner[averaging].impedance[0])
 
 
 def truth(case: str) -> complex:
@@ -124,13 +124,13 @@ def truth(case: str) -> complex:
     return complex(planes_of(case)[0].reference["true"])
 
 
-def left_out(law: Law, groups: Sequence[Sequence[str]], order: str = RULE) -> dict[str, complex]:
+def left_out(law: Law, groups: Sequence[Sequence[str]], averaging: str = RULE) -> dict[str, complex]:
     """Z of every case of some groups, each by a fit to all cases but its group."""
     found: dict[str, complex] = {}
     for group in groups:
         rest = [case for case in CASES if case not in group]
-        fit = fitted(law, rest, order) if law.free else None
-        found |= {case: predicted(law, fit, case, order) for case in group}
+        fit = fitted(law, rest, averaging) if law.free else None
+        found |= {case: predicted(law, fit, case, averaging) for case in group}
     return found
 
 
@@ -165,15 +165,15 @@ def law_table(rows: Sequence[LossRow]) -> str:
 
 
 def variant_table(rows: Sequence[LossRow]) -> str:
-    """Of the chosen law's variants, and of it in the other orders of averaging."""
+    """Of the chosen law's variants, and of it in the other averagings."""
     lines = []
     for law in LAWS[LAWS.index(CHOSEN) + 1 :]:
         away = [row.predicted.imag - row.true.imag for row in rows if row.law == law.name]
         lines.append([law.name.removeprefix("the same, "), *largest_and_rms(away)])
-    for order in ORDERS[:2]:
-        found = left_out(CHOSEN, [(case,) for case in CASES], order)
+    for averaging in list(AVERAGINGS)[:2]:
+        found = left_out(CHOSEN, [(case,) for case in CASES], averaging)
         away = [found[case].imag - truth(case).imag for case in CASES]
-        lines.append([order, *largest_and_rms(away)])
+        lines.append([averaging, *largest_and_rms(away)])
     return page_table("but | largest | rms", lines)
 
 
@@ -233,7 +233,7 @@ def wave_table() -> str:
             for curve in (tl.ir_tdibc(liner, [plane.incident_level], 1400.0, kernel="periodic"),)
         )
         lines.append([case, *map(format_complex, (true, paper, law))])
-    return page_table("case | true Z | eq. (2.4b) | this law", lines)
+    return page_table("case | reference Z | eq. (2.4b) | this law", lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

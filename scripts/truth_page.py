@@ -38,7 +38,7 @@ from torchliner.audits.truth_rows import (
 )
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
 from torchliner.report.truth_table import plain_truth
 
@@ -51,7 +51,7 @@ CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "
          "t015_145")  # fmt: skip
 REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
 MOVING = tuple(case for case in REASONED if not case.endswith("115"))
-CLOSED = ORDERS[-1]  # the order whose closure the page shows
+CHECKED = "phase-locked"  # the averaging whose level check the page shows
 PRINTED = 6  # digits of the committed rows
 
 
@@ -78,7 +78,7 @@ def pressures_of(case: str) -> tl.PressureRecord:
 
 
 def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[TruthRow]:
-    """All rules of a case beside its truth and the in situ value (Dean, pressure first)."""
+    """All rules of a case beside its reference and the in situ value (Dean, pressure first)."""
     rows = truth_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
     found = tl.in_situ(pressures_of(case), allow_short=True)
     dean = complex(found.liner_impedance_pressure_first[0])
@@ -92,10 +92,10 @@ def truth_row_of(row: dict[str, str]) -> TruthRow:
         return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
 
     names = ("educed", "true", "in_situ", "low", "high")
-    rest = ("closure", "speed", "velocity_rms", "mach", "incident_level", "periods")
+    rest = ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods")
     educed, true, in_situ, low, high = map(pair, names)
     return TruthRow(
-        row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"], row["order"],
+        row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"], row["averaging"],
         educed, true, in_situ, low, high, *(float(row[key]) for key in rest),
     )  # fmt: skip
 
@@ -141,17 +141,17 @@ def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
 
 
 def interval_table(rows: Sequence[TruthRow]) -> str:
-    """Per case: the in situ value, and of each order the widest interval and what they hold."""
+    """Per case: the in situ value, and of each averaging the widest interval and what they hold."""
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
         mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
-        orders = [[row for row in mine if row.order == order] for order in ORDERS]
-        lines.append([case, format_complex(mine[0].in_situ), *map(interval_words, orders)])
-    return page_table(f"case | in situ | {' | '.join(ORDERS)}", lines)
+        each = [[row for row in mine if row.averaging == averaging] for averaging in AVERAGINGS]
+        lines.append([case, format_complex(mine[0].in_situ), *map(interval_words, each)])
+    return page_table(f"case | in situ | {' | '.join(AVERAGINGS)}", lines)
 
 
 def interval_words(rows: Sequence[TruthRow]) -> str:
-    """Largest half-width in R and X, and at how many heights each interval holds the truth."""
+    """Largest half-width in R and X, and at how many heights each interval holds the reference."""
     halves, held = [], []
     for part in ("real", "imag"):
         ends = [(getattr(row.low, part), getattr(row.high, part)) for row in rows]
@@ -166,40 +166,40 @@ def interval_words(rows: Sequence[TruthRow]) -> str:
 def rule_table(rows: Sequence[TruthRow]) -> str:
     """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
-    found = [{(e.drive, e.mean, e.phase, e.order): e for e in errors_by_rule(g)} for g in groups]
+    found = [{(e.drive, e.mean, e.phase, e.averaging): e for e in errors_by_rule(g)} for g in groups]
     shown = [("instantaneous", "kept", phase) for phase in (DEFAULT[2], "self-consistent")]
     shown += [(drive, "kept", DEFAULT[2]) for drive in ("rms", "running-rms")]
     lines = []
     for rule in shown:
-        for order in ORDERS:
-            cells = [errors[*rule, order].median for errors in found]
-            lines.append([", ".join((rule[0], rule[2])) if rule[0] == DEFAULT[0] else rule[0],
-                          order, *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])  # fmt: skip
-    return page_table(" | ".join(["drive, phase", "order", *GROUPS]), lines)
+        for averaging in AVERAGINGS:
+            cells = [errors[*rule, averaging].median for errors in found]
+            words = ", ".join((rule[0], rule[2])) if rule[0] == DEFAULT[0] else rule[0]
+            lines.append([words, averaging, *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])
+    return page_table(" | ".join(["drive, phase", "averaging", *GROUPS]), lines)
 
 
 def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
-    """Z and closure of the default rules by case, height and order.
+    """Z and level check of the default rules by case, height and averaging.
 
     Args:
         rows: of all rules.
-        ends: the lowest and highest plane alone, without closure.  Else that of the last order.
+        ends: the lowest and highest plane alone, without level check.
     """
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
         mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
         heights = sorted({row.height for row in mine})
         for height in (heights[0], heights[-1]) if ends else heights:
-            here = {row.order: row for row in mine if row.height == height}
-            gaps = [] if ends else [here[CLOSED].closure]
+            here = {row.averaging: row for row in mine if row.height == height}
+            gaps = [] if ends else [here[CHECKED].level_check]
             lines.append([
                 case, format_complex(mine[0].true), f"{1e3 * height:.1f}",
-                *(format_complex(here[order].educed) for order in ORDERS),
+                *(format_complex(here[averaging].educed) for averaging in AVERAGINGS),
                 *("-" if math.isnan(gap) else f"{gap:+.2f}" for gap in gaps),
             ])  # fmt: skip
-    closure = "" if ends else " | dB"
+    level = "" if ends else " | dB"
     made = table if ends else page_table
-    return made(f"case | true Z | y (mm) | {' | '.join(ORDERS)}{closure}", lines)
+    return made(f"case | reference Z | y (mm) | {' | '.join(AVERAGINGS)}{level}", lines)
 
 
 def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
@@ -214,7 +214,7 @@ def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
             "hole_diameter": f"{liner.hole_diameter:.4g}",
             "porosity": f"{liner.surface_porosity:.4g}", "mach": f"{row.mach:g}",
             "incident_level": f"{row.incident_level:g}", "speed": f"{row.speed:.3g}",
-            "velocity_rms": f"{row.velocity_rms:.3g}", "order": row.order,
+            "velocity_rms": f"{row.velocity_rms:.3g}", "averaging": row.averaging,
             "resistance": f"{row.educed.real:.3f}", "reactance": f"{row.educed.imag:.3f}",
             "true_resistance": f"{row.true.real:.3f}", "true_reactance": f"{row.true.imag:.3f}",
         })  # fmt: skip
@@ -227,9 +227,9 @@ def pair_words(pair: tuple[float | None, float | None]) -> str:
 
 
 def reason_table(rows: Sequence[ReasonRow]) -> str:
-    """The holes' own velocity put through the model, and what would give the true R."""
+    """The holes' own velocity put through the model, and what would give the reference R."""
     return page_table(
-        "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | true Z | "
+        "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | reference Z | "
         "speed × | C_vc",
         [[r.case, f"{r.speed:.3f}", f"{100 * r.tone:.0f}", *(format_complex(z) for z in
           (r.replayed, r.self_consistent, r.of_rms, r.true)), pair_words(r.factor),
@@ -240,7 +240,7 @@ def reason_table(rows: Sequence[ReasonRow]) -> str:
 def limit_table(rows: Sequence[ReasonRow]) -> str:
     """What the model would need, and how near it comes."""
     return page_table(
-        "case | for R: constant, sine | for X: constant, sine | true Z | nearest Z | "
+        "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z | "
         "R without S_t",
         [[r.case, pair_words(r.for_resistance), pair_words(r.for_reactance),
           format_complex(r.true), format_complex(r.nearest), f"{r.quasi_steady:.3f}"]

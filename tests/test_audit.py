@@ -15,8 +15,10 @@ from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 import torchliner as tl
 from torchliner.audits.audit import audit
 from torchliner.cli.main import main
+from torchliner.engine.kernels import build_kernels
+from torchliner.engine.levels import interpolate
 from torchliner.liners.readings import porosity_readings
-from torchliner.records.boxes import averaged_planes, grid_of, windows_of
+from torchliner.records.boxes import grid_of, windows_of
 
 SLIT = DATA / "slit_n130_y2.5mm.h5"
 SPACING = 12.44e-3 / 16
@@ -24,15 +26,16 @@ EXACT = 2e-9  # R is interpolated over |v| to 1e-9, by another basis where other
 
 
 class Counted:
-    """A stored velocity that counts the samples read of it."""
+    """A stored velocity that counts how often it is read through, and the samples."""
 
     def __init__(self, velocity: torch.Tensor) -> None:
         self.velocity = velocity
         self.shape, self.dtype = tuple(velocity.shape), velocity.dtype
-        self.tile_rows, self.samples_read = 1, 0
+        self.tile_rows, self.samples_read, self.passes = 1, 0, 0
 
     def read(self, begin, end, out=None):
         self.samples_read += min(end, self.shape[-1]) - begin
+        self.passes += begin == 0
         return self.velocity[..., begin:end].reshape(-1, end - begin).T
 
     def load(self):
@@ -70,37 +73,30 @@ def row(found, factor: str, start: str):
 
 
 EDUCED = {
-    ("window", "hann"): {"window": "hann"},
-    ("window", "blackman"): {"window": "blackman"},
-    ("kernel", "two-sided"): {"response": "kernel"},
-    ("kernel", "causal"): {"kernel": "causal"},
     ("mean velocity", "removed"): {"mean": "removed"},
     ("drive", "rms"): {"drive": "rms"},
     ("drive", "running-rms"): {"drive": "running-rms"},
     ("phase rule", "self-consistent"): {"phase": "self-consistent"},
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
-def found_velocity_first(planes, onera):
-    return audit(planes[0], onera, order="velocity first")
+def found_velocity(planes, onera):
+    return audit(planes[0], onera, averaging="velocity")
 
 
-@pytest.mark.filterwarnings("ignore:the causal kernel")
 @pytest.mark.parametrize("which", EDUCED, ids=" ".join)
-def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocity_first, which):
-    """One pass for all gives what a run for each gives, in two orders of averaging."""
+def test_row_is_an_eduction_with_that_choice(planes, onera, found, found_velocity, which):
+    """One pass for all gives what a run for each gives, in two averagings."""
     single = educed(planes[0], onera, **EDUCED[which])
     for one, wanted in (
         (found, single.answer),
-        (found_velocity_first, single.liner_impedance_velocity_first),
+        (found_velocity, single.liner["velocity"].impedance),
     ):
         mine = row(one, *which)
         if which == ("drive", "rms"):
             (mine,) = [each for each in one.of("drive") if each.variant == "rms"]
-        # A causal kernel's response is less smooth over |v| than R itself.
-        limit = 1e-6 if which == ("kernel", "causal") else EXACT
-        assert abs(mine.impedance - complex(wanted[0])) < limit
+        assert abs(mine.impedance - complex(wanted[0])) < EXACT
         assert mine.change == mine.impedance - one.base
 
 
@@ -149,7 +145,7 @@ def test_parts_of_the_record(planes, onera):
     """Halves and every second sample, as records of their own, whose coherent part is the whole's
     where that is averaged first."""
     plane, n = planes[0], planes[0].samples
-    found = audit(plane, onera, order="probes first")
+    found = audit(plane, onera, averaging="admittance")
     for which, velocity, rate in (
         (("half the record", "first, mean over 10 whole"), plane.velocity[:, : n // 2], RATE),
         (("half the record", "second, mean over 10 whole"), plane.velocity[:, n // 2 :], RATE),
@@ -158,19 +154,25 @@ def test_parts_of_the_record(planes, onera):
         part = dataclasses.replace(plane, velocity=velocity, sampling_rate=rate)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", tl.DataWarning)  # half of 14 ms is a short record
-            single = educed(part, onera, order="probes first")
+            single = educed(part, onera, averaging="admittance")
         assert abs(row(found, *which).impedance - complex(single.answer[0])) < EXACT
 
 
-def test_every_second_sample_under_a_window(onera):
-    """The window's own waves, too, change sign from sample to sample; from sample 1 on."""
-    plane, choices = make_plane(), {"order": "probes first", "window": "hann"}
-    later = torch.cat([plane.velocity[:, -1:], plane.velocity], dim=1)
-    whole = audit(dataclasses.replace(plane, velocity=later), onera, pre_roll=1 / RATE, **choices)
-    half = dataclasses.replace(plane, velocity=plane.velocity[:, ::2], sampling_rate=RATE / 2)
-    single = educed(half, onera, **choices)
-    mine = row(whole, "sampling rate", "every second").impedance
-    assert abs(mine - complex(single.answer[0])) < EXACT
+@pytest.mark.parametrize(("kind", "limit"), [("two-sided", 1e-7), ("causal", 2e-4)])
+def test_kernels_are_those_of_the_table(planes, onera, kind, limit):
+    """The mean of H(f; |v|) over the record, interpolated between levels sample by sample.
+
+    That of a causal kernel is less smooth over |v| than R itself; it moves Z by 0.09.
+    """
+    found = audit(planes[0], onera, averaging="admittance")
+    mine = row(found, "kernel", kind)
+    speed = planes[0].velocity.abs()
+    table = build_kernels(onera, RATE, velocity_max=float(speed.max()), kind=kind, levels=400)
+    response = table.response(torch.tensor([FREQUENCY], dtype=torch.float64))
+    reflection = interpolate(response, *table.grid.locate(speed))[..., 0].mean(1)
+    wanted = complex(1 / ((1 - reflection) / (1 + reflection)).mean())
+    assert abs(mine.impedance - wanted) < limit
+    assert abs(wanted - found.base) < 0.1
 
 
 def test_given_phase_is_the_worst_of_a_turn(planes, onera, found):
@@ -184,59 +186,45 @@ def test_given_phase_is_the_worst_of_a_turn(planes, onera, found):
         assert min(z.imag for z in rows) - 1e-3 < value.imag < max(z.imag for z in rows) + 1e-3
 
 
-def test_height_order_and_length(planes, onera, found):
-    """The other plane; the other order; the velocity over windows of a share of a cell."""
+def test_height_averaging_and_length(planes, onera, found):
+    """The other plane; the other averaging; the velocity over windows of a share of a cell."""
     other = educed(planes[1], onera)
     above = row(found, "height", "y = 1 mm").impedance
     assert abs(above - complex(other.answer[0])) < EXACT
     base = tl.educe(planes[0], onera)
     assert abs(found.base - complex(base.answer[0])) < EXACT
-    first = complex(base.liner_impedance_velocity_first[0])
-    assert abs(row(found, "averaging order", "velocity first").impedance - first) < EXACT
+    first = complex(base.liner["velocity"].impedance[0])
+    assert abs(row(found, "averaging", "velocity").impedance - first) < EXACT
     grid = grid_of(planes[0])
-    windows = windows_of(grid, 0.25 * 12.44e-3, torch.ones(1, 32, dtype=torch.bool), 600)
-    (averaged,) = averaged_planes(planes[0], [windows])
-    single = educed(averaged, onera)
+    windows = windows_of(grid, 0.25 * 12.44e-3, torch.ones(1, 32, dtype=torch.bool))
+    averaged = plane_of(windows.mean(planes[0].velocity.T).T)
+    single = educed(averaged, onera, averaging="admittance")
     quarter = row(found, "averaging length", "velocity over 0.25").impedance
-    assert abs(quarter - complex(single.liner_impedance[0])) < EXACT
-    bounds = base.uncertainty.liner_coherent_first
-    assert abs(found.low - complex(bounds.low[0])) < EXACT
-    assert abs(found.high - complex(bounds.high[0])) < EXACT
+    assert abs(quarter - complex(single.answer[0])) < EXACT
+    low, high = base.bounds_of_liner("phase-locked")
+    assert abs(found.low - low) < EXACT
+    assert abs(found.high - high) < EXACT
 
 
 def test_sorted_by_what_moves_most(found):
     sizes = [max(abs(r.change) for r in found.of(factor)) for factor in found.factors]
     assert sizes == sorted(sizes, reverse=True)
     assert set(found.factors) == {
-        "window", "kernel", "vena contracta", "velocity reading",
+        "kernel", "vena contracta", "velocity reading",
         "porosity reading", "half the record", "sampling rate", "phase rule", "drive",
-        "mean velocity", "averaging order", "averaging length", "height",
+        "mean velocity", "averaging", "averaging length", "height",
     }  # fmt: skip
 
 
 def test_readings_are_counted(onera):
-    """What the audit says it read is what was read: 5 times one plane, 2 times the other."""
+    """What the audit says it read is what was read: 3 times one plane, 2 times the other."""
     stored = [Counted(make_plane(seed).velocity) for seed in (0, 1)]
     planes = [
         dataclasses.replace(make_plane(seed, height), velocity=each)
         for seed, height, each in zip((0, 1), (2e-3, 1e-3), stored, strict=True)
     ]
     found = audit(planes, onera)
-    samples = planes[0].samples
-    # The running rms reads half a period more at each slab's sides.
-    reads = [each.samples_read / samples for each in stored]
-    assert round(sum(reads)) == found.readings == 7
-    assert reads[1] == 2
-
-
-def test_readings_of_a_map_are_counted(onera):
-    """As many as there were: a limit of |v| asks for the extremes of v* first."""
-    samples = make_plane(0).samples
-    for choices in ({"velocity_max": 20.0}, {"order": "probes first"}, {"mean": "removed"}):
-        stored = Counted(make_plane(0).velocity)
-        plane = dataclasses.replace(make_plane(0), velocity=stored)
-        told = tl.educe(plane, onera, **choices).choices["readings"]
-        assert told == stored.samples_read / samples
+    assert ([each.passes for each in stored], found.readings) == ([3, 2], 5)
 
 
 # What cannot be varied
@@ -279,7 +267,6 @@ def test_lengths_need_even_probes(onera):
     assert "none of 0.25, 0.5, 1 cells" in audit(few, onera).skipped["averaging length"]
 
 
-@pytest.mark.filterwarnings("ignore:.*the two-sided kernel")
 def test_table_too_narrow_for_a_kernel_is_said(onera):
     """The causal kernel needs all frequencies up to Nyquist; the rest of the audit goes on."""
     frequency, speed = np.linspace(900, 2100, 60), np.linspace(0, 25, 120)
@@ -287,7 +274,7 @@ def test_table_too_narrow_for_a_kernel_is_said(onera):
     liner = tl.TabulatedLiner(frequency, table, speed)
     found = audit(make_plane(), liner)
     assert "outside the table's 900-2100 Hz" in found.skipped["kernel"]
-    assert {"window", "drive", "half the record"} <= set(found.factors)
+    assert {"drive", "half the record"} <= set(found.factors)
 
 
 def test_planes_of_other_cases_are_no_heights(onera, planes):
@@ -315,8 +302,7 @@ def test_offset_hangs_on_its_reading():
     ("options", "message"),
     [
         ({"phase": "given"}, "phase cannot be chosen for an audit"),
-        ({"incident": "noise:300:3000"}, "incident cannot be chosen"),
-        ({"order": "first"}, "order of averaging 'first'.*probes first, velocity first"),
+        ({"averaging": "first"}, "averaging 'first'.*admittance, velocity"),
         ({"frequency": [900.0, 1400.0]}, "an audit has one frequency; 2 are given"),
     ],
 )
@@ -336,16 +322,16 @@ def test_command(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "95 % statistical interval R" in printed
     assert "does not apply to these data:" in printed
-    assert "the velocity was read through 5 times" in printed
+    assert "the velocity was read through 3 times" in printed
     assert picture.stat().st_size > 10_000
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [r["variant"] for r in rows if r["factor"] == "interval"] == ["low", "high"]
     assert any(r["variant"] == "does not apply" and "one plane" in r["note"] for r in rows)
-    assert main(["audit", str(plane), "--quiet", "--json", "--order", "velocity first"]) == 0
+    assert main(["audit", str(plane), "--quiet", "--json", "--averaging", "velocity"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["order"] == "velocity first"
+    assert found["averaging"] == "velocity"
     base = tl.educe(tl.read_plane(plane), tl.load_liner("onera"), interval=None)
-    wanted = float(base.liner_impedance_velocity_first[0].real)
+    wanted = float(base.liner["velocity"].impedance[0].real)
     assert found["base"]["resistance"] == pytest.approx(wanted, rel=1e-6)
     assert found["not_applicable"]["height"].startswith("one plane")
 
@@ -371,16 +357,16 @@ def test_moments_are_audited_as_far_as_they_go(planes, onera):
         limit = 1e-5 if row.factor == "kernel" else 1e-7  # K is chosen for the liner's own R
         assert abs(row.impedance - rows[row.factor, row.variant]) < limit
     assert "time samples are gone" in found.skipped["drive, mean velocity"]
-    assert "without the rows of other windows" in found.skipped["window"]
     assert "alternating sign" in found.skipped["sampling rate"]
     assert "phase rules" in tl.audit(tl.moments(plane, liner), liner).skipped["phase rule"]
 
 
-@pytest.mark.parametrize("order", ["coherent first", "velocity first"])
-def test_a_stated_oncoming_rms_is_of_the_base(order):
-    """It enters the coherent order alone, and lengths, which are of other orders, do without."""
+@pytest.mark.filterwarnings("ignore:.*level check")
+@pytest.mark.parametrize("averaging", ["phase-locked", "velocity"])
+def test_a_stated_background_is_of_the_base(averaging):
+    """It enters phase-locked averaging alone, and lengths, which are of another, do without."""
     plane, liner = tl.read_plane(DATA / "slit_g03_145_y0.5mm.h5"), tl.load_liner("lbm_slit")
-    found = tl.audit(plane, liner, order=order, oncoming_rms=1.0)
-    wanted = tl.educe(plane, liner, oncoming_rms=1.0).of_liner(order)[0]
+    found = tl.audit(plane, liner, averaging=averaging, background_rms=1.0)
+    wanted = tl.educe(plane, liner, background_rms=1.0).liner[averaging].impedance[0]
     assert found.base == pytest.approx(complex(wanted), rel=1e-6)
     assert any(row.factor == "averaging length" for row in found.rows)

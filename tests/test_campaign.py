@@ -28,15 +28,15 @@ from torchliner.campaign import run as campaign_run
 from torchliner.campaign.campaign_file import choice_sets, read_campaign
 from torchliner.campaign.index import COLUMNS
 from torchliner.campaign.inputs import fingerprint
-from torchliner.campaign.kept_parts import KeptParts
+from torchliner.engine import workers
 from torchliner.file_names import unique_names
 from torchliner.io import whole_file
+from torchliner.io.kept_rows import KeptRows
 from torchliner.io.lock import locked
-from torchliner.tdibc import slices
 
 PAGE = DATA.parent / "docs" / "campaigns.md"
 SAMPLES, PROBES = 900, 6
-SLICES = 3  # a plane
+SHARES = 3  # a plane
 TOML = """
 title = "a test"
 frequencies = ["1400:1600:200"]
@@ -46,15 +46,13 @@ files = ["a/*.h5", "b.h5"]
 liner = "polito"
 
 [choices]
-order = ["probes first", "coherent first"]
+averaging = ["admittance", "phase-locked"]
 """
 CHILD = f"""
 import sys, warnings
 warnings.simplefilter("ignore")
-import torchliner.tdibc.slices as slices
-from torchliner.campaign.kept_parts import KeptParts
-slices.SLICE_VALUES, slices.JOINED = {SAMPLES * PROBES // SLICES}, 1
-KeptParts.due = lambda _: True
+from torchliner.engine import workers
+workers.SHARE = {SAMPLES * PROBES // SHARES}
 from torchliner.cli.main import main
 sys.exit(main(["run", *sys.argv[1:], "--quiet"]))
 """
@@ -69,10 +67,8 @@ def write_plane(path: Path, seed: int) -> None:
 
 @pytest.fixture
 def campaign(tmp_path, monkeypatch):
-    """Two planes, two orders: four units of two frequencies, three slices a plane."""
-    monkeypatch.setattr(slices, "SLICE_VALUES", SAMPLES * PROBES // SLICES)
-    monkeypatch.setattr(slices, "JOINED", 1)
-    monkeypatch.setattr(KeptParts, "due", lambda _: True)
+    """Two planes, two averagings: four units of two frequencies, three shares a plane."""
+    monkeypatch.setattr(workers, "SHARE", SAMPLES * PROBES // SHARES)
     for seed, name in enumerate(("a/one.h5", "b.h5")):
         write_plane(tmp_path / name, seed)
     (tmp_path / "c.toml").write_text(TOML)
@@ -82,22 +78,19 @@ def campaign(tmp_path, monkeypatch):
 @pytest.fixture
 def smallest(campaign):
     """One unit of it, at one frequency, without error bars."""
-    order = 'order = ["probes first", "coherent first"]'
+    both = 'averaging = ["admittance", "phase-locked"]'
     text = TOML.replace('"a/*.h5", ', "").replace('"1400:1600:200"', "1400")
-    campaign.write_text(text.replace(order, 'order = "probes first"\ninterval = false'))
+    campaign.write_text(text.replace(both, 'averaging = "admittance"\ninterval = false'))
     return campaign
 
 
 @pytest.fixture
 def readings(monkeypatch):
-    """Slices that are read, as they are."""
+    """Shares that are read, as they are."""
     seen = []
-    for name in ("first_part", "second_part"):
-        whole = getattr(slices, name)
-        spy = lambda plane, span, known, whole=whole: (  # noqa: E731
-            seen.append((plane.name, span)) or whole(plane, span, known)
-        )
-        monkeypatch.setattr(slices, name, spy)
+    whole = workers._rows
+    spy = lambda sent, share: seen.append((sent[0].plane.name, share)) or whole(sent, share)  # noqa: E731
+    monkeypatch.setattr(workers, "_rows", spy)
     return seen
 
 
@@ -135,12 +128,12 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
     assert code == 0
     assert len(rows) == 2 * 2 * 2
     folder = campaign.parent / "c_results"
-    (row,) = (r for r in rows if r["unit"] == "one__polito__order=coherent-first"
+    (row,) = (r for r in rows if r["unit"] == "one__polito__averaging=phase-locked"
               and r["frequency"] == 1600)  # fmt: skip
     plane, liner = tl.read_plane(campaign.parent / "a" / "one.h5"), tl.load_liner("polito")
-    wanted = tl.educe(plane, liner, [1400, 1600], order="coherent first")
+    wanted = tl.educe(plane, liner, [1400, 1600], averaging="phase-locked")
     assert row["resistance"] == pytest.approx(float(wanted.answer[1].real), abs=1e-4)
-    assert row["reactance_high"] == pytest.approx(wanted.bounds_of_liner("coherent first", 1)[1].imag, abs=1e-3)
+    assert row["reactance_high"] == pytest.approx(wanted.bounds_of_liner("phase-locked", 1)[1].imag, abs=1e-3)
     assert (row["height"], row["file"], row["status"]) == (1e-3, "a/one.h5", "done")
     found = tl.read_map(folder / "maps" / f"{row['unit']}.h5")
     assert complex(found.answer[1]) == complex(row["resistance"], row["reactance"])
@@ -164,11 +157,11 @@ def test_the_index_opens_in_xarray(capsys, smallest):
 
 
 def test_only_what_changed_is_done_again(capsys, campaign, readings, monkeypatch):
-    """Liners, frequencies and orders read no data; a plane that changed is read alone."""
-    toml = TOML.replace("order =", "interval = false\norder =")
+    """Liners, frequencies and averagings read no data; a plane that changed is read alone."""
+    toml = TOML.replace("averaging =", "interval = false\naveraging =")
     campaign.write_text(toml)
     done(capsys, campaign)
-    assert len(readings) == 2 * 2 * SLICES  # order ``coherent first`` takes two
+    assert len(readings) == 2 * 2 * SHARES  # averaging ``phase-locked`` takes two
     output = campaign.parent / "c_results"
     before = {path: path.stat().st_mtime_ns for path in (output / "maps").iterdir()}
     readings.clear()
@@ -196,28 +189,28 @@ def test_only_what_changed_is_done_again(capsys, campaign, readings, monkeypatch
     assert "8 reads data; 2 planes" in out
 
 
-def test_an_interrupt_is_clean_and_costs_one_slice(capsys, campaign, readings, monkeypatch):
+def test_an_interrupt_is_clean_and_costs_one_share(capsys, campaign, readings, monkeypatch):
     """No half file, no lock; what was summed is not summed again; the files are the same."""
     wanted = campaign.parent / "wanted"
     done(capsys, campaign, "--output", wanted)
     readings.clear()
-    save = KeptParts.save
+    save = KeptRows.save
 
-    def save_or_stop(self, reading, part):
+    def save_or_stop(self, asked, rows):
         if len(readings) == 8:  # in the first reading of the second plane
             raise KeyboardInterrupt
-        save(self, reading, part)
+        save(self, asked, rows)
 
-    monkeypatch.setattr(KeptParts, "save", save_or_stop)
+    monkeypatch.setattr(KeptRows, "save", save_or_stop)
     code, _, err = run(capsys, "run", str(campaign), "--quiet")
     assert (code, err) == (130, "torchliner: interrupted\n")
     output = campaign.parent / "c_results"
     assert not list(output.rglob(".torchliner-*"))
-    monkeypatch.setattr(KeptParts, "save", save)
+    monkeypatch.setattr(KeptRows, "save", save)
     readings.clear()
     code, rows, _ = done(capsys, campaign)
     assert (code, len(rows)) == (0, 8)
-    assert len(readings) == 2 * 2 * SLICES - 7
+    assert len(readings) == 2 * 2 * SHARES - 7
     assert contents(output) == contents(wanted)
 
 
@@ -356,7 +349,7 @@ def test_of_moments_no_tone_or_layout_is_stated(capsys, smallest, stated, words)
 
 
 def test_a_pressure_record_stands_beside(capsys, tmp_path):
-    """In situ impedances in the map, closure in the index, pictures where they are asked for."""
+    """In situ impedances in the map, the level check in the index, pictures where they are asked for."""
     (tmp_path / "c.toml").write_text(f"""
 [[planes]]
 files = "{DATA}/slit_n130_y0.5mm.h5"
@@ -368,7 +361,7 @@ title = "a slit"
     found = tl.read_map(tmp_path / "c_results" / "maps" / f"{row['unit']}.h5")
     assert found.alongside
     assert found.title == "a slit"
-    assert row["closure"].endswith(("closes", "open", "fails"))
+    assert row["level_check"].endswith(("passes", "inconclusive", "fails"))
 
 
 def test_pictures_if_asked_for(capsys, smallest, unrendered):
@@ -395,8 +388,8 @@ def test_two_runs_do_not_collide(capsys, smallest):
     [
         (TOML.replace("title", "titel"), "titel: no such key (did you mean 'title'?)"),
         (TOML.replace("liner =", "lner ="), "planes.0.lner: no such key (did you mean 'liner'?)"),
-        (TOML.replace("order =", "ordr ="), "choices.ordr: no such key (did you mean 'order'?)"),
-        (TOML.replace("coherent", "cohrent"), "(did you mean 'coherent first'?)"),
+        (TOML.replace("averaging =", "avraging ="), "choices.avraging: no such key (did you mean 'averaging'?)"),
+        (TOML.replace("locked", "loked"), "(did you mean 'phase-locked'?)"),
         (TOML.replace("1400:1600:200", "14oo"), "frequencies"),
         (TOML.replace("a/*.h5", "a/*.hdf"), "planes.files = 'a/*.hdf' matches nothing in"),
         (TOML.replace("a/*.h5", "n/*.h5"), "there is no such folder as"),
@@ -408,7 +401,7 @@ def test_two_runs_do_not_collide(capsys, smallest):
         (TOML.replace('liner = "polito"', ""), "one names no liner; state liner in [[planes]]"),
         (TOML.replace("polito", "polyto"), "did you mean 'polito'"),
         (TOML.replace("liner =", "variable = 'v'\nliner ="), "has no variable 'v'"),
-        (TOML.replace("order =", "engine = 'unfold'\norder ="), "choices.engine: no such key"),
+        (TOML.replace("averaging =", "kernel = 'causal'\naveraging ="), "choices.kernel: no such key"),
     ],
 )  # fmt: skip
 def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
@@ -466,7 +459,7 @@ def test_choices_are_combined(stated):
         count *= len(values)
     assert len(found) == count
     assert all(set(one) == set(stated) for one in found)
-    assert choice_sets({"band": [300, 3000], "interval": False}) == [{"band": [300, 3000], "interval": None}]
+    assert choice_sets({"mean": "kept", "interval": False}) == [{"mean": "kept", "interval": None}]
 
 
 @given(st.lists(st.tuples(*[st.sampled_from("ab")] * 3), min_size=1, max_size=8, unique=True))

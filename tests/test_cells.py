@@ -28,7 +28,7 @@ def test_an_average_is_the_product_with_the_averaging_matrix(probes):
     torch.testing.assert_close(last, wanted.movedim(1, 2), rtol=1e-14, atol=1e-15)
 
 
-@pytest.mark.parametrize("order", ["probes first", "velocity first", "coherent first"])
+@pytest.mark.parametrize("order", ["admittance", "velocity", "phase-locked"])
 def test_half_as_many_cells_as_probes_need_no_matrix_of_both(order):
     """60 800 probes x 30 400 cells would be 15 GB."""
     liner, along, across = tl.load_liner("polito"), 304, 200
@@ -38,8 +38,8 @@ def test_half_as_many_cells_as_probes_need_no_matrix_of_both(order):
     v = 2 * torch.randn(8, 1000, generator=torch.Generator().manual_seed(0))
     v = v.repeat(len(steps) // 8, 1)
     plane = tl.VelocityPlane(v, sampling_rate=200e3, frequency=1400.0, x=x, z=z)
-    found = tl.educe(plane, liner, order=order, interval=None)
-    impedance = found.of_cells(order).squeeze()
+    found = tl.educe(plane, liner, averaging=order, interval=None)
+    impedance = found.cells[order].impedance.squeeze()
     assert len(impedance) == len(steps) // 2
     # The same eight probes over and over again.
     spread = (impedance.reshape(-1, 4) - impedance[:4]).abs().max()

@@ -10,6 +10,7 @@ import shlex
 import subprocess
 import sys
 from dataclasses import fields
+from inspect import signature
 
 import h5py
 import numpy as np
@@ -19,7 +20,7 @@ from conftest import DATA, RATE, plane_of, turbulence
 
 import torchliner as tl
 from torchliner import names
-from torchliner.cli.choice_options import ALL, CHOICES, SHOWN
+from torchliner.cli.choice_options import CHOICES, EDUCED, SHOWN
 from torchliner.cli.examples import EXAMPLES
 from torchliner.cli.main import (
     BAD_INPUT,
@@ -33,10 +34,9 @@ from torchliner.cli.main import (
 )
 from torchliner.cli.plane_options import SELECTION, STATED
 from torchliner.signals.burst_validation import BurstFilters
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
 
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")
-ORIFICE = str(DATA / "orifice_o115_y2.5mm.h5")
 CHANNEL = str(DATA / "channel_y1.04mm.h5")
 
 
@@ -170,42 +170,41 @@ def test_every_option_is_explained(name, parser):
             assert f"default {action.default:g}" in text
 
 
-def test_help_shows_twelve_choices(capsys):
+def test_help_shows_the_chief_choices(capsys):
     """The others, and how each is grouped, are told by --help-all."""
     short, whole = (run(capsys, "educe", flag)[1] for flag in ("--help", "--help-all"))
-    flags = {name: "--" + name.replace("_", "-") for name in ALL}
-    shown = [name for name in ALL if re.search(rf"^  {flags[name]}\b(?!-)", short, re.M)]
-    assert len(shown) == 12
-    assert set(shown) == set(SHOWN)
-    further = len(ALL) - 12 + len(SELECTION | STATED)
+    flags = {name: "--" + name.replace("_", "-") for name in EDUCED}
+    shown = [name for name in EDUCED if re.search(rf"^  {flags[name]}\b(?!-)", short, re.M)]
+    assert set(shown) == set(SHOWN) & set(EDUCED)
+    further = len(EDUCED) - len(shown) + len(SELECTION | STATED)
     assert f"{further} more options: torchliner educe --help-all" in short
-    at = [whole.index(f"\n{title}:\n") for title in CHOICES]
+    at = [whole.index(f"\n{title}:\n") for title in CHOICES if title != "kernel and replay"]
     assert at == sorted(at)
     assert all(re.search(rf"^  {flag}\b(?!-)", whole, re.M) for flag in flags.values())
 
 
 def test_the_defaults_told_are_those_of_the_library():
-    """Each number or word after 'default' in the help is that of ``Choices``."""
-    parser = build_parser()[1]["educe"]
-    usual = vars(Choices())
-    told = {}
-    for action in parser._actions:
-        text = str(parser.further.get(action, action.help))
-        found = re.search(r"default:? ([\w.-]+)", text)
-        if found and action.dest in usual:
-            told[action.dest] = found[1].rstrip(".")
-    plain = ("phase drive mean kernel levels spacing interpolation pre_roll minimum_coherence "
-             "missing interval resample window").split()  # fmt: skip
-    for name in plain:
-        value = usual[name]
-        assert told[name] == (f"{value:g}" if isinstance(value, float) else str(value)), name
-    assert told["engine"] == told["edge"] == "auto"
+    """Each number or word after 'default' in the help is that of ``Choices``, or of ``replay``."""
+    known = build_parser()[1]
+    replay = {
+        name: each.default for name, each in signature(tl.replay).parameters.items() if each.default is not each.empty
+    }
+    for parser, usual in ((known["educe"], vars(Choices())), (known["replay"], replay)):
+        checked = 0
+        for action in parser._actions:
+            found = re.search(r"default:? ([\w.-]+)", str(parser.further.get(action, action.help)))
+            value = usual.get(action.dest)
+            if found and value is not None:
+                text = f"{value:g}" if isinstance(value, float) else str(value)
+                assert found[1].rstrip(".") == text, action.dest
+                checked += 1
+        assert checked >= 8
 
 
 def test_choices_are_those_of_the_library():
     """Every list of choices is one of names.py, plus 'auto' or less what cannot be had there."""
     lists = [list(each) for key, each in vars(names).items() if key.isupper()]
-    left_out = {"given", "unknown"}
+    left_out = {"given", "unknown", "phase-locked"}
     found = 0
     for name, parser in parsers():
         for action in options_of(parser):
@@ -223,7 +222,7 @@ def test_choices_are_those_of_the_library():
 
 def test_an_option_that_help_leaves_out_is_known(capsys):
     """It works, and a slip of it is told."""
-    code, _, err = run(capsys, "educe", SLIT, "--velocity-mx", "9")
+    code, _, err = run(capsys, "replay", SLIT, "--velocity-mx", "9")
     assert (code, "did you mean '--velocity-max'" in err) == (BAD_INPUT, True)
 
 
@@ -248,7 +247,7 @@ MISTAKES = [
     (["info", str(DATA)], "is a folder"),
     (["liner", "polyto"], "did you mean 'polito'"),
     (["convert", SLIT, "--layout", "array", "-o", "y.h5"], "--axes is needed"),
-    (["truth", CHANNEL, "--liner", "polito"], "states no true impedance"),
+    (["truth", CHANNEL, "--liner", "polito"], "states no"),
 ]
 
 
@@ -263,7 +262,7 @@ def test_mistakes_exit_with_2_and_one_clear_line(capsys, words, message):
 
 
 def test_educe_prints_writes_and_draws(capsys, tmp_path):
-    """Table with both orders and the truth; map, pictures and their numbers."""
+    """Table with all averagings and the reference; map, pictures and their numbers."""
     map_file = tmp_path / "map.h5"
     code, out, err = run(capsys, "educe", SLIT, "-o", str(map_file), "--figure", str(tmp_path / "f"))
     assert code == DONE
@@ -272,7 +271,7 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     assert "true: 0.168-0.066j" in out
     assert "phase averaged" in out
     found = tl.read_map(map_file)
-    assert abs(complex(found.liner_impedance_velocity_first[0]) - (0.174 - 0.063j)) < 1e-3
+    assert abs(complex(found.liner["velocity"].impedance[0]) - (0.174 - 0.063j)) < 1e-3
     made = {p.name for p in (tmp_path / "f").iterdir()}
     assert {"along_x.png", "velocity.png", "along_x_slit_n130_y2.5mm.csv"} <= made
     rows = list(csv.DictReader((tmp_path / "f" / "along_x_slit_n130_y2.5mm.csv").read_text().splitlines()))
@@ -284,15 +283,13 @@ def test_educe_json_and_options(capsys, small):
     """--json is JSON alone, and every option reaches the result."""
     code, out, _ = run(
         capsys, "educe", str(small / "y0.5mm.h5"), "--json", "--phase", "given",
-        "--reference-phase", "0.5", "--drive", "running-rms", "--mean", "removed", "--edge",
-        "finite", "--window", "blackman", "--levels", "100", "--dtype", "float64", "--frequency",
-        "1000", "1400", "--quiet",
+        "--reference-phase", "0.5", "--drive", "running-rms", "--mean", "removed",
+        "--dtype", "float64", "--frequency", "1000", "1400", "--quiet",
     )  # fmt: skip
     assert code == DONE
     (result,) = json.loads(out)
     assert [row["frequency"] for row in result["rows"]] == [1000.0, 1400.0]
-    wanted = {"phase": "given", "drive": "running-rms", "mean": "removed", "edge": "finite",
-              "window": "blackman", "levels": 100, "dtype": "float64"}  # fmt: skip
+    wanted = {"phase": "given", "drive": "running-rms", "mean": "removed", "dtype": "float64"}
     assert {key: result["choices"][key] for key in wanted} == wanted
 
 
@@ -380,7 +377,7 @@ def test_convert_array_and_scale(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("where", "words"),
     [
-        ("tdibc.educe.educe", ["educe", SLIT]),
+        ("velocity.educe.educe", ["educe", SLIT]),
         ("lee.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
         ("lee.verification.order_rows", ["verify"]),
     ],
@@ -398,11 +395,11 @@ def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch, where, wo
 
 
 def test_truth_table(capsys, tmp_path, small):
-    """Every drive x phase x order, as text, CSV and JSON, with the true value beside."""
+    """Every drive x phase x averaging, as text, CSV and JSON, with the reference beside."""
     target = tmp_path / "truth.csv"
     code, out, _ = run(capsys, "truth", str(small / "y0.5mm.h5"), "-o", str(target))
     assert code == DONE
-    assert "case small: true Z = 0.200-0.100j" in out
+    assert "case small: reference Z = 0.200-0.100j" in out
     rows = list(csv.DictReader((target).read_text().splitlines()))
     assert len(rows) == 4 * 3 * 3
     for row in rows:
@@ -461,26 +458,25 @@ def test_a_file_held_open_with_locks_can_be_read(tmp_path):
 
 
 def test_incident_signals_from_the_command_line(capsys, tmp_path, small):
-    """A generated signal, the same as a .npy file; ranges of frequencies."""
+    """A generated signal, the same as a .npy file; as the call in Python; ranges of frequencies."""
     path, y = str(small / "y0.5mm.h5"), tmp_path / "y.h5"
-    noise = ["--incident", "noise:300:3500", "--edge", "wrap", "--json", "--quiet"]
-    code, out, _ = run(capsys, "educe", path, *noise, "--reflected", str(y))
+    noise = ["--incident", "noise:300:3500", "--json", "--quiet"]
+    code, out, _ = run(capsys, "replay", path, *noise, "--reflected", str(y))
     assert code == DONE
     (result,) = json.loads(out)
     assert len(result["rows"]) == 3500 * 900 // 42000 - 300 * 900 // 42000  # lines of 0.0214 s
     assert y.exists()
-    assert result["choices"]["engine"] == "unfold"
     plane = tl.read_plane(path)
+    python = tl.replay(plane, tl.load_liner("polito"), "noise:300:3500")
+    assert [row["frequency"] for row in result["rows"]] == python.frequency.tolist()
     values = tl.BandNoise(300, 3500).sampled(plane.samples, plane.sampling_rate)
     np.save(tmp_path / "s.npy", values.numpy())
     same = ["--incident", str(tmp_path / "s.npy"), "--incident-rate", repr(plane.sampling_rate)]
-    frequencies = [str(row["frequency"]) for row in result["rows"][:3]]
-    code, out, _ = run(capsys, "educe", path, *same, "--edge", "wrap", "--json", "--quiet",
-                       "--frequency", *frequencies)  # fmt: skip
+    frequencies = [str(row["frequency"]) for row in result["rows"][3:6]]
+    code, out, _ = run(capsys, "replay", path, *same, "--json", "--quiet", "--frequency", *frequencies)
     assert code == DONE
     (again,) = json.loads(out)
-    for one, other in zip(again["rows"], result["rows"], strict=False):
-        assert one["probes_first"] == pytest.approx(other["probes_first"], abs=1e-4)
+    assert [row["frequency"] for row in again["rows"]] == [float(f) for f in frequencies]
     code, out, _ = run(capsys, "educe", path, "--frequency", "500:1500:250", "900", "--json",
                        "--quiet")  # fmt: skip
     found = [row["frequency"] for row in json.loads(out)[0]["rows"]]
@@ -490,34 +486,27 @@ def test_incident_signals_from_the_command_line(capsys, tmp_path, small):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--incident", "noise:300:60000"], "Nyquist"),
-        (["--incident", "nois:300:6000"], "nois:300:6000: no such file"),
-        (["--incident", "missing.wav"], r"missing\.wav: no such file"),
-        (["--incident", "noise:300"], "cannot be read"),
-        (["--reflected", "y.h5"], "needs an incident one"),
-        (["--incident", "noise:300:3500", "--reflected", SLIT], "is an input"),
-        (["--incident", "noise:300:3500", "--reflected", "a.h5", "-o", "./a.h5"], "another output"),
-        ([ORIFICE, "--incident", "noise:300:3500", "--reflected", "y.h5"], "share one reflected"),
-        (["--incident-rate", "100"], "--incident-rate is the rate of an --incident file"),
-        (["--incident", "tones:500", "--incident-rate", "100"], "is for a file"),
-        (["--incident", ""], "has no name"),
-        (["--incident", "sweep:300"], "a lowest and a highest frequency are needed"),
-        (["--frequency", "1:1e9:1e-6"], "invalid frequencies value"),
-        (["--incident", "noise:300:3500", "--engine", "spectral"], "needs 'unfold' or 'direct'"),
-        (["--memory", "lots"], "memory is 'lots'"),
-        (["--memory", "1MB"], "below one slab"),
-        (["--frequency", "500:100:10"], "invalid frequencies value: '500:100:10'"),
-        (["--frequency", "500:100"], "invalid frequencies value"),
-        (["--resample", "sometimes"], "invalid choice"),
-        (["--no-intervals", "--interval", "0.9"], "--no-intervals leaves out what --interval is"),
-        (["--no-intervals", "--resample", "time-span"], "leaves out what --resample is of"),
-        (["--incident", "noise:300:3500", "--interval", "0.9"], "--interval: of tones; with --in"),
-        (["--incident", "tones:1400", "--level-doubt", "1"], "--level-doubt: of tones; with --in"),
+        (["replay", "--incident", "noise:300:60000"], "Nyquist"),
+        (["replay", "--incident", "nois:300:6000"], "nois:300:6000: no such file"),
+        (["replay", "--incident", "missing.wav"], r"missing\.wav: no such file"),
+        (["replay", "--incident", "noise:300"], "cannot be read"),
+        (["replay", "--reflected", "y.h5"], "complex tones have no one signal"),
+        (["replay", "--incident", "noise:300:3500", "--reflected", SLIT], "is an input"),
+        (["replay", "--incident", "noise:300:3500", "--reflected", "a.h5", "-o", "./a.h5"], "another output"),
+        (["replay", "--incident-rate", "100"], "--incident-rate is the rate of an --incident file"),
+        (["replay", "--incident", "tones:500", "--incident-rate", "100"], "is for a file"),
+        (["replay", "--incident", ""], "has no name"),
+        (["replay", "--incident", "sweep:300"], "cannot be read .*write tones:500,900, sweep:300:6000"),
+        (["replay", "--averaging", "phase-locked"], "invalid choice"),
+        (["educe", "--frequency", "1:1e9:1e-6"], "invalid frequencies value"),
+        (["educe", "--frequency", "500:100:10"], "invalid frequencies value: '500:100:10'"),
+        (["educe", "--frequency", "500:100"], "invalid frequencies value"),
+        (["educe", "--no-intervals", "--interval", "0.9"], "--no-intervals leaves out what --interval is"),
     ],
 )
 def test_signals_and_limits_that_cannot_be(capsys, options, message):
     """Exit code 2 and one clear line."""
-    code, _, err = run(capsys, "educe", SLIT, *options)
+    code, _, err = run(capsys, options[0], SLIT, *options[1:])
     assert code == BAD_INPUT
     assert re.search(message, err)
 
@@ -555,13 +544,3 @@ def test_files_of_two_planes_or_frequencies_are_told_apart(capsys, tmp_path, sma
         names = {f"resistance_{f}Hz" for f in ("1400", "1401", "1400.0001")}
         assert names <= set(fields)
         assert fields["resistance_1400Hz"].size == 8
-
-
-def test_planes_of_other_lines_are_drawn_apart(capsys, tmp_path, small, unrendered):
-    """Default lines follow each plane's rate and length; pictures are never mislabelled."""
-    planes = [str(small / f"y{y}mm.h5") for y in ("0.5", "2.5")]
-    code, _, _ = run(capsys, "educe", *planes, "--incident", "noise:1390:1410", "--figure",
-                     str(tmp_path), "--quiet")  # fmt: skip
-    assert code == DONE
-    assert (tmp_path / "velocity_y0.5mm.csv").exists()
-    assert (tmp_path / "y2.5mm" / "velocity_y2.5mm.csv").exists()

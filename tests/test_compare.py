@@ -22,7 +22,7 @@ X = [0.0, 0.004, 0.008, 0.02, 0.024, 0.028]
 def made(seed=0, rms=3.0, tones=(1400.0,), count=6, **choices):
     plane = plane_of(turbulence((count, 1200), seed, rms), x=X[:count], title=f"seed {seed}")
     liner = tl.load_liner("polito")
-    return tl.educe(plane, liner, list(tones), order="probes first", **choices)
+    return tl.educe(plane, liner, list(tones), averaging="admittance", **choices)
 
 
 def test_the_difference_and_its_interval_of_independent_records():
@@ -36,7 +36,7 @@ def test_the_difference_and_its_interval_of_independent_records():
     ]
     row = found.rows[0]
     assert row.difference == complex(b.answer[0] - a.answer[0])
-    (a_low, a_high), (b_low, b_high) = (each.bounds_of_liner("probes first") for each in (a, b))
+    (a_low, a_high), (b_low, b_high) = (each.bounds_of_liner("admittance") for each in (a, b))
     half = ((a_high - a_low).real ** 2 + (b_high - b_low).real ** 2) ** 0.5 / 2
     assert (row.high - row.low).real / 2 == pytest.approx(half, rel=1e-12)
     middle = (b_low + b_high - a_low - a_high) / 2
@@ -74,7 +74,7 @@ def test_one_run_is_seen_by_means_of_next_to_nothing(dtype):
     velocity = velocity - velocity.mean(-1, keepdim=True)
     liner = tl.load_liner("polito")
     one, other = (
-        tl.educe(plane_of(each, x=X), liner, order="probes first", mean=mean)
+        tl.educe(plane_of(each, x=X), liner, averaging="admittance", mean=mean)
         for each, mean in ((velocity, "kept"), (velocity.to(dtype), "removed"))
     )
     assert tl.compare(one, other).same_run
@@ -89,7 +89,7 @@ def test_every_second_sample_of_a_plane_is_the_same_run(tmp_path, case):
     replace(plane, provenance={} if case is None else {"case": case}).write(tmp_path / "v.h5")
     liner = tl.load_liner("polito")
     one, other = (
-        tl.educe(tl.read_plane(tmp_path / "v.h5", every=every), liner, order="probes first") for every in (1, 2)
+        tl.educe(tl.read_plane(tmp_path / "v.h5", every=every), liner, averaging="admittance") for every in (1, 2)
     )
     assert other.choices["sampling_rate"] == RATE / 2
     assert tl.compare(one, other).same_run
@@ -102,13 +102,13 @@ def test_every_second_sample_of_a_plane_is_the_same_run(tmp_path, case):
 def test_what_a_record_does_not_bound_has_no_bounded_difference(same):
     """inf - inf is no number; the difference is unbounded, and shows nothing."""
     first, second = made(0), made(0 if same else 1)
-    known = first.uncertainty
-    ends = {}
-    for end, sign in (("low", -1), ("high", 1)):
-        bound = getattr(known.liner, end).clone()
-        bound[0] = complex(sign * torch.inf, sign * torch.inf)
-        ends[end] = bound
-    first = replace(first, uncertainty=replace(known, liner=replace(known.liner, **ends)))
+    known = first.liner["admittance"]
+    ends = {
+        end: torch.full_like(known.low, complex(sign * torch.inf, sign * torch.inf))
+        for end, sign in (("low", -1), ("high", 1))
+    }
+    open_ended = replace(known, interval=replace(known.interval, **ends))
+    first = replace(first, liner={**first.liner, "admittance": open_ended})
     for found in (tl.compare(first, second), tl.compare(second, first)):
         assert found.same_run is same
         row = found.rows[0]
@@ -149,13 +149,13 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy(other, message):
         tl.compare(made(0), made(0, **other))
 
 
-def test_orders_must_be_held_by_both():
-    other = replace(made(1), choices={**made(1).choices, "order": "velocity first"})
-    with pytest.raises(ValueError, match=r"'probes first' and 'velocity first'; name one .*order="):
+def test_averagings_must_be_held_by_both():
+    other = replace(made(1), averaging="velocity")
+    with pytest.raises(ValueError, match=r"'admittance' and 'velocity'; name one .*averaging="):
         tl.compare(made(0), other)
-    assert tl.compare(made(0), other, "velocity first").order == "velocity first"
-    with pytest.raises(ValueError, match="unknown order of averaging 'coherent first'"):
-        tl.compare(made(0), made(1), "coherent first")
+    assert tl.compare(made(0), other, "velocity").averaging == "velocity"
+    with pytest.raises(ValueError, match="averaging 'phase-locked'"):
+        tl.compare(made(0), made(1), "phase-locked")
     moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
     with pytest.raises(ValueError, match=r"other cells \(2 each, elsewhere\)"):
         tl.compare(made(0), moved)
@@ -173,9 +173,9 @@ def test_the_command_takes_maps_and_moments(tmp_path, capsys):
     plane = plane_of(turbulence((6, 1200), 1), x=X)
     assert plane.sampling_rate == RATE
     liner = tl.load_liner("polito")
-    tl.moments(plane, cell_pitch=liner.cell_pitch, order="probes first").write(tmp_path / "b.h5")
+    tl.moments(plane, cell_pitch=liner.cell_pitch, averaging="admittance").write(tmp_path / "b.h5")
     words = ["compare", str(tmp_path / "a.h5"), str(tmp_path / "b.h5"), "--liner", "polito",
-             "--order", "probes first", "--quiet"]  # fmt: skip
+             "--averaging", "admittance", "--quiet"]  # fmt: skip
     assert main(words) == DONE
     text = capsys.readouterr().out
     assert "independent records: variances added" in text
@@ -193,9 +193,11 @@ def test_the_command_takes_maps_and_moments(tmp_path, capsys):
 
 
 def test_excluded_cells_stay_unknown():
-    hole = made(0).cell_reflection.clone()
+    known = made(0).cells["admittance"]
+    hole = known.reflection.clone()
     hole[1] = complex(torch.nan, torch.nan)
-    rows = tl.compare(made(1), replace(made(0), cell_reflection=hole)).rows
+    other = replace(made(0), cells={**made(0).cells, "admittance": replace(known, reflection=hole)})
+    rows = tl.compare(made(1), other).rows
     assert rows[2].difference != rows[2].difference
     assert rows[1].difference == rows[1].difference
 

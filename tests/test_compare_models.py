@@ -1,4 +1,4 @@
-"""Models of a liner on one plane: as educed one by one, sorted by what is known, in one pass."""
+"""Models of a liner on one plane: as educed one by one, sorted by what is known, read once."""
 
 from __future__ import annotations
 
@@ -36,25 +36,26 @@ def noisy(**facts):
 
 
 def test_each_row_is_what_educe_gives():
-    """Z, interval, orders and closure of each model, and the frequency table of all."""
+    """Z, interval, averagings and level check of each model, and the frequency table of all."""
     plane, liners = tl.read_plane(PLANE), presets()
-    found = tl.compare_models(plane, liners, [1000.0, 1400.0], tolerance=1e-9)
+    found = tl.compare_models(plane, liners, [1000.0, 1400.0], dtype="float64")
     assert len(found.rows) == 6
     for name, liner in liners.items():
-        alone = tl.educe(plane, liner, [1000.0, 1400.0], tolerance=1e-9)
+        alone = tl.educe(plane, liner, [1000.0, 1400.0], dtype="float64")
         for i, row in enumerate(row for row in found.rows if row.model == name):
             assert row.frequency == (1000.0, 1400.0)[i]
             assert abs(row.impedance - complex(alone.answer[i])) < 1e-7
-            for order in alone.orders:
-                assert abs(row.orders[order] - complex(alone.of_liner(order)[i])) < 1e-7
-            low, high = alone.bounds_of_liner(alone.order, i)
+            for averaging in alone.averagings:
+                assert abs(row.averagings[averaging] - complex(alone.liner[averaging].impedance[i])) < 1e-7
+            low, high = alone.bounds_of_liner(alone.averaging, i)
             assert max(abs(row.low - low), abs(row.high - high)) < 1e-6
             assert row.model_error <= 1e-9
-        wanted = float(alone.closure.liner.level[alone.closure.orders.index(alone.order), 1])
-        assert row.closure == pytest.approx(wanted, abs=1e-5)
+        check = alone.level_check
+        wanted = float(check.liner.level[check.averagings.index(alone.averaging), 1])
+        assert row.level_check == pytest.approx(wanted, abs=1e-5)
 
 
-def test_the_nearest_to_the_truth_comes_first():
+def test_the_nearest_to_the_reference_comes_first():
     """By |Z - true| where the plane holds it, which the slit's own model wins on slit data."""
     found = tl.compare_models(tl.read_plane(PLANE), presets())
     assert found.sorted_by == "|Z - true|"
@@ -67,17 +68,17 @@ def test_the_nearest_to_the_truth_comes_first():
     assert list(found.maps) == [row.model for row in found.rows]
 
 
-def test_without_truth_closure_sorts_and_without_a_level_nothing():
+def test_without_reference_the_level_check_sorts_and_without_a_level_nothing():
     liners = presets()
     known = tl.compare_models(noisy(incident_level=140.0, source_side="normal"), liners)
-    assert known.sorted_by == "|closure|"
-    off = [abs(row.closure) for row in known.rows]
+    assert known.sorted_by == "|level check|"
+    off = [abs(row.level_check) for row in known.rows]
     assert off == sorted(off)
     assert off[0] < off[-1]
     found = tl.compare_models(noisy(), liners)
     assert found.sorted_by == "as given"
     assert [row.model for row in found.rows] == list(liners)
-    assert found.rows[0].closure is None
+    assert found.rows[0].level_check is None
     assert found.rows[0].distance == {}
 
 
@@ -159,14 +160,13 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
         tl.educe(given, liner)
     with pytest.warns(tl.DataWarning, match=f"windy: the {text}"):
         tl.compare_models(given, {"calm": calm, "windy": liner})
-    assert not [note for note in tl.educe(plane, calm).notes if "count twice" in note]
+    assert not [note for note in tl.educe(plane, calm).notes if note.code == "flow-counted-twice"]
 
 
 @pytest.mark.parametrize(
     ("names", "options", "message"),
     [
         (("onera",), {}, r"models given: onera; name two or more, or use educe"),
-        (("onera", "polito"), {"engine": "unfold"}, r"engine 'spectral', not 'unfold'; leave eng"),
         (("onera", "polito"), {"cell_pitch": -1.0}, r"cell_pitch \(m\) is -1; it must be finite"),
         (("onera", "polito"), {"frequency": -1.0}, r"frequenc"),
     ],

@@ -57,9 +57,9 @@ def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
     """Z as ``educe`` has it of the same whole periods; the wider of both half-widths."""
     piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
     ((row,),), _, _ = followed(tmp_path / "plane.h5")
-    wanted = tl.educe(piece(velocity, 0, SAMPLES), tl.load_liner("polito"), order="probes first")
+    wanted = tl.educe(piece(velocity, 0, SAMPLES), tl.load_liner("polito"), averaging="admittance")
     assert row.impedance == pytest.approx(complex(wanted.answer[0]), abs=1e-4)
-    low, high = wanted.bounds_of_liner("probes first")
+    low, high = wanted.bounds_of_liner("admittance")
     assert row.half_width == pytest.approx(
         max(high.real - low.real, high.imag - low.imag) / 2,
         rel=0.3,  # blocks of other lengths
@@ -77,9 +77,8 @@ def test_files_that_come_into_a_folder(tmp_path, velocity):
     found, _, following = followed(tmp_path, *solver)
     assert [rows[0].samples for rows in found] == [600, 1200, 1800, 2400]
     whole = tl.GrowingMoments(piece(velocity, 0, SAMPLES), cell_pitch=0.01)
-    assert following.moments().sums.groups[0].totals[0].sum() == pytest.approx(
-        float(whole.moments().sums.groups[0].totals[0].sum())
-    )
+    one, other = (each.moments().sums["admittance"].sum() for each in (following, whole))
+    assert float(one) == pytest.approx(float(other))
     widths = [rows[0].half_width for rows in found]
     assert widths[-1] < widths[0]
 
@@ -145,7 +144,7 @@ def test_a_file_that_another_process_writes(tmp_path, velocity):
         print(file=solver.stdin, flush=True)
     assert [rows[0].samples for rows in found] == [600, 1200, 1800]
     whole = tl.GrowingMoments(piece(velocity, 0, 1800), cell_pitch=tl.load_liner("polito").cell_pitch)
-    mine, theirs = (each.moments().sums.groups[0].totals for each in (following.going, whole))
+    mine, theirs = (each.moments().sums["admittance"] for each in (following.going, whole))
     assert torch.equal(mine, theirs)
 
 

@@ -18,11 +18,12 @@ import pytest
 import torch
 from conftest import DATA, plane_of, turbulence
 from test_cli import run
-from test_results_out import OLD, PLACES, line, made, points
+from test_results_out import PLACES, line, made, points
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.names import ORDERS
+from torchliner.records.averaged import Educed
+from torchliner.records.notes import Note
 from torchliner.report.map_table import format_maps
 from torchliner.report.page import subject
 from torchliner.report.page.answer import sentence
@@ -77,7 +78,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
     assert not main(["educe", plane.name.split(":/")[0], "-o", f"{folder}/map.h5", "--in-situ",
-                     str(IN_SITU), "--closure-limit", "0.2", "--quiet"])  # fmt: skip
+                     str(IN_SITU), "--level-limit", "0.2", "--quiet"])  # fmt: skip
     tl.moments(plane, cell_pitch=tl.load_liner("lbm_slit").cell_pitch).write(folder / "moments.h5")
     found = tl.read_map(folder / "map.h5")
     found.report(folder / "page.html", data=tl.read_moments(folder / "moments.h5"))
@@ -113,7 +114,7 @@ def test_the_page_is_one_whole(page):
 
 
 def test_sections_are_in_the_order_of_the_table(page):
-    """As a reader asks: answer, doubts, what was asked, pictures, where it comes from."""
+    """As a reader asks: answer, warnings, what was asked, pictures, where it comes from."""
     there = [attrs["id"] for attrs in page.all("section")]
     wanted = [part.name for part in PARTS if part.name != "frequencies"]  # one tone: no spectrum
     assert there == wanted
@@ -133,14 +134,14 @@ def test_numbers_are_those_of_the_map(page, shipped):
     """The sentence, the table and the CSV of Z along x."""
     text = page.text["header"]
     assert typeset(format_complex(complex(shipped.answer[0]))) in text
-    assert typeset(format_bounds(shipped.bounds_of_liner(shipped.order))) in text
-    assert shipped.closure.verdict(shipped.order) in text
+    assert typeset(format_bounds(shipped.bounds_of_liner(shipped.averaging))) in text
+    assert shipped.level_check.verdict(shipped.averaging) in text
     rows = page.csv("answer-table")
-    assert [row["order"] for row in rows] == [ORDERS[2], ORDERS[0], ORDERS[1]]
+    assert [row["averaging"] for row in rows] == ["phase-locked", "admittance", "velocity"]
     for row in rows:
         z = complex(float(row["impedance_resistance"]), float(row["impedance_reactance"]))
-        low, _ = shipped.bounds_of_liner(row["order"])
-        assert z == pytest.approx(complex(shipped.of_liner(row["order"])[0]), rel=1e-8)
+        low, _ = shipped.bounds_of_liner(row["averaging"])
+        assert z == pytest.approx(complex(shipped.liner[row["averaging"]].impedance[0]), rel=1e-8)
         assert float(row["low_resistance"]) == pytest.approx(low.real, rel=1e-8)
     along = page.csv("along-x-0")
     assert [float(row["reactance"]) for row in along] == pytest.approx(shipped.reactance[:, 0].tolist(), rel=1e-8)
@@ -161,9 +162,9 @@ def test_what_is_typed_again_gives_the_map_again(capsys, page, shipped, tmp_path
     again, space = tl.read_map(tmp_path / "again.h5"), {}
     exec(unescape(blocks[1]), space)
     assert torch.equal(again.answer, shipped.answer)
-    assert again.closure.limit == shipped.closure.limit == 0.2
+    assert again.level_check.limit == shipped.level_check.limit == 0.2
     assert torch.equal(space["found"].answer, shipped.answer)
-    assert space["found"].closure.limit == 0.2
+    assert space["found"].level_check.limit == 0.2
 
 
 def test_the_paper_is_cited_as_the_citation_file_has_it(page):
@@ -180,7 +181,7 @@ def test_references_are_of_the_tone(tmp_path):
     """What a file states is known at its tone alone: tables, figures and the headline."""
     plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
     for asked, tone in (([1000.0, 1400.0], 1), ([1400.0, 700.0], 0), (700.0, None)):
-        found = tl.educe(plane, tl.load_liner("lbm_slit"), asked, order="probes first")
+        found = tl.educe(plane, tl.load_liner("lbm_slit"), asked, averaging="admittance")
         found.write(tmp_path / "map.h5")
         found = tl.read_map(tmp_path / "map.h5")
         assert found.tone == tone
@@ -201,7 +202,7 @@ def test_references_are_of_the_tone(tmp_path):
 def test_every_choice_is_named_with_its_meaning(page):
     """Those that are not the default first."""
     rows = page.csv("choices")
-    assert rows[0]["choice"] == "closure_limit"
+    assert rows[0]["choice"] == "level_limit"
     assert rows[0]["from"] == "stated"
     assert all(row["from"] == "default" for row in rows[1:])
     assert all(row["meaning"] for row in rows)
@@ -213,7 +214,7 @@ def test_the_audit_starts_from_the_map(files, shipped):
     text = moved(beside)[0].text
     z = typeset(format_complex(complex(shipped.answer[0])))
     assert text.count(z) == 2
-    assert "probes first" in moved(beside)[1].alt
+    assert "admittance" in moved(beside)[1].alt
     own = tl.load_liner("lbm_slit").replace(name="mine")
     other = with_liner(shipped, dict(shipped.choices["liner"], name="mine"))
     assert subject_of(other).model == own
@@ -311,15 +312,16 @@ def test_the_distribution_is_that_of_the_samples(files):
 
 
 def test_warnings_are_in_order_of_size():
-    """What makes Z another quantity above what widens its interval; of two the larger."""
-    notes = [
-        "p: the error bars rest on 5 independent blocks", "p: closure at 1 Hz fails, -0.6 dB off",
-        "p: 3 of 9 probes hold nan or inf; excluded", "p: closure at 2 Hz fails, +2.6 dB off",
-        "null test: there is a hard wall",
-    ]  # fmt: skip
-    (found,) = warnings_of(notes, "p")
-    wanted = ("hard wall", "+2.6 dB", "\N{MINUS SIGN}0.6 dB", "nan or inf", "blocks")
-    assert all(word in text for word, text in zip(wanted, found.items, strict=True))
+    """What makes Z another quantity above what widens its interval."""
+    codes = ("few-blocks", "excluded-probes", "", "level-check", "null-test")
+    (found,) = warnings_of([Note(code, code or "text") for code in codes])
+    assert [text.lower() for text in found.items] == [
+        "null-test",
+        "level-check",
+        "text",
+        "excluded-probes",
+        "few-blocks",
+    ]
     assert warnings_of([])[0].text == "None."
 
 
@@ -332,7 +334,7 @@ def evil(tmp_path):
         reference={text: 1 + 0j, "true": 1.1 + 0j}, provenance={text: {text: text}},
     )  # fmt: skip
     found = tl.educe(plane, tl.load_liner("polito").replace(name=text))
-    return dataclasses.replace(found, notes=(text, f"closure at 1 Hz fails {text}"))
+    return dataclasses.replace(found, notes=(Note("", text), Note("level-check", text)))
 
 
 def test_texts_of_files_are_no_markup(evil, tmp_path):
@@ -367,12 +369,9 @@ def test_maps_of_every_shape(place, tmp_path):
 
 
 def test_a_map_without_optional_parts(tmp_path):
-    """No intervals, no closure, no references, an old file: said, not missed."""
-    found = tl.read_map(OLD)
-    bare = dataclasses.replace(
-        found, uncertainty=None, closure=None, reference={}, choices={}, goodrich=None,
-        alongside=(),
-    )  # fmt: skip
+    """No intervals, no level check, no references: said, not missed."""
+    found = made("plane", (1400.0,), interval=None)
+    bare = dataclasses.replace(found, level_check=None, reference={}, choices={}, goodrich=None, alongside=())
     bare.report(tmp_path / "page.html")
     text = Page(tmp_path / "page.html").text["main"]
     for words in ("no statistical intervals", "holds no reference", "does not say which file",
@@ -383,7 +382,7 @@ def test_a_map_without_optional_parts(tmp_path):
 def grown(shape):
     """The map of a plane with other probes: Z, v and places at random."""
     count = int(np.prod(shape))
-    found = made("plane", (1400.0,), order="probes first", interval=None)
+    found = made("plane", (1400.0,), averaging="admittance", interval=None)
     draw = torch.Generator().manual_seed(1)
 
     def random(*size):
@@ -392,9 +391,9 @@ def grown(shape):
     reflection = torch.complex(random(*shape, 1), random(*shape, 1)) / 2
     x, z = (random(count), random(count)) if len(shape) == 1 else map(torch.arange, shape[::-1])
     return dataclasses.replace(
-        found, reflection=reflection, mean_velocity=random(*shape), velocity_rms=random(*shape),
-        velocity_amplitude=reflection, coherence=random(*shape, 1), x=x.double(), z=z.double(),
-        phase_rule=reflection.real > 2,
+        found, probes={"admittance": Educed(reflection)}, along_x={}, velocity_amplitude=reflection,
+        mean_velocity=random(*shape), velocity_rms=random(*shape), coherence=random(*shape, 1),
+        x=x.double(), z=z.double(), phase_rule=reflection.real > 2,
     )  # fmt: skip
 
 
@@ -408,7 +407,10 @@ def test_large_maps_are_thinned_and_that_is_said(shape, tmp_path, monkeypatch):
     assert 75 < few.mean_velocity.numel() <= 300
     assert f"{few.mean_velocity.numel()} of {int(np.prod(shape)):,} probes" in words
     step = tuple(-(-a // b) for a, b in zip(shape, few.mean_velocity.shape, strict=True))
-    assert torch.equal(few.reflection, found.reflection[tuple(slice(None, None, s) for s in step)])
+    assert torch.equal(
+        few.probes["admittance"].reflection,
+        found.probes["admittance"].reflection[tuple(slice(None, None, s) for s in step)],
+    )
     if len(shape) == 1:
         return
     found.report(tmp_path / "page.html")
@@ -502,7 +504,7 @@ def test_what_is_no_result_is_told_what_it_is(capsys, files, folder, tmp_path):
         capsys, tmp_path / "map.csv", *out)  # fmt: skip
     with h5py.File(tmp_path / "newer.h5", "w") as file:
         file.attrs["schema"] = "torchliner map 99"
-    assert "'torchliner map 99', and this torchliner reads 'torchliner map 2'" in refused(
+    assert "'torchliner map 99', and this torchliner reads 'torchliner map" in refused(
         capsys, tmp_path / "newer.h5", *out)  # fmt: skip
     with h5py.File(tmp_path / "none.h5", "w") as file:
         file["a"] = 1

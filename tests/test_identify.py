@@ -547,7 +547,7 @@ def test_in_situ_records_are_matched_by_case():
     liner = tl.load_liner("lbm_orifice_coarse")
     found = tl.identify(runs, liner, "in-situ", pressure=records, **options)
     methods = [tl.in_situ(each, interval=None, allow_short=True) for each in reversed(records)]
-    wanted = [complex(each.liner["admittance"].impedance_pressure_first[0]) for each in methods]
+    wanted = [complex(each.liner_impedance_pressure_first[0]) for each in methods]
     assert [row.true for row in found.best.rows] == pytest.approx(wanted)
     with pytest.raises(ValueError, match=r"t00_130.* has no in situ impedance: .* not one case"):
         tl.identify(runs, liner, "in-situ", pressure=records[:2], **options)

@@ -24,7 +24,7 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "cell 2, x = 18.7 mm" in text
     assert "waves, 2 microphones" in text
-    assert "true Z = 0.948-0.340j" in text
+    assert "reference Z = 0.948-0.340j" in text
     assert len(csv.read_text().splitlines()) == 1 + 4 + 2 + 3
     assert png.stat().st_size > 10_000
     assert main(["insitu", path, "-o", str(points), "--json", "--quiet"]) == 0
@@ -140,7 +140,8 @@ def test_legend_names_the_method():
 
     planes = [tl.read_plane(DATA / f"slit_n130_y{y}mm.h5") for y in ("1.0", "2.5")]
     beside = tl.in_situ(file_of("n130"))
-    maps = [m.with_alongside(beside) for m in tl.educe(planes, tl.load_liner("lbm_slit"))]
+    liner = tl.load_liner("lbm_slit")
+    maps = [tl.educe(plane, liner).with_alongside(beside) for plane in planes]
     for draw in (draw_along_x, draw_against_height):
         figure = draw(maps)
         legend = figure.legends[0] if figure.legends else figure.axes[0].get_legend()

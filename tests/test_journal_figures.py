@@ -10,6 +10,7 @@ import torch
 from conftest import plane_of, turbulence
 
 import torchliner as tl
+from torchliner.records.averaged import Educed
 
 pytest.importorskip("matplotlib")
 from torchliner.report import figures
@@ -88,7 +89,7 @@ def test_text_in_vector_files_is_text(maps, tmp_path):
     figures.draw_along_x(maps, tmp_path / "a.svg")
     figures.draw_along_x(maps, tmp_path / "a.pdf")
     drawn = (tmp_path / "a.svg").read_text(encoding="utf-8")
-    assert "velocity first" in drawn
+    assert "cells, velocity" in drawn
     assert "\N{MINUS SIGN}" in drawn
     stored = (tmp_path / "a.pdf").read_bytes()
     assert b"/FontFile2" in stored
@@ -159,19 +160,19 @@ def test_many_heights_become_a_band_with_a_median(maps, liner):
     """The answer's cells stay markers, a height each; the legend names filled and open ones."""
     figure = figures.draw_along_x(maps)
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "cells, velocity first: range, median" in words
+    assert "cells, velocity: range, median" in words
     assert "true" in words
     assert "$y$ = 0.5 mm" in words
-    assert "cells, coherent first" in words
+    assert "cells, phase-locked" in words
     few = figures.draw_along_x(maps[:2])
-    assert "cells, velocity first" in [text.get_text() for text in few.legends[0].get_texts()]
+    assert "cells, velocity" in [text.get_text() for text in few.legends[0].get_texts()]
 
 
 def test_a_band_is_of_the_heights_that_know_the_cell(maps):
     """One that does not, excluded or not spanned, takes no other's band away."""
-    name = "cell_reflection_velocity_first"
-    unknown = torch.full_like(getattr(maps[0], name), complex(np.nan, np.nan))
-    heights = [dataclasses.replace(maps[0], **{name: unknown}), *maps[1:]]
+    cells = maps[0].cells["velocity"]
+    unknown = Educed(torch.full_like(cells.reflection, complex(np.nan, np.nan)))
+    heights = [dataclasses.replace(maps[0], cells={**maps[0].cells, "velocity": unknown}), *maps[1:]]
     bands = [bar for bar in figures.draw_along_x(heights).axes[0].collections
              if bar.get_zorder() == 2.1]  # fmt: skip
     ends = [[len(ends) for ends in bar.get_segments()] for bar in bands]
@@ -196,7 +197,7 @@ def test_a_legend_is_no_wider_than_its_figure():
 
 
 def test_heights_cover_neither_each_other_nor_points():
-    """Two orders at nearly the same places, the third beside them; what is said twice is black."""
+    """Two averagings at nearly the same places, the third beside them; what is said twice is black."""
     figure, axes = subplots(1, 1, 3.0)
     axis = axes[0, 0]
     places = [0.4 + 0.4j, 0.42 + 0.41j, 0.44 + 0.42j]

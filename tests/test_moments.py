@@ -22,14 +22,14 @@ from torchliner.reduction.moments import ASKED
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 N = 2100  # 70 periods: 35 blocks of two
 CHOICES = [
-    {"order": "probes first"},
-    {"order": "velocity first", "phase": "self-consistent"},
+    {"order": "admittance"},
+    {"order": "velocity", "phase": "self-consistent"},
     {},
     {"mean": "removed"},
     {"drive": "rms"},
     {"window": "hann"},
     {"pre_roll": 0.011},
-    {"order": "probes first", "interval": None},
+    {"order": "admittance", "interval": None},
 ]
 
 
@@ -88,7 +88,7 @@ def test_parts_add_up_to_the_record(choices, cuts, liner):
         one, other = (getattr(each, name) for each in maps)
         assert relative_error(other, one) < 1e-12
     if "interval" not in choices:
-        one, other = (each.uncertainty.liner.low for each in maps)
+        one, other = (each.liner["admittance"].interval.low for each in maps)
         assert relative_error(other, one) < 1e-11
     for name in ("mean", "mean_square", "smallest", "largest", "coherence"):
         one, other = (getattr(each.sums.survey, name) for each in (whole, found))
@@ -110,14 +110,14 @@ def test_any_order_of_parts_is_one(cuts, draw):
 
 def test_neighbours_add_in_steps(liner):
     """(a + b) + c is the sum of all three; workers send parts as bytes."""
-    a, b, c = parts_of(velocity(), (512, 1024), order="probes first")
+    a, b, c = parts_of(velocity(), (512, 1024), averaging="admittance")
     wanted = tl.Moments.sum([a, b, c])
     stepwise = tl.Moments.sum([pickle.loads(pickle.dumps(b + c)), a])
     for one, other in zip(wanted.sums.groups, stepwise.sums.groups, strict=True):
         assert torch.equal(one.totals, other.totals)
-    assert same_bits(a.sums, parts_of(velocity(), (512, 1024), order="probes first")[0].sums)
+    assert same_bits(a.sums, parts_of(velocity(), (512, 1024), averaging="admittance")[0].sums)
     # A part within one segment of the coherence, of two periods, joined to the next one first.
-    a, b, c = parts_of(velocity(), (1030, 1040), order="probes first")
+    a, b, c = parts_of(velocity(), (1030, 1040), averaging="admittance")
     seen = tl.Moments.sum([a, b + c]).sums.survey.coherence
     assert torch.allclose(seen, wanted.sums.survey.coherence, rtol=1e-12)
     with pytest.raises(TypeError, match="unsupported operand"):
@@ -131,9 +131,9 @@ def test_faulty_samples_are_found_where_they_are(liner):
     with pytest.raises(ValueError, match=r"1 of 5 probes, the first at probe \(3,\), sample 1500"):
         parts_of(v, (1024,))
     with pytest.raises(ValueError, match=r"share their probes without faults: 5 of 5 .* 4 of 5"):
-        tl.Moments.sum(parts_of(v, (1024,), missing="exclude", order="probes first"))
+        tl.Moments.sum(parts_of(v, (1024,), missing="exclude", averaging="admittance"))
     v[3, 10] = torch.nan
-    choices = {"missing": "exclude", "order": "probes first"}
+    choices = {"missing": "exclude", "order": "admittance"}
     found, whole = summed(v, (1024,), **choices), tl.moments(plane_of(v), **choices)
     one, other = (each.educe(liner.replace(cell_pitch=None), **choices) for each in (found, whole))
     assert relative_error(one.answer, other.answer) < 1e-12
@@ -145,8 +145,8 @@ def test_a_first_reading_alone_answers_other_orders(liner):
     first = tl.Moments.sum(parts_of(v, (512,)))
     with pytest.raises(ValueError, match=r"sum of a first reading alone.*given=.*probes first"):
         first.educe(bare)
-    wanted = tl.moments(plane_of(v), order="probes first").educe(bare, order="probes first")
-    found = first.educe(bare, order="probes first")
+    wanted = tl.moments(plane_of(v), averaging="admittance").educe(bare, averaging="admittance")
+    found = first.educe(bare, averaging="admittance")
     assert relative_error(found.answer, wanted.answer) < 1e-12
     second = parts_of(v, (512,), given=first)
     with pytest.raises(ValueError, match="need given="):
@@ -155,7 +155,7 @@ def test_a_first_reading_alone_answers_other_orders(liner):
     with pytest.raises(ValueError, match="are complete; leave given out"):
         parts_of(v, (512,), given=whole)
     with pytest.raises(ValueError, match="given moments know"):
-        parts_of(v, (512,), given=first, order="probes first")
+        parts_of(v, (512,), given=first, averaging="admittance")
     with pytest.raises(ValueError, match=r"are complete; leave given out"):
         tl.Moments.sum(second, given=whole)
     with pytest.raises(ValueError, match=r"first reading; leave given out"):
@@ -183,7 +183,7 @@ def test_a_second_reading_belongs_to_its_own_first():
 def test_what_was_taken_at_a_frequency_is_not_asked_for_at_another(liner):
     """The running rms' own window, the coherence behind walls, and the sound of an unknown tone."""
     v, bare = velocity(), liner.replace(cell_pitch=None)
-    running = {"drive": "running-rms", "order": "probes first", "interval": None}
+    running = {"drive": "running-rms", "order": "admittance", "interval": None}
     known = tl.moments(plane_of(v), **running)
     with pytest.raises(ValueError, match=r"with running_window 0.000714.*0.00142857.* is asked"):
         known.educe(bare, 700.0, **running)
@@ -221,28 +221,28 @@ def test_a_liner_that_the_moments_do_not_know_is_refused(liner):
     bare = liner.replace(cell_pitch=None)
     frequency, speed = torch.linspace(600, 3000, 40), torch.linspace(0, 40, 41)
     table = tl.TabulatedLiner(frequency, bare.impedance(frequency[:, None], speed), speed)
-    known = tl.moments(plane_of(velocity()), order="probes first")
-    for ask in (known.error, functools.partial(known.educe, order="probes first")):
+    known = tl.moments(plane_of(velocity()), averaging="admittance")
+    for ask in (known.error, functools.partial(known.educe, averaging="admittance")):
         with pytest.raises(ValueError, match=r"moments for any liner.* up to 40 m/s alone: reduce"):
             ask(table)
-    few = tl.moments(plane_of(velocity()), bare, order="probes first")
-    options = {"order": "probes first", "interval": None, "tolerance": 1e-15}
+    few = tl.moments(plane_of(velocity()), bare, averaging="admittance")
+    options = {"order": "admittance", "interval": None, "tolerance": 1e-15}
     with pytest.warns(tl.DataWarning, match="beyond 1e-11: reduce them again with this liner"):
         few.educe(bare, **options)
     other = bare.replace(orifice_diameter=5e-3, porosity=0.02)
     with pytest.raises(ValueError, match=r"velocity: R of SDoF.*the data were reduced with \(limit"):
-        few.educe(other, 3000.0, order="probes first")
+        few.educe(other, 3000.0, averaging="admittance")
 
 
 def _other_plane(**about):
     return lambda v: tl.moments_part(
-        plane_of(v[:, 512:], **about), first_sample=512, of_samples=N, order="probes first"
+        plane_of(v[:, 512:], **about), first_sample=512, of_samples=N, averaging="admittance"
     )
 
 
 def _other_choices(**choices):
     return lambda v: tl.moments_part(
-        plane_of(v[:, 512:]), first_sample=512, of_samples=N, **{"order": "probes first"} | choices
+        plane_of(v[:, 512:]), first_sample=512, of_samples=N, **{"order": "admittance"} | choices
     )
 
 
@@ -258,20 +258,20 @@ def _other_choices(**choices):
         (lambda v: _other_plane()(v.float()), "precision"),
         (_other_choices(phase="self-consistent"), "rows"),
         (_other_choices(mean="removed"), "settings"),
-        (_other_choices(order="velocity first"), "settings"),
+        (_other_choices(averaging="velocity"), "settings"),
         (_other_choices(cell_pitch=0.01), "cell pitch"),
         (_other_choices(interval=None), "error bars"),
         (_other_choices(frequency=700.0), "rows|tones"),
         (_other_choices(liner=tl.load_liner("lbm_slit")), r"functions of \|v\|"),
-        (lambda v: parts_of(v, (500,), order="probes first")[1], "samples 500 to 511 overlap"),
-        (lambda v: parts_of(v, (520,), order="probes first")[1], "samples 512 to 519 are missing"),
-        (lambda v: parts_of(v, (512, 1000), order="probes first")[1], "samples 0 to 999 of 2100"),
+        (lambda v: parts_of(v, (500,), averaging="admittance")[1], "samples 500 to 511 overlap"),
+        (lambda v: parts_of(v, (520,), averaging="admittance")[1], "samples 512 to 519 are missing"),
+        (lambda v: parts_of(v, (512, 1000), averaging="admittance")[1], "samples 0 to 999 of 2100"),
     ],
 )
 def test_what_does_not_belong_is_refused(other, message):
     """Another plane, other choices, another basis, samples twice or not at all."""
     v = velocity()
-    mine = parts_of(v, (512,), order="probes first")[0]
+    mine = parts_of(v, (512,), averaging="admittance")[0]
     with pytest.raises(ValueError, match=message):
         tl.Moments.sum([mine, other(v)])
 
@@ -296,7 +296,7 @@ def test_what_is_no_part_is_refused():
 def test_a_record_without_blocks(liner):
     """Shorter than two periods: no error bars, the same value."""
     v, bare = velocity(45), liner.replace(cell_pitch=None)
-    choices = {"order": "probes first", "allow_short": True}
+    choices = {"order": "admittance", "allow_short": True}
     found, whole = summed(v, (20,), **choices), tl.moments(plane_of(v), **choices)
     one, other = (each.educe(bare, **choices) for each in (found, whole))
     # Sums of pieces are multiples of 2^-32, here of 30 samples, with a seam within a piece.
@@ -307,12 +307,12 @@ def test_a_record_without_blocks(liner):
 def test_moments_state_their_error_and_readings(liner):
     """What is not read twice says so; the error for any liner holds where R is looked at."""
     plane = plane_of(velocity())
-    readings = {"coherent first": 2, "probes first": 1}
+    readings = {"phase-locked": 2, "admittance": 1}
     for order, count in readings.items():
-        found = tl.moments(plane, cell_pitch=liner.cell_pitch, order=order)
+        found = tl.moments(plane, cell_pitch=liner.cell_pitch, averaging=order)
         assert found.readings == count
     assert 0 < found.error(liner) < 1e-5
-    few = tl.moments(plane, liner, order="probes first")
+    few = tl.moments(plane, liner, averaging="admittance")
     assert few.sums.basis.count < 64
     assert few.error(liner, FREQUENCY) < 1e-9 < few.error(liner, 6000.0)
 
@@ -321,7 +321,7 @@ def test_moments_state_their_error_and_readings(liner):
 @pytest.mark.parametrize("samples", [900, 960, 4000])
 def test_a_record_that_goes_on(samples, phase, liner):
     """At any moment the map is that of a record of the whole blocks so far, however it came."""
-    v, choices = velocity(samples), {"order": "probes first", "phase": phase}
+    v, choices = velocity(samples), {"order": "admittance", "phase": phase}
     going = tl.GrowingMoments(plane_of(v[:, :7]), cell_pitch=liner.cell_pitch, phase=phase)
     at = 7
     for step in (0, 1, 29, 100, 256, 1000, samples):
@@ -334,7 +334,7 @@ def test_a_record_that_goes_on(samples, phase, liner):
     for name in ("impedance", "cell_impedance_velocity_first", "answer"):
         assert relative_error(getattr(found, name), getattr(wanted, name)) < 1e-11
     if going.level == 0:  # as many blocks as a record at once has
-        limits = (each.uncertainty.liner.low for each in (found, wanted))
+        limits = (each.liner["admittance"].interval.low for each in (found, wanted))
         assert relative_error(*limits) < 1e-10
     else:
         assert 16 <= kept.sums.plan.rest <= 32
@@ -346,7 +346,7 @@ def test_a_record_that_goes_on(samples, phase, liner):
 def test_coherence_of_a_record_that_goes_on(samples, liner):
     """Over segments as long as those of a record of so many samples, near the tone and far off."""
     v, beside = velocity(samples), [1500.0, 1450.0, 1900.0, FREQUENCY]
-    choices = {"order": "probes first", "phase": "self-consistent"}
+    choices = {"order": "admittance", "phase": "self-consistent"}
     found = tl.GrowingMoments(plane_of(v), liner, beside, phase="self-consistent").educe(
         liner, beside, phase="self-consistent"
     )
@@ -360,7 +360,7 @@ def test_what_a_record_that_goes_on_cannot_do(liner):
     """Statistics of the whole record, other probes, faults; no block yet."""
     v = velocity(100)
     for choices, message in [
-        ({"order": "coherent first"}, "need the whole record"),
+        ({"order": "phase-locked"}, "need the whole record"),
         ({"window": "hann"}, "need the whole record"),
         ({"drive": "rms"}, "has drive 'instantaneous' alone"),
         ({"mean": "removed"}, "has mean 'kept' alone"),

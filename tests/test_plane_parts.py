@@ -522,9 +522,9 @@ def test_commands_see_the_part_that_is_asked_for(tmp_path, capsys):
                     liner="polito")  # fmt: skip
     plane.write(tmp_path / "a.h5")
     part, whole = (tmp_path / name for name in ("m.h5", "w.h5"))
-    end = ["--quiet", "--no-intervals"]
+    end = ["--quiet"]
     assert main(["reduce", str(tmp_path / "a.h5"), "-o", str(part), "--stop", "0.02", *end]) == 0
-    assert tl.read_moments(part).sums.plan.samples == 1000
+    assert tl.read_moments(part).plane.samples == 1000
     assert main(["reduce", str(tmp_path / "a.h5"), "-o", str(whole), *end]) == 0
     capsys.readouterr()
     assert main(["educe", str(whole), "--stop", "0.02", *end]) == 2

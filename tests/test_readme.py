@@ -78,8 +78,8 @@ def test_truth_table_is_current(row):
     plane = tl.read_plane(ROOT / "data" / f"{kind}_{case}_y{float(height):.1f}mm.h5")
     found = tl.educe(plane, tl.load_liner(plane.liner), interval=None, allow_short=True)
     assert abs(complex(true) - plane.reference["true"]) < 1e-3
-    for order, value in zip(found.orders, values, strict=True):
-        assert abs(complex(value) - complex(found.of_liner(order)[0])) < 1e-3, order
+    for averaging, value in zip(found.averagings, values, strict=True):
+        assert abs(complex(value) - complex(found.liner[averaging].impedance[0])) < 1e-3, averaging
 
 
 def test_the_table_has_every_case():

@@ -1,4 +1,4 @@
-"""Numbers behind the figures; that the drawings carry axes and units; the truth table."""
+"""Numbers behind the figures; that the drawings carry axes and units; the validation table."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from matplotlib.collections import LineCollection
 
 import torchliner as tl
 from torchliner.audits.truth_rows import DEFAULT, TruthRow, true_wave_phase, truth_table
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.report import figures
-from torchliner.report.closure_report import draw_closure
 from torchliner.report.figures import draw_spectrum
+from torchliner.report.level_check_report import draw_level_check
 from torchliner.report.numbers import (
     against_height,
     impedance_along_x,
@@ -70,11 +70,11 @@ def test_velocity_profile_separates_mean_and_fluctuation():
 
 
 def test_rows_against_height_are_ordered(maps):
-    """Lowest plane first, both orders, spread over probes."""
+    """Lowest plane first, every averaging, spread over probes."""
     rows = against_height(maps)
     assert [row.height for row in rows] == [0.5e-3, 2.5e-3]
-    assert rows[1].probes_first == complex(maps[0].liner_impedance[0])
-    assert rows[1].velocity_first == complex(maps[0].liner_impedance_velocity_first[0])
+    assert rows[1].impedance == {name: complex(maps[0].liner[name].impedance[0]) for name in AVERAGINGS}
+    assert rows[1].interval["velocity"] == maps[0].bounds_of_liner("velocity")
     assert rows[1].spread.real == pytest.approx(float(maps[0].resistance.std()))
 
 
@@ -146,43 +146,43 @@ def test_the_style_stays_ours(maps):
 
 
 def test_truth_table_covers_every_rule_once(liner):
-    """4 drives x 3 phase rules x 3 orders a plane; 'given' uses the true wave's phase."""
+    """4 drives x 3 phase rules x 3 averagings a plane; 'given' uses the true wave's phase."""
     plane = plane_of(turbulence((3, 480)), height=1e-3, reference={"true": 1 - 0.2j})
     rows = truth_table([plane], lambda _: liner)
-    keys = {(r.drive, r.mean, r.phase, r.order) for r in rows}
+    keys = {(r.drive, r.mean, r.phase, r.averaging) for r in rows}
     assert len(rows) == len(keys) == 36
     averaged = tl.educe(plane, liner)
     psi = true_wave_phase(plane, averaged)
     stated = tl.educe(plane, liner, phase="given", reference_phase=psi)
-    row = next(r for r in rows if (r.drive, r.mean, r.phase, r.order)
-               == ("instantaneous", "kept", "given", "probes first"))  # fmt: skip
-    assert row.educed == pytest.approx(complex(stated.liner_impedance[0]), abs=1e-12)
-    assert format_truth(rows).count("instantaneous, mean removed") == 3  # all orders
+    row = next(r for r in rows if (r.drive, r.mean, r.phase, r.averaging)
+               == ("instantaneous", "kept", "given", "admittance"))  # fmt: skip
+    assert row.educed == pytest.approx(complex(stated.liner["admittance"].impedance[0]), abs=1e-12)
+    assert format_truth(rows).count("instantaneous, mean removed") == 3  # all averagings
     text = format_summary(rows)
     assert "best for " in text
     assert "one rule is best" not in text  # there is one case
-    assert "default, velocity first: holds at every height in " in text
+    assert "default, velocity: holds at every height in " in text
 
 
 def closing(**cases):
-    """The closing lines for rows of the default rule: per case (true, closure, educed ...)."""
+    """The closing lines for rows of the default rule: per case (true, level check, educed ...)."""
     rows = [
-        TruthRow(case, 1e-3 * (1 + i), *DEFAULT, order, z, true, closure=gap, periods=periods)
+        TruthRow(case, 1e-3 * (1 + i), *DEFAULT, averaging, z, true, level_check=gap, periods=periods)
         for case, (true, gap, periods, *values) in cases.items()
         for i, z in enumerate(values)
-        for order in ORDERS
+        for averaging in AVERAGINGS
     ]
     return format_summary(rows)
 
 
 def test_closing_sentences_follow_from_the_rows():
-    """Which cases hold, how closure parts them, which say little, which are short."""
+    """Which cases hold, how the level check parts them, which say little, which are short."""
     text = closing(a=(1 + 0j, 0.1, 20, 1.05, 0.95), b=(1 + 0j, 2.0, 20, 1.5, 1.02),
                    c=(1 + 0j, -0.6, 3, 2.0))  # fmt: skip
-    first = ORDERS[0]
+    first = next(iter(AVERAGINGS))
     for words in (
         f"default, {first}: holds at every height in 1 of 3 cases (a); at the lowest height in 1",
-        f"closure, {first}: 0.10 to 2.00 dB in 3 planes where R is within, 0.60 to 2.00 dB in 2",
+        f"level check, {first}: 0.10 to 2.00 dB in 3 planes where R is within, 0.60 to 2.00 dB in 2",
         "every rule is within 10 % in a: these say little",
         "short records, in periods of the tone: c (3.0)",
         "one rule is best in all cases",
@@ -190,7 +190,7 @@ def test_closing_sentences_follow_from_the_rows():
         assert words in text, words
     assert "'given'" not in text
     other = closing(b=(1 + 0j, float("nan"), 20, 1.5, 1.4))
-    assert "closure" not in other
+    assert "level check" not in other
     assert "say little" not in other
     assert "short records" not in other
 
@@ -199,24 +199,24 @@ def test_true_wave_phase_by_hand(liner):
     """v_in = c (X - Y): with Z = 1 there is no reflection and x has the phase of v_in = -v."""
     t = torch.arange(480, dtype=torch.float64) / 42000.0
     plane = plane_of(-torch.cos(2 * torch.pi * 1400 * t + 0.8)[None], reference={"true": 1 + 0j})
-    found = tl.educe(plane, liner, edge="wrap")
+    found = tl.educe(plane, liner)
     assert true_wave_phase(plane, found) == pytest.approx(0.8, abs=1e-9)
 
 
 def test_truth_needs_a_truth(liner):
-    """A plane without a true impedance is refused."""
-    with pytest.raises(ValueError, match="states no true impedance"):
+    """A plane without a reference impedance is refused."""
+    with pytest.raises(ValueError, match="states no reference impedance"):
         truth_table([plane_of(turbulence((2, 480)))], lambda _: liner)
 
 
 def test_spectrum_of_every_plane(liner, tmp_path):
-    """All orders and the quartiles over frequency, drawn and as CSV; a pole of Z is cut off."""
+    """All averagings and the quartiles over frequency, drawn and as CSV; a pole of Z is cut off."""
     planes = [plane_of(turbulence((6, 400), seed=i), height=i * 1e-3) for i in (1, 2)]
-    results = tl.educe(planes, liner, [500.0, 1000.0, 1500.0, 2000.0])
+    results = [tl.educe(plane, liner, [500.0, 1000.0, 1500.0, 2000.0]) for plane in planes]
     numbers = impedance_over_frequency(results[0])
     assert numbers.at.tolist() == [500.0, 1000.0, 1500.0, 2000.0]
     assert np.array_equal(numbers.values["resistance"], results[0].answer.real.numpy())
-    assert {f"resistance, {order}" for order in ORDERS[:2]} < set(numbers.values)
+    assert {f"resistance, {name}" for name in ("admittance", "velocity")} < set(numbers.values)
     reactance = results[0].reactance.numpy()
     assert np.allclose(numbers.values["reactance, 25 % of probes"], np.percentile(reactance, 25, 0))
     numbers.write_csv(tmp_path / "s.csv")
@@ -226,8 +226,8 @@ def test_spectrum_of_every_plane(liner, tmp_path):
     figure = draw_spectrum(results, tmp_path / "s.png")
     assert "(kHz)" in labels(figure)
     shown = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"$y$ = 1 mm", "$y$ = 2 mm", "middle half of the probes", *ORDERS[:2]} <= shown
-    results[0].reflection[..., 3] = 1 - 1e-6
+    assert {"$y$ = 1 mm", "$y$ = 2 mm", "middle half of the probes", *AVERAGINGS} <= shown
+    results[0].probes["admittance"].reflection[..., 3] = 1 - 1e-6
     low, high = draw_spectrum(results).axes[0].get_ylim()
     assert high - low < 1e4
 
@@ -244,22 +244,22 @@ def test_a_figure_over_height_needs_heights(liner):
 def test_every_spectrum_has_its_bars(liner):
     """Bars of planes are drawn at frequencies in turn only where there are enough of them."""
     planes = [plane_of(turbulence((6, 400), seed=i), height=i * 1e-3) for i in (1, 2, 3)]
-    results = tl.educe(planes, liner, [1000.0, 2000.0])
+    results = [tl.educe(plane, liner, [1000.0, 2000.0]) for plane in planes]
     bars = [lines for lines in draw_spectrum(results).axes[0].collections
             if isinstance(lines, LineCollection)]  # fmt: skip
     assert [len(lines.get_segments()) for lines in bars] == [2, 2, 2]
 
 
-def test_closure_is_drawn_where_a_pressure_is_known(liner, tmp_path):
+def test_the_level_check_is_drawn_where_a_pressure_is_known(liner, tmp_path):
     """None of the other frequencies has a picture, and no height that is not stated is 0."""
     tone = torch.cos(2 * torch.pi * FREQUENCY * torch.arange(480) / RATE)
     plane = plane_of(tone.expand(3, -1) + 0.1 * turbulence((3, 480)), frequency=FREQUENCY,
                      incident_level=120.0, source_side="normal")  # fmt: skip
     found = tl.educe(plane, liner, [1000.0, FREQUENCY])
     draw_pictures([found], [plane], tmp_path)
-    assert sorted(path.name for path in tmp_path.glob("closure*")) == [
-        f"closure_{FREQUENCY:g}Hz.csv", f"closure_{FREQUENCY:g}Hz.png"]  # fmt: skip
-    (axis,) = draw_closure([found], None, 1).axes
+    assert sorted(path.name for path in tmp_path.glob("level_check*")) == [
+        f"level_check_{FREQUENCY:g}Hz.csv", f"level_check_{FREQUENCY:g}Hz.png"]  # fmt: skip
+    (axis,) = draw_level_check([found], None, 1).axes
     assert axis.get_xlabel() == "height not stated"
     assert len(axis.get_xticks()) == 0
 
@@ -270,7 +270,7 @@ def test_a_figure_shows_the_heights_of_one_case(liner, tmp_path):
               {"height": 3e-3, "provenance": {"case": "other"}}, {}]  # fmt: skip
     planes = [plane_of(turbulence((2, 480), seed=i), name=f"p{i}.h5", **about)
               for i, about in enumerate(stated)]  # fmt: skip
-    draw_pictures(tl.educe(planes, liner, FREQUENCY), planes, tmp_path)
+    draw_pictures([tl.educe(plane, liner, FREQUENCY) for plane in planes], planes, tmp_path)
     shown = {path.parent.name if path.parent != tmp_path else "": sorted(
         each.stem[-2:] for each in path.parent.glob("along_x_*.csv"))
         for path in tmp_path.rglob("along_x.png")}  # fmt: skip

@@ -5,24 +5,25 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from functools import cache
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import scipy.io
 import torch
-from conftest import DATA, turbulence
+from conftest import turbulence
 from hypothesis import given, settings
 from hypothesis import strategies as some
+from test_moments_file import same_bits
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, main
 from torchliner.io.vtkhdf_result import _grid
 from torchliner.names import RESULT_ENDINGS, RESULT_WRITERS
+from torchliner.records import Gap, LevelCheck
+from torchliner.records.averaged import Educed
 
 xarray = pytest.importorskip("xarray")
-OLD = Path(__file__).parent / "stored" / "map_1.h5"  # as written before there were groups
 RATE, TONES = 42e3, [1400.0, 1000.0]
 PLACES = {
     "plane": ((2, 3), {"x": [0.0, 0.01, 0.02], "z": [0.0, 0.01]}),
@@ -48,12 +49,11 @@ def made(place="plane", tones=tuple(TONES), **choices):
 
 def points():
     found = made()
-    known = (found.cell_x, found.cell_z)
+    known, each = (found.cell_x, found.cell_z), found.cells["admittance"].impedance
+    liner = found.liner["admittance"].impedance
     return tl.PointImpedances(
-        "in situ", found.frequency, *known, found.cell_impedance, found.cell_impedance,
-        found.liner_impedance, found.liner_impedance, torch.ones(found.cell_impedance.shape),
-        *known, found.cell_impedance,
-    )  # fmt: skip
+        "in situ", found.frequency, *known, each, each, liner, liner, torch.ones(each.shape), *known, each
+    )
 
 
 @cache
@@ -89,13 +89,13 @@ def test_xarray_shows_of_the_file_what_the_record_gives(kind, tmp_path):
             assert data.attrs.pop("Conventions", "CF-1.8") == "CF-1.8"
             xarray.testing.assert_identical(mine[list(data.data_vars)], data.load())
         both = [name for name, each in mine.items() if np.iscomplexobj(each)]
-        assert both or group == "closure"
+        assert both or group == "level_check"
         for name in both:
             two = f"{name}_real" in mine
             real = f"{name}_real" if two else name.replace("impedance", "resistance")
             np.testing.assert_array_equal(mine[name].real, mine[real])
         for name, each in mine.variables.items():
-            assert {"units", "long_name"} <= set(each.attrs) or name == "station_name", name
+            assert {"units", "long_name"} <= set(each.attrs) or name in ("station_name", "averaging"), name
 
 
 def test_places_are_attached_to_what_has_them():
@@ -121,9 +121,9 @@ def test_rows_of_probes_and_cells():
     one = rows[(rows["x (m)"] == 0.01) & (rows["z (m)"] == 0.01) & (rows["frequency (Hz)"] == 1000)]
     assert one["resistance (rho c)"].item() == float(result.resistance[1, 1, 1])
     cells = result.to_dataframe("cells")
-    wanted = result.of_cells("velocity first")
-    assert cells["reactance, velocity first"].tolist() == wanted.imag.reshape(-1).tolist()
-    assert (cells["resistance, velocity first, low"] <= cells["resistance, velocity first"]).all()
+    for name in result.averagings:
+        assert cells[f"reactance, {name}"].tolist() == result.cells[name].reactance.reshape(-1).tolist()
+        assert cells[f"resistance, {name}, low"].tolist() == result.cells[name].low.real.reshape(-1).tolist()
     assert set(points().to_dataframe("liners")["place"]) == {"liner"}
     assert len(line().to_dataframe()) == 2
     with pytest.raises(ValueError, match=r"no rows of 'probe'; there are those of probes, cells"):
@@ -147,27 +147,7 @@ def test_without_the_extra_it_is_named(method, monkeypatch):
         getattr(made(), method)()
 
 
-def test_files_of_the_first_layout_are_read(tmp_path):
-    """A stored one, all of whose variables stand in the file itself, to the bit."""
-    old = tl.read_map(OLD)
-    with h5py.File(OLD) as file:
-        assert file.attrs["schema"] == "torchliner map 1"
-        stored = file["answer_resistance"][()]
-        low = file["cell_coherent_first_resistance_low"][()]
-        reflection = file["reflection_real"][()]
-    np.testing.assert_allclose(old.answer.real, stored, rtol=1e-15)
-    np.testing.assert_array_equal(old.uncertainty.cells_coherent_first.low.real, low)
-    np.testing.assert_array_equal(old.reflection.real, reflection)
-    assert len(old.alongside) == 1
-    old.write(tmp_path / "new.h5")
-    new = tl.read_map(tmp_path / "new.h5")
-    assert new.reflection.tolist() == old.reflection.tolist()
-    assert new.uncertainty.settings == old.uncertainty.settings
-    assert new.choices == old.choices
-    assert (new.uncertainty.liner.low == old.uncertainty.liner.low).all()
-
-
-def test_closure_comes_back_from_its_group(tmp_path):
+def test_the_level_check_comes_back_from_its_group(tmp_path):
     """Of a level that is known, with all it rests on."""
     period = torch.arange(900, dtype=torch.float64) / RATE
     plane = tl.VelocityPlane(
@@ -177,26 +157,21 @@ def test_closure_comes_back_from_its_group(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = tl.educe(plane, tl.load_liner("polito"))
-    assert found.closure is not None
     found.write(tmp_path / "c.h5")
-    again = tl.read_map(tmp_path / "c.h5").closure
-    assert again.liner.level.tolist() == found.closure.liner.level.tolist()
-    assert again.known == found.closure.known
-    assert "order" in found.to_xarray("closure").closure_level.dims
+    assert same_bits(tl.read_map(tmp_path / "c.h5").level_check, found.level_check)
+    seen = found.to_xarray("level_check").level_gap.sel(averaging="velocity", frequency=1400)
+    assert float(seen) == float(found.level_check.liner.level[1, 0])
 
 
-def test_intervals_of_closure_of_any_width_come_back(tmp_path):
-    """Where there is no sound, beside the tone, nothing is known of V: it may be 1e5 dB off."""
-    plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
-    pressure = tl.read_pressure(DATA / "pressure_n130.h5")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = tl.educe(plane, tl.load_liner("lbm_slit"), 1000.0, pressure=pressure)
-    assert float(found.closure.liner.level_low.min()) < -1e5
-    found.write(tmp_path / "c.h5")
-    again = tl.read_map(tmp_path / "c.h5").closure.liner
-    for end in ("level_low", "level_high", "phase_low", "phase_high"):
-        assert torch.equal(getattr(again, end), getattr(found.closure.liner, end))
+def test_intervals_of_a_level_check_of_any_width_come_back(tmp_path):
+    """Where there is no sound nothing is known of V: it may be 1e5 dB off."""
+    found = made()
+    value, wide = (torch.tensor([each], dtype=torch.float64) for each in ([1.5, torch.nan], [-1e5, torch.inf]))
+    gap = Gap(value, wide, -wide, 2 * value, 2 * wide, -2 * wide)
+    of_cells = Gap(*(each[:, None].expand(-1, len(found.cell_x), -1) for each in vars(gap).values()))
+    check = LevelCheck(("velocity",), "velocity", "a level", "wall", 80 * value[0], 0.3, 0.0, 0.95, gap, of_cells)
+    dataclasses.replace(found, level_check=check).write(tmp_path / "c.h5")
+    assert same_bits(tl.read_map(tmp_path / "c.h5").level_check, check)
 
 
 # Files by ending.
@@ -301,11 +276,11 @@ def test_nastran_reads_its_table_in_the_order_of_frequency(tmp_path):
 
 def test_a_table_with_a_gap_is_refused(tmp_path):
     """A solver would draw its line over what is not known."""
-    reflection = made().reflection.clone()
-    reflection[..., 0] = torch.nan
-    broken = dataclasses.replace(made(order="probes first"), reflection=reflection)
+    reflection = made().liner["phase-locked"].reflection.clone()
+    reflection[0] = torch.nan
+    broken = dataclasses.replace(made(), liner={**made().liner, "phase-locked": Educed(reflection)})
     for ending in (".txt", ".dat"):
-        with pytest.raises(ValueError, match=r"Z of the whole liner is not finite at \[1400.0, 1000.0\]"):
+        with pytest.raises(ValueError, match=r"Z of the whole liner is not finite at \[1400.0\]"):
             broken.write(tmp_path / f"z{ending}")
 
 
@@ -323,11 +298,12 @@ def test_matlab_has_complex_arrays(tmp_path):
     result.write(tmp_path / "m.mat")
     found = scipy.io.loadmat(tmp_path / "m.mat", simplify_cells=True)["result"]
     np.testing.assert_array_equal(found["impedance"], result.impedance)
-    np.testing.assert_array_equal(found["amplitudes"]["reflection"], result.reflection)
-    low = result.uncertainty.liner_coherent_first.low
-    np.testing.assert_array_equal(found["intervals"]["liner_coherent_first_impedance_low"], low)
+    np.testing.assert_array_equal(found["amplitudes"]["reflection"], result.probes["admittance"].reflection)
+    low = [each.low.tolist() for each in result.liner.values()]
+    np.testing.assert_array_equal(found["intervals"]["liner_impedance_low"], low)
+    assert found["averaging"].tolist() == list(result.averagings)
     assert found["x"].tolist() == PLACES["plane"][1]["x"]
-    assert '"engine": "spectral"' in found["choices"]
+    assert '"averaging": "phase-locked"' in found["choices"]
 
 
 def test_a_line_without_an_average_has_no_answer():

@@ -16,7 +16,7 @@ from torchliner.ldv.line_average import (
     segment_admittances,
     station_interval,
 )
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 

@@ -206,9 +206,9 @@ def test_overlap_and_window_are_free(onera):
         ({"overlap": -0.1}, "overlap is -0.1"),
         ({"overlap": 0.9999}, r"s0: 0\.3999 s hold 8\.998e\+04 segments of 0\.04 s with an overlap "
                               r"of 0\.9999 \(limit: 5000\)\. Lower the overlap, or lengthen"),
-        ({"order": "coherent first", "oncoming_rms": 1.0}, "order is 'coherent first'; it is for "
+        ({"order": "phase-locked", "background_rms": 1.0}, "order is 'phase-locked'; it is for "
                                                            "planes.*leave order out"),
-        ({"oncoming_rms": 1.0}, "oncoming_rms is 1.0; it is for planes"),
+        ({"background_rms": 1.0}, "background_rms is 1.0; it is for planes"),
         ({"resample": "time-span"}, "resample is 'time-span'; it is for planes"),
         ({"missing": "exclude"}, "missing is 'exclude'; it is for planes"),
         ({"segment": 0.0}, r"segment \(s\) is 0; it must be finite and above 0"),

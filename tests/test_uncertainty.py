@@ -24,7 +24,7 @@ from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.tdibc import intervals
 from torchliner.tdibc.block_deviations import block_deviations
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
 
@@ -50,19 +50,19 @@ class Table:
 # Parts of the probes, several at once
 
 
-@pytest.mark.parametrize("order", ["probes first", "coherent first"])
+@pytest.mark.parametrize("order", ["admittance", "phase-locked"])
 def test_error_bars_know_no_parts_and_no_threads(monkeypatch, liner, order, set_threads):
     plane = plane_of(turbulence((23, SAMPLES)), x=[0.001 * i for i in range(23)])
-    whole = tl.educe(plane, liner, [FREQUENCY, 900.0], order=order).uncertainty
+    whole = tl.educe(plane, liner, [FREQUENCY, 900.0], averaging=order).uncertainty
     monkeypatch.setattr(intervals, "ELEMENTS", 7 * 20)
     found = []
     for threads in (3, 1):
         set_threads(threads)
-        found.append(tl.educe(plane, liner, [FREQUENCY, 900.0], order=order).uncertainty)
+        found.append(tl.educe(plane, liner, [FREQUENCY, 900.0], averaging=order).uncertainty)
         assert torch.get_num_threads() == threads
     for name in ("probes", "cells", "liner", "liner_coherent_first"):
         if getattr(whole, name) is None:
-            assert (name, order) == ("liner_coherent_first", "probes first")
+            assert (name, order) == ("liner_coherent_first", "admittance")
             continue
         for one, other in zip(vars(getattr(whole, name)).values(),
                               vars(getattr(found[0], name)).values(), strict=True):  # fmt: skip
@@ -155,7 +155,7 @@ def test_frozen_velocity_leaves_no_doubt(liner, phase):
     for name in ("probes", "cells", "cells_velocity_first", "liner", "liner_velocity_first"):
         interval = getattr(found.uncertainty, name)
         assert (interval.high - interval.low).abs().max() < 1e-9
-    assert (found.uncertainty.liner.low - found.liner_impedance).abs().max() < 1e-9
+    assert (found.liner["admittance"].interval.low - found.liner["admittance"].impedance).abs().max() < 1e-9
 
 
 @pytest.mark.parametrize("drive", ["instantaneous", "rms", "running-rms"])
@@ -163,10 +163,10 @@ def test_interval_holds_its_value(noisy, liner, drive):
     """The educed value lies within its own bounds, and the error is some fraction of the width."""
     found = tl.educe(noisy, liner, drive=drive)
     for value, interval in (
-        (found.impedance, found.uncertainty.probes),
-        (found.cell_impedance, found.uncertainty.cells),
-        (found.cell_impedance_velocity_first, found.uncertainty.cells_velocity_first),
-        (found.liner_impedance, found.uncertainty.liner),
+        (found.impedance, found.probes["admittance"].interval),
+        (found.cells["admittance"].impedance, found.cells["admittance"].interval),
+        (found.cells["velocity"].impedance, found.cells["velocity"].interval),
+        (found.liner["admittance"].impedance, found.liner["admittance"].interval),
     ):
         # At this rms the reactance of the liner has a minimum: first-order bounds miss it.
         for part in ("real",) if drive == "rms" else ("real", "imag"):
@@ -204,14 +204,14 @@ def test_mean_of_admittances_of_short_records_is_biased(liner):
     found = tl.educe(plane_of(records), liner, **choices)
     wanted = tl.educe(plane_of(records.reshape(1, -1)), liner, **choices)
     truth = complex(wanted.impedance[0, 0])
-    off = complex(found.liner_impedance[0]) - truth
-    interval = found.uncertainty.liner
+    off = complex(found.liner["admittance"].impedance[0]) - truth
+    interval = found.liner["admittance"].interval
     assert abs(complex(interval.bias[0]) - off) < 0.25 * abs(off)
     low, high, error = (complex(z[0]) for z in (interval.low, interval.high, interval.standard_error))
     assert low.real < truth.real < high.real
     assert low.imag < truth.imag < high.imag
     assert abs(off.imag) > 1.5 * error.imag
-    assert found.uncertainty.probes.bias.abs().max() == 0
+    assert found.probes["admittance"].interval.bias.abs().max() == 0
     assert any("off by about" in note for note in found.notes)
 
 
@@ -224,24 +224,24 @@ def test_averages_of_independent_probes_are_known_better(liner):
 
 def test_interval_does_not_hang_on_neighbours_or_memory(noisy, liner):
     """Alone, among others, in small slabs or by another engine: the same bounds."""
-    whole = tl.educe(noisy, liner, velocity_max=20.0).uncertainty.probes
+    whole = tl.educe(noisy, liner, velocity_max=20.0).probes["admittance"].interval
     single = dataclasses.replace(noisy, velocity=noisy.velocity[2:3], x=noisy.x[2:3])
-    alone = tl.educe(single, liner, velocity_max=20.0).uncertainty.probes
+    alone = tl.educe(single, liner, velocity_max=20.0).probes["admittance"].interval
     assert (alone.low[0] - whole.low[2]).abs().max() < 1e-12
-    small = tl.educe(noisy, liner, velocity_max=20.0, memory=(1 << 26) + 12000).uncertainty.probes
+    small = tl.educe(noisy, liner, velocity_max=20.0, memory=(1 << 26) + 12000).probes["admittance"].interval
     assert (small.high - whole.high).abs().max() < 1e-8  # of sums that end elsewhere
     for engine in ("unfold", "direct"):
-        other = tl.educe(noisy, liner, velocity_max=20.0, engine=engine).uncertainty.probes
+        other = tl.educe(noisy, liner, velocity_max=20.0, engine=engine).probes["admittance"].interval
         # Of a Hann window over the reflected signal, with the scatter of weight 1.
-        own = tl.educe(noisy, liner, velocity_max=20.0, window="hann").uncertainty.probes
+        own = tl.educe(noisy, liner, velocity_max=20.0, window="hann").probes["admittance"].interval
         assert (other.low - own.low).abs().max() < 2e-2
 
 
 def test_level(noisy, liner):
     """Nothing is drawn: the same bounds again; a higher level gives wider ones."""
-    first = tl.educe(noisy, liner).uncertainty.liner
-    again = tl.educe(noisy, liner).uncertainty.liner
-    wide = tl.educe(noisy, liner, interval=0.99).uncertainty.liner
+    first = tl.educe(noisy, liner).liner["admittance"].interval
+    again = tl.educe(noisy, liner).liner["admittance"].interval
+    wide = tl.educe(noisy, liner, interval=0.99).liner["admittance"].interval
     assert torch.equal(first.low, again.low)
     assert wide.low.real < first.low.real < first.high.real < wide.high.real
 
@@ -368,8 +368,8 @@ def test_excluded_probes_have_no_interval(noisy, liner):
     plane = dataclasses.replace(noisy, velocity=velocity)
     with pytest.warns(tl.DataWarning, match="excluded"):
         found = tl.educe(plane, liner, missing="exclude")
-    assert found.uncertainty.probes.low[1].isnan().all()
-    assert found.uncertainty.liner.low.real.isfinite().all()
+    assert found.probes["admittance"].interval.low[1].isnan().all()
+    assert found.liner["admittance"].interval.low.real.isfinite().all()
 
 
 @pytest.mark.filterwarnings("ignore:.*states no cell_pitch")
@@ -403,20 +403,20 @@ def test_too_short_for_a_block(liner):
     assert any("no error bars" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("order", ["probes first", "velocity first", "coherent first"])
+@pytest.mark.parametrize("order", ["admittance", "velocity", "phase-locked"])
 def test_less_than_a_period_has_no_blocks(liner, order, tmp_path):
     """The whole record then counts; moments and their file do without blocks, too."""
     v = turbulence((2, 20))
     plane = plane_of(v)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = tl.educe(plane, liner, allow_short=True, order=order)
-        known = tl.moments(plane, liner, allow_short=True, order=order)
+        found = tl.educe(plane, liner, allow_short=True, averaging=order)
+        known = tl.moments(plane, liner, allow_short=True, averaging=order)
         known.write(tmp_path / "m.h5")
-        again = tl.read_moments(tmp_path / "m.h5").educe(liner, allow_short=True, order=order)
+        again = tl.read_moments(tmp_path / "m.h5").educe(liner, allow_short=True, averaging=order)
     assert found.uncertainty is None
     assert torch.equal(found.answer, again.answer)
-    if order == "probes first":
+    if order == "admittance":
         z = liner.impedance(FREQUENCY, v.abs())
         wanted = ((z - 1) / (z + 1)).mean(1)
         assert float((found.reflection[:, 0] - wanted).abs().max()) < 1e-8
@@ -463,7 +463,7 @@ def test_csv_holds_the_bounds(tmp_path, noisy, liner):
     found = tl.educe(noisy, liner)
     found.write(tmp_path / "map.csv")
     rows = list(csv.DictReader((tmp_path / "map.csv").read_text().splitlines()))
-    bounds = found.uncertainty.probes
+    bounds = found.probes["admittance"].interval
     ends = zip(bounds.low[:, 0].tolist(), bounds.high[:, 0].tolist(), strict=True)
     for row, (low, high) in zip(rows, ends, strict=True):
         assert float(row["resistance low (rho c)"]) == pytest.approx(low.real, rel=1e-8)
@@ -490,9 +490,9 @@ def test_few_runs_are_told_of_where_they_bound_nothing(liner):
     """The record that needs the note most: the difference of infinite bounds is not nan."""
     velocity = turbulence((1, round(4 * RATE / FREQUENCY)), 20, 12.0)
     with pytest.warns(tl.DataWarning, match="rest on 2 independent blocks"):
-        found = tl.educe(plane_of(velocity), liner, order="probes first")
-    assert float(found.uncertainty.liner.high.real) == math.inf
-    assert found.uncertainty.liner.widths.tolist() == [[math.inf], [math.inf]]
+        found = tl.educe(plane_of(velocity), liner, averaging="admittance")
+    assert float(found.liner["admittance"].interval.high.real) == math.inf
+    assert found.liner["admittance"].interval.widths.tolist() == [[math.inf], [math.inf]]
 
 
 # Numbers of docs/uncertainty.md
@@ -507,7 +507,7 @@ def test_the_page_has_the_interval_that_misses():
     """Of ``o145`` at 2.5 mm, in the order that ``educe`` answers in."""
     stated = re.search(r"`o145` at 2\.5 mm has R between ([\d.]+) and ([\d.]+)", page())
     plane = tl.read_plane(DATA / "orifice_o145_y2.5mm.h5")
-    found = tl.educe(plane, tl.load_liner(plane.liner)).uncertainty.liner_coherent_first
+    found = tl.educe(plane, tl.load_liner(plane.liner)).liner["phase-locked"].interval
     ends = [float(found.low.real), float(found.high.real)]
     assert ends == pytest.approx([float(each) for each in stated.groups()], abs=6e-4)
 
@@ -534,6 +534,6 @@ def test_the_page_has_the_halves_that_differ():
 def test_fewest_independent_runs(liner, periods, fewest):
     """As the page has them, of a flow that drifts all along the record."""
     drift = torch.linspace(1, 4, round(periods * RATE / FREQUENCY), dtype=torch.float64)
-    found = tl.educe(plane_of(drift[None]), liner, order="probes first")
-    assert float(found.uncertainty.liner.runs) == fewest
+    found = tl.educe(plane_of(drift[None]), liner, averaging="admittance")
+    assert float(found.liner["admittance"].interval.runs) == fewest
     assert "(of 4 to 7 periods: half as many)" in page()

@@ -45,6 +45,7 @@ _HOMES = {
     "read_points": "torchliner.io.point_file",
     "educe": "torchliner.velocity.educe",
     "moments": "torchliner.velocity.educe",
+    "replay": "torchliner.velocity.replay",
     "GrowingMoments": "torchliner.velocity.growing",
     "Moments": "torchliner.engine.moments",
     "ir_tdibc": "torchliner.ir_tdibc_method.ir_tdibc",

@@ -2,15 +2,15 @@
 # fmt: off
 """Public names of torchliner; written by scripts/make_stub.py."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, TypedDict, Unpack
 
 import torch
 
 from torchliner.calibration.sensitivities import Sensitivities
 from torchliner.liners.model import Liner
-from torchliner.tdibc.prepared import Progress
+from torchliner.velocity.reading import Progress
 
 from torchliner.audits.audit import audit as audit
 from torchliner.audits.compare import compare as compare
@@ -25,6 +25,13 @@ from torchliner.duct.dispersion import wavenumber_from_impedance as wavenumber_f
 from torchliner.duct.growing_wave import growing_wave as growing_wave
 from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
+from torchliner.engine.incident import BandNoise as BandNoise
+from torchliner.engine.incident import Recorded as Recorded
+from torchliner.engine.incident import Sweep as Sweep
+from torchliner.engine.incident import Tones as Tones
+from torchliner.engine.kernels import build_kernels as build_kernels
+from torchliner.engine.levels import VelocityGrid as VelocityGrid
+from torchliner.engine.moments import Moments as Moments
 from torchliner.flow_profiles import TanhProfile as TanhProfile
 from torchliner.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.fluid import Fluid as Fluid
@@ -69,21 +76,14 @@ from torchliner.records import PressureRecord as PressureRecord
 from torchliner.records import ReferenceChannel as ReferenceChannel
 from torchliner.records import VelocityPlane as VelocityPlane
 from torchliner.records import WallEduction as WallEduction
-from torchliner.reduction.moments import Moments as Moments
-from torchliner.reduction.parts import MomentsPart as MomentsPart
-from torchliner.replay.kernels import build_kernels as build_kernels
-from torchliner.replay.levels import VelocityGrid as VelocityGrid
-from torchliner.replay.waves import BandNoise as BandNoise
-from torchliner.replay.waves import Recorded as Recorded
-from torchliner.replay.waves import Sweep as Sweep
-from torchliner.replay.waves import Tones as Tones
 from torchliner.report.figure import figure_style as figure_style
 from torchliner.signals.arrivals import onto_grid as onto_grid
 from torchliner.signals.attenuation import tone_attenuation as tone_attenuation
 from torchliner.signals.burst_moments import burst_moments as burst_moments
 from torchliner.signals.burst_validation import BurstFilters as BurstFilters
 from torchliner.signals.burst_validation import validate_bursts as validate_bursts
-from torchliner.tdibc.growing import GrowingMoments as GrowingMoments
+from torchliner.velocity.growing import GrowingMoments as GrowingMoments
+from torchliner.velocity.replay import replay as replay
 from torchliner.wall_field.fit_field import fit_field as fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
 from torchliner.wall_waves.sort_waves import sort_waves as sort_waves
@@ -93,44 +93,21 @@ from torchliner.version import __version__ as __version__
 __all__: list[str]
 
 class _Choices(TypedDict, total=False):
-    engine: str
+    averaging: str
     phase: str
-    edge: str
-    window: Any
     drive: str
-    mean: str
-    kernel: str
-    response: str | None
-    band: tuple[float, float] | None
-    levels: int
-    spacing: str
-    interpolation: str
-    velocity_max: float | None
-    pre_roll: float
     running_window: float | None
-    minimum_coherence: float
+    mean: str
+    interval: float | None
+    wall_filter: float | None
     missing: str
+    background_rms: float | None
+    minimum_coherence: float
+    level_limit: float
+    level_uncertainty: float
     allow_short: bool
     device: str | torch.device | None
     dtype: str | torch.dtype | None
-    memory: int | str | None
-    tolerance: float | None
-    rank_tolerance: float | None
-    incident: Any
-    segment: float | None
-    interval: float | None
-    resample: str
-    wall_filter: float | None
-    order: str
-    oncoming_rms: float | None
-    closure_limit: float
-    level_doubt: float
-
-@overload
-def educe(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, reflected: str | Path | None=None, pressure: Any=None, progress: Progress | None=None, client: Any=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
-
-@overload
-def educe(plane: Sequence[VelocityPlane | Moments], liner: Liner, frequency: Any=None, *, reference_phase: Any=None, reflected: str | Path | None=None, pressure: Any=None, progress: Progress | None=None, client: Any=None, **choices: Unpack[_Choices]) -> list[ImpedanceMap]: ...
-def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, **choices: Unpack[_Choices]) -> Moments: ...
-def moments_part(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, first_sample: int, of_samples: int | None=None, given: Moments | None=None, cell_pitch: float | None=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> MomentsPart: ...
+def educe(plane: Any, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
+def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, blocks: Iterable[int] | None=None, given: Moments | None=None, **choices: Unpack[_Choices]) -> Moments: ...
 def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, reference_phase: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...

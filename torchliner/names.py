@@ -19,6 +19,7 @@ STEP_KERNELS = ("least-squares", "causal", "periodic")  # of IR-TDIBC
 STEP_DRIVES = ("instantaneous", "running-rms")
 SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
+WINDOWS = ("hann", "boxcar")  # of a replay
 MISSING = ("refuse", "exclude")
 DTYPES = ("float32", "float64")
 AVERAGINGS = {  # over the probes of a cell: what is averaged

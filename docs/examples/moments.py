@@ -5,13 +5,9 @@ known: tl.Moments = tl.moments(plane, liner)  # one reading; then any frequency,
 known.write("moments.h5")
 print(tl.read_moments("moments.h5").educe(liner, [1000.0, 1400.0]).answer)
 
-steady = {"order": "probes first"}  # coherent first needs the whole record
-half = plane.samples // 2
-first: tl.MomentsPart = tl.moments_part(
-    tl.read_plane("data/slit_n130_y2.5mm.h5", stop=plane.start + half / plane.sampling_rate),
-    liner, first_sample=0, of_samples=plane.samples, **steady,
-)  # fmt: skip
-print(first)
-growing = tl.GrowingMoments(plane, liner, **steady)  # of a plane that is still being written
+blocks = known.survey.blocks.count  # parts that are read by themselves hold some of them
+parts = [tl.moments(plane, liner, averaging="velocity", blocks=range(i, blocks, 2)) for i in (0, 1)]
+print(tl.Moments.join(parts).educe(liner, averaging="velocity").answer)
+growing = tl.GrowingMoments(plane, liner)  # of a plane that is still being written
 growing.update(plane.velocity)
 print(growing.educe(liner).answer)

@@ -4,14 +4,14 @@ import torchliner as tl
 
 plane: tl.VelocityPlane = tl.read_plane("data/slit_n130_y2.5mm.h5")  # m/s, away from the liner
 found: tl.ImpedanceMap = tl.educe(plane, tl.load_liner("lbm_slit"))
-print(found.answer, found.bounds_of_liner(found.order), plane.reference["true"])
+best = found.liner["phase-locked"]
+print(best.impedance, best.low, best.high, plane.reference["true"])
 found.write("map.h5")
 slit: tl.Holes = tl.read_holes("data/holes_slit_n.csv")  # drawn where they are stated
 tl.read_plane("data/slit_n130_y2.5mm.h5", holes=slit).plot("velocity.png")
 assert torch.equal(tl.read_map("map.h5").answer, found.answer)
 
-grid = tl.VelocityGrid(5.0, levels=100)  # |v| of the kernels' tables, for engines that use them
-print(grid.speeds[:3])
+print(tl.VelocityGrid(5.0, levels=100).speeds[:3])  # |v| of the tables of kernels
 arrivals = torch.rand(3000, dtype=torch.float64).sort().values  # s; random samples to a grid
 signal = tl.onto_grid(arrivals, torch.sin(300 * arrivals), rate=10e3)
 print(signal.values.shape, signal.mean_rate)

@@ -11,9 +11,9 @@ for wave in (
     tl.Recorded(np.random.default_rng(0).normal(size=plane.samples), plane.sampling_rate),
 ):
     print(wave.label, wave.band)
-found = tl.educe(plane, liner, frequency, incident=tl.Sweep(300, 3400), reflected="y.h5")
-print(found.of_liner("probes first"))
+found = tl.replay(plane, liner, tl.Sweep(300, 3400), frequency, reflected="y.h5")
+print(found.answer)
 np.save("signal.npy", np.sin(np.arange(4800.0)))
 print(tl.read_signal("signal.npy", sampling_rate=48e3).label)
-kernels = tl.build_kernels(liner, tl.VelocityGrid(5.0, levels=20), 50e3)
+kernels = tl.build_kernels(liner, 50e3, velocity_max=5.0, levels=20)
 print(kernels.taps.shape, kernels.error, kernels.gain)

@@ -23,7 +23,7 @@ plane = tl.read_plane("../../data/orifice_o145_y0.5mm.h5")
 for row in tl.compare_models(plane, models, interval=None).rows:
     plt.plot(row.impedance.real, row.impedance.imag, "o", label=row.model)
 true = plane.reference["true"]
-plt.plot(true.real, true.imag, "k*", markersize=12, label="true")
+plt.plot(true.real, true.imag, "k*", markersize=12, label="reference")
 plt.xlabel("$R$")
 plt.ylabel("$X$")
 plt.legend()

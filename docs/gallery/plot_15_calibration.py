@@ -2,7 +2,7 @@
 One parameter fitted without flow
 =================================
 
-The vena contracta of the resolved orifice, fitted at 130 dB, and what it then predicts at 145 dB.
+The contraction coefficient of the resolved orifice, fitted at 130 dB, and what it then predicts at 145 dB.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ fitted = tl.calibrate(planes[0], preset, "true", {"vena_contracta": (0.3, 1.0)},
 for liner, marker, about in ((preset, "o", "preset"), (fitted.liners[0], "s", "fitted at 130 dB")):
     z = [complex(tl.educe(plane, liner, interval=None).answer[0]) for plane in planes]
     plt.plot([130, 145], [value.real for value in z], marker, label=about)
-plt.plot([130, 145], [plane.reference["true"].real for plane in planes], "k*", label="true")
+plt.plot([130, 145], [plane.reference["true"].real for plane in planes], "k*", label="reference")
 plt.xlabel("incident level (dB re 20 µPa)")
 plt.ylabel("$R$")
 plt.legend()

@@ -22,7 +22,7 @@ for column, case, head in zip(rows.T, cases, heads, strict=True):
         plane = tl.read_plane(path)
         y = round(1e3 * plane.height, 1)
         found = tl.educe(plane, tl.load_liner(plane.liner), interval=None)
-        z = 1 / found.admittance[..., 0].reshape(-1, len(plane.x)).mean(0)  # over z
+        z = 1 / found.probes["admittance"].admittance[..., 0].reshape(-1, len(plane.x)).mean(0)  # over z
         for axis, part in zip(column, (z.real, z.imag), strict=True):
             axis.plot(plane.x * 1e3, part, f"C{heights.index(y)}", label=f"$y$ = {y:g} mm")
     cells = tl.in_situ(tl.read_pressure(data / f"pressure_{case.split('_', 1)[1]}.h5"))

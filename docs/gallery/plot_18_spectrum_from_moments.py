@@ -13,7 +13,7 @@ import torchliner as tl
 plane = tl.read_plane("../../data/slit_n130_y2.5mm.h5")
 liner, frequency = tl.load_liner("lbm_slit"), list(range(500, 3001, 50))
 known = tl.moments(plane, liner)
-z = known.educe(liner, frequency, interval=None).of_liner("velocity first")
+z = known.educe(liner, frequency, interval=None).liner["velocity"].impedance
 kilohertz = [f / 1e3 for f in frequency]
 plt.plot(kilohertz, z.real, label="$R$")
 plt.plot(kilohertz, z.imag, "--", label="$X$")

@@ -27,7 +27,7 @@ for side, marker in (("upstream", ">"), ("downstream", "<")):
         ("C2", "whole field", tl.fit_field(line, solver).impedance),
     ):
         plt.plot(z.real.flatten(), z.imag.flatten(), colour + marker, label=f"{name}, {side}")
-plt.plot(true.real, true.imag, "k*", markersize=12, label="true")
+plt.plot(true.real, true.imag, "k*", markersize=12, label="reference")
 plt.xlabel("$R$")
 plt.ylabel("$X$")
 plt.legend()

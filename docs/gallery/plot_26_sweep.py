@@ -13,10 +13,10 @@ import torchliner as tl
 plane = tl.read_plane("../../data/slit_g01_145_y2.5mm.h5", every=8)
 liner = tl.load_liner("lbm_slit")
 frequency = [n / plane.duration for n in range(6, 31, 2)]  # lines of the record
-swept = tl.educe(plane, liner, frequency, incident=tl.Sweep(300, 3400))
+swept = tl.replay(plane, liner, tl.Sweep(300, 3400), frequency)
 mean = tl.educe(plane, liner, frequency, interval=None)
 for found, style, about in ((swept, "o", "sweep"), (mean, "-", "mean response")):
-    resistance = found.of_liner("probes first").real
+    resistance = found.liner["admittance"].resistance
     plt.plot(found.frequency / 1e3, resistance, "C0" + style, label=about)
 plt.xlabel("$f$ (kHz)")
 plt.ylabel("$R$")

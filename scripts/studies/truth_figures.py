@@ -12,9 +12,9 @@ import numpy as np
 
 from studies.limits import reach
 from studies.truth_reasons import FASTEST, ReasonRow
-from torchliner.audits.truth_rows import DEFAULT, DRIVES, PHASES, TruthRow
+from torchliner.audits.truth_rows import DEFAULT, DRIVES, TruthRow
 from torchliner.liners.sdof import SDoFLiner
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS, PHASES
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -36,19 +36,19 @@ MARKED_SPEEDS = (0.3, 1.0, 3.0)  # m/s, on the model's curve
 
 @styled
 def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) -> Figure:
-    """dR and dX of every rule: a line per case and order, drives beside it; the median over the
+    """dR and dX of every rule: a line per case and averaging, drives beside it; the median over the
     heights, and their range.
 
     A bar is the statistical interval of the default rule at a height.
     """
     cases = list(dict.fromkeys(row.case for row in rows))
-    places = [(case, order) for case in cases for order in ORDERS]
+    places = [(case, averaging) for case in cases for averaging in AVERAGINGS]
     figure, axes = subplots(1, 2, 1.6 + 0.3 * len(places))
     for axis, part in zip(axes[0], ("real", "imag"), strict=True):
         heights = defaultdict(list)
         for row in rows:
             i = DRIVES.index((row.drive, row.mean))
-            y = places.index((row.case, row.order)) + 0.19 * (i - 1.5)
+            y = places.index((row.case, row.averaging)) + 0.19 * (i - 1.5)
             heights[y, i, row.phase].append(getattr(row.miss, part))
             if row.rule == DEFAULT:
                 low, high = (getattr(end - row.true, part) for end in (row.low, row.high))
@@ -57,31 +57,31 @@ def draw_truth_errors(rows: Sequence[TruthRow], path: str | Path | None = None) 
         for (y, i, phase), values in heights.items():
             axis.plot([min(values), max(values)], [y, y], color=COLOURS[i], linewidth=0.7, zorder=3)
             axis.plot(
-                np.median(values), y, MARKERS[PHASES.index(phase)], color=COLOURS[i],
+                np.median(values), y, MARKERS[list(PHASES).index(phase)], color=COLOURS[i],
                 markerfacecolor="white", markersize=3.4, markeredgewidth=0.7, zorder=4,
             )  # fmt: skip
         _dress_errors(axis, part, places)
-    axes[0, 0].set_yticks(range(len(places)), [f"{case}, {order}" for case, order in places])
+    axes[0, 0].set_yticks(range(len(places)), [f"{case}, {averaging}" for case, averaging in places])
     axes[0, 1].set_yticks([])
     for i, each in enumerate(DRIVES):
         axes[0, 0].plot([], [], "-", color=COLOURS[i], linewidth=2, label=drive_label(*each))
     for marker, phase in zip(MARKERS, PHASES, strict=False):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor="none", label=f"phase {phase}")
     axes[0, 0].plot([], [], color="0.6", linewidth=4, label="95 % interval of the default rule")
-    return finish(figure, path, "educed less true, all drives, phases, orders and heights, 1400 Hz", legend=3)
+    return finish(figure, path, "educed less reference, all drives, phases, averagings and heights, 1400 Hz", legend=3)
 
 
 def _dress_errors(axis: Any, part: str, places: Sequence[tuple[str, str]]) -> None:
     axis.axvline(0, color="k", linewidth=0.8, zorder=1)
-    for i in range(0, len(places), 2 * len(ORDERS)):  # every second case
-        axis.axhspan(i - 0.5, i + len(ORDERS) - 0.5, color="0.95", zorder=0)
+    for i in range(0, len(places), 2 * len(AVERAGINGS)):  # every second case
+        axis.axhspan(i - 0.5, i + len(AVERAGINGS) - 0.5, color="0.95", zorder=0)
     axis.set_xscale("symlog", linthresh=LINEAR, linscale=0.6)
     axis.set_xticks([*TICKS, 0], [*(typeset(f"{tick:g}") for tick in TICKS), "0"])
     axis.set_xlim(*((-3, 15) if part == "real" else (-0.5, 0.7)))
     axis.set_ylim(len(places) - 0.5, -0.5)
     axis.tick_params(axis="y", length=0)
     name = "R" if part == "real" else "X"
-    axis.set_xlabel(rf"$\Delta {name} = {name} - {name}_\mathrm{{true}}$ ($\rho c$)")
+    axis.set_xlabel(rf"$\Delta {name} = {name} - {name}_\mathrm{{ref}}$ ($\rho c$)")
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class ReachPanel:
 
 @styled
 def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> Figure:
-    """Complex plane: Z(|v|) of the model, all that a |v(t)| can give, truths, replayed holes."""
+    """Complex plane: Z(|v|) of the model, all that a |v(t)| can give, references, replayed holes."""
     figure, axes = subplots(1, len(panels), 3.9)
     for axis, panel in zip(axes[0], panels, strict=True):
         found = reach(panel.liner, panel.frequency, FASTEST)
@@ -116,7 +116,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
         head_panel(axis, panel.title)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
-    for marker, label in (("*", "true"), ("o", "replayed from the holes' own velocity, default"),
+    for marker, label in (("*", "reference"), ("o", "replayed from the holes' own velocity, default"),
                           ("s", "from its rms")):  # fmt: skip
         axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor=
                         "0.3" if marker == "*" else "white", label=label)  # fmt: skip

@@ -15,7 +15,7 @@ from studies.limits import reach, speed_that_gives
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import PressureRecord, VelocityPlane
 from torchliner.records.cells import sort_into_cells
-from torchliner.tdibc.educe import educe
+from torchliner.velocity.educe import educe
 
 FASTEST = 100.0  # m/s, for the sets that a model can reach; o145 and the g cases stay below
 
@@ -135,7 +135,7 @@ def reason_row(record: PressureRecord, liner: SDoFLiner, case: str) -> ReasonRow
 
     def educed(**choices: Any) -> complex:
         found = educe(holes, liner, interval=None, **choices)
-        return complex(found.liner_impedance[0])
+        return complex(found.liner["admittance"].impedance[0])
 
     law = liner.speed_law(torch.tensor([frequency], dtype=torch.float64))
     return ReasonRow(
@@ -165,7 +165,7 @@ def _that_gives(
     def solved(drive: str) -> float | None:
         def excess(value: float) -> float:
             found = educe(holes, liner.replace(**{name: value}), interval=None, drive=drive)
-            return float(found.liner_impedance[0].real) - resistance
+            return float(found.liner["admittance"].impedance[0].real) - resistance
 
         if excess(low) * excess(high) > 0:
             return None

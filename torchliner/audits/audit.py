@@ -1,9 +1,8 @@
 """How far each choice that the paper leaves open moves the answer, beside its statistical interval.
 
-One ``prepare`` serves the phase rule, the kernel, the liner's readings, the window, both halves of
-the record and half the sampling rate: they are read off its moments (``variants``). Another |v|
-needs one more reading: mean removed, running rms; the drive ``rms`` needs none, its |v| is known
-from the survey. Averaging lengths share one reading; a plane at another height is prepared anew.
+One set of moments serves the phase rule, the kernel, the liner's readings, both halves of the record and half the
+sampling rate (``variants``). All other |v|, drives, means and averaging lengths, share one more reading. A plane at
+another height is read for itself.
 """
 
 from __future__ import annotations
@@ -17,83 +16,77 @@ import torch
 
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.audits.rows import Audit, AuditRow
-from torchliner.audits.variants import (
-    CannotApply,
-    Variants,
-    further_lines,
-    other_liners,
-    with_drive,
-)
-from torchliner.checks import require_choice, require_positive, tell
-from torchliner.liners.model import Liner, as_liner
-from torchliner.names import DRIVES, MEANS, ORDERS, PHASE_RULES
-from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.boxes import averaged_planes, grid_of, windows_of
+from torchliner.audits.variants import CannotApply, of_liner, other_liners, variants
+from torchliner.checks import require_choice, require_positive, stated_frequency, tell
+from torchliner.conversions import impedance_from_admittance
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import choose_nodes
+from torchliner.engine.phase import PHASE_RULES
+from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.names import AVERAGINGS, DRIVES, MEANS
+from torchliner.records import VelocityPlane
+from torchliner.records.boxes import grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.reduction.basis import choose_basis
-from torchliner.reduction.moments import Moments
-from torchliner.reduction.plan import index_of
-from torchliner.replay.phase_rule import phase_rule
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.closure import closure_ratio
-from torchliner.tdibc.educe import replay
-from torchliner.tdibc.known_pressure import known_pressure
-from torchliner.tdibc.prepare import ask, prepare
-from torchliner.tdibc.prepared import Prepared
-from torchliner.tdibc.replayed import Replayed
-from torchliner.tdibc.review_kernels import frequencies_read
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import answer, require_fitting, with_window
+from torchliner.velocity.further import Further, Source, average_of
+from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.level_check import cell_velocity, implied_pressure
+from torchliner.velocity.review import review_liner, review_record
 
 PHASES = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5, 1.0)  # of a cell
-AUDITED = ("phase", "engine", "incident", "segment", "response")
+AUDITED = ("phase",)
 
 
 def audit(
-    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments], liner: Liner,
-    frequency: float | None = None, *, order: str = ORDERS[2],
-    progress: Callable[[int], None] | None = None, **choices: Any,
-) -> Audit:  # fmt: skip
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
+    liner: Liner,
+    frequency: float | None = None,
+    *,
+    averaging: str = "phase-locked",
+    progress: Callable[[int], object] | None = None,
+    **choices: Any,
+) -> Audit:
     """Vary every open choice by itself and see what it does to the impedance of the whole liner.
 
     Args:
-        planes: the plane, or several of one case, of which the first is audited and the others
-            are its other heights. What ``Moments`` do not hold is left out, with the reason.
-        liner: as for ``educe``.  frequency: Hz, one; default the plane's own tone.
-        order: of averaging, one of ``names.ORDERS``.  progress: called with samples read.
-        choices: of the base, see ``torchliner.tdibc.choices.Choices``; the phase rule is
-            ``averaged`` and the engine ``spectral``.
+        planes: the plane, or several of one case, of which the first is audited and the others are its other heights.
+            What ``Moments`` do not hold is left out, with the reason.
+        liner: as for ``educe``.
+        frequency: Hz, one; default the plane's own tone.
+        averaging: one of ``names.AVERAGINGS``.
+        progress: called with numbers of samples read.
+        choices: of the base, see ``torchliner.velocity.choices.Choices``; its phase rule is ``averaged``.
     Raises:
         ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
     """
-    several = [planes] if isinstance(planes, (VelocityPlane, Moments)) else list(planes)
+    several = [planes] if isinstance(planes, VelocityPlane | Moments) else list(planes)
     for plane in several:
-        if not isinstance(plane, (VelocityPlane, Moments)):
+        if not isinstance(plane, VelocityPlane | Moments):
             raise TypeError(f"planes holds {type(plane).__name__}; VelocityPlane is needed")
     if len(several) > 1:
         planes_by_height([_plane_of(each) for each in several])
-    require_choice("order of averaging", order, ORDERS)
+    require_choice("averaging", averaging, AVERAGINGS)
     for name in AUDITED:
         if choices.get(name) is not None:
             raise ValueError(
-                f"{name} cannot be chosen for an audit: its base is the phase averaged by the "
-                "engine 'spectral', and the other rules are among what it varies"
+                f"{name} cannot be chosen for an audit: its base is the phase averaged, and the other rules are among "
+                "what it varies"
             )
     window = choices.get("running_window")  # of a variant, if not of the base
     if window is not None:
         require_positive("running_window", window)
     if choices.get("drive") != "running-rms":
         choices = {name: value for name, value in choices.items() if name != "running_window"}
-    work = _Work(several, liner, frequency, Choices(**choices), order, window, progress)
+    work = _Work(several, liner, frequency, Choices(**choices), averaging, window, progress)
     work.moments()
-    for factor, vary in (
-        ("phase rule", work.phases), ("drive, mean velocity", work.drives),
-        ("averaging length", work.lengths), ("height", work.heights),
-    ):  # fmt: skip
+    for factor, vary in (("phase rule", work.phases), ("drive, mean velocity", work.further), ("height", work.heights)):
         try:
             vary()
         except CannotApply as reason:
             work.skipped[factor] = str(reason)
-    tell(work.found.notes)
+    tell([note.text for note in work.found.notes])
     return work.result()
 
 
@@ -101,177 +94,215 @@ class _Work:
     """The audit as it grows."""
 
     def __init__(
-        self, planes: Sequence[VelocityPlane | Moments], liner: Liner, frequency: float | None,
-        chosen: Choices, order: str, running_window: float | None,
-        progress: Callable[[int], None] | None,
-    ) -> None:  # fmt: skip
-        self.model, self.running_window = as_liner(liner), running_window
+        self,
+        planes: Sequence[VelocityPlane | Moments],
+        liner: Liner,
+        frequency: float | None,
+        chosen: Choices,
+        averaging: str,
+        running_window: float | None,
+        progress: Callable[[int], object] | None,
+    ) -> None:
+        self.model, self.averaging, self.running_window = as_liner(liner), averaging, running_window
+        self.plane, self.others, self.progress = _plane_of(planes[0]), planes[1:], progress
+        self.frequency = stated_frequency(frequency, self.plane.frequency, self.plane.name, self.plane.sampling_rate)
+        if len(self.frequency) != 1:
+            raise ValueError(f"an audit has one frequency; {len(self.frequency)} are given")
         self.liners, self.skipped = other_liners(self.model)
-        self.order, self.progress, self.others = order, progress, planes[1:]
-        asked = ask(planes[0], self.model, frequency, chosen)
-        if len(asked.frequency) != 1:
-            raise ValueError(f"an audit has one frequency; {len(asked.frequency)} are given")
-        self.basis = choose_basis(
-            [self.model, *(liner for _, _, liner in self.liners)],
-            frequencies_read(asked.record, asked.frequency, chosen),
-            chosen.model_tolerance(_plane_of(planes[0]).velocity.dtype),
-        )
-        twice, known = 2 * float(asked.frequency[0]), asked.known
-        has_phases = known is None or index_of(known.sums.plan.lines, twice) is not None
-        (self.ready,) = prepare(
-            planes[:1], self.model, asked.frequency, chosen, progress, every_rule=has_phases,
-            basis=self.basis, further_lines=tuple(further_lines(asked.record, chosen)),
-        )  # fmt: skip
+        self.chosen = with_window(chosen, self.frequency)
+        if isinstance(planes[0], Moments):
+            made = planes[0].settings["averaging"]
+            self.chosen = dataclasses.replace(self.chosen, averaging=made)
+            require_choice(f"averaging of moments reduced with {made!r}:", averaging, self.chosen.averagings)
+        self.quiet = dataclasses.replace(self.chosen, interval=None)
         self.rows: list[AuditRow] = []
         self.readings = 0
+        self.known, self.source = self._moments_of(planes[0])
+
+    def _moments_of(self, record: VelocityPlane | Moments) -> tuple[Moments, Source | None]:
+        if isinstance(record, Moments):
+            require_fitting(record, self.chosen, self.model, self.frequency)
+            return record, None
+        tolerance = self.chosen.tolerance(record.velocity.dtype)
+        nodes = choose_nodes([self.model, *(liner for _, _, liner in self.liners)], self.frequency, tolerance)
+        turns = [2 * float(self.frequency[0]), record.sampling_rate / 2] if record is self.plane else []
+        source = Source(
+            record, self.model, self.frequency, nodes, self.chosen, more_turns=turns, progress=self.progress
+        )
+        self.readings += source.readings
+        return source.known, source
 
     def moments(self) -> None:
-        """Base and all variants that share its |v|: no reading."""
-        ready = self.ready
-        self.replayed = replay(ready)
-        self.found = self.replayed.map("averaged")
-        self.base = self._value(self.found)
+        """Base and all variants of its |v|."""
+        notes = [*self.known.notes, *review_liner(self.plane, self.model)]
+        if self.source is None:
+            notes += review_record(self.plane, self.frequency, self.chosen)
+        with torch.no_grad():
+            self.found = answer(
+                self.known, self.model, self.frequency, self.chosen, None, None, list(dict.fromkeys(notes))
+            )
+        self.base = complex(self.found.liner[self.averaging].impedance[0])
         if not math.isfinite(abs(self.base)):
             raise ValueError(
-                f"{ready.plane.name}: the base has no admittance, since every probe counts as "
-                "wall; lower or leave out wall_filter"
+                f"{self.plane.name}: the base has no admittance, since every probe counts as wall; lower or leave out "
+                "wall_filter"
             )
-        variants, skipped = Variants(ready, self.liners).all()
+        found, skipped = variants(self.known, self.model, self.liners, float(self.frequency[0]))
         self.skipped |= skipped
-        for factor, name, other in variants:
-            self._add(factor, name, self._averaged(other))
-        for order in self.found.orders:
-            if order != self.order:
-                self._add("averaging order", order, complex(self.found.of_liner(order)[0]))
+        for factor, name, known, liner in found:
+            self._add(factor, name, self._value(known, self.quiet, liner))
+        for averaging in self.found.averagings:
+            if averaging != self.averaging:
+                self._add("averaging", averaging, complex(self.found.liner[averaging].impedance[0]))
+        for which, chosen in self._drives().items():
+            if chosen.drive == "rms":
+                self._add(*which, self._value(self.known, chosen))
 
-    def _averaged(self, ready: Prepared) -> complex:
-        """Without error bars."""
-        return self._value(replay(dataclasses.replace(ready, blocks=None)).map("averaged"))
+    def _value(
+        self, known: Moments, chosen: Choices, liner: LinerModel | None = None, psi: float | None = None
+    ) -> complex:
+        """Z of the whole liner."""
+        found = average_of(known, liner or self.model, self.frequency, chosen, self.averaging, psi)
+        return complex(found.liner.impedance[0])
 
-    def _value(self, found: ImpedanceMap) -> complex:
-        return complex(found.of_liner(self.order)[0])
-
-    def _add(self, factor: str, variant: str, impedance: complex, ready: Prepared | None = None) -> None:
-        off = self._closure(impedance, ready or self.ready)
+    def _add(self, factor: str, variant: str, impedance: complex, known: Moments | None = None) -> None:
+        off = self._level_check(impedance, known or self.known)
         self.rows.append(AuditRow(factor, variant, impedance, impedance - self.base, off))
 
-    def _closure(self, impedance: complex, ready: Prepared) -> float | None:
+    def _level_check(self, impedance: complex, known: Moments) -> float | None:
         """dB, with the velocity of a plane; None where no pressure is known."""
-        known = known_pressure(ready)
-        if isinstance(known, str):
+        case = Case(known.plane, self.frequency, known.cells, known.cell_pitch, known.survey.blocks)
+        pressure = known_pressure(case)
+        if isinstance(pressure, str):
             return None
-        z = torch.tensor([impedance], dtype=torch.complex128)
-        return float(20 * torch.log10(closure_ratio(ready, known)(z).abs()))
+        z = torch.tensor([[impedance]], dtype=torch.complex128)
+        implied = implied_pressure(case, pressure, z, cell_velocity(known, case, pressure)[0, :1])
+        return float(20 * torch.log10((implied / pressure.liner).abs()))
 
     def phases(self) -> None:
-        """The other phase rules; a stated phase wherever it may lie: no pass."""
-        if self.replayed.sums.backward is None:
+        """The other phase rules; a stated phase wherever it may lie."""
+        twice = 2 * float(self.frequency[0])
+        if self.chosen.drive != "rms" and not bool((self.known.turns == twice).any()):
             raise CannotApply(
-                "the moments were reduced without the rows of phase rules; reduce the plane again "
-                "with phase='self-consistent'"
+                "the moments were reduced without the rows of phase rules; reduce the plane again with "
+                "phase='self-consistent'"
             )
-        quiet = Replayed(dataclasses.replace(self.replayed.prepared, blocks=None), self.replayed.sums)
+        known = of_liner(self.known, self.model, self.frequency)
         for name in PHASE_RULES:
-            if phase_rule(name).takes_phase:
-                self._stated_phases(quiet, name)
-            elif name != self.ready.chosen.phase and not phase_rule(name).several_tones:
-                self._other_rule(quiet, name)
+            chosen = dataclasses.replace(self.quiet, phase=name)
+            if name == "given":
+                self._stated_phases(known, chosen)
+            elif name != self.chosen.phase:
+                self._other_rule(known, chosen)
 
-    def _other_rule(self, quiet: Replayed, name: str) -> None:
-        own = quiet.map(name)
-        if bool(own.phase_rule.any()):
-            share = 100 * float(own.phase_rule.to(torch.float64).mean())
-            self._add("phase rule", f"{name} ({share:.3g} % of probes)", self._value(own))
+    def _other_rule(self, known: Moments, chosen: Choices) -> None:
+        held = self.known.survey.coherence(self.frequency)[self.known.counted] >= chosen.minimum_coherence
+        if bool(held.any()):
+            share = 100 * float(held.double().mean())
+            self._add("phase rule", f"{chosen.phase} ({share:.3g} % of probes)", self._value(known, chosen))
             return
-        self.skipped[f"phase rule, {name}"] = (
-            f"no probe is coherent with {float(self.ready.frequency[0]):g} Hz by "
-            f"{self.ready.chosen.minimum_coherence:g}"
+        self.skipped[f"phase rule, {chosen.phase}"] = (
+            f"no probe is coherent with {float(self.frequency[0]):g} Hz by {chosen.minimum_coherence:g}"
         )
 
-    def _stated_phases(self, quiet: Replayed, name: str) -> None:
+    def _stated_phases(self, known: Moments, chosen: Choices) -> None:
         steps = [math.pi * step / PHASES for step in range(PHASES)]
-        found = {psi: self._value(quiet.map(name, psi)) for psi in steps}
+        found = {psi: self._value(known, chosen, psi=psi) for psi in steps}
         for part, letter in (("real", "R"), ("imag", "X")):
             for word, pick in (("smallest", min), ("largest", max)):
                 psi = pick(found, key=lambda each: getattr(found[each], part))
-                variant = f"{name}, psi = {psi:.2f} rad ({word} {letter})"
+                variant = f"{chosen.phase}, psi = {psi:.2f} rad ({word} {letter})"
                 self._add("phase rule", variant, found[psi])
 
-    def drives(self) -> None:
-        """Another |v|: a reading each, none for the rms of the whole record."""
-        self._require_samples()
-        chosen, ready = self.ready.chosen, self.ready
-        others = [(drive, chosen.mean) for drive in DRIVES if drive != chosen.drive]
-        others += [(chosen.drive, mean) for mean in MEANS if mean != chosen.mean]
-        for drive, mean in others:
-            quiet = dataclasses.replace(ready, blocks=None)
-            other = with_drive(quiet, drive, mean, running_window=self.running_window, progress=self.progress)
-            value = self._averaged(other)
-            factor, name = ("mean velocity", mean) if drive == chosen.drive else ("drive", drive)
-            self._add(factor, name, value)
+    def further(self) -> None:
+        """Another |v|, and v over shares of a cell: one reading for all."""
+        if self.source is None:
+            reason = "the time samples are gone: the plane was reduced to moments"
+            self.skipped["averaging length"] = reason
+            raise CannotApply(reason)
+        drives = {name: Further(chosen) for name, chosen in self._drives().items() if chosen.drive != "rms"}
+        wanted = drives | self._lengths()
+        before = self.source.readings
+        for (name, each), known in zip(wanted.items(), self.source.others([*wanted.values()]), strict=True):
+            if each.windows is None:
+                self._add(*name, self._value(known, each.chosen))
+            else:
+                windows = average_of(known, self.model, self.frequency, each.chosen, "velocity").cells
+                admittance = windows.admittance[torch.isfinite(windows.reflection.real)]
+                self._add(*name, complex(impedance_from_admittance(admittance.mean())))
+        self.readings += self.source.readings - before
 
-    def lengths(self) -> None:
-        """Velocity averaged over shares of a cell before it is replayed: one reading in all."""
-        self._require_samples()
-        ready, plane = self.ready, self.ready.plane
-        pitch = ready.liner.cell_pitch
-        if pitch is None:
-            raise CannotApply("the liner states no cell_pitch")
+    def _drives(self) -> dict[tuple[str, str], Choices]:
+        """Other drives and means; ``rms`` is known from the survey."""
+        found = {}
+        for other in DRIVES:
+            if other != self.chosen.drive:
+                window = self.running_window if other == "running-rms" else None
+                found["drive", other] = dataclasses.replace(self.quiet, drive=other, running_window=window)
+        for other in MEANS:
+            if other != self.chosen.mean:
+                found["mean velocity", other] = dataclasses.replace(self.quiet, mean=other)
+        return found
+
+    def _lengths(self) -> dict[tuple[str, str], Further]:
         try:
-            grid = grid_of(plane)
+            pitch = self.model.cell_pitch
+            if pitch is None:
+                raise CannotApply("the liner states no cell_pitch")
+            grid = grid_of(self.plane)
+            shares = [s for s in LENGTHS if grid.spacing <= s * pitch <= grid.length * (1 + 1e-6)]
+            if not shares:
+                raise CannotApply(
+                    f"none of {', '.join(f'{s:g}' for s in LENGTHS)} cells lies between the spacing, "
+                    f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
+                )
         except ValueError as reason:
-            raise CannotApply(str(reason)) from None
-        used = ready.used.reshape(grid.rows, grid.columns)
-        shares = [s for s in LENGTHS if grid.spacing <= s * pitch <= grid.length * (1 + 1e-6)]
-        if not shares:
-            raise CannotApply(
-                f"none of {', '.join(f'{s:g}' for s in LENGTHS)} cells lies between the spacing, "
-                f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
+            self.skipped["averaging length"] = str(reason)
+            return {}
+        used = self.known.used.reshape(grid.rows, grid.columns)
+        chosen = dataclasses.replace(self.quiet, averaging="velocity", background_rms=None)
+        return {
+            ("averaging length", f"velocity over {share:g} of a cell"): Further(
+                chosen, windows_of(grid, share * pitch, used)
             )
-        cut = [windows_of(grid, share * pitch, used, plane.samples) for share in shares]
-        averaged = averaged_planes(plane, cut)
-        self.readings += 1
-        rules = dataclasses.replace(ready.chosen, interval=None, order=ORDERS[0], oncoming_rms=None)
-        small = prepare(averaged, ready.liner, ready.frequency, rules, basis=self.basis)
-        for share, each in zip(shares, small, strict=True):
-            found = replay(each).map("averaged")
-            self._add(
-                "averaging length", f"velocity over {share:g} of a cell",
-                complex(found.liner_impedance[0]),
-            )  # fmt: skip
-
-    def _require_samples(self) -> None:
-        if self.ready.drive is None:
-            raise CannotApply("the time samples are gone: the plane was reduced to moments")
+            for share in shares
+        }
 
     def heights(self) -> None:
         """The other planes."""
         if not self.others:
             raise CannotApply("one plane is given; name the other heights too")
-        rules = dataclasses.replace(self.ready.chosen, interval=None)
         for other in self.others:
             plane = _plane_of(other)
-            (ready,) = prepare([other], self.model, self.ready.frequency, rules, self.progress, basis=self.basis)
+            known, _ = self._moments_of(other)
             name = plane.name if plane.height is None else f"y = {1e3 * plane.height:.3g} mm"
-            self._add("height", name, self._averaged(ready), ready)
-            self.readings += ready.readings
+            self._add("height", name, self._value(known, self.quiet), known)
 
     def result(self) -> Audit:
         """Sorted."""
-        self.readings += self.ready.readings
         size: dict[str, float] = {}
         for row in self.rows:
             size[row.factor] = max(size.get(row.factor, 0.0), abs(row.change))
         rows = sorted(self.rows, key=lambda row: (-size[row.factor], row.factor, -abs(row.change)))
-        found, bounds = self.found, self.found.bounds_of_liner(self.order)
-        low, high = bounds or (None, None)
-        level = None if bounds is None else self.ready.chosen.interval
+        found = self.found
+        low, high = found.bounds_of_liner(self.averaging) or (None, None)
         return Audit(
-            found.title or self.ready.plane.name, float(self.ready.frequency[0]),
-            self.order, self.base, low, high, level, tuple(rows), self.skipped, self.readings,
-            dict(found.choices), found.notes,
-            self._closure(self.base, self.ready), found.closure_words, nearest_truth(found),
-        )  # fmt: skip
+            title=found.title or self.plane.name,
+            frequency=float(self.frequency[0]),
+            averaging=self.averaging,
+            base=self.base,
+            low=low,
+            high=high,
+            level=found.level,
+            rows=tuple(rows),
+            skipped=self.skipped,
+            readings=self.readings,
+            choices=dict(found.choices),
+            notes=tuple(note.text for note in found.notes),
+            level_check=self._level_check(self.base, self.known),
+            level_check_words=found.level_check_words,
+            nearest_truth=nearest_truth(found),
+        )
 
 
 def _plane_of(record: VelocityPlane | Moments) -> VelocityPlane:

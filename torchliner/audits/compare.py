@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.records import ImpedanceMap
-from torchliner.records.impedance_map import ENDS
+from torchliner.records.uncertainty import Interval
 
 SAME_PLACE = 1e-6  # m
 SAME_RECORD = 1e-4  # of the rms: two records of a flow never share mean and rms of all probes
@@ -53,13 +53,13 @@ class Comparison:
     """Differences of two maps.
 
     Args:
-        order: of averaging, of both.
+        averaging: of both.
         rows: whole liner first, then cells, by frequency.
         level: of the intervals; None without any.
         same_run: whether both rest on one run, which then move together.
     """
 
-    order: str
+    averaging: str
     rows: tuple[DifferenceRow, ...]
     level: float | None
     same_run: bool
@@ -74,39 +74,40 @@ class Comparison:
             how if self.same_run else "of independent records: variances added")  # fmt: skip
 
 
-def compare(first: ImpedanceMap, second: ImpedanceMap, order: str | None = None) -> Comparison:
+def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Comparison:
     """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
 
-    The errors of independent records are independent, so squares of half-widths add. Those of one
-    run are not (the same file of velocity; else mean and rms of v that agree at all probes to 1e-4
-    of the rms; two heights: one case in the provenance and one rate, before samples were left out),
-    and by how much is not in a map: half-widths add, which no correlation exceeds.
+    The errors of independent records are independent, so squares of half-widths add. Those of one run are not (the
+    same file of velocity; else mean and rms of v that agree at all probes to 1e-4 of the rms; two heights: one case in
+    the provenance and one rate, before samples were left out), and by how much is not in a map: half-widths add, which
+    no correlation exceeds.
 
     Args:
         first, second: of the same cells and frequencies, in any order of these.
-        order: of averaging; default that of both.
+        averaging: default that of both.
     Raises:
-        ValueError: other cells, frequencies, orders or levels of the interval.
+        ValueError: other cells, frequencies, averagings or levels of the interval.
     """
-    if order is None:
-        order = first.order
-        if second.order != order:
+    if averaging is None:
+        averaging = first.averaging
+        if second.averaging != averaging:
+            both = ", ".join(each for each in first.averagings if each in second.averagings)
             raise ValueError(
-                f"the maps answer in the orders {order!r} and {second.order!r}; name one that both "
-                f"hold with order= ({', '.join(o for o in first.orders if o in second.orders)})"
+                f"the maps answer by averaging {averaging!r} and {second.averaging!r}; name one that both hold with "
+                f"averaging= ({both})"
             )
     for each in (first, second):
-        require_choice("order of averaging", order, each.orders)
+        require_choice("averaging", averaging, each.averagings)
     at = _frequencies(first, second)
     _require_same_cells(first, second)
-    seen = [_both(each, order) for each in (first, second)]
+    seen = [_both(each, averaging) for each in (first, second)]
     here, there = seen[0][0], seen[1][0][:, at]
     level, same = _level(first, second), _same_run(first, second)
     low = high = None
     if level is not None:
         (a_low, a_high), (b_low, b_high) = seen[0][1], [end[:, at] for end in seen[1][1]]
-        both = torch.stack([(a_high - a_low) / 2, (b_high - b_low) / 2])
-        half = both.sum(0) if same else both.square().sum(0).sqrt()
+        widths = torch.stack([(a_high - a_low) / 2, (b_high - b_low) / 2])
+        half = widths.sum(0) if same else widths.square().sum(0).sqrt()
         # An unbounded interval has no middle.
         middle = torch.where(half.isinf(), 0, (b_low + b_high - a_low - a_high) / 2)
         low, high = (torch.view_as_complex(each) for each in (middle - half, middle + half))
@@ -114,26 +115,31 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, order: str | None = None)
     x, z = (torch.cat([nowhere, value]).tolist() for value in (first.cell_x, first.cell_z))
     rows = tuple(
         DifferenceRow(
-            f"cell {i - 1}" if i else "liner", x[i], z[i], f, complex(here[i, k]),
-            complex(there[i, k]), complex(there[i, k] - here[i, k]),
+            f"cell {i - 1}" if i else "liner",
+            x[i],
+            z[i],
+            f,
+            complex(here[i, k]),
+            complex(there[i, k]),
+            complex(there[i, k] - here[i, k]),
             None if low is None else complex(low[i, k]),
             None if high is None else complex(high[i, k]),
         )
-        for i in range(len(x)) for k, f in enumerate(first.frequency.tolist())
-    )  # fmt: skip
-    return Comparison(order, rows, level, same)
+        for i in range(len(x))
+        for k, f in enumerate(first.frequency.tolist())
+    )
+    return Comparison(averaging, rows, level, same)
 
 
-def _both(one: ImpedanceMap, order: str) -> tuple[Tensor, list[Tensor]]:
-    """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval in real
-    parts, (1 + C, F, 2): complex differences of infinite ends are nan."""
-    value = torch.cat([one.of_liner(order)[None], one.of_cells(order)])
-    if one.uncertainty is None:
+def _both(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
+    """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval in real parts, (1 + C, F, 2):
+    complex differences of infinite ends are nan."""
+    liner, cells = one.liner[averaging], one.cells[averaging]
+    value = torch.cat([liner.impedance[None], cells.impedance])
+    if liner.interval is None or cells.interval is None:
         return value, []
-    liner, cells = (getattr(one.uncertainty, f"{of}{ENDS[order]}") for of in ("liner", "cells"))
-    return value, [
-        torch.view_as_real(torch.cat([getattr(liner, end)[None], getattr(cells, end)])) for end in ("low", "high")
-    ]
+    every = Interval.joined([liner.interval.map(lambda end: end[None]), cells.interval])
+    return value, [torch.view_as_real(end) for end in (every.low, every.high)]
 
 
 def _frequencies(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
@@ -163,9 +169,9 @@ def _require_same_cells(first: ImpedanceMap, second: ImpedanceMap) -> None:
 
 def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
     """That both intervals have; None without one."""
-    if first.uncertainty is None or second.uncertainty is None:
+    one, other = first.level, second.level
+    if one is None or other is None:
         return None
-    one, other = (float(each.uncertainty.settings["level"]) for each in (first, second))  # type: ignore[union-attr]
     if one != other:
         raise ValueError(
             f"the maps have intervals of {100 * one:g} % and {100 * other:g} %; educe both with the same --interval"

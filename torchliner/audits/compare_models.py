@@ -8,18 +8,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from torchliner.checks import require_positive, tell
+import torch
+
+from torchliner.checks import require_positive, stated_frequency, tell
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import choose_nodes
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.reduction.moments import Moments
-from torchliner.reduction.sources import in_full_precision
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.educe import replay
-from torchliner.tdibc.prepare import prepare
-from torchliner.tdibc.prepared import Progress
-from torchliner.tdibc.requested import Request
-from torchliner.tdibc.slices import reduce_whole
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import answer, require_fitting, with_window
+from torchliner.velocity.further import Source
+from torchliner.velocity.reading import Progress
+from torchliner.velocity.review import review_liner, review_record
 
 FIRST = ("true", "in situ")  # references by which models are sorted, before others
 
@@ -30,13 +31,12 @@ class ModelRow:
 
     Args:
         model: its name.  frequency: Hz.
-        impedance: whole liner, normalised, in the order of averaging of the comparison.
+        impedance: whole liner, normalised, in the averaging of the comparison.
         low, high: of its statistical interval (real part: R, imaginary: X); None without one.
-        orders: the same in all orders, by name.
-        closure: dB that the velocity and Z are off the known pressure; None where none is known.
-        verdict: of closure: closes, fails, open; "" for none.
-        distance: |Z - reference| by name of the references that the plane holds; empty away from
-            its tone.
+        averagings: the same in all averagings, by name.
+        level_check: dB that the velocity and Z are off the known pressure; None where none is known.
+        verdict: of the level check: passes, fails, inconclusive; "" for none.
+        distance: |Z - reference| by name of the references that the plane holds; empty away from its tone.
         model_error: largest error in R of the interpolation over |v|.
     """
 
@@ -45,8 +45,8 @@ class ModelRow:
     impedance: complex
     low: complex | None
     high: complex | None
-    orders: dict[str, complex]
-    closure: float | None
+    averagings: dict[str, complex]
+    level_check: float | None
     verdict: str
     distance: dict[str, float]
     model_error: float
@@ -57,73 +57,82 @@ class ModelComparison:
     """Models side by side, the nearest first.
 
     Args:
-        title, order: of the plane; of averaging.
+        title, averaging: of the plane; one of ``names.AVERAGINGS``.
         level: of the intervals; None without any.
-        sorted_by: ``|Z - true|`` or that to another reference; ``|closure|``; or ``as given``.
+        sorted_by: ``|Z - true|`` or that to another reference; ``|level check|``; or ``as given``.
         references: Z at the tone, by name, as the plane holds them.
         rows: by frequency, then by model.
         maps: of each model, by name, as ``educe`` would give them.
-        closure_words: what closure rests on, or why there is none.
+        level_check_words: what the level check rests on, or why there is none.
         notes: warnings.
     """
 
     title: str
-    order: str
+    averaging: str
     level: float | None
     sorted_by: str
     references: dict[str, complex]
     rows: tuple[ModelRow, ...]
     maps: dict[str, ImpedanceMap]
-    closure_words: str
+    level_check_words: str
     notes: tuple[str, ...]
 
 
-@in_full_precision
 def compare_models(
-    plane: VelocityPlane | Moments, liners: Mapping[str, Liner], frequency: Any = None, *,
-    cell_pitch: float | None = None, reference_phase: Any = None, pressure: Any = None,
-    progress: Progress | None = None, **choices: Any,
-) -> ModelComparison:  # fmt: skip
-    """Educe one plane with several models of its liner, in one pass over the data.
+    plane: VelocityPlane | Moments,
+    liners: Mapping[str, Liner],
+    frequency: Any = None,
+    *,
+    cell_pitch: float | None = None,
+    reference_phase: Any = None,
+    pressure: Any = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> ModelComparison:
+    """Educe one plane with several models of its liner, for which the data are read as often as for one.
 
     Args:
         plane: wall-normal velocity, or the moments of one.
         liners: two or more by name, each as for ``educe``.
         frequency: Hz, one or several; default the plane's tone.
-        cell_pitch: L_c of the cells, m, which all models share: they belong to the data. Default
-            that of the moments, else of the preset that the plane names, else of the models.
-        reference_phase, pressure, progress, choices: as for ``educe``, engine ``spectral``.
+        cell_pitch: L_c of the cells, m, which all models share: they belong to the data. Default that of the moments,
+            else of the preset that the plane names, else of the models.
+        reference_phase, pressure, progress, choices: as for ``educe``.
     Raises:
-        ValueError: fewer than two models; a frequency outside a model's range; models that state
-            different cells; as ``educe``.
+        ValueError: fewer than two models; a frequency outside a model's range; models that state different cells; as
+            ``educe``.
         TypeError: plane is none.
     Warns:
         DataWarning: as ``educe``; models that give the same Z to the last digit.
     """
-    if not isinstance(plane, (VelocityPlane, Moments)):
+    if not isinstance(plane, VelocityPlane | Moments):
         raise TypeError(f"plane is {type(plane).__name__}; a VelocityPlane or Moments is needed")
     if len(liners) < 2:
         raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
-    chosen = Choices(**choices)
-    if chosen.engine != "spectral":
-        raise ValueError(
-            f"models are compared by engine 'spectral', not {chosen.engine!r}; leave engine and incident out"
-        )
     models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
+    data = plane.plane if isinstance(plane, Moments) else plane
+    asked = stated_frequency(frequency, data.frequency, data.name, data.sampling_rate)
+    chosen = with_window(Choices(**choices), asked)
+    said = review_record(data, asked, chosen) if isinstance(plane, Moments) else []
     if isinstance(plane, Moments):
         known = plane
     else:
-        known = reduce_whole(plane, Request([*models.values()], frequency, None, choices), progress)
+        nodes = choose_nodes([*models.values()], asked, chosen.tolerance(data.velocity.dtype))
+        known = Source(data, next(iter(models.values())), asked, nodes, chosen, progress=progress).known
+    said = list(dict.fromkeys([*known.notes, *said]))
     maps: dict[str, ImpedanceMap] = {}
     for name, model in models.items():
         try:
-            (ready,) = prepare([known], model, frequency, chosen)
+            require_fitting(known, chosen, model, asked)
+            with torch.no_grad():
+                own = list(dict.fromkeys([*said, *review_liner(data, model)]))
+                maps[name] = answer(known, model, asked, chosen, reference_phase, pressure, own)
         except ValueError as error:
             raise ValueError(f"model {name}: {error}") from error
-        maps[name] = replay(ready).map(chosen.phase, reference_phase, pressure)
-    notes += [*_notes_of(maps, known.notes), *_alike(maps)]
-    tell(notes)
-    return _sorted(known.plane, maps, chosen, (*known.notes, *notes))
+    shared = [note.text for note in said]
+    notes += [*_notes_of(maps, shared), *_alike(maps)]
+    tell([*shared, *notes])
+    return _sorted(data, maps, (*shared, *notes))
 
 
 def _of_one_pitch(
@@ -170,12 +179,12 @@ def _millimetres(pitch: float | None) -> str:
     return "all probes" if pitch is None else f"{1e3 * float(pitch):.4g} mm"
 
 
-def _notes_of(maps: Mapping[str, ImpedanceMap], said: tuple[str, ...]) -> list[str]:
+def _notes_of(maps: Mapping[str, ImpedanceMap], said: list[str]) -> list[str]:
     """Each note once: of all models as it is, of some with their names."""
     whose: dict[str, list[str]] = {}
     for name, found in maps.items():
         for note in found.notes:
-            whose.setdefault(note, []).append(name)
+            whose.setdefault(note.text, []).append(name)
     return [
         note if len(names) == len(maps) else f"{', '.join(names)}: {note}"
         for note, names in whose.items()
@@ -194,45 +203,53 @@ def _alike(maps: Mapping[str, ImpedanceMap]) -> list[str]:
     ]
 
 
-def _sorted(
-    plane: VelocityPlane, maps: dict[str, ImpedanceMap], chosen: Choices, notes: tuple[str, ...]
-) -> ModelComparison:
+def _sorted(plane: VelocityPlane, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -> ModelComparison:
     first = next(iter(maps.values()))
     tone = first.tone
     references = {} if tone is None else first.reference_at(tone)
     rows = {
         name: [_row(name, found, i, found.reference_at(i)) for i in range(len(found.frequency))]
         for name, found in maps.items()
-    }  # fmt: skip
+    }
     key = next((name for name in (*FIRST, *references) if name in references), None)
-    sorted_by = "as given" if first.closure is None else "|closure|"
+    sorted_by = "as given" if first.level_check is None else "|level check|"
 
     def size(name: str) -> float:
         if key is not None and tone is not None:
             return rows[name][tone].distance[key]
-        off = [abs(row.closure) for row in rows[name] if row.closure is not None]
+        off = [abs(row.level_check) for row in rows[name] if row.level_check is not None]
         return max(off, default=0.0)
 
-    order = sorted(maps, key=size)
+    nearest = sorted(maps, key=size)
     return ModelComparison(
-        first.title or plane.name, first.order,
-        None if first.uncertainty is None else chosen.interval,
-        sorted_by if key is None else f"|Z - {key}|", references,
-        tuple(rows[name][i] for i in range(len(first.frequency)) for name in order),
-        {name: maps[name] for name in order}, first.closure_words, notes,
-    )  # fmt: skip
+        title=first.title or plane.name,
+        averaging=first.averaging,
+        level=first.level,
+        sorted_by=sorted_by if key is None else f"|Z - {key}|",
+        references=references,
+        rows=tuple(rows[name][i] for i in range(len(first.frequency)) for name in nearest),
+        maps={name: maps[name] for name in nearest},
+        level_check_words=first.level_check_words,
+        notes=notes,
+    )
 
 
 def _row(name: str, found: ImpedanceMap, i: int, references: Mapping[str, complex]) -> ModelRow:
-    closure, off, verdict = found.closure, None, ""
-    if closure is not None:
-        level = float(closure.liner.level[closure.orders.index(found.order), i])
-        off, verdict = None if math.isnan(level) else level, closure.verdict(found.order, i)
+    check, off, verdict = found.level_check, None, ""
+    if check is not None:
+        level = float(check.liner.level[check.averagings.index(found.averaging), i])
+        off, verdict = None if math.isnan(level) else level, check.verdict(found.averaging, i)
     z = complex(found.answer[i])
-    low, high = found.bounds_of_liner(found.order, i) or (None, None)
+    low, high = found.bounds_of_liner(found.averaging, i) or (None, None)
     return ModelRow(
-        name, float(found.frequency[i]), z, low, high,
-        {order: complex(found.of_liner(order)[i]) for order in found.orders}, off, verdict,
-        {reference: abs(z - value) for reference, value in references.items()},
-        float(found.choices.get("model_error", math.nan)),
-    )  # fmt: skip
+        model=name,
+        frequency=float(found.frequency[i]),
+        impedance=z,
+        low=low,
+        high=high,
+        averagings={each: complex(found.liner[each].impedance[i]) for each in found.averagings},
+        level_check=off,
+        verdict=verdict,
+        distance={reference: abs(z - value) for reference, value in references.items()},
+        model_error=float(found.choices.get("model_error", math.nan)),
+    )

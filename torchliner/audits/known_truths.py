@@ -1,4 +1,4 @@
-"""How good the default was where the truth is known: the nearest of the shipped cases."""
+"""How good the default was where the impedance is known: the nearest of the shipped cases."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """One plane of a shipped case: what the default rules gave, by order, and what is true."""
+    """One plane of a shipped case: what the default rules gave, by averaging, and its own impedance."""
 
     case: str
     level: float
@@ -77,11 +77,11 @@ def known_truths() -> tuple[KnownTruth, ...]:
         true = complex(number["true_resistance"], number["true_reactance"])
         new = KnownTruth(row["case"], number["incident_level"], setting, true, {})
         plane = found.setdefault((row["case"], row["height"]), new)
-        plane.educed[row["order"]] = complex(number["resistance"], number["reactance"])
+        plane.educed[row["averaging"]] = complex(number["resistance"], number["reactance"])
     return tuple(found.values())
 
 
-WORDS = ("case", "hole", "order")
+WORDS = ("case", "hole", "averaging")
 
 
 def hole_kind(name: str) -> str:
@@ -109,15 +109,18 @@ def setting_of(found: ImpedanceMap, index: int = 0) -> Setting | None:
     if not {"porosity", "orifice_diameter"} <= set(liner):
         return None
     return Setting(
-        hole_kind(str(liner.get("name", ""))), liner["orifice_diameter"],
-        liner["porosity"] * liner.get("open_area_fraction", 1.0), found.mach,
-        tone_speed(found, index), float(found.velocity_rms.square().nanmean().sqrt()),
-        found.height,
-    )  # fmt: skip
+        hole=hole_kind(str(liner.get("name", ""))),
+        diameter=liner["orifice_diameter"],
+        porosity=liner["porosity"] * liner.get("open_area_fraction", 1.0),
+        mach=found.mach,
+        speed=tone_speed(found, index),
+        velocity_rms=float(found.velocity_rms.square().nanmean().sqrt()),
+        height=found.height,
+    )
 
 
 def nearest_truth(found: ImpedanceMap, index: int = 0) -> str:
-    """One line: the shipped case most like this one, what came out there and what is true.
+    """One line: the shipped case most like this one, what came out there and what it is.
 
     Args:
         found: a map; of its liner the porosity, of its plane |v|, Mach number and height count.
@@ -137,7 +140,7 @@ def nearest_truth(found: ImpedanceMap, index: int = 0) -> str:
         for part in ("real", "imag")
     )
     return (
-        f"nearest known truth{_far(here, there)}: in {known.case} ({there.speed:.2f} m/s at the "
+        f"nearest reference case{_far(here, there)}: in {known.case} ({there.speed:.2f} m/s at the "
         f"tone, v' {there.velocity_rms:.2f} m/s at {1e3 * (there.height or 0):g} mm, "
         f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {known.level:g} dB) "
         f"R came out {resistance}, X {reactance} ({', '.join(known.educed)})"

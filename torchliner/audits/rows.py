@@ -12,16 +12,16 @@ class AuditRow:
 
     Args:
         factor, variant: what was changed, and to what.
-        impedance: whole liner, normalised, in the order of averaging of the audit.
+        impedance: whole liner, normalised, in the averaging of the audit.
         change: what that is off the base.
-        closure: dB that it is off the known pressure with the velocity; None where none is known.
+        level_check: dB that it is off the known pressure with the velocity; None where none is known.
     """
 
     factor: str
     variant: str
     impedance: complex
     change: complex
-    closure: float | None = None
+    level_check: float | None = None
 
 
 @dataclass(frozen=True)
@@ -29,21 +29,20 @@ class Audit:
     """All rows, the largest mover first, beside the statistical interval.
 
     Args:
-        title, frequency, order: of the plane; Hz; order of averaging.
+        title, frequency, averaging: of the plane; Hz; one of ``names.AVERAGINGS``.
         base: whole liner, with the choices as they are.
         low, high: of its statistical interval (real part: R, imaginary: X); None without one.
         level: of the interval.  rows: grouped by factor.
         skipped: factors that cannot be varied with these data, and why.
         readings: how often the velocity was read through, over all planes.
         choices: behind the base.  notes: warnings about the base.
-        closure, closure_words: of the base, dB, and what it rests on, or why there is none.
-        nearest_truth: what came out in the shipped case most like this one, where the truth is
-            known.
+        level_check, level_check_words: of the base, dB, and what it rests on, or why there is none.
+        nearest_truth: what came out in the shipped case most like this one, whose impedance is known.
     """
 
     title: str
     frequency: float
-    order: str
+    averaging: str
     base: complex
     low: complex | None
     high: complex | None
@@ -53,8 +52,8 @@ class Audit:
     readings: int
     choices: dict[str, Any]
     notes: tuple[str, ...]
-    closure: float | None = None
-    closure_words: str = ""
+    level_check: float | None = None
+    level_check_words: str = ""
     nearest_truth: str = ""
 
     @property

@@ -1,4 +1,4 @@
-"""Every rule beside the true impedance of resolved cases."""
+"""Every rule beside the reference impedance of resolved cases."""
 
 from __future__ import annotations
 
@@ -11,39 +11,33 @@ from dataclasses import dataclass
 import torch
 
 from torchliner.audits.known_truths import tone_speed
-from torchliner.audits.variants import with_drive
+from torchliner.checks import stated_frequency
 from torchliner.conversions import reflection_from_impedance
-from torchliner.liners.model import Liner
-from torchliner.names import PHASE_RULES
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import choose_nodes
+from torchliner.liners.model import Liner, as_liner
+from torchliner.names import PHASES
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.replay.phase_rule import phase_rule
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.educe import replay
-from torchliner.tdibc.prepare import prepare
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import answer
+from torchliner.velocity.further import Further, Source
 
-DRIVES = (
-    ("instantaneous", "kept"),
-    ("instantaneous", "removed"),
-    ("rms", "kept"),
-    ("running-rms", "kept"),
-)
-PHASES = tuple(name for name in PHASE_RULES if not phase_rule(name).several_tones)
+DRIVES = (("instantaneous", "kept"), ("instantaneous", "removed"), ("rms", "kept"), ("running-rms", "kept"))
 DEFAULT = ("instantaneous", "kept", "averaged")
 NOWHERE = complex(float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
 class TruthRow:
-    """One educed value beside the truth, all normalised.
+    """One educed value beside the reference impedance, all normalised.
 
     Args:
-        case, height: of the plane; height in m.  drive, mean, phase, order: the rule.
+        case, height: of the plane; height in m.  drive, mean, phase, averaging: the rule.
         educed, true: Z.
         in_situ: what the file states for the in situ method, nan if it states none.
-        low, high: bounds of the statistical interval (real parts: R, imaginary: X); nan where the
-            replay did not keep the blocks that the rule needs (``self-consistent``).
-        closure: level of the incident wave that Z and velocity imply over the stated one, dB; nan
-            where it was not checked.
+        low, high: bounds of the statistical interval (real parts: R, imaginary: X).
+        level_check: level of the incident wave that Z and velocity imply over the stated one, dB; nan where it was
+            not checked.
         speed: rms of the plane's mean velocity at the tone, m/s.
         velocity_rms: v'_rms over the probes, m/s.
         mach, incident_level: as the plane states them; nan where it does not.
@@ -55,13 +49,13 @@ class TruthRow:
     drive: str
     mean: str
     phase: str
-    order: str
+    averaging: str
     educed: complex
     true: complex
     in_situ: complex = NOWHERE
     low: complex = NOWHERE
     high: complex = NOWHERE
-    closure: float = math.nan
+    level_check: float = math.nan
     speed: float = math.nan
     velocity_rms: float = math.nan
     mach: float = math.nan
@@ -85,7 +79,7 @@ class TruthRow:
 
 
 def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
-    """Phase of the incident wave (rad) from the plane-mean velocity at f and the TRUE impedance.
+    """Phase of the incident wave (rad) from the plane-mean velocity at f and the REFERENCE impedance.
 
     Only a resolved case knows it; with measured data a reference microphone has to give it.
     """
@@ -95,50 +89,63 @@ def true_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
 
 
 def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
-    """All drives x phase rules x averaging orders of one plane with a known impedance.
+    """All drives x phase rules x averagings of one plane with a known impedance, in two readings.
 
     Short records are taken too: the rows say how many periods they rest on.
 
     Raises:
-        ValueError: the plane states no true impedance or no tone.
+        ValueError: the plane states no reference impedance or no tone.
     """
     if "true" not in plane.reference:
-        raise ValueError(f"{plane.name} states no true impedance (reference 'true')")
+        raise ValueError(f"{plane.name} states no reference impedance (reference 'true')")
     case = str(plane.provenance.get("case", plane.title))
-    # The rms of the record is known after one reading, and its error bars keep blocks of v.
-    chosen = Choices(drive="rms", allow_short=True)
-    (of_rms,) = prepare([plane], liner, None, chosen, every_rule=True)
-    others = dataclasses.replace(of_rms, survey=dataclasses.replace(of_rms.survey, blocks=None))
-    for drive, mean in DRIVES:
-        of_drive = of_rms
-        if drive != "rms":
-            of_drive = with_drive(others, drive, mean, every_rule=True)
-        replayed = replay(of_drive)
-        averaged = replayed.map("averaged")
+    model, chosen = as_liner(liner), Choices(phase="given", allow_short=True)
+    frequency = stated_frequency(None, plane.frequency, plane.name, plane.sampling_rate)
+    nodes = choose_nodes([model], frequency, chosen.tolerance(plane.velocity.dtype))
+    ways = [dataclasses.replace(chosen, drive=drive, mean=mean) for drive, mean in DRIVES]
+    # The rms of the record is known after one reading, which finds what the other drives need.
+    source = Source(plane, model, frequency, nodes, dataclasses.replace(chosen, drive="rms"))
+    others = iter(source.others([Further(way) for way in ways if way.drive != "rms"]))
+    for way in ways:
+        known = source.known if way.drive == "rms" else next(others)
+
+        def educed(phase: str, psi: float | None = None, way: Choices = way, known: Moments = known) -> ImpedanceMap:
+            with torch.no_grad():
+                return answer(known, model, frequency, dataclasses.replace(way, phase=phase), psi, None, [])
+
+        averaged = educed("averaged")
         about = facts_of(plane, averaged)
         for phase in PHASES:
-            known = true_wave_phase(plane, averaged) if phase_rule(phase).takes_phase else None
-            found = replayed.map(phase, known)
-            for order in found.orders:
-                low, high = found.bounds_of_liner(order) or (NOWHERE, NOWHERE)
+            found = educed(phase, true_wave_phase(plane, averaged) if phase == "given" else None)
+            for averaging in found.averagings:
+                low, high = found.bounds_of_liner(averaging) or (NOWHERE, NOWHERE)
                 yield TruthRow(
-                    case, plane.height or 0.0, drive, mean, phase, order,
-                    complex(found.of_liner(order)[0]), complex(plane.reference["true"]),
-                    complex(plane.reference.get("in situ", NOWHERE)), low, high,
-                    closure_of(found, order), **about,
-                )  # fmt: skip
+                    case,
+                    plane.height or 0.0,
+                    way.drive,
+                    way.mean,
+                    phase,
+                    averaging,
+                    complex(found.liner[averaging].impedance[0]),
+                    complex(plane.reference["true"]),
+                    complex(plane.reference.get("in situ", NOWHERE)),
+                    low,
+                    high,
+                    level_check_of(found, averaging),
+                    **about,
+                )
 
 
-def closure_of(found: ImpedanceMap, order: str) -> float:
+def level_check_of(found: ImpedanceMap, averaging: str) -> float:
     """dB, of the whole plane; nan where it was not checked."""
-    closure = getattr(found, "closure", None)
-    if closure is None or order not in closure.orders:
+    check = found.level_check
+    if check is None or averaging not in check.averagings:
         return math.nan
-    return float(closure.liner.level[closure.orders.index(order), 0])
+    return float(check.liner.level[check.averagings.index(averaging), 0])
 
 
 def facts_of(plane: VelocityPlane, seen: ImpedanceMap) -> dict[str, float]:
-    """What the rows of a plane share besides the truth."""
+    """What the rows of a plane share besides the reference."""
     stated = {"mach": plane.mach, "incident_level": plane.incident_level}
     return {
         "speed": tone_speed(seen),
@@ -153,7 +160,7 @@ def truth_table(
     liner_of: Callable[[VelocityPlane], Liner],
     progress: Callable[[int], None] | None = None,
 ) -> list[TruthRow]:
-    """``truth_rows`` of several planes, ordered by case and height; ``progress`` per plane."""
+    """``truth_rows`` of several planes, by case and height; ``progress`` per plane."""
     rows: list[TruthRow] = []
     for plane in planes:
         rows += truth_rows(plane, liner_of(plane))
@@ -169,7 +176,7 @@ class RuleErrors:
     drive: str
     mean: str
     phase: str
-    order: str
+    averaging: str
     planes: int
     median: complex
     largest: complex
@@ -179,7 +186,7 @@ def errors_by_rule(rows: Sequence[TruthRow]) -> list[RuleErrors]:
     """Of every rule in the rows, in their order."""
     groups: dict[tuple[str, str, str, str], list[complex]] = {}
     for row in rows:
-        groups.setdefault((*row.rule, row.order), []).append(row.miss)
+        groups.setdefault((*row.rule, row.averaging), []).append(row.miss)
     return [
         RuleErrors(
             *rule,

@@ -18,13 +18,10 @@ from torchliner.file_names import unique_names
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.origin import series_of
-from torchliner.tdibc.choices import Choices
 from torchliner.toml_files import Strict, one_of, parse_toml, read_text, validated
+from torchliner.velocity.choices import Choices
 
 REQUEST = tuple(field.name for field in fields(PlaneRequest))
-NOT_OF_MOMENTS = ("engine", "incident", "segment", "levels", "spacing", "interpolation",
-                  "rank_tolerance")  # fmt: skip
-PAIRS = ("band",)  # choices that are lists by themselves
 
 
 def _listed(value: Any) -> Any:
@@ -66,7 +63,7 @@ class PlanesTable(Strict):
 
 FACTS = tuple(name for name in PlanesTable.model_fields
               if name not in ("files", "liner", "in_situ", *REQUEST))  # fmt: skip
-_NAMES = [field.name for field in fields(Choices) if field.name not in NOT_OF_MOMENTS]
+_NAMES = [field.name for field in fields(Choices)]
 ChoicesTable: type[Strict] = create_model(
     "ChoicesTable", __base__=Strict, **dict.fromkeys(_NAMES, (Any, None))  # type: ignore[call-overload]
 )  # fmt: skip
@@ -140,19 +137,11 @@ class Campaign:
 
 def choice_sets(stated: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Every combination of the choices of which several values are stated."""
-    lists = {
-        key: value if isinstance(value, list) and (key not in PAIRS or _is_of_pairs(value))
-        else [value]
-        for key, value in stated.items()
-    }  # fmt: skip
+    lists = {key: _listed(value) for key, value in stated.items()}
     sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
     # TOML has no word for nothing.
     return [{k: None if k == "interval" and v is False else v for k, v in each.items()}
             for each in sets]  # fmt: skip
-
-
-def _is_of_pairs(value: list[Any]) -> bool:
-    return bool(value) and isinstance(value[0], list)
 
 
 def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaign:

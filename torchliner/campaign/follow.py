@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from torchliner.campaign.inputs import open_plane
-from torchliner.checks import tell
+from torchliner.checks import FEWEST_PERIODS, tell
+from torchliner.engine.moments import Moments, without_velocity
 from torchliner.file_checks import DAMAGE, Unwritten
 from torchliner.io.axes import CLOCK
 from torchliner.io.plane_join import Clock, compare, on_one_clock, refuse_gap
@@ -23,11 +24,7 @@ from torchliner.io.planes import HEAD, format_of
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
-from torchliner.reduction.moments import Moments
-from torchliner.reduction.sources import in_full_precision
-from torchliner.signals.bootstrap import can_resample
-from torchliner.tdibc.growing import GrowingMoments
-from torchliner.tdibc.requested import without_velocity
+from torchliner.velocity.growing import GrowingMoments
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
 SETTLED = 5.0  # s without a change, after which nobody is in the middle of one
@@ -210,7 +207,6 @@ class Following:
         self._first: tuple[float, int] | None = None  # clock and samples when they were first seen
         self._samples = 0
 
-    @in_full_precision
     def update(self) -> int:
         """Take what has come; how many samples."""
         before = self._samples
@@ -232,14 +228,15 @@ class Following:
 
     def standing(self) -> list[Standing]:
         """At each frequency; none before the first blocks are whole."""
-        if self.going is None or self.going.units < 4:  # periods, the fewest of a record
+        if self.going is None or self.going.periods < FEWEST_PERIODS:
             return []
-        found = self.going.educe(self.liner, self.frequency, **self._at_reading())
-        plane = self.moments().plane
+        known = self.going.moments()
+        found = known.educe(self.liner, self.frequency, **{"averaging": "admittance"} | self.choices)
+        plane = known.plane
         duration = plane.samples / plane.sampling_rate
         rows = []
         for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-            bounds = found.bounds_of_liner(found.order, i)
+            bounds = found.bounds_of_liner(found.averaging, i)
             width = math.nan
             if bounds is not None:
                 width = max(bounds[1].real - bounds[0].real, bounds[1].imag - bounds[0].imag) / 2
@@ -247,11 +244,6 @@ class Following:
             left = max(0.0, needed - duration) * plane.sampling_rate / self.rate
             rows.append(Standing(plane.samples, duration, f, z, width, needed, left))
         return rows
-
-    def _at_reading(self) -> dict[str, Any]:
-        chosen = {key: value for key, value in self.choices.items() if key != "order"}
-        assert self.going is not None
-        return chosen if can_resample(self.going.units) else chosen | {"interval": None}
 
     def moments(self) -> Moments:
         """Of the whole blocks so far.

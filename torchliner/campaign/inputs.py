@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import series_of
 from torchliner.records.velocity_plane import restated
-from torchliner.reduction.moments import Moments
 
 ENDS = 1 << 20  # bytes at either end of a file that are looked at
 NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE

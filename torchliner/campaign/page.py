@@ -72,21 +72,21 @@ def _page(
 ) -> Page:  # fmt: skip
     done = [row for row in rows if row["status"] == DONE]
     failed = {row["unit"]: row["error"] for row in rows if row["status"] != DONE}
-    fails = sum(str(row["closure"]).endswith("fails") for row in done)
-    checked = sum(bool(row["closure"]) for row in done)
+    fails = sum(str(row["level_check"]).endswith("fails") for row in done)
+    checked = sum(bool(row["level_check"]) for row in done)
     ranges = "; ".join(
         f"{name} from {min(known):.3f} to {max(known):.3f}" for name, part in PARTS.items()
         if (known := [row[part] for row in done if math.isfinite(row[part])])
     )  # fmt: skip
     answer = (
         f"{len(units)} cases, {len(units) - len(failed)} done and {len(failed)} failed: "
-        f"{ranges or 'no impedance'} over ρc; the closure check fails in {fails} of {checked} rows "
+        f"{ranges or 'no impedance'} over ρc; the level check fails in {fails} of {checked} rows "
         "in which a pressure is known."
     )
     warned = [f"{unit}: failed: {shown(error)}" for unit, error in failed.items()]
     warned += [
-        f"closure at {row['frequency']:g} Hz fails, {row['unit']}: {row['closure']}"
-        for row in done if str(row["closure"]).endswith("fails")
+        f"level check at {row['frequency']:g} Hz fails, {row['unit']}: {row['level_check']}"
+        for row in done if str(row["level_check"]).endswith("fails")
     ]  # fmt: skip
     noted = {row["unit"]: int(row["notes"]) for row in done if row["notes"] > 0}
     warned += [f"warnings in the map of {unit}: {count}" for unit, count in noted.items()]
@@ -121,10 +121,10 @@ def _cases(units: Mapping[str, Rows], beside: Path, linked: set[str]) -> Grid:
         if name in linked:
             title = f'<a href="{html.escape(link)}">{title}</a>'
         table.append({
-            "case": name, "link": markupsafe.Markup(title), "order": first["order"],
+            "case": name, "link": markupsafe.Markup(title), "averaging": first["averaging"],
             "frequencies": len(several), "height": first["height"],
             "impedance": complex(first["resistance"], first["reactance"]),
-            "closure": first["closure"] or "-", "notes": first["notes"], "status": first["status"],
+            "level_check": first["level_check"] or "-", "notes": first["notes"], "status": first["status"],
             **{f"{part}_strip": Drawn(first[part], _strip(several, part, limits[part]))
                for part in PARTS.values()},
         })  # fmt: skip
@@ -134,7 +134,7 @@ def _cases(units: Mapping[str, Rows], beside: Path, linked: set[str]) -> Grid:
         Column("", "impedance", "Z", lambda z: "-" if z != z else format_complex(z)),
         *(Column("", f"{part}_strip", typeset("{}, {:.2f} to {:.2f}".format(name, *limits[part])))
           for name, part in PARTS.items()),
-        Column("closure", heading="closure"), Column("", "notes", "warnings", ".0f"),
+        Column("level_check", heading="level check"), Column("", "notes", "warnings", ".0f"),
         Column("status", heading="status"),
     ]  # fmt: skip
     most = max((len(several) for several in units.values()), default=1)
@@ -218,7 +218,7 @@ def _index(rows: Rows) -> Table:
     """All columns in the CSV, the chief ones on the page."""
     heads = {
         "unit": ("case", ""), "frequency": ("f (Hz)", ".1f"), "resistance": ("R", ".3f"),
-        "reactance": ("X", ".3f"), "closure": ("closure", ""), "liner": ("liner", ""),
+        "reactance": ("X", ".3f"), "level_check": ("level check", ""), "liner": ("liner", ""),
         "seconds": ("time (s)", ".2f"), "status": ("status", ""),
     }  # fmt: skip
     ordered = sorted(rows, key=lambda row: (row["unit"], row["frequency"]))

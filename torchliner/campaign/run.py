@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +22,6 @@ from torchliner.campaign.index import (
     write_index_files,
 )
 from torchliner.campaign.inputs import with_case_facts
-from torchliner.campaign.kept_parts import KeptParts
 from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
 from torchliner.in_situ_method.beside_maps import with_in_situ
@@ -33,12 +33,11 @@ from torchliner.records import ImpedanceMap
 from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x
 from torchliner.report.pictures import draw_pictures
-from torchliner.tdibc.educe import educe
-from torchliner.tdibc.prepared import Progress
-from torchliner.tdibc.slices import moments_in_slices
+from torchliner.velocity.educe import educe, moments
+from torchliner.velocity.reading import Progress
 from torchliner.version import __version__
 
-MOST_PLANES = 32  # whose slices are under way at once
+MOST_PLANES = 32  # whose blocks are under way at once
 Rows = list[dict[str, Any]]
 
 
@@ -137,32 +136,30 @@ def _reduced(found: Plan, client: Any, progress: Progress | None) -> Iterator[Ca
         yield reduce_now
         return
     threads = sum(client.nthreads().values())
-    at_once = max(1, min(MOST_PLANES, threads, len(found.to_read)))
-    ahead = max(2, -(-2 * threads // at_once))
-    pool = ThreadPoolExecutor(at_once)
-    futures = {name: pool.submit(_reduce, unit, progress, client, ahead) for name, unit in found.to_read.items()}
+    pool = ThreadPoolExecutor(max(1, min(MOST_PLANES, threads, len(found.to_read))))
+    futures = {name: pool.submit(_reduce, unit, progress, client) for name, unit in found.to_read.items()}
     try:
         yield lambda unit: unit.moments not in futures or futures[unit.moments].result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _reduce(unit: Unit, progress: Progress | None, client: Any = None, ahead: int | None = None) -> None:
-    """The moments of a unit's plane; parts stay until these are whole."""
+def _reduce(unit: Unit, progress: Progress | None, client: Any = None) -> None:
+    """The moments of a unit's plane; finished blocks stay until these are whole."""
     path = unit.moments
     assert unit.request is not None
-    kept = KeptParts(path.with_suffix(".parts"))
-    known = moments_in_slices(unit.plane(), unit.request, client=client, kept=kept, progress=progress, ahead=ahead)
+    kept = path.with_suffix(".parts")
+    known = moments(unit.plane(), client=client, kept=kept, progress=progress, **unit.request)
     path.parent.mkdir(parents=True, exist_ok=True)
     known.write(path)
-    kept.clear()
+    shutil.rmtree(kept, ignore_errors=True)
 
 
 def _clear_parts(found: Plan) -> None:
-    """Delete parts that no unfinished plane needs: of other choices, or left by a killed run."""
+    """Delete blocks that no unfinished plane needs: of other choices, or left by a killed run."""
     for folder in found.units[0].campaign.output.glob("moments/*.parts") if found.units else ():
         if folder.with_suffix(".h5") not in found.to_read:
-            KeptParts(folder).clear()
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _rows_path(unit: Unit) -> Path:
@@ -211,16 +208,16 @@ def _educed(unit: Unit) -> Rows:
 def _map_rows(unit: Unit, found: ImpedanceMap, seconds: float) -> Rows:
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-        bounds = found.bounds_of_liner(found.order, i)
+        bounds = found.bounds_of_liner(found.averaging, i)
         ends = {} if bounds is None else {
             f"{part}_{end}": getattr(value, side)
             for end, value in zip(("low", "high"), bounds, strict=True)
             for part, side in (("resistance", "real"), ("reactance", "imag"))
         }  # fmt: skip
-        closes = "-" if found.closure is None else found.closure.words(found.order, i)
+        check = "-" if found.level_check is None else found.level_check.words(found.averaging, i)
         rows.append(_row(
-            unit, height=found.height, source_side=found.source_side, order=found.order,
-            frequency=f, resistance=z.real, reactance=z.imag, closure=closes.removesuffix("-"),
+            unit, height=found.height, source_side=found.source_side, averaging=found.averaging,
+            frequency=f, resistance=z.real, reactance=z.imag, level_check=check.removesuffix("-"),
             notes=len(found.notes), status=DONE, seconds=round(seconds, 3), **ends,
         ))  # fmt: skip
     return rows

@@ -18,18 +18,16 @@ from torchliner.campaign.inputs import (
     open_plane,
     with_case_facts,
 )
+from torchliner.engine.moments import SETTINGS
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
-from torchliner.names import ORDERS, PHASE_RULES
 from torchliner.records import VelocityPlane
 from torchliner.records.velocity_plane import restated
-from torchliner.reduction.moments import SETTINGS
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.requested import Request
+from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
 
 SUMMED = ("frequency",)  # facts that moments depend on
-REDUCED = (*SETTINGS, "phase", "missing", "allow_short", "device", "dtype", "memory")
+REDUCED = (*SETTINGS, "device", "dtype")
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,8 @@ class Unit:
         model: it.
         choices: of ``educe``.
         hash: of everything that its results depend on.
-        request: of the moments that it is educed from, which other units may share; None where
-            moments are what the case names.
+        request: arguments of ``torchliner.moments`` for those that it is educed from, which other
+            units may share; None where moments are what the case names.
         moments: their file.
         samples, bytes: of the plane's velocity.
     """
@@ -56,7 +54,7 @@ class Unit:
     model: LinerModel
     choices: Mapping[str, Any]
     hash: str
-    request: Request | None
+    request: Mapping[str, Any] | None
     moments: Path
     samples: int
     bytes: int
@@ -94,14 +92,14 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
         )
     beside = None if case.in_situ is None else fingerprint(case.in_situ)
     facts, asked = sorted(case.facts.items()), campaign.frequencies
-    order = ORDERS[2] if any(Choices(**one).order == ORDERS[2] for one, _ in campaign.choices) else None
+    locked = any(Choices(**one).averaging == "phase-locked" for one, _ in campaign.choices)
     found = []
     for liner in case.liners or (plane.liner,):
         model, content = _loaded(liner)
         for choices, varied in campaign.choices:
-            request = None if known else _reduction(plane, model, asked, choices, order)
+            request = None if known else _reduction(plane, model, asked, choices, locked)
             reduced = (data, sorted(case.request.items()), SUMMED, plane.frequency, _plain(request),
-                       content if request and request.liner else "", __version__)  # fmt: skip
+                       content if request and request["liner"] else "", __version__)  # fmt: skip
             summed = campaign.output / "moments" / f"{case.name}-{digest(*reduced)}.h5"
             every = (reduced, facts, content, asked, sorted(choices.items()), beside,
                      campaign.figures)  # fmt: skip
@@ -116,27 +114,23 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
 
 def _reduction(
     plane: VelocityPlane, model: LinerModel, frequencies: tuple[float, ...],
-    choices: Mapping[str, Any], order: str | None,
-) -> Request:  # fmt: skip
+    choices: Mapping[str, Any], locked: bool,
+) -> dict[str, Any]:  # fmt: skip
     """Moments that serve as many units as can share them: those of any liner, if it is smooth in
-    |v|; of the order that contains the others; at the tone unless other rows are needed."""
+    |v|; of the averaging that contains the others; at the tone unless other lines are needed."""
     chosen = Choices(**choices)
     kept = {name: value for name, value in choices.items() if name in REDUCED}
-    kept["order"] = order or ORDERS[0]
-    if chosen.order != ORDERS[2]:
-        kept.pop("oncoming_rms", None)
-    if chosen.interval is None:
-        kept["interval"] = None
-    at_asked = chosen.phase != next(iter(PHASE_RULES)) or chosen.wall_filter is not None
+    kept["averaging"] = "phase-locked" if locked else "admittance"
+    at_asked = chosen.phase != "averaged" or chosen.wall_filter is not None
     at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
     frequency = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
-    if model.speed_max is not None:
-        return Request(model, frequency, None, kept)
-    return Request(None, frequency, model.cell_pitch, kept)
+    one = model.speed_max is not None
+    return {"liner": model if one else None, "frequency": frequency,
+            "cell_pitch": None if one else model.cell_pitch, **kept}  # fmt: skip
 
 
-def _plain(request: Request | None) -> Any:
-    return request and (request.frequency, request.cell_pitch, sorted(request.choices.items()))
+def _plain(request: Mapping[str, Any] | None) -> Any:
+    return request and sorted((name, value) for name, value in request.items() if name != "liner")
 
 
 def _loaded(liner: str) -> tuple[LinerModel, str]:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from torchliner.cli.choice_options import ALL, choice_options, chosen_from
+from torchliner.cli.choice_options import EDUCED, choice_options, chosen_from
 from torchliner.cli.files import liner_names, planes_of, read_records, show_results
-from torchliner.cli.options import order_option, progress_bar, shared
+from torchliner.cli.options import averaging_option, progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
-VARIED = ("engine", "phase", "reference_phase", "response", "band", "spacing", "interpolation",
-          "order", "segment", "no_intervals", "rank_tolerance")  # fmt: skip
+VARIED = ("phase", "reference_phase", "averaging", "no_intervals")
 # By the audit, or not at all.
 
-CHOICES = [name for name in ALL if name not in VARIED]
+CHOICES = [name for name in EDUCED if name not in VARIED]
 OPTIONS = (
     {
         "": {
@@ -21,7 +20,7 @@ OPTIONS = (
             "--frequency HZ": "default: the tone of the file",
             "--figure PICTURE": "draw the table there",
         }
-        | order_option("coherent first")
+        | averaging_option("phase-locked")
         | shared("--liner", "--output", "--json", "--quiet")
     }
     | choice_options(CHOICES)
@@ -39,10 +38,10 @@ def run(options: argparse.Namespace) -> int:
     planes = planes_of(records)
     liner = load_liner(liner_names(options.liner, planes[:1], options.planes[:1])[0])
     reading = sum(plane.samples for plane in planes)
-    total = 2 * reading + 2 * planes[0].samples
-    with progress_bar(total, options.planes[0].name, options, reading=reading) as step:
+    total = 2 * reading + planes[0].samples
+    with progress_bar(total, options.planes[0].name, options) as step:
         found = audit(
-            records, liner, options.frequency, order=options.order, progress=step,
+            records, liner, options.frequency, averaging=options.averaging, progress=step,
             **chosen_from(options, CHOICES),
         )  # fmt: skip
     show_results(

@@ -13,12 +13,12 @@ from torchliner.cli.files import (
     show_results,
     write_text,
 )
-from torchliner.cli.options import CLUSTER, order_option, shared
+from torchliner.cli.options import CLUSTER, averaging_option, shared
 from torchliner.cli.plane_options import plane_options
 
 AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
 
-CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
+CHOICES = ("drive", "mean", "missing", "allow_short")
 FEWEST_DRAWS = 100
 
 OPTIONS = {
@@ -30,9 +30,9 @@ OPTIONS = {
         "--reference Z ...": {
             "help": "name of an impedance in the files, or one value each, e.g. 0.168-0.066j; "
             "default true"},
-        "--closure": "fit to the stated levels of the sound alone, no reference: levels and "
+        "--level-check": "fit to the stated levels of the sound alone, no reference: levels and "
                      "heights as planes",
-        "--noise U": "standard uncertainty of R and X of the references, by rho c, with --closure "
+        "--noise U": "standard uncertainty of R and X of the references, by rho c, with --level-check "
                      "of the levels, dB; default: from the residual",
         "--predict PLANE ...": {
             "default": [], "help": "to predict with the spread of the fit; default: none"},
@@ -41,7 +41,7 @@ OPTIONS = {
         "--output FILE": "write the calibrated liner as .toml",
         "--figure PICTURE": "draw the predictions there",
     }
-    | order_option("velocity first")
+    | averaging_option("velocity")
     | CLUSTER
     | shared("--liner", "--json", "--quiet"),
 } | choice_options(CHOICES) | plane_options()  # fmt: skip
@@ -63,16 +63,16 @@ def run(options: argparse.Namespace) -> int:
     if options.cluster is not None:
         both = _reduced(both, liner, options)
     planes, predicted = both[: len(options.planes)], both[len(options.planes) :]
-    if options.closure and options.reference is not None:
-        raise ValueError("--closure needs no --reference; leave one of them out")
+    if options.level_check and options.reference is not None:
+        raise ValueError("--level-check needs no --reference; leave one of them out")
     names = options.reference or ["true"]
     found = calibrate(
-        planes, liner, None if options.closure else references_given(names),
-        bounds_given(options.free, liner), order=options.order, closure=options.closure,
+        planes, liner, None if options.level_check else references_given(names),
+        bounds_given(options.free, liner), averaging=options.averaging, level_check=options.level_check,
         noise=options.noise, draws=options.draws, seed=options.seed,
         **chosen_from(options, CHOICES),
     )  # fmt: skip
-    noise = 0.0 if options.closure else options.noise or 0.0
+    noise = 0.0 if options.level_check else options.noise or 0.0
     rows = [
         row
         for path, plane in zip(options.predict, predicted, strict=True)
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
             reference=names[0], noise=complex(noise, noise),
         )
     ]  # fmt: skip
-    panels = {f"averaging: {found.order}": rows}
+    panels = {f"averaging: {found.averaging}": rows}
     predicted_text = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
     show_results(
         options,
@@ -96,10 +96,10 @@ def run(options: argparse.Namespace) -> int:
 def _reduced(records: list[Any], liner: Any, options: argparse.Namespace) -> list[Any]:
     """The moments of all planes, summed by workers."""
     from torchliner.campaign.cluster import open_cluster
-    from torchliner.reduction.moments import Moments
-    from torchliner.tdibc.reduce import moments
+    from torchliner.engine.moments import Moments
+    from torchliner.velocity.educe import moments
 
-    choices = {"order": options.order} | chosen_from(options, CHOICES)
+    choices = {"averaging": options.averaging} | chosen_from(options, CHOICES)
     with open_cluster(options.cluster) as client:
         return [
             each if isinstance(each, Moments)
@@ -145,7 +145,7 @@ def bounds_given(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]
 
 def _held_to(options: argparse.Namespace) -> str:
     names = " ".join(options.reference or ["true"])
-    return "closure with the stated levels" if options.closure else f"reference {names}"
+    return "level check with the stated levels" if options.level_check else f"reference {names}"
 
 
 def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
@@ -158,7 +158,7 @@ def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
     source = (
         f"{before.name} calibrated by torchliner: {fitted}; fitted to "
         + ", ".join(path.name for path in options.planes)
-        + f" ({_held_to(options)}), {found.order}, uncertainty from the "
+        + f" ({_held_to(options)}), {found.averaging}, uncertainty from the "
         + found.scaling
     )
     if found.on_bound:

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from torchliner import names
-from torchliner.cli.options import argument, dest, stated
+from torchliner.cli.options import argument, averaging_option, dest, stated
 
 SHOWN = (
-    "phase order drive mean wall_filter engine edge window interval device dtype memory"
+    "phase averaging drive mean wall_filter kernel window segment interval device dtype"
 ).split()  # by --help; --help-all shows the others too
 
 
 def phase_option(rules: Sequence[str]) -> dict[str, Any]:
     """--phase with some of the rules."""
-    meanings = "; ".join(f"{rule}, {names.PHASE_RULES[rule][1]}" for rule in rules)
+    meanings = "; ".join(f"{rule}, {names.PHASES[rule]}" for rule in rules)
     return {"--phase": (rules, f"of the incident tone: {meanings}; default averaged")}
 
 
-NO_GIVEN_PHASE = phase_option([rule for rule in names.PHASE_RULES if rule != "given"])
+NO_GIVEN_PHASE = phase_option([rule for rule in names.PHASES if rule != "given"])
 
 CHOICES: dict[str, dict[str, Any]] = {
     "phase and velocity": {
-        **phase_option(list(names.PHASE_RULES)),
+        **phase_option(list(names.PHASES)),
         "--drive": (names.DRIVES, "|v| that drives the liner model; default instantaneous"),
         "--mean": (names.MEANS, "time-mean of v in the drive; default kept"),
         "--wall-filter C": "squared coherence with the tone, 0 to 1, below which a probe counts as "
@@ -32,55 +33,39 @@ CHOICES: dict[str, dict[str, Any]] = {
         "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD); default: none",
         "--minimum-coherence C": "squared coherence, 0 to 1, below which --phase self-consistent "
                                  "falls back to averaged; default 0.5",
-        "--order": (names.ORDERS, "of averaging, which the answer follows: default coherent first, "
-                    "what of v is coherent with the tone is averaged over a cell; with an incident "
-                    "signal probes first"),
-        "--oncoming-rms M/S": "of --order coherent first: rms of the turbulence without the sound, "
-                              "to which the incoherent velocity is brought down; default: none",
+        **averaging_option("phase-locked", passed=False),
+        "--background-rms M/S": "of --averaging phase-locked: rms of the turbulence without the "
+                                "sound, to which the incoherent velocity is brought down; default: "
+                                "none",
         "--running-window S": "of --drive running-rms, s; default one period of the lowest "
                               "frequency",
         "--missing": (names.MISSING, "probes with nan or inf; default refuse"),
         "--allow-short": "accept records of fewer than four periods",
     },
     "kernel and replay": {
-        "--engine": (("auto", *names.ENGINES), "default auto: spectral for tones, unfold with an "
-                     "incident signal"),
-        "--edge": (("auto", *names.EDGE_RULES), "what is taken beyond the ends of the record; "
-                   "default auto: finite for tones, else that of the signal"),
-        "--window NAME": "default whole-periods, each emission time alike; or a sum of few cosines "
-                         "on the reflected signal: hann, blackman, boxcar; --engine unfold: any of "
-                         "scipy, hann unless stated, with --incident over the whole record boxcar",
         "--kernel": (names.KERNELS, "default two-sided"),
-        "--response": (names.RESPONSES, "lines from the liner model or from the kernel; default "
-                       "model where tones and the two-sided kernel allow it"),
-        "--band HZ HZ": "where the kernel stands for the liner, Hz; default 300 to 3500 Hz and the "
-                        "frequencies asked for",
-        "--levels N": "velocity levels of the tables of --engine unfold and direct; default 200",
+        "--levels N": "velocity levels of the table of kernels; default 200",
         "--spacing": (names.SPACINGS, "of the levels; default sqrt"),
         "--interpolation": (names.INTERPOLATIONS, "between levels; default cubic"),
         "--velocity-max M/S": "highest level, m/s; default: that of the record, rounded up",
-        "--pre-roll S": "start of the record that only emits, s; default 0",
-        "--segment S": "of the estimate with --incident, s; default the whole record",
-        "--rank-tolerance R": "error in R allowed to the low-rank kernels of --engine unfold; "
-                              "default 5e-6 in float32, 3e-11 in float64",
+        "--window": (names.WINDOWS, "default hann for tones and segments, else boxcar"),
+        "--segment S": "s, of segments that overlap by half; default the whole record",
     },
     "error bars": {
         "--interval LEVEL": "confidence level, 0 to 1; default 0.95",
         "--no-intervals": "no error bars",
-        "--resample": (names.RESAMPLED, "what is drawn for the whole liner; default time"),
     },
-    "closure": {
-        "--closure-limit DB": "that Z with the velocity may be off a known pressure; default 0.3",
-        "--level-doubt DB": "of that pressure, adds to the limit; default 0",
+    "level check": {
+        "--level-limit DB": "that Z with the velocity may be off a known pressure; default 0.3",
+        "--level-uncertainty DB": "of that pressure, adds to the limit; default 0",
     },
     "machine": {
         "--device NAME": "cpu, cuda or cuda:1; default: that of the data",
         "--dtype": (names.DTYPES, "precision; default: that of the data"),
-        "--memory SIZE": "for slabs and work, e.g. 500MB, 2GB; default: what is fast, 0.2 GB, for "
-                         "--engine unfold 1 GB",
     },
 }  # fmt: skip
-ALL = [dest(spec) for group in CHOICES.values() for spec in group]
+REPLAYED = [dest(spec) for spec in CHOICES["kernel and replay"]]
+EDUCED = [name for name in map(dest, chain(*CHOICES.values())) if name not in REPLAYED]  # by educe
 
 
 def choice_options(wanted: Sequence[str], others: Mapping[str, Any] | None = None) -> dict[str, dict[str, Any]]:
@@ -103,13 +88,11 @@ def chosen_from(options: argparse.Namespace, wanted: Sequence[str]) -> dict[str,
     """What the user chose of the choices ``wanted``, for ``educe(**choices)``.
 
     Raises:
-        ValueError: a level or a way of error bars, and none of them.
+        ValueError: a level of error bars, and none of them.
     """
     chosen = stated(options, wanted)
     if chosen.pop("no_intervals", False):
-        if given := [f"--{name}" for name in ("interval", "resample") if name in chosen]:
-            raise ValueError(f"--no-intervals leaves out what {given[0]} is of; name one of them")
+        if "interval" in chosen:
+            raise ValueError("--no-intervals leaves out what --interval is of; name one of them")
         chosen["interval"] = None
-    if "band" in chosen:
-        chosen["band"] = tuple(chosen["band"])
     return chosen

@@ -8,13 +8,13 @@ from typing import Any
 
 from torchliner.cli.files import liner_names, show_results
 from torchliner.cli.options import frequency_option, shared
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 
 OPTIONS = {
     "": {
         "first PATH": "map of torchliner educe, or moments of torchliner reduce",
         "second PATH": "another one of the same cells",
-        "--order": (ORDERS, "of averaging; default: that of both"),
+        "--averaging": (list(AVERAGINGS), "over cells; default: that of both"),
         **frequency_option("the tone; of moments alone, a map has its frequencies"),
         "--liner LINER": "of moments: preset, .toml, .csv or .py file; default: the one the file names",
     }
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
             f"liner; leave out {' and '.join(given)}, or name moments of torchliner reduce"
         )
     first, second = (_map_of(path, options) for path in (options.first, options.second))
-    found = compare(first, second, options.order)
+    found = compare(first, second, options.averaging)
     show_results(
         options, lambda: format_comparison(found), lambda: plain_comparison(found),
         output=comparison_table(found).write_csv,
@@ -57,5 +57,5 @@ def _map_of(path: Path, options: argparse.Namespace) -> Any:
         return read_map(path)
     known = read_moments(path)
     (name,) = liner_names(options.liner, [known], [path])
-    order = {} if options.order is None else {"order": options.order}
-    return known.educe(load_liner(name), options.frequency, **order)
+    averaging = {} if options.averaging is None else {"averaging": options.averaging}
+    return known.educe(load_liner(name), options.frequency, **averaging)

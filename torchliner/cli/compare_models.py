@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from torchliner.cli.choice_options import ALL, choice_options, chosen_from
+from torchliner.cli.choice_options import EDUCED, choice_options, chosen_from
 from torchliner.cli.files import planes_of, read_records, show_results
 from torchliner.cli.options import frequency_option, progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
-VARIED = ("engine", "segment", "rank_tolerance")
-CHOICES = [name for name in ALL if name not in VARIED]
 OPTIONS = (
     {
         "": {
@@ -27,7 +25,7 @@ OPTIONS = (
         }
         | shared("--output", "--json", "--quiet")
     }
-    | choice_options(CHOICES)
+    | choice_options(EDUCED)
     | plane_options()
 )  # fmt: skip
 
@@ -51,10 +49,10 @@ def run(options: argparse.Namespace) -> int:
     liners = {name: load_liner(liner) for name, liner in zip(names, options.liner, strict=True)}
     (record,) = read_records([options.plane], options)
     total = 2 * planes_of([record])[0].samples
-    with progress_bar(total, options.plane.name, options, reading=total // 2) as step:
+    with progress_bar(total, options.plane.name, options) as step:
         found = compare_models(
             record, liners, options.frequency, cell_pitch=options.cell_pitch, progress=step,
-            **chosen_from(options, CHOICES),
+            **chosen_from(options, EDUCED),
         )  # fmt: skip
     show_results(
         options, lambda: format_models(found), lambda: plain_models(found),

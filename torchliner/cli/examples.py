@@ -7,6 +7,10 @@ EXAMPLES = {
         "plane.h5 -o map.h5 --figure pictures --holes holes.csv",
         "'run_*.nc' --normal y --frequency 300:6000:100 --liner mine.toml",
     ),
+    "replay": (
+        "plane.h5 --incident noise:300:3500 --segment 0.01 -o map.h5",
+        "plane.h5 --kernel causal --spacing uniform --interpolation linear --window hann",
+    ),
     "ldv info": ("bursts/ --json",),
     "ldv convert": ("bursts/ -o line.h5",),
     "ldv educe": ("bursts/ --frequency 1400 --liner onera -o line_z.h5",),
@@ -31,7 +35,7 @@ EXAMPLES = {
     "sensitivity": ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",),
     "calibrate": (
         "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
-        "low.h5 high.h5 --closure --free vena_contracta=0.4:1",
+        "low.h5 high.h5 --level-check --free vena_contracta=0.4:1",
     ),
     "identify": (
         "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",

@@ -12,8 +12,8 @@ from torchliner.cli.options import print_json, spelled
 from torchliner.cli.plane_options import reading
 
 if TYPE_CHECKING:
+    from torchliner.engine.moments import Moments
     from torchliner.records import VelocityPlane
-    from torchliner.reduction.moments import Moments
 
 
 def show_results(
@@ -107,7 +107,7 @@ def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Vel
 
 def planes_of(records: Sequence[VelocityPlane | Moments]) -> list[VelocityPlane]:
     """What is stated of the planes; those that were reduced have no velocity."""
-    from torchliner.reduction.moments import Moments
+    from torchliner.engine.moments import Moments
 
     return [each.plane if isinstance(each, Moments) else each for each in records]
 
@@ -169,8 +169,8 @@ def incident_signal(options: argparse.Namespace) -> Any:
         if options.incident_rate is not None:
             raise ValueError("--incident-rate is the rate of an --incident file; name the file")
         return None
+    from torchliner.engine.incident import parse_signal
     from torchliner.io.signal_file import read_signal
-    from torchliner.replay.waves import parse_signal
 
     generated = parse_signal(options.incident)
     if generated is None:

@@ -9,10 +9,10 @@ from typing import Any
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import preset_named
 from torchliner.cli.options import frequency_option, number, print_json, shared
-from torchliner.names import GROWING_ORDERS
+from torchliner.names import AVERAGINGS
 
-CHOICES = ("phase", "order", "interval", "no_intervals", "dtype", "memory")
-ORDER = ("--order", (GROWING_ORDERS, "of averaging; default probes first"))
+CHOICES = ("phase", "averaging", "interval", "no_intervals", "dtype")
+AVERAGING = {"--averaging": (list(AVERAGINGS)[:2], "over cells; default admittance")}
 OPTIONS = {
     "": {
         "plane PLANE": "plane file that grows, or folder into which files come, read in the order "
@@ -26,7 +26,7 @@ OPTIONS = {
     }
     | shared("--liner", "--json", "--quiet")
     | frequency_option("the tone of the file"),
-} | choice_options(CHOICES, NO_GIVEN_PHASE | dict([ORDER]))  # fmt: skip
+} | choice_options(CHOICES, NO_GIVEN_PHASE | AVERAGING)  # fmt: skip
 HEADING = "samples    record s  f Hz      Z               half-width  needed s  until then"
 
 
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         reached = follow(following, tell, every=options.every, idle=options.idle)
     finally:  # Ctrl-C, and errors of later files, leave what there is
-        if options.output is not None and following.going is not None and following.going.units:
+        if options.output is not None and following.going is not None and following.going.periods:
             following.moments().write(options.output)
     return 0 if reached or options.until is None else 1
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from torchliner.heights.study import HeightStudy
 
 CHOICES = (
-    "order", "phase", "drive", "mean", "edge", "missing", "allow_short", "wall_filter", "memory",
+    "averaging", "phase", "drive", "mean", "missing", "allow_short", "wall_filter",
 )  # fmt: skip
 
 OPTIONS = {
@@ -26,7 +26,7 @@ OPTIONS = {
         "--cell-pitch MM": "mm; default: the liner's",
         "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
         "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
-        "--limits IMPRINT ORDERS CHANGE": "where closure is not checked, relative; default 0.1 "
+        "--limits IMPRINT AVERAGINGS CHANGE": "where the level is not checked, relative; default 0.1 "
                                           "0.1 0.1",
     }
     | shared("--liner", "--output", "--figure", "--json", "--quiet"),

@@ -10,10 +10,10 @@ from torchliner import names
 from torchliner.cli.calibrate import bounds_given, references_given
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
-from torchliner.cli.options import complex_number, order_option, shared, spelled, stated
+from torchliner.cli.options import averaging_option, complex_number, shared, spelled, stated
 from torchliner.cli.plane_options import plane_options
 
-CHOICES = ("drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
+CHOICES = ("drive", "mean", "missing", "allow_short")
 
 OPTIONS = {
     "": {
@@ -21,8 +21,8 @@ OPTIONS = {
                             "run",
         "--reference Z ...": {
             "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
-            "'closure' (the stated level alone), or one value each; default true"},
-        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or closure, "
+            "'level-check' (the stated level alone), or one value each; default true"},
+        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or level-check, "
                                "by case, or in the order of the planes where files state none; "
                                "default: what the planes hold",
         "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
@@ -45,7 +45,7 @@ OPTIONS = {
         "--output FILE": "write the liner as .csv (a table) or .toml",
         "--figure PICTURE": "draw curve and speeds there",
     }
-    | order_option("coherent first")
+    | averaging_option("phase-locked")
     | shared("--liner", "--frequency", "--json", "--quiet"),
 } | choice_options(CHOICES) | plane_options()  # fmt: skip
 
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     found = identify(
         both[: len(options.planes)], liner, references,
         models=[*models, *([options.fit or "curve"] if options.fit or not models else [])],
-        order=options.order,
+        averaging=options.averaging,
         pressure=[read_pressure(path) for path in options.pressure or ()] or None,
         noise=options.noise, freedom=options.freedom, prior=options.prior or "law",
         rest=None if options.rest is None else complex_number(options.rest, "--rest"),
@@ -138,5 +138,5 @@ def _write(found: Any, path: Path, options: argparse.Namespace) -> None:
     source = "identified by torchliner: " + ", ".join(
         f"{name} = {value:.6g} +- {spread:.2g}" for (name, value), spread in both
     )
-    source += f"; fitted to {', '.join(each.name for each in options.planes)}, {found.order}"
+    source += f"; fitted to {', '.join(each.name for each in options.planes)}, {found.averaging}"
     write_text(liner_text(found.liner, source), path)

@@ -18,8 +18,8 @@ def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
     from torchliner.io.planes import format_of, paths_of
     from torchliner.records import VelocityPlane
-    from torchliner.reduction.inspection import inspect_moments, inspect_plane
     from torchliner.report.figures import draw_velocity
+    from torchliner.velocity.inspection import inspect_moments, inspect_plane
 
     # Of moments there is nothing to draw: the plane is asked for.
     (plane,) = (

@@ -9,11 +9,7 @@ from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import show_results
 from torchliner.cli.options import shared, stated
 
-CHOICES = ("window", "segment", "allow_short", "interval", "no_intervals")
-OWN = {
-    "--window NAME": "window of scipy, e.g. hann, boxcar; default hann",
-    "--segment S": "of the H1 estimate, s; default the whole record",
-}  # in the place of those of the eduction
+CHOICES = ("allow_short", "interval", "no_intervals")
 OPTIONS = {
     "": {
         "record RECORD": "pressure record",
@@ -22,9 +18,11 @@ OPTIONS = {
         "--losses": (names.LOSSES, "in the cavity; default none"),
         "--microphones I I": "of the two-microphone row, from 0; default: the best conditioned",
         "--start S": "beginning that is left out, s; default 0",
+        "--window NAME": "window of scipy, e.g. hann, boxcar; default hann",
+        "--segment S": "of the H1 estimate, s; default the whole record",
     }
     | shared("--frequency", "--json", "--quiet"),
-} | choice_options(CHOICES, OWN)  # fmt: skip
+} | choice_options(CHOICES)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -34,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.records.origin import with_choices
     from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
 
-    chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start"))
+    chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start", "window", "segment"))
     if options.microphones is not None:
         chosen["pair"] = tuple(options.microphones)
     record = read_pressure(options.record)

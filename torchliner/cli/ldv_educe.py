@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from torchliner import names
 from torchliner.cli import ldv_options as ldv
-from torchliner.cli.choice_options import ALL, choice_options, chosen_from
+from torchliner.cli.choice_options import EDUCED, choice_options, chosen_from
 from torchliner.cli.files import preset_named, show_results
 from torchliner.cli.options import (
     CLUSTER,
-    closure_code,
     frequency_option,
+    level_check_code,
     progress_bar,
     shared,
     stated,
@@ -24,11 +24,11 @@ from torchliner.cli.options import (
 if TYPE_CHECKING:
     from torchliner.io.burst_sources import StationSource
 
-NOT_HERE = ("order", "oncoming_rms", "pre_roll", "missing", "allow_short", "segment", "resample")
-STATION = "method grid_rate band_limit correction segment overlap flagged monte_carlo".split()
+NOT_HERE = ("averaging", "background_rms", "missing", "allow_short")
+STATION = "method grid_rate band_limit correction segment overlap window flagged monte_carlo".split()
 RECORDINGS = (".npy", ".wav", ".mat", ".h5")
 
-CHOICES = [name for name in ALL if name not in NOT_HERE]
+CHOICES = [name for name in EDUCED if name not in NOT_HERE]
 OWN = {
     "--reference-phase RAD": "for --phase given: x(t) = cos(2 pi f t + RAD), or its lead over the "
                              "reference; default: none",
@@ -51,6 +51,7 @@ OPTIONS = {
                          "default tone"),
         "--segment S": "length, s; default 1",
         "--overlap SHARE": "of segments, 0 to 1; default 0.5",
+        "--window": (names.STATION_WINDOWS, "of a segment; default whole-periods, each of which weighs alike"),
         "--flagged": (names.FLAGGED, "stations with doubtful bursts, in averages; default exclude"),
         "--monte-carlo N": "draws of eq. (5.2); default 5000",
     },
@@ -107,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     )  # fmt: skip
     if parts is not None:
         parts.clear()
-    return closure_code(options, [line])
+    return level_check_code(options, [line])
 
 
 def _liner(options: argparse.Namespace, sources: list[StationSource]) -> Any:

@@ -31,12 +31,13 @@ except KeyboardInterrupt:  # in the first tenths of a second
 GROUPS = {
     "educe an impedance from velocity above the liner": {
         "educe": "impedance map of one or several velocity planes",
+        "replay": "the same under any incident wave, with the reflected signal",
         "ldv": "bursts of laser Doppler stations: check, convert, educe",
         "audit": "how far each open choice moves the impedance",
         "height": "impedance over height, and which height to take",
         "compare": "difference of two maps, by cell and for the liner",
         "compare-models": "several models of the liner on one plane, in one pass",
-        "truth": "every rule beside the true impedance of resolved cases",
+        "truth": "every rule beside the reference impedance of resolved cases",
     },
     "measure an impedance from pressure": {
         "insitu": "facesheet and backplate pressure, microphones in the duct",

@@ -32,7 +32,7 @@ def error_text(error: Exception, inputs: Sequence[str]) -> str:
     files = ", ".join(inputs)
     lead = f"{files}: " if files and not any(name in text for name in inputs) else ""
     if isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY):
-        return f"{lead}not enough memory: {text}; take fewer probes or samples, or see --memory"
+        return f"{lead}not enough memory: {text}; take fewer probes or samples"
     if isinstance(error, EXPECTED) and not isinstance(error, RecursionError):
         return text if _is_ours(error) else lead + text
     return (

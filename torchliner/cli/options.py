@@ -50,7 +50,7 @@ class Joined(argparse.Action):
 
 
 KINDS = {
-    number: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR IMPRINT ORDERS CHANGE".split(),
+    number: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR IMPRINT AVERAGINGS CHANGE".split(),
     whole_number: "N I".split(),
     Path: "FILE PICTURE FOLDER PATH PLANE LINE SOURCE RECORD".split(),
 }
@@ -73,7 +73,7 @@ SHARED: dict[str, Any] = {
     "--copy FILE": "write the preset as .toml, to edit",
     "--json": "print JSON instead of a table",
     "--quiet": "no progress bar, no warnings",
-    "--strict": "exit code 1 where closure fails for the answer",
+    "--strict": "exit code 1 where the level check fails for the answer",
 }
 CLUSTER = {
     "--cluster WHERE": "workers that read the planes: local:N, N processes here; tcp://HOST:PORT "
@@ -144,19 +144,17 @@ def shared(*wanted: str) -> dict[str, Any]:
     return {spec: entry for spec, entry in SHARED.items() if spec.split()[0] in wanted}
 
 
-def closure_code(options: argparse.Namespace, results: Iterable[Any]) -> int:
-    """1 with --strict where the closure of a map or a line fails, else 0."""
-    failed = any(result.closure is not None and result.closure.failed for result in results)
+def level_check_code(options: argparse.Namespace, results: Iterable[Any]) -> int:
+    """1 with --strict where the level check of a map or a line fails, else 0."""
+    failed = any(result.level_check is not None and result.level_check.failed for result in results)
     return 1 if options.strict and failed else 0
 
 
-def order_option(default: str) -> dict[str, Any]:
-    """--order of averaging."""
-    text = (
-        "of averaging: what of v is coherent with the tone over a cell, all of v over a cell, or "
-        f"the admittance over probes alone; default '{default}'"
-    )
-    return {"--order": {"choices": names.ORDERS, "default": default, "help": text}}
+def averaging_option(default: str, *, passed: bool = True) -> dict[str, Any]:
+    """--averaging; ``passed``: the default reaches the function, in the place of its own."""
+    meanings = "; ".join(f"{name}, {text}" for name, text in names.AVERAGINGS.items())
+    entry = {"choices": list(names.AVERAGINGS), "help": f"over cells: {meanings}; default {default}"}
+    return {"--averaging": entry | ({"default": default} if passed else {})}
 
 
 def dest(spec: str) -> str:
@@ -220,34 +218,19 @@ def _plain(value: Any) -> Any:
 
 
 @contextmanager
-def progress_bar(
-    total: int, label: str, options: argparse.Namespace, unit: str = "sample", reading: int = 0
-) -> Iterator[Any]:
+def progress_bar(total: int, label: str, options: argparse.Namespace, unit: str = "sample") -> Iterator[Any]:
     """A callable that takes steps done; None with --quiet or if standard error is no terminal.
 
     Args:
-        total: steps in all.
+        total: steps in all, at most.
         label: what is worked on.
         options: of the command.
         unit: of a step.
-        reading: of ``total``, steps of the first pass, which take less time than the others: it has
-            a bar of its own, so that neither says more than it knows.
     """
     if options.quiet or not sys.stderr.isatty():
         yield None
         return
     from tqdm import tqdm
 
-    about: dict[str, Any] = {"unit": unit, "unit_scale": unit in ("sample", "B"), "leave": False}
-    first = f"{label}, reading" if reading else label
-    with tqdm(total=reading or total, desc=first, **about) as bar:
-
-        def step(done: int) -> None:
-            bar.update(done)
-            if reading and bar.desc.startswith(first) and bar.n >= reading:
-                beyond = bar.n - reading
-                bar.set_description(f"{label}, replaying", refresh=False)
-                bar.reset(total - reading)
-                bar.update(beyond)
-
-        yield step
+    with tqdm(total=total, desc=label, unit=unit, unit_scale=unit in ("sample", "B"), leave=False) as bar:
+        yield bar.update

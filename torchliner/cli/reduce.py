@@ -11,8 +11,8 @@ from torchliner.cli.options import frequency_option, progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
 CHOICES = (
-    "phase", "drive", "mean", "order", "oncoming_rms", "running_window", "missing", "allow_short",
-    "window", "pre_roll", "no_intervals", "device", "dtype", "memory",
+    "phase", "drive", "mean", "averaging", "background_rms", "running_window", "missing",
+    "allow_short", "device", "dtype",
 )  # fmt: skip
 OPTIONS = {
     "": shared("plane")
@@ -22,7 +22,7 @@ OPTIONS = {
                          "over whose cells v is averaged; default: any liner",
         "--cell-pitch M": "side of the cells, m, without --liner; default: that of the preset that "
                           "the file names, else all probes are one cell",
-        **frequency_option("the tone of the file; rows of --phase and --window are kept for it"),
+        **frequency_option("the tone of the file; rows of --phase are kept for it"),
     }
     | shared("--json", "--quiet"),
 } | choice_options(CHOICES) | plane_options()  # fmt: skip
@@ -31,7 +31,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Write the moments and say how large and how good they are."""
     from torchliner.liners.catalogue import load_liner, preset_names
-    from torchliner.tdibc.reduce import moments
+    from torchliner.velocity.educe import moments
 
     (plane,) = read_planes([options.plane], options)
     liner = None if options.liner is None else load_liner(options.liner)
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     pitch = options.cell_pitch
     if pitch is None and liner is None and named is not None:
         pitch = named.cell_pitch
-    with progress_bar(2 * plane.samples, options.plane.name, options, reading=plane.samples) as bar:
+    with progress_bar(2 * plane.samples, options.plane.name, options) as bar:
         found = moments(
             plane, liner, options.frequency, cell_pitch=pitch, progress=bar,
             **chosen_from(options, CHOICES),
@@ -52,14 +52,14 @@ def run(options: argparse.Namespace) -> int:
 
 def _facts(options: argparse.Namespace, plane: Any, found: Any, liner: Any) -> dict[str, Any]:
     """Of the file, and of the error for a liner that is known."""
-    basis, cells = found.sums.basis, found.sums.cells
+    nodes = {} if found.nodes is None else found.nodes.describe()
     return {
         "output": str(options.output), "bytes": options.output.stat().st_size,
         "bytes_of_velocity": plane.velocity.dtype.itemsize * plane.samples * plane.probes,
-        "probes": plane.probes, "cells": cells.count, "samples": plane.samples,
-        "cell_pitch": found.cell_pitch, "blocks": found.sums.plan.rest,
-        "functions": basis.count, "centre": basis.describe().get("centre"),
-        "any_liner": options.liner is None, "readings": found.readings,
+        "probes": plane.probes, "cells": found.cells.count, "samples": plane.samples,
+        "cell_pitch": found.cell_pitch, "blocks": found.survey.blocks.count,
+        "functions": None if found.nodes is None else found.nodes.count,
+        "centre": nodes.get("centre"), "any_liner": options.liner is None,
         "liner": None if liner is None else liner.describe().get("name"),
         "error_in_R": None if liner is None else found.error(
             liner, None if options.liner is None else options.frequency or plane.frequency),
@@ -82,8 +82,6 @@ def _text(facts: dict[str, Any]) -> str:
         f"({data / size:.3g} times as much)",
         f"{facts['probes']} probes, cells: {cells}; {facts['samples']} samples, "
         f"{facts['blocks']} blocks for error bars",
+        "no functions of |v|: the rms is enough" if facts["functions"] is None else
         f"K = {facts['functions']} functions of |v|{centre}: good for {'; '.join(good)}",
-        "one reading of the data" if facts["readings"] == 1 else
-        f"{'two' if facts['readings'] == 2 else facts['readings']} readings of the data: a "
-        "statistic of the whole record came first",
     ])  # fmt: skip

@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
             raise ValueError(f"--cases is for the folder of a campaign; {options.result} is a file")
         page = report_file(options.result, options.output, options.data, options.liner)
         written = [options.output]
-    facts = {"title": page.title, "answer": page.answer, "closure": page.state,
+    facts = {"title": page.title, "answer": page.answer, "level_check": page.state,
              "written": [str(path) for path in written]}  # fmt: skip
     show_results(options, lambda: f"{page.title}\n{page.answer}\n{options.output}", lambda: facts)
     return 0

@@ -7,10 +7,10 @@ import argparse
 from torchliner import names
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import only_liner, planes_of, read_records, show_results
-from torchliner.cli.options import order_option, progress_bar, shared, split_pair
+from torchliner.cli.options import averaging_option, progress_bar, shared, split_pair
 from torchliner.cli.plane_options import plane_options
 
-CHOICES = ("phase", "drive", "mean", "edge", "kernel", "missing", "allow_short", "memory")
+CHOICES = ("phase", "drive", "mean", "missing", "allow_short")
 
 OPTIONS = {
     "": {
@@ -27,7 +27,7 @@ OPTIONS = {
             "action": "append", "default": [], "help": "of two parameters, -1 to 1; default 0"},
         "--figure PICTURE": "draw bars of the contributions at the first frequency",
     }
-    | order_option("velocity first")
+    | averaging_option("velocity")
     | shared("plane", "--liner", "--frequency", "--output", "--json", "--quiet"),
 } | choice_options(CHOICES, NO_GIVEN_PHASE) | plane_options()  # fmt: skip
 
@@ -48,30 +48,30 @@ def run(options: argparse.Namespace) -> int:
     liner = only_liner(options.liner, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
     samples = planes_of(planes)[0].samples
-    with progress_bar(2 * samples, options.plane.name, options, reading=samples) as step:
+    with progress_bar(2 * samples, options.plane.name, options) as step:
         choices = chosen_from(options, CHOICES)
         found = sensitivities(plane, liner, options.frequency, parameters, progress=step, **choices)
-    frequency, order = found.found.frequency.tolist(), options.order
+    frequency, averaging = found.found.frequency.tolist(), options.averaging
     limits = options.limits or "rectangular"
     if tolerances:
         budget = found.propagate(tolerances, limits=limits, correlation=correlation)
-        table = budget_table(budget, frequency, order)
-        text = format_budget(budget, found, order, table)
+        table = budget_table(budget, frequency, averaging)
+        text = format_budget(budget, found, averaging, table)
         meaning = f"tolerances are {limits}"
-        together = [correlation_of(each) for each in budget.covariance[order]]
+        together = [correlation_of(each) for each in budget.covariance[averaging]]
     else:
-        table = sensitivity_table(found, order)
+        table = sensitivity_table(found, averaging)
         text, meaning, together = table.as_text(), "p in the unit shown", None
     rows = table.as_rows()
     first = [row for row in rows if row["frequency"] == frequency[0]]
-    title = f"{found.found.title}, {frequency[0]:g} Hz, {order}"
+    title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}"
     title += f"; {meaning}" if tolerances else ""
-    text += (f"\nZ by rho c, averaging: {order}; {meaning}; first order, interpolation error of a "
+    text += (f"\nZ by rho c, averaging: {averaging}; {meaning}; first order, interpolation error of a "
              f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
     plain = {
-        "order": order, "limits": limits if tolerances else None, "frequency": frequency,
-        "impedance": found.found.of_liner(order).tolist(), "correlation_of_R_and_X": together,
-        "rows": rows, "notes": list(found.found.notes),
+        "averaging": averaging, "limits": limits if tolerances else None, "frequency": frequency,
+        "impedance": found.found.liner[averaging].impedance.tolist(), "correlation_of_R_and_X": together,
+        "rows": rows, "notes": [str(note) for note in found.found.notes],
     }  # fmt: skip
     show_results(
         options, lambda: text, lambda: plain, output=table.write_csv,

@@ -9,7 +9,7 @@ from torchliner.cli.options import progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
 OPTIONS = {
-    "": {"planes PLANE ...": "plane files with a true impedance"} | shared("--liner", "--output", "--json", "--quiet")
+    "": {"planes PLANE ...": "files with a reference impedance"} | shared("--liner", "--output", "--json", "--quiet")
 } | plane_options()
 
 

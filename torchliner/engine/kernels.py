@@ -102,9 +102,41 @@ def build_kernels(
         levels=200, spacing="uniform", interpolation="linear"``. Departures from print: (3.3) is printed one-sided,
         the transform is the Hermitian one with R(0) = 1; the defaults are two-sided kernels and cubics in sqrt|v|.
     """
+    grid = VelocityGrid(velocity_max, levels, spacing, interpolation)
+    taps, first = _taps(liner, grid.speeds, sampling_rate, kind, band, before, after, regularisation)
+    low, high = band[0], min(band[1], HIGHEST * sampling_rate)
+    with torch.no_grad():
+        error, level_error, gain = _quality(taps, first, sampling_rate, (low, high), liner, grid)
+    return KernelTable(taps, first, sampling_rate, grid, (low, high), kind, error, level_error, gain)
+
+
+@one_thread()
+def response_at(
+    liner: Liner,
+    frequency: Tensor,
+    speeds: Tensor,
+    sampling_rate: float,
+    kind: str = "two-sided",
+    band: tuple[float, float] = BAND,
+) -> Tensor:
+    """H(f; |v|) of kernels that are made at these very |v|, m/s, (V,): complex128, (V, F); see ``build_kernels``."""
+    taps, first = _taps(liner, speeds, sampling_rate, kind, band, BEFORE, AFTER, REGULARISATION)
+    return _response(taps, first, frequency, sampling_rate)
+
+
+def _taps(
+    liner: Liner,
+    speeds: Tensor,
+    sampling_rate: float,
+    kind: str,
+    band: tuple[float, float],
+    before: float,
+    after: float,
+    regularisation: float,
+) -> tuple[Tensor, int]:
+    """(V, K), and m of the first; arguments as of ``build_kernels``, checked here."""
     require_choice("kernel", kind, KERNELS)
     require_positive("sampling_rate (Hz)", sampling_rate)
-    grid = VelocityGrid(velocity_max, levels, spacing, interpolation)
     low, high = band
     if not 0 < low < high:
         raise ValueError(f"band is {low:g}-{high:g} Hz; it must run from above 0 upwards")
@@ -113,14 +145,10 @@ def build_kernels(
     if not (before >= 0 and after >= 0):
         raise ValueError(f"before is {before:g} s and after {after:g} s; both must be 0 or more")
     high, last = min(high, HIGHEST * sampling_rate), round(after * sampling_rate)
-    first = 0 if kind == "causal" else -round(before * sampling_rate)
     if kind == "causal":
-        taps = _causal_part(liner, grid, sampling_rate, last + 1)
-    else:
-        taps = _fit(liner, grid, (first, last, sampling_rate), (low, high), regularisation)
-    with torch.no_grad():
-        error, level_error, gain = _quality(taps, first, sampling_rate, (low, high), liner, grid)
-    return KernelTable(taps, first, sampling_rate, grid, (low, high), kind, error, level_error, gain)
+        return _causal_part(liner, speeds, sampling_rate, last + 1), 0
+    first = -round(before * sampling_rate)
+    return _fit(liner, speeds, (first, last, sampling_rate), (low, high), regularisation), first
 
 
 def _quality(
@@ -148,11 +176,11 @@ def _response(taps: Tensor, first: int, frequency: Tensor, sampling_rate: float)
 
 
 def _fit(
-    liner: Liner, grid: VelocityGrid, lags: tuple[int, int, float], band: tuple[float, float], regularisation: float
+    liner: Liner, speeds: Tensor, lags: tuple[int, int, float], band: tuple[float, float], regularisation: float
 ) -> Tensor:
     """Taps at the lags (first, last, sampling rate) whose response is R on the band, (V, K)."""
     frequency, rows, factors, pivots = _normal_equations(lags, band, regularisation)
-    wanted = reflection_of(liner, frequency, grid.speeds[:, None])
+    wanted = reflection_of(liner, frequency, speeds[:, None])
     target = torch.cat([wanted.real, wanted.imag], dim=1)
     return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows
 
@@ -177,10 +205,10 @@ def _normal_equations(
     return frequency, rows, *torch.linalg.lu_factor(damped)
 
 
-def _causal_part(liner: Liner, grid: VelocityGrid, sampling_rate: float, count: int) -> Tensor:
+def _causal_part(liner: Liner, speeds: Tensor, sampling_rate: float, count: int) -> Tensor:
     """Taps 0 .. ``count`` - 1 of the Hermitian inverse transform, (V, count)."""
     size = 1 << (8 * count - 1).bit_length()  # so long that its own period folds nothing into the taps kept
     frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)[1:]
-    reflection = reflection_of(liner, frequency, grid.speeds[:, None])
-    at_zero = torch.ones(grid.levels, 1, dtype=torch.complex128)  # R(0) = 1
+    reflection = reflection_of(liner, frequency, speeds[:, None])
+    at_zero = torch.ones(len(speeds), 1, dtype=torch.complex128)  # R(0) = 1
     return torch.fft.irfft(torch.cat([at_zero, reflection], dim=1), n=size)[:, :count].contiguous()

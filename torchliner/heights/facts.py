@@ -1,5 +1,4 @@
-"""What is known of one plane's height besides its impedance: imprint of the cells
-(what is periodic in their pitch), jets' reach."""
+"""What is known of the height of a plane besides its impedance: cell-periodic modulation, and the reach of jets."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from torchliner.flow_profiles.mean_flow import Array
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.reduction.inspection import time_moments
+from torchliner.records.slabs import slab_bounds
 
 FEWEST_PROBES = 4  # to a cell
 MOST_HARMONICS = 8
@@ -181,12 +180,12 @@ class HeightFacts:
         velocity_rms: v', m/s, over the plane.
         imprint, mean_imprint, streamwise_imprint: of v'_rms, v_0 and u'_rms along x; None without
             a whole cell (or without u).
-        jet_velocity, jet_height: m/s and m, eqs (A3) and (A2), with |Z| in the order of averaging
-            that the answer follows; None where something is unknown.
-        impedance: Z of the whole plane by order of averaging.
-        closure: level of the incident wave that Z and velocity imply over the one that is known,
-            dB, by order; empty where it was not checked.
-        closure_limit: dB.
+        jet_velocity, jet_height: m/s and m, eqs (A3) and (A2), with |Z| in the averaging of the answer; None where
+            something is unknown.
+        impedance: Z of the whole plane by averaging.
+        level_check: level of the incident wave that Z and velocity imply over the one that is known, dB, by averaging;
+            empty where it was not checked.
+        level_limit: dB.
     """
 
     height: float
@@ -198,8 +197,8 @@ class HeightFacts:
     jet_velocity: float | None
     jet_height: float | None
     impedance: Mapping[str, complex]
-    closure: Mapping[str, float]
-    closure_limit: float
+    level_check: Mapping[str, float]
+    level_limit: float
 
 
 def facts_of_plane(
@@ -217,42 +216,59 @@ def facts_of_plane(
     (waves, steady, stream), notes = _imprints(plane, rms, seen.mean_velocity.detach().cpu(), pitch)
     speed, reach, reason = _jet(plane, complex(seen.answer[0]), liner, flow)
     facts = HeightFacts(
-        plane.height, float(seen.coherence[..., 0].nanmedian()),
-        float((rms**2).nanmean().sqrt()), waves, steady, stream, speed, reach,
-        {order: complex(seen.of_liner(order)[0]) for order in seen.orders}, *_closure(seen),
-    )  # fmt: skip
+        height=plane.height,
+        coherence=float(seen.coherence[..., 0].nanmedian()),
+        velocity_rms=float((rms**2).nanmean().sqrt()),
+        imprint=waves,
+        mean_imprint=steady,
+        streamwise_imprint=stream,
+        jet_velocity=speed,
+        jet_height=reach,
+        impedance={name: complex(each.impedance[0]) for name, each in seen.liner.items()},
+        level_check=_level_checks(seen),
+        level_limit=math.nan if seen.level_check is None else seen.level_check.limit,
+    )
     return facts, notes if reason is None else [*notes, f"no jet height: {reason}"]
 
 
-def _closure(seen: ImpedanceMap) -> tuple[dict[str, float], float]:
-    """dB by order, and the limit."""
-    closure = getattr(seen, "closure", None)
-    if closure is None:
-        return {}, math.nan
-    levels = dict(zip(closure.orders, closure.liner.level[:, 0].tolist(), strict=True))
-    return {order: level for order, level in levels.items() if math.isfinite(level)}, closure.limit
+def _level_checks(seen: ImpedanceMap) -> dict[str, float]:
+    """dB by averaging."""
+    if seen.level_check is None:
+        return {}
+    levels = zip(seen.level_check.averagings, seen.level_check.liner.level[:, 0].tolist(), strict=True)
+    return {averaging: level for averaging, level in levels if math.isfinite(level)}
 
 
 def _imprints(
     plane: VelocityPlane, rms: Tensor, mean: Tensor, pitch: float | None
 ) -> tuple[list[Imprint | None], list[str]]:
     if pitch is None:
-        return [None, None, None], ["no cell pitch is known; the cells' imprint cannot be judged"]
+        return [None, None, None], ["no cell pitch is known; the cell-periodic modulation cannot be judged"]
     profiles: list[Array | None] = [_over_z(rms**2) ** 0.5, _over_z(mean), None]
     if plane.streamwise is not None:
         name = f"{plane.name}, streamwise"
         stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=name)
-        first, square = time_moments(stream)
-        variance = (square - first**2).clamp(min=0).reshape(plane.probe_shape)
-        profiles[2] = _over_z(variance) ** 0.5
+        profiles[2] = _over_z(_variance(stream).reshape(plane.probe_shape)) ** 0.5
     try:
         found = [None if p is None else cell_imprint(plane.x, p, pitch) for p in profiles]
     except ValueError as error:
-        return [None, None, None], [f"{plane.name}: no imprint can be judged: {error}"]
+        return [None, None, None], [f"{plane.name}: no cell-periodic modulation can be judged: {error}"]
     alone = found[0] is not None and found[0].cells == 1
-    note = ("the probes span a single cell: the imprint is the harmonics of the pitch in it, and "
-            "nothing shows that they repeat")  # fmt: skip
+    note = (
+        "the probes span a single cell: the cell-periodic modulation is the harmonics of the pitch in it, and nothing "
+        "shows that they repeat"
+    )
     return found, [note] if alone else []
+
+
+def _variance(plane: VelocityPlane) -> Tensor:
+    """Of each probe over time, m2/s2, (P,), by slabs."""
+    total = torch.zeros(2, plane.probes, dtype=torch.float64)
+    for begin, end in slab_bounds(plane.samples, plane.probes):
+        slab = plane.read(begin, end).cpu().double()
+        total += torch.stack([slab.sum(0), slab.square().sum(0)])
+    mean, square = total / plane.samples
+    return (square - mean**2).clamp(min=0)
 
 
 def _over_z(values: Tensor) -> Array:

@@ -5,57 +5,51 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_positive, stated_frequency, tell
-from torchliner.conversions import (
-    admittance_from_reflection,
-    impedance_from_admittance,
-    mean_impedance,
-)
+from torchliner.conversions import impedance_from_admittance, mean_impedance
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import choose_nodes
 from torchliner.heights.facts import Decay, HeightFacts, JetFlow, facts_of_plane, fit_decay
-from torchliner.liners.model import Liner, as_liner
-from torchliner.names import ORDERS
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.boxes import Grid, averaged_planes, grid_of, windows_of
+from torchliner.records.boxes import Grid, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.reduction.moments import Moments
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.educe import replay
-from torchliner.tdibc.prepare import prepare
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import answer, require_fitting, with_window
+from torchliner.velocity.further import Further, Source, average_of
+from torchliner.velocity.review import review_liner
 
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
 
 Record = VelocityPlane | Moments
-Educe = Callable[[Sequence[VelocityPlane]], list[ImpedanceMap]]
 UNKNOWN = complex(math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class LengthRow:
-    """Impedance of one plane at one averaging length, both orders.
+    """Impedance of one plane at one averaging length.
 
     Args:
         height, length: m.  probes, windows: probes in a window, and windows.
-        probes_first: 1/<Y> over windows, Y averaged over a window's probes.
-        velocity_first: the same, v averaged over a window's probes and then replayed; nan of
-            moments, but for windows of one probe.
-        probes_first_spread, velocity_first_spread: standard deviation of R and of X over the
-            windows; nan for one.
+        admittance: 1/<Y> over windows, Y averaged over a window's probes.
+        velocity: the same, of the velocity averaged over a window's probes; nan of moments, but for windows of one
+            probe.
+        admittance_spread, velocity_spread: standard deviation of R and of X over the windows; nan for one.
     """
 
     height: float
     length: float
     probes: int
     windows: int
-    probes_first: complex
-    velocity_first: complex
-    probes_first_spread: complex
-    velocity_first_spread: complex
+    admittance: complex
+    velocity: complex
+    admittance_spread: complex
+    velocity_spread: complex
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,7 @@ class HeightStudy:
     Args:
         title: what the planes share.  frequency: Hz.  pitch: L_c, m; None if there are no cells.
         lengths: m, rising.  rows: lowest plane first, then by length.  facts: lowest plane first.
-        decay, first_decay: of the imprint of v'_rms relative to its mean, and of its first
+        decay, first_decay: of the cell-periodic part of v'_rms relative to its mean, and of its first
             harmonic in m/s; None with fewer than three heights.
         reference: independent impedances, for comparison alone.  choices: of the eduction.
         notes: warnings, and what is not known.
@@ -86,9 +80,9 @@ class HeightStudy:
     source_side: str = "unknown"
 
     @property
-    def order(self) -> str:
-        """Of averaging, which the answer follows."""
-        return str(self.choices.get("order", ""))
+    def averaging(self) -> str:
+        """Of the answer."""
+        return str(self.choices["averaging"])
 
     def at_length(self, length: float) -> list[LengthRow]:
         """The rows of one averaging length, lowest first."""
@@ -96,32 +90,36 @@ class HeightStudy:
 
 
 def study_heights(
-    planes: Sequence[Record], liner: Liner, frequency: float | None = None, *,
-    lengths: Sequence[float] | None = None, cell_pitch: float | None = None,
-    flow: JetFlow | None = None, reference_phase: float | None = None,
-    progress: Callable[[int], None] | None = None, **choices: Any,
-) -> HeightStudy:  # fmt: skip
-    """Z over height and averaging length, the cells' imprint, and the jets' height.
+    planes: Sequence[Record],
+    liner: Liner,
+    frequency: float | None = None,
+    *,
+    lengths: Sequence[float] | None = None,
+    cell_pitch: float | None = None,
+    flow: JetFlow | None = None,
+    reference_phase: float | None = None,
+    progress: Callable[[int], object] | None = None,
+    **choices: Any,
+) -> HeightStudy:
+    """Z over height and averaging length, the cell-periodic modulation, and the height of the jets.
 
     Args:
-        planes: of one case at different heights, each a line along x or a (z, x) plane with even
-            spacing. Planes in files are read by slabs; the averaged velocities of one plane at
-            all lengths are held in memory, 256 MB at most (fewer windows beyond that). Of the
-            ``Moments`` of a plane everything is known but velocity first at these lengths.
-        liner: as for ``educe``; its ``cell_pitch``, ``surface_porosity`` and ``orifice_diameter``
-            are used where it has them.
+        planes: of one case at different heights, each a line along x or a (z, x) plane with even spacing. Of the
+            ``Moments`` of a plane everything is known but the velocity averaged over these lengths.
+        liner: as for ``educe``; its ``cell_pitch``, ``surface_porosity`` and ``orifice_diameter`` are used where it has
+            them.
         frequency: Hz, one; default the planes' own tone.
-        lengths: averaging lengths along x (and z), m, from a spacing to the whole plane; default a
-            spacing, 1/8, 1/4, 1/2, 1, 2, 4 ... cells and the whole plane.
-        cell_pitch: L_c, m; default the liner's.  flow: mean flow for the jets' height.
-        reference_phase: rad, for ``phase="given"``.  progress: called with 1 per plane.
-        choices: see ``torchliner.tdibc.choices.Choices``; tones only. A ``wall_filter`` acts on
-            the averages over probes.
+        lengths: averaging lengths along x (and z), m, from a spacing to the whole plane; default a spacing, 1/8, 1/4,
+            1/2, 1, 2, 4 ... cells and the whole plane.
+        cell_pitch: L_c, m; default the liner's.
+        flow: mean flow for the jets' height.
+        reference_phase: rad, for ``phase="given"``.
+        progress: called with 1 per plane.
+        choices: see ``torchliner.velocity.choices.Choices``. A ``wall_filter`` acts on the averages over probes.
     Returns:
         Rows by height and length, facts by height.
     Raises:
-        ValueError: planes without or of equal height, of different cases or frequencies, or
-            lengths that do not fit.
+        ValueError: planes without or of equal height, of different cases or frequencies, or lengths that do not fit.
     Warns:
         DataWarning: what is in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
@@ -137,37 +135,42 @@ def study_heights(
     long = _checked_lengths(lengths, grids) if lengths else _default_lengths(grids, pitch)
     # What stands beside the heights are spreads; no interval is shown.
     chosen = Choices(**{"interval": None, **choices})
-    if chosen.incident is not None:
-        raise ValueError("heights are compared under a tone; leave the incident signal out")
-
-    def educe(some: Sequence[Record], how: Choices) -> list[ImpedanceMap]:
-        return [replay(ready).map(how.phase, reference_phase) for ready in prepare(some, model, wanted, how)]
-
-    averaged = partial(educe, how=replace(chosen, order=ORDERS[0], oncoming_rms=None))
-    given = [records[id(plane)] for plane in ordered]
-    maps, rows = educe(given, chosen), []
-    for record, grid, seen in zip(given, grids, maps, strict=True):
-        rows += _rows_of(record, grid, long, seen, averaged)
+    maps: list[ImpedanceMap] = []
+    rows: list[LengthRow] = []
+    for plane, grid in zip(ordered, grids, strict=True):
+        work = _Height(records[id(plane)], model, wanted, chosen, reference_phase)
+        maps.append(work.seen)
+        rows += work.rows(grid, long)
         if progress is not None:
             progress(1)
-    notes, facts = [note for seen in maps for note in seen.notes], []
+    notes, facts = [note.text for seen in maps for note in seen.notes], []
     notes += [
-        f"{each.plane.name} holds moments: velocity first is known of its cells alone, not over "
-        "averaging lengths, for which v itself is averaged; name the plane that was reduced"
-        for each in given if isinstance(each, Moments)
-    ]  # fmt: skip
+        f"{plane.name} holds moments: the averaged velocity is known of its cells alone, not over averaging lengths; "
+        "name the plane that was reduced"
+        for plane in ordered
+        if isinstance(records[id(plane)], Moments)
+    ]
     for plane, seen in zip(ordered, maps, strict=True):
         one, unknown = facts_of_plane(plane, seen, model, pitch, flow or JetFlow())
         facts.append(one)
         notes += unknown
     notes = list(dict.fromkeys(notes))
     tell(notes)
+    decay, first_decay = _decays(facts, pitch)
     return HeightStudy(
-        ordered[0].title.split(", y =")[0], wanted, pitch, tuple(long),
-        tuple(sorted(rows, key=lambda row: (row.height, row.length))), tuple(facts),
-        *_decays(facts, pitch), maps[0].reference_at(0), dict(maps[0].choices),
-        tuple(notes), ordered[0].source_side,
-    )  # fmt: skip
+        title=ordered[0].title.split(", y =")[0],
+        frequency=wanted,
+        pitch=pitch,
+        lengths=tuple(long),
+        rows=tuple(sorted(rows, key=lambda row: (row.height, row.length))),
+        facts=tuple(facts),
+        decay=decay,
+        first_decay=first_decay,
+        reference=maps[0].reference_at(0),
+        choices=dict(maps[0].choices),
+        notes=tuple(notes),
+        source_side=ordered[0].source_side,
+    )
 
 
 def _stated(record: Record) -> VelocityPlane:
@@ -214,32 +217,60 @@ def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[fl
     return sorted(set(lengths))
 
 
-def _rows_of(record: Record, grid: Grid, lengths: Sequence[float], seen: ImpedanceMap, educe: Educe) -> list[LengthRow]:
-    """One plane at every averaging length, for which it is read once."""
-    plane, shape = _stated(record), (grid.rows, grid.columns)
-    reflection = seen.reflection[..., 0].detach().cpu().reshape(shape)
-    used = torch.isfinite(reflection.real)
-    cut = [windows_of(grid, length, used, plane.samples * len(lengths)) for length in lengths]
-    replies: list[Tensor | None]
-    if isinstance(record, Moments):
-        replies = [each.mean(reflection) if each.width * each.height == 1 else None for each in cut]
-    else:
-        replies = [found.reflection[..., 0] for found in educe(averaged_planes(plane, cut))]
-    over_probes = seen.averaged_admittance[..., 0].detach().cpu().reshape(shape)
-    return [
-        LengthRow(
-            plane.height or 0.0, length, windows.width * windows.height, windows.count,
-            *_averages(windows.mean(over_probes), reply),
-        )
-        for length, windows, reply in zip(lengths, cut, replies, strict=True)
-    ]  # fmt: skip
+class _Height:
+    """One plane."""
+
+    def __init__(
+        self, record: Record, model: LinerModel, frequency: float, chosen: Choices, reference_phase: float | None
+    ) -> None:
+        self.plane, self.model, self.phase = _stated(record), model, reference_phase
+        self.frequency = stated_frequency(frequency, None, self.plane.name, self.plane.sampling_rate)
+        self.chosen, self.source = with_window(chosen, self.frequency), None
+        if isinstance(record, Moments):
+            require_fitting(record, self.chosen, model, self.frequency)
+            known = record
+        else:
+            nodes = choose_nodes([model], self.frequency, chosen.tolerance(record.velocity.dtype))
+            self.source = Source(record, model, self.frequency, nodes, self.chosen)
+            known = self.source.known
+        notes = [*known.notes, *review_liner(self.plane, model)]
+        with torch.no_grad():
+            self.seen = answer(known, model, self.frequency, self.chosen, reference_phase, None, notes)
+
+    def rows(self, grid: Grid, lengths: Sequence[float]) -> list[LengthRow]:
+        """At every averaging length, for which it is read once more."""
+        reflection = self.seen.probes["admittance"].reflection[..., 0].flatten()
+        over_probes = self.seen.probes["admittance"].admittance[..., 0].flatten()
+        if self.seen.wall is not None:
+            over_probes = torch.where(self.seen.wall[..., 0].flatten(), 0, over_probes)
+        used = torch.isfinite(reflection.real).reshape(grid.rows, grid.columns)
+        cut = [windows_of(grid, length, used) for length in lengths]
+        over_velocity: list[Tensor | None]
+        if self.source is None:
+            alone = self.seen.probes["admittance"].admittance[..., 0].flatten()
+            over_velocity = [alone if each.width * each.height == 1 else None for each in cut]
+        else:
+            rules = replace(self.chosen, averaging="velocity", background_rms=None, interval=None)
+            others = self.source.others([Further(rules, each) for each in cut])
+            over_velocity = [
+                average_of(each, self.model, self.frequency, rules, "velocity", self.phase).cells.admittance[:, 0].cpu()
+                for each in others
+            ]
+        return [
+            LengthRow(
+                self.plane.height or 0.0,
+                length,
+                windows.width * windows.height,
+                windows.count,
+                *_averages(windows.mean(over_probes), velocity),
+            )
+            for length, windows, velocity in zip(lengths, cut, over_velocity, strict=True)
+        ]
 
 
-def _averages(over_probes: Tensor, reply: Tensor | None) -> tuple[complex, complex, complex, complex]:
-    """Of both orders, then the spreads, from Y and R of windows."""
-    velocity, spread = UNKNOWN, UNKNOWN
-    if reply is not None:
-        velocity, spread = _average(admittance_from_reflection(reply.detach().cpu()))
+def _averages(over_probes: Tensor, over_velocity: Tensor | None) -> tuple[complex, complex, complex, complex]:
+    """Of both averagings, then the spreads, from the admittances of windows."""
+    velocity, spread = (UNKNOWN, UNKNOWN) if over_velocity is None else _average(over_velocity)
     probes, between = _average(over_probes)
     return probes, velocity, between, spread
 

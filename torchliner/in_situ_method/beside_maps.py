@@ -30,8 +30,7 @@ def with_in_situ(
     found = []
     for result, plane in zip(maps, planes, strict=True):
         require_same_run(plane, record)
-        known = result.uncertainty
-        level = None if known is None else float(known.settings["level"])
+        level = result.level
         key = (*result.frequency.tolist(), level)
         if key not in made:
             made[key] = in_situ(record, result.frequency, interval=level)

@@ -228,8 +228,11 @@ def write_index(group: h5py.Group, name: str, count: int) -> None:
 
 
 def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
-    """A list of texts along a dimension."""
-    attach_scales(group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,))
+    """A list of texts along a dimension, whose scale it is if it bears its name."""
+    dataset = group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype())
+    if name == dim:
+        dataset.make_scale(name)
+    attach_scales(dataset, group, (dim,))
 
 
 def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) -> dict[str, Any]:

@@ -19,15 +19,15 @@ from torchliner.io.hdf5 import (
     write_texts,
 )
 from torchliner.io.result_file import (
-    Sizes,
     interval_table,
-    read_closure,
     read_interval,
+    read_level_check,
     result_kind,
-    write_closure,
+    write_level_check,
 )
 from torchliner.io.result_writers import ResultFile
 from torchliner.io.tables import (
+    Sizes,
     cartesian,
     described,
     impedance,
@@ -129,8 +129,8 @@ def _fill(file: h5py.File, line: ImpedanceLine) -> None:
         write_variables(file, line.interval, INTERVAL, words=words)
     write_variables(file, line, NUMBERS)
     write_references(file, line.reference)
-    if line.closure is not None:
-        write_closure(file, line.closure, "station")
+    if line.level_check is not None:
+        write_level_check(file, line.level_check, "station")
     if line.average is not None:
         _write_average(file, line.average)
 
@@ -178,7 +178,7 @@ def read_line(path: str | Path) -> ImpedanceLine:
             names=names,
             average=_read_average(file, path, sizes),
             reference=read_references(file, path),
-            closure=read_closure(file, path, sizes, "station"),
+            level_check=read_level_check(file, path, sizes, "station"),
         )
 
 
@@ -208,8 +208,8 @@ def line_rows(line: ImpedanceLine) -> Rows:
         "wall": "" if line.wall is None else line.wall.int(),
         "flags": [[len(flags)] for flags in line.flags],
     }
-    if line.closure is not None:
-        columns["closure (dB)"] = line.closure.cells.level[0]
+    if line.level_check is not None:
+        columns["level check (dB)"] = line.level_check.cells.level[0]
     names = [name for name in line.names for _ in range(shape[1])]
     return [{"station": name, **row}
             for name, row in zip(names, rows_of(columns, shape), strict=True)]  # fmt: skip

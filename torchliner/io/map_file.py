@@ -1,7 +1,13 @@
-"""Impedance maps as netCDF-4 and as CSV. Complex values are stored as two real variables."""
+"""Impedance maps as netCDF-4 and as CSV. Complex values are stored as two real variables.
+
+Cells and the whole liner have a dimension ``averaging``. Probes are known in two averagings alone, so that these have
+names of their own: ``resistance`` as measured, ``phase_locked_resistance``.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +22,25 @@ from torchliner.io.hdf5 import (
     is_there,
     open_file,
     read_references,
-    text_attribute,
+    read_texts,
     write_index,
     write_references,
 )
 from torchliner.io.holes import stored_holes, write_holes
 from torchliner.io.point_file import read_alongside, write_alongside
 from torchliner.io.result_file import (
-    Sizes,
-    read_closure,
-    read_uncertainty,
+    interval_table,
+    read_interval,
+    read_level_check,
     result_kind,
-    write_closure,
-    write_uncertainty,
+    words_of_interval,
+    write_averagings,
+    write_level_check,
 )
 from torchliner.io.result_writers import ResultFile
 from torchliner.io.tables import (
+    Sizes,
+    Table,
     cartesian,
     described,
     impedance,
@@ -40,41 +49,24 @@ from torchliner.io.tables import (
     real,
     write_variables,
 )
-from torchliner.records import ImpedanceMap
-from torchliner.records.impedance_map import ENDS
+from torchliner.names import AVERAGINGS
+from torchliner.records import ImpedanceMap, Interval
+from torchliner.records.averaged import Educed
 
-KIND = result_kind("torchliner map 2", "impedance map", older=("torchliner map 1",))
-AMPLITUDES, INTERVALS, CLOSURE = "amplitudes", "intervals", "closure"  # groups
-# "probes" stands for the dimensions of the probes: (z, x), (probe,) or none.
-FULL, CELL, LINER = ("probes", "frequency"), ("cell", "frequency"), ("frequency",)
-FIRST = {
-    "": "from the admittance averaged over probes", "_velocity_first": "velocity averaged first",
-    "_coherent_first": "coherent velocity of the cell first",
-}  # fmt: skip
+KIND = result_kind("torchliner map 1", "impedance map", averaging="")
+AMPLITUDES, INTERVALS, LEVEL_CHECK = "amplitudes", "intervals", "level_check"  # groups
+# "probes" stands for the dimensions of the probes: (z, x), (probe,) or none; "along" for the last of them.
+FULL, LINER = ("probes", "frequency"), ("frequency",)
 TEXTS = {
     "frequency": "frequency of the tone",
     "cell_x": "streamwise coordinate of the centre of a cell",
     "cell_z": "spanwise coordinate of the centre of a cell",
-    "impedance": "normalised {part} at each probe",
-    "impedance_coherent_first": f"normalised {{part}} at each probe, {FIRST['_coherent_first']}",
-    **{f"{place}_impedance{end}": f"normalised {{part}} of {words}, {text}"
-       for place, words in (("cell", "each cell"), ("liner", "the whole liner"))
-       for end, text in FIRST.items()},
-    "answer": "normalised {part} of the whole liner in the order of averaging that was chosen",
-    "liner_spread": "standard deviation of {part} over the probes: spread over positions, "
-                    "no uncertainty",
+    "answer": "normalised {part} of the whole liner in the averaging that was chosen",
+    "liner_spread": "standard deviation of {part} over the probes: spread over positions, no uncertainty",
     "goodrich": "normalised {part} of the liner without sound under the flow, by Goodrich",
-    **{f"{place}reflection{end}": f"{{part}} part of the reflection coefficient {words}, {text}"
-       for place, words in (("", "at each probe"), ("cell_", "of each cell"),
-                            ("liner_", "of the whole liner"))
-       for end, text in FIRST.items()},
-    "reflection": "{part} part of the reflection coefficient at each probe",
-    "admittance": "{part} part of the normalised admittance at each probe",
     "velocity_amplitude": "{part} part of the peak amplitude of the velocity into the liner",
-    "absorption": "absorption coefficient",
     "coherence": "squared coherence of the velocity with the tone",
-    "inferred_incident_level": "level of the incident wave that gives the coherent velocity, "
-                               "re 20 uPa rms",
+    "inferred_incident_level": "level of the incident wave that gives the coherent velocity, re 20 uPa rms",
     "phase_rule": "1 where the phase rule was used, 0 where it fell back to averaged",
     "wall": "1 where a probe counts as wall in averages over probes",
     "cell_weight": "share of its probes that a cell has",
@@ -83,45 +75,92 @@ TEXTS = {
     "height": "distance of the plane from the liner",
     "mach": "bulk Mach number",
     "incident_level": "stated level of the incident wave, re 20 uPa rms",
-}  # fmt: skip
+}
 FREQUENCY = described((real("frequency", "Hz", LINER),), TEXTS)
 CELLS = described((real("cell_x", "m", ("cell",)), real("cell_z", "m", ("cell",))), TEXTS)
-FIELDS = described((
-    impedance("impedance", "", FULL, derived=True),
-    impedance("cell_impedance", "cell_", CELL, derived=True),
-    impedance("cell_impedance_velocity_first", "cell_velocity_first_", CELL, derived=True),
-    impedance("liner_impedance", "liner_", LINER, derived=True),
-    impedance("liner_impedance_velocity_first", "liner_velocity_first_", LINER, derived=True),
-    impedance("impedance_coherent_first", "coherent_first_", FULL, derived=True, optional=True),
-    impedance("cell_impedance_coherent_first", "cell_coherent_first_", CELL, derived=True,
-              optional=True),
-    impedance("liner_impedance_coherent_first", "liner_coherent_first_", LINER, derived=True,
-              optional=True),
-    impedance("answer", "answer_", LINER, derived=True),
-    impedance("liner_spread", "liner_spread_", LINER, derived=True),
-    impedance("goodrich", "goodrich_", LINER, optional=True),
-    real("absorption", "1", FULL, derived=True),
-    real("coherence", "1", FULL),
-    real("inferred_incident_level", "dB", FULL, derived=True),
-    real("phase_rule_used", "1", FULL, field="phase_rule", flag=True),
-    real("wall", "1", FULL, flag=True, optional=True),
-    real("cell_weight", "1", ("cell",), optional=True),
-    real("mean_velocity", "m/s", ("probes",)),
-    real("velocity_rms", "m/s", ("probes",)),
-    *numbers({"height": "m", "mach": "1", "incident_level": "dB"}),
-), TEXTS)  # fmt: skip
-COMPLEX = described((
-    cartesian("reflection", "reflection", FULL),
-    cartesian("admittance", "admittance", FULL, derived=True),
-    cartesian("velocity_amplitude", "velocity_amplitude", FULL, unit="m/s"),
-    cartesian("cell_reflection", "cell_reflection", CELL),
-    cartesian("cell_reflection_velocity_first", "cell_velocity_first_reflection", CELL),
-    cartesian("reflection_coherent_first", "coherent_first_reflection", FULL, optional=True),
-    cartesian("cell_reflection_coherent_first", "cell_coherent_first_reflection", CELL,
-              optional=True),
-    cartesian("liner_reflection_coherent_first", "liner_coherent_first_reflection", LINER,
-              optional=True),
-), TEXTS)  # fmt: skip
+FIELDS = described(
+    (
+        impedance("answer", "answer_", LINER, derived=True),
+        impedance("liner_spread", "liner_spread_", LINER, derived=True),
+        impedance("goodrich", "goodrich_", LINER, optional=True),
+        real("coherence", "1", FULL),
+        real("inferred_incident_level", "dB", FULL, derived=True),
+        real("phase_rule_used", "1", FULL, field="phase_rule", flag=True),
+        real("wall", "1", FULL, flag=True, optional=True),
+        real("cell_weight", "1", ("cell",), optional=True),
+        real("mean_velocity", "m/s", ("probes",)),
+        real("velocity_rms", "m/s", ("probes",)),
+        *numbers({"height": "m", "mach": "1", "incident_level": "dB"}),
+    ),
+    TEXTS,
+)
+VELOCITY = described((cartesian("velocity_amplitude", "velocity_amplitude", FULL, unit="m/s"),), TEXTS)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a map has Z, and how that stands in the file.
+
+    Args:
+        field: of the map.
+        averaging: of it; None: all, along a dimension.
+        stem: of the names of the variables.
+        dims: dimensions.
+        words: what it is.
+    """
+
+    field: str
+    averaging: str | None
+    stem: str
+    dims: tuple[str, ...]
+    words: str
+
+    @property
+    def impedances(self) -> Table:
+        """What one looks at first; follows from R."""
+        about = {"long_name": f"normalised {{part}} {self.words}"}
+        absorbed = {"long_name": f"absorption coefficient {self.words}"}
+        return (
+            impedance("impedance", self.stem, self.dims, derived=True, attributes=about),
+            real(f"{self.stem}absorption", "1", self.dims, field="absorption", derived=True, attributes=absorbed),
+        )
+
+    @property
+    def reflections(self) -> Table:
+        """What is read again."""
+        about = {"long_name": f"{{part}} part of the reflection coefficient {self.words}"}
+        return (cartesian("reflection", f"{self.stem}reflection", self.dims, attributes=about),)
+
+    @property
+    def intervals(self) -> Table:
+        """Of the impedance."""
+        return interval_table(self.stem, self.dims)
+
+    def of(self, result: ImpedanceMap) -> Educed | None:
+        """What the map has there."""
+        known: Mapping[str, Educed] = getattr(result, self.field)
+        if self.averaging is not None:
+            return known.get(self.averaging)
+        return _stacked([known[name] for name in result.averagings])
+
+
+def _places(averagings: Sequence[str]) -> Iterator[Place]:
+    yield Place("liner", None, "liner_", ("averaging", "frequency"), "of the whole liner")
+    yield Place("cells", None, "cell_", ("averaging", "cell", "frequency"), "of each cell")
+    for name in averagings:
+        stem, text = ("", "") if name == "admittance" else (f"{name.replace('-', '_')}_", f", averaging {name}")
+        yield Place("probes", name, stem, FULL, f"at each probe{text}")
+        yield Place("along_x", name, f"{stem}along_x_", ("along", "frequency"), f"averaged over z{text}")
+
+
+def _stacked(parts: Sequence[Educed]) -> Educed:
+    intervals = [each.interval for each in parts if each.interval is not None]
+    if len(intervals) not in (0, len(parts)):
+        raise ValueError(
+            f"{len(intervals)} of {len(parts)} averagings have intervals; all or none are needed in a file"
+        )
+    bounds = [torch.stack(each) for each in zip(*(vars(one).values() for one in intervals), strict=True)]
+    return Educed(torch.stack([each.reflection for each in parts]), Interval(*bounds) if intervals else None)
 
 
 def write_map(result: ImpedanceMap, path: str | Path) -> None:
@@ -131,72 +170,108 @@ def write_map(result: ImpedanceMap, path: str | Path) -> None:
 
 def _fill(file: h5py.File, result: ImpedanceMap) -> None:
     """What one looks at first in the file itself, the rest in groups with the same coordinates."""
+    shape = tuple(result.mean_velocity.shape)
 
-    def within(name: str) -> tuple[h5py.Group, tuple[str, ...]]:
+    def within(name: str) -> tuple[h5py.Group, dict[str, tuple[str, ...]]]:
         group = file.create_group(name) if name else file
         write_variables(group, result, FREQUENCY)
-        shape = tuple(result.mean_velocity.shape)
         dims = write_coordinates(group, shape, result.x, result.z, line=False)
         write_index(group, "cell", len(result.cell_x))
         write_variables(group, result, CELLS)
-        return group, dims
+        return group, {"probes": dims, "along": dims[-1:]}
 
-    group, dims = within("")
-    write_variables(group, result, FIELDS, {"probes": dims})
+    found = [(place, educed) for place in _places(result.averagings) if (educed := place.of(result)) is not None]
+    group, axes = within("")
+    write_averagings(group, result.averagings)
+    for place, educed in found:
+        write_variables(group, educed, place.impedances, axes)
+    write_variables(group, result, FIELDS, axes)
     write_references(file, result.reference)
     write_holes(file, result.holes)
-    group, dims = within(AMPLITUDES)
-    write_variables(group, result, COMPLEX, {"probes": dims})
-    if result.uncertainty is not None:
-        group, dims = within(INTERVALS)
-        write_uncertainty(group, result.uncertainty, dims)
-    if result.closure is not None:
-        write_closure(within(CLOSURE)[0], result.closure)
+    group, axes = within(AMPLITUDES)
+    write_averagings(group, result.averagings)
+    for place, educed in found:
+        write_variables(group, educed, place.reflections, axes)
+    write_variables(group, result, VELOCITY, axes)
+    known = [(place, educed.interval) for place, educed in found if educed.interval is not None]
+    if known:
+        group, axes = within(INTERVALS)
+        write_averagings(group, result.averagings)
+        words = words_of_interval(float(result.choices["interval"]))
+        for place, interval in known:
+            write_variables(group, interval, place.intervals, axes, words)
+    if result.level_check is not None:
+        write_level_check(within(LEVEL_CHECK)[0], result.level_check)
     write_alongside(file, result.alongside)
 
 
 def read_map(path: str | Path) -> ImpedanceMap:
-    """Read a map written by ``ImpedanceMap.write`` as netCDF-4, of this version or an older one.
+    """Read a map written by ``ImpedanceMap.write`` as netCDF-4.
 
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
-        ValueError: not a map of this schema.
+        ValueError: not a map of this schema; the message names FILE:/variable.
     """
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        if text_attribute(file, "schema") == KIND.schema and not is_there(file, AMPLITUDES, path):
+        if not is_there(file, AMPLITUDES, path):
             raise ValueError(
-                f"{path} lacks the group {AMPLITUDES!r} of a map, as what xarray writes of one "
-                "does; read the file that ImpedanceMap.write or educe --output wrote"
+                f"{path} lacks the group {AMPLITUDES!r} of a map, as what xarray writes of one does; read the file "
+                "that ImpedanceMap.write or educe --output wrote"
             )
-
-        def part(name: str) -> h5py.Group:
-            """Files of schema 1 have no groups: all their variables are in the file itself."""
-            return get_group(file, name, path) if is_there(file, name, path) else file
-
-        sizes: Sizes = {}
+        head, averagings = KIND.read_head(file, path), read_texts(file, "averaging", path)
+        if not ({head["averaging"]} <= {*averagings} <= {*AVERAGINGS} and len(averagings) == len({*averagings})):
+            raise ValueError(f"{path}:/averaging holds {averagings}, of which {head['averaging']!r} was chosen; "
+                             f"{', '.join(AVERAGINGS)} are known")  # fmt: skip
+        sizes: Sizes = {"averaging": (len(averagings),)}
         fields = read_variables(file, FREQUENCY + CELLS + FIELDS, path, sizes=sizes)
-        fields |= read_variables(part(AMPLITUDES), COMPLEX, path, sizes=sizes)
         shape = tuple(fields["mean_velocity"].shape)
         sizes["along"] = shape[-1:]
+        amplitudes = get_group(file, AMPLITUDES, path)
+        fields |= read_variables(amplitudes, VELOCITY, path, sizes=sizes)
+        fields |= _read_educed(file, amplitudes, averagings, path, sizes)
         for key in ("x", "z"):
             values = read_coordinate(file, key, shape, path)
             fields[key] = None if values is None else torch.from_numpy(values)
+        check = None
+        if is_there(file, LEVEL_CHECK, path):
+            check = read_level_check(get_group(file, LEVEL_CHECK, path), path, sizes)
         return ImpedanceMap(
             **fields,
-            **KIND.read_head(file, path),
+            **head,
             reference=read_references(file, path),
-            uncertainty=read_uncertainty(part(INTERVALS), path, sizes=sizes),
             alongside=read_alongside(file, path),
-            closure=read_closure(part(CLOSURE), path, sizes),
+            level_check=check,
             holes=stored_holes(file, path),
         )
 
 
+def _read_educed(
+    file: h5py.File, amplitudes: h5py.Group, averagings: Sequence[str], path: Path, sizes: Sizes
+) -> dict[str, dict[str, Educed]]:
+    """Fields of a map by averaging."""
+    intervals = get_group(file, INTERVALS, path) if is_there(file, INTERVALS, path) else None
+    found: dict[str, dict[str, Educed]] = {"liner": {}, "cells": {}, "probes": {}, "along_x": {}}
+    for place in _places(averagings):
+        optional = place.field == "along_x" or place.averaging == "velocity"
+        if optional and not is_there(amplitudes, place.reflections[0].names[0], path):
+            continue
+        reflection = read_variables(amplitudes, place.reflections, path, sizes=sizes)["reflection"]
+        bounds = None if intervals is None else read_interval(intervals, place.intervals, path, sizes)
+        educed = Educed(reflection, bounds)
+        if place.averaging is not None:
+            found[place.field][place.averaging] = educed
+            continue
+        for i, name in enumerate(averagings):
+            found[place.field][name] = educed.map(lambda value, i=i: value[i])  # type: ignore[misc]
+    return found
+
+
 def _rows(result: ImpedanceMap) -> Rows:
-    """One row a probe and frequency."""
+    """One row a probe and frequency, as measured."""
     shape, probes = tuple(result.mean_velocity.shape), result.mean_velocity.numel()
+    measured = result.probes["admittance"]
     x, z = result.x, result.z
     if len(shape) == 2:
         x = None if x is None else x.repeat(shape[0])
@@ -209,34 +284,33 @@ def _rows(result: ImpedanceMap) -> Rows:
         "x (m)": torch.nan if x is None else flat(x),
         "z (m)": torch.nan if z is None else flat(z),
         "frequency (Hz)": result.frequency,
-        **parts_of(flat(result.impedance), "resistance (rho c)", "reactance (rho c)"),
-        **parts_of(flat(result.admittance), "conductance (1/rho c)", "susceptance (1/rho c)"),
-        "absorption": flat(result.absorption),
+        **parts_of(flat(measured.impedance), "resistance (rho c)", "reactance (rho c)"),
+        **parts_of(flat(measured.admittance), "conductance (1/rho c)", "susceptance (1/rho c)"),
+        "absorption": flat(measured.absorption),
         "coherence": flat(result.coherence),
         "inferred incident level (dB)": flat(result.inferred_incident_level),
     }
-    if result.uncertainty is not None:
+    if measured.interval is not None:
         for name in ("low", "high", "standard error"):
-            bound = flat(getattr(result.uncertainty.probes, name.replace(" ", "_")))
+            bound = flat(getattr(measured.interval, name.replace(" ", "_")))
             columns |= parts_of(bound, f"resistance {name} (rho c)", f"reactance {name} (rho c)")
-    columns |= {"mean velocity (m/s)": flat(result.mean_velocity),
-                "velocity rms (m/s)": flat(result.velocity_rms)}  # fmt: skip
+    columns |= {"mean velocity (m/s)": flat(result.mean_velocity), "velocity rms (m/s)": flat(result.velocity_rms)}
     return rows_of(columns, (probes, len(result.frequency)))
 
 
 def _cell_rows(result: ImpedanceMap) -> Rows:
-    """One row a cell and frequency, in all orders of averaging."""
+    """One row a cell and frequency, in all averagings."""
     columns: dict[str, Any] = {
-        "x (m)": result.cell_x[:, None], "z (m)": result.cell_z[:, None],
+        "x (m)": result.cell_x[:, None],
+        "z (m)": result.cell_z[:, None],
         "frequency (Hz)": result.frequency,
-    }  # fmt: skip
-    for order in result.orders:
-        columns |= parts_of(result.of_cells(order), f"resistance, {order}", f"reactance, {order}")
-        if result.uncertainty is not None:
-            found = getattr(result.uncertainty, f"cells{ENDS[order]}")
+    }
+    for name, educed in result.cells.items():
+        columns |= parts_of(educed.impedance, f"resistance, {name}", f"reactance, {name}")
+        if educed.interval is not None:
             for end in ("low", "high"):
-                columns |= parts_of(getattr(found, end), f"resistance, {order}, {end}",
-                                    f"reactance, {order}, {end}")  # fmt: skip
+                bound = getattr(educed.interval, end)
+                columns |= parts_of(bound, f"resistance, {name}, {end}", f"reactance, {name}, {end}")
     return rows_of(columns, (len(result.cell_x), len(result.frequency)))
 
 

@@ -2,13 +2,124 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import h5py
+import torch
+from torch import Tensor
 
-from torchliner.io.hdf5 import open_file, text_attribute
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
+from torchliner.engine.nodes import Chebyshev, Nodes, nodes_of
+from torchliner.engine.survey import Survey, gram_of
+from torchliner.io.axes import read_case, read_coordinate, write_case, write_coordinates
+from torchliner.io.hdf5 import is_there, open_file, place, text_attribute, write_index
+from torchliner.io.holes import stored_holes, write_holes
+from torchliner.io.plane_file import NUMBERS
+from torchliner.io.tables import FileKind, Sizes, Table, numbers, read_variables, real, write_variables
+from torchliner.names import AVERAGINGS
+from torchliner.records import VelocityPlane
+from torchliner.records.cells import Cells
 
 STEM = "torchliner moments "
+OF_PLANE = {"title": "", "source_side": "unknown", "liner": "", "provenance": {}}  # attributes
+OWN: dict[str, Any] = {"velocity": {}, "blocks": {}, "nodes": {}, "locked": {}, "settings": {}, "notes": ()}
+KIND = FileKind(f"{STEM}1", "record of moments", OF_PLANE | OWN)
+PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
+SLACK = 1e-6  # relative, of the number of samples
+ABOUT = NUMBERS + numbers({"start": "s"})
+POINT, BLOCK, SUMS = ("point",), ("block", "point"), ("block", "turn_row", "node")
+AREA = (real("area", "m2", POINT, optional=True),)
+LINES = (real("line_frequency", "Hz", ("line",), field="lines"),)
+TURNS = (real("turn_frequency", "Hz", ("turn",), field="turns", optional=True),)
+SURVEY = (
+    real("line_sums", "m/s", ("block", "row", "point"), field="sums", any_size=True),
+    real("square_sums", "m2/s2", BLOCK, field="squares", any_size=True),
+    real("peaks", "m/s", BLOCK),
+)
+CELLS = (
+    real("cell_of_probe", "1", POINT, field="labels"),
+    real("cell_x", "m", ("cell",), field="x"),
+    real("cell_z", "m", ("cell",), field="z"),
+    real("cell_weight", "1", ("cell",), field="weight", optional=True),
+)
+USED = (real("used", "1", POINT, flag=True),)
+LOCKED = (
+    real("taken", "m/s", ("harmonic_row", "point")),
+    real("scale", "1", POINT, optional=True),
+    real("share", "1", ("harmonic", "cell")),
+)
+SQUARES = "square of cells"  # sums of drive ``rms``
+COLUMNS = {"admittance": "point", "velocity": "cell", "phase-locked": "point"}
+TABLES: dict[str, Table] = {
+    SQUARES: (real("cell_square_sums", "m2/s2", ("block", "cell"), field="values", any_size=True),),
+    **{
+        name: (real(f"{name.replace('-', '_')}_sums", "1", (*SUMS, columns), field="values"),)
+        for name, columns in COLUMNS.items()
+    },
+}
+
+
+def write_moments(known: Moments, path: str | Path) -> None:
+    """Write a record of moments; the old file, if any, is replaced when the new one is whole.
+
+    Raises:
+        ValueError: the moments answer certain frequencies of one liner alone.
+    """
+    if known.projected is not None:
+        raise ValueError(f"{path}: moments of one liner at {known.projected.tolist()} Hz have no file; use tl.moments")
+    plane, seen, locked = known.plane, known.survey, known.locked
+    blocks, kind = seen.blocks, str(plane.velocity.dtype).removeprefix("torch.")
+    head = SimpleNamespace(
+        **{key: getattr(plane, key) for key in OF_PLANE},
+        velocity={"shape": list(plane.velocity.shape), "precision": kind},
+        blocks={**vars(blocks), "harmonics": seen.harmonics, "only": known.only},
+        nodes={} if known.nodes is None else known.nodes.describe(),
+        locked={} if locked is None else {"known": locked.known},
+        settings={**known.settings, "cell_pitch": known.cell_pitch},
+        notes=known.notes,
+    )
+    sizes = _sizes(plane.probes, blocks, known.only, known.nodes, seen.lines, seen.harmonics, known.turns)
+    with KIND.created(path, head) as file:
+        write_coordinates(file, plane.probe_shape, plane.x, plane.z)
+        write_case(file, plane, ABOUT)
+        write_holes(file, plane.holes)
+        for name, (size,) in {**sizes, "cell": (known.cells.count,)}.items():
+            write_index(file, name, size)
+        write_variables(file, plane, AREA)
+        write_variables(file, seen, (*LINES, *SURVEY))
+        write_variables(file, known.cells, CELLS)
+        write_variables(file, known, USED)
+        if len(known.turns):
+            write_index(file, "turn", len(known.turns))
+            write_variables(file, known, TURNS)
+        if locked is not None:
+            write_variables(file, locked, LOCKED)
+        for name, sums in known.sums.items():
+            values = sums[:, 0, 0] if name == SQUARES else sums
+            write_variables(file, SimpleNamespace(values=values), TABLES[name])
+
+
+def _sizes(
+    probes: int, blocks: Blocks, only: Any, nodes: Nodes | None, lines: Tensor, harmonics: int, turns: Tensor
+) -> Sizes:
+    """Lengths of the dimensions."""
+    sizes = {
+        "point": probes,
+        "block": blocks.count if only is None else len(only),
+        "line": len(lines),
+        "row": 1 + 2 * len(lines),
+        "harmonic": 1 + harmonics,
+        "harmonic_row": 1 + 2 * harmonics,
+        "turn_row": 1 + 2 * len(turns),
+        **({} if nodes is None else {"node": nodes.count}),
+    }
+    return {name: (size,) for name, size in sizes.items()}
 
 
 def holds_moments(path: str | Path) -> bool:
@@ -17,3 +128,130 @@ def holds_moments(path: str | Path) -> bool:
         return False
     with open_file(path) as file:
         return (text_attribute(file, "schema") or "").startswith(STEM)
+
+
+def read_moments(path: str | Path) -> Moments:
+    """Read what ``Moments.write`` wrote.
+
+    Args:
+        path: netCDF-4 file.
+    Raises:
+        FileNotFoundError, OSError: missing, truncated, not HDF5.
+        ValueError: of another kind or format; a dataset is missing, has a wrong shape or unit, or holds what no sums
+            over a record can be; the message names FILE:/dataset.
+    """
+    path = Path(path)
+    with open_file(path) as file:
+        KIND.require(file, path)
+        about = {"start": 0.0, **read_case(file, KIND, ABOUT, path)}
+        said = {key: about.pop(key) for key in OWN}
+        with _attribute("velocity", path):
+            shape = tuple(int(n) for n in said["velocity"]["shape"])
+            velocity = ReducedVelocity(shape, PRECISIONS[said["velocity"]["precision"]], str(path))
+        found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
+        lines, turns = found["lines"], found["turns"]
+        with _attribute("blocks", path):
+            blocks, harmonics, only = _blocks_of(said["blocks"], shape[-1], len(lines))
+        with _attribute("nodes", path):
+            nodes = nodes_of(said["nodes"]) if said["nodes"] else None
+        with _attribute("settings", path):
+            settings = dict(said["settings"])
+            pitch = settings.pop("cell_pitch")
+            if {*settings} != {*SETTINGS} or settings["averaging"] not in AVERAGINGS:
+                raise ValueError(f"{settings} are not {', '.join(SETTINGS)}")
+        plane = VelocityPlane(
+            velocity,
+            sampling_rate=blocks.sampling_rate,
+            name=str(path),
+            x=read_coordinate(file, "x", shape[:-1], path),
+            z=read_coordinate(file, "z", shape[:-1], path),
+            holes=stored_holes(file, path),
+            **read_variables(file, AREA, path),
+            **about,
+        )
+        sizes = _sizes(plane.probes, blocks, only, nodes, lines, harmonics, turns)
+        gram = gram_of(blocks, lines)[slice(None) if only is None else list(only)]
+        survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram)
+        cells, used = _read_cells(file, path, sizes)
+        locked = None
+        if said["locked"] or (only is None and settings["averaging"] == "phase-locked"):
+            with _attribute("locked", path):
+                known = bool(said["locked"]["known"])
+            fields = {"scale": None, **_finite(file, LOCKED, path, sizes)}
+            locked = PhaseLocked(lines[:harmonics], blocks.sampling_rate, **fields, known=known)
+        names, sums = [*AVERAGINGS][: 3 if settings["averaging"] == "phase-locked" else 2], {}
+        for name in [*(names if nodes is not None else []), SQUARES]:
+            label = TABLES[name][0].names[0]
+            if only is None or is_there(file, label, path):
+                values = _finite(file, TABLES[name], path, sizes)["values"]
+                _require_sums(values, None if name == SQUARES else nodes, survey.lengths, place(file, label, path))
+                sums[name] = values[:, None, None] if name == SQUARES else values
+    return Moments(plane, settings, pitch, cells, used, survey, locked, nodes, turns, sums, said["notes"], only=only)
+
+
+@contextmanager
+def _attribute(key: str, path: Path) -> Iterator[None]:
+    """What is wrong in an attribute names it."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, IndexError) as error:
+        text = f"has no {error}" if isinstance(error, KeyError) else error
+        raise ValueError(f"{path}: attribute {key!r}: {text}; reduce the data again") from error
+
+
+def _blocks_of(said: dict[str, Any], samples: int, lines: int) -> tuple[Blocks, int, tuple[int, ...] | None]:
+    """Blocks, number of harmonics, and which blocks the file has, if not all."""
+    borders, harmonics = tuple(int(n) for n in said["borders"]), int(said["harmonics"])
+    blocks = Blocks(borders, float(said["sampling_rate"]), int(said["periods"]))
+    only = None if said["only"] is None else tuple(int(n) for n in said["only"])
+    rising = [*borders] == sorted({*borders}) and borders[0] >= 0 and borders[-1] <= samples
+    fitting = 0 < blocks.count <= blocks.periods and 0 <= harmonics <= lines and 0 < blocks.sampling_rate < float("inf")
+    if not (rising and fitting and (only is None or (only and {*only} <= {*range(blocks.count)}))):
+        raise ValueError(f"{said} are no blocks of {samples} samples with {lines} lines")
+    return blocks, harmonics, only
+
+
+def _finite(file: h5py.File, table: Table, path: Path, sizes: Sizes) -> dict[str, Any]:
+    """What is there of a table, all of it finite."""
+    found = read_variables(file, table, path, sizes=sizes)
+    for row in table:
+        value = found.get(row.field)
+        if value is not None and not bool(torch.isfinite(value).all()):
+            count = int((~torch.isfinite(value)).sum())
+            raise ValueError(
+                f"{place(file, row.names[0], path)} holds {count} values that are not finite; sums over a record are: "
+                "reduce the data again"
+            )
+    return found
+
+
+def _read_cells(file: h5py.File, path: Path, sizes: Sizes) -> tuple[Cells, Tensor]:
+    """Each with a probe that is used, and none with another."""
+    cells, used = Cells(**read_variables(file, CELLS, path, sizes=sizes)), _finite(file, USED, path, sizes)["used"]
+    labels = cells.labels
+    inside = labels[(labels >= 0) & (labels < cells.count)].to(torch.int64)
+    sound = bool(((labels >= -1) & (labels < cells.count) & (used | (labels < 0))).all())
+    if not (sound and bool((torch.bincount(inside, minlength=cells.count) > 0).all())):
+        raise ValueError(
+            f"{place(file, 'cell_of_probe', path)} does not sort the {int(used.sum())} probes in use into "
+            f"{cells.count} cells: the file is damaged; reduce the data again"
+        )
+    return cells, used
+
+
+def _require_sums(values: Tensor, nodes: Nodes | None, lengths: Tensor, label: str) -> None:
+    """T_0, or all functions of a table together, are 1 and sum to the samples of each block.
+
+    Raises:
+        ValueError: they do not.
+    """
+    if nodes is None:
+        return
+    ones = values[:, 0, 0] if isinstance(nodes, Chebyshev) else values[:, 0].sum(1)
+    wrong = ((ones / lengths[:, None] - 1).abs() > SLACK).any(0)
+    if bool(wrong.any()):
+        first = int(wrong.nonzero()[0])
+        raise ValueError(
+            f"{label} is not the sums of {lengths.tolist()} samples at {int(wrong.sum())} of {len(wrong)} columns, the "
+            f"first {first} with {ones[:, first].tolist()}: the file is damaged; reduce the data again"
+        )

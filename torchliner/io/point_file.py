@@ -9,24 +9,19 @@ import h5py
 import torch
 
 from torchliner.io.csv_rows import Rows, parts_of, rows_of
-from torchliner.io.hdf5 import get_group, is_there, open_file, write_index
-from torchliner.io.result_file import (
-    OTHERS,
-    Sizes,
-    interval_table,
-    read_uncertainty,
-    write_uncertainty,
-)
+from torchliner.io.hdf5 import get_group, is_there, open_file, read_json, to_json, write_index
+from torchliner.io.result_file import OTHERS, interval_table, words_of_interval
 from torchliner.io.result_writers import ResultFile
 from torchliner.io.tables import (
     FileKind,
+    Sizes,
     described,
     impedance,
     read_variables,
     real,
     write_variables,
 )
-from torchliner.records import PointImpedances, PointUncertainty
+from torchliner.records import Interval, PointImpedances, PointUncertainty
 
 KIND = FileKind(
     "torchliner points 1", "set of point impedances",
@@ -75,7 +70,11 @@ def _write_variables(group: h5py.Group, result: PointImpedances) -> None:
         write_index(group, name, len(getattr(result, f"{name}_x")))
     write_variables(group, result, TABLE)
     if result.uncertainty is not None:
-        write_uncertainty(group, result.uncertainty, tables=UNCERTAINTY)
+        settings = dict(result.uncertainty.settings)
+        group.attrs["uncertainty"] = to_json(settings)
+        words = words_of_interval(float(settings["level"]))
+        for name, table in UNCERTAINTY.items():
+            write_variables(group, getattr(result.uncertainty, name), table, words=words)
 
 
 def read_points(path: str | Path) -> PointImpedances:
@@ -93,7 +92,12 @@ def _read_group(group: h5py.Group, path: str | Path) -> PointImpedances:
     KIND.require(group, path)
     sizes: Sizes = {}
     fields = read_variables(group, FREQUENCY + TABLE, path, sizes=sizes)
-    known = read_uncertainty(group, path, sizes, PointUncertainty, UNCERTAINTY)
+    known = None
+    if settings := read_json(group, "uncertainty", path, {}):
+        found = {
+            name: Interval(**read_variables(group, table, path, sizes=sizes)) for name, table in UNCERTAINTY.items()
+        }
+        known = PointUncertainty(**found, settings=settings)
     return PointImpedances(**KIND.read_head(group, path), **fields, uncertainty=known)
 
 

@@ -23,7 +23,7 @@ KIND = FileKind("torchliner reflected 1", "reflected signal", {"title": "", "cho
 @contextmanager
 def reflected_file(
     path: str | Path, plane: VelocityPlane, incident: Tensor, used: Tensor, choices: dict[str, Any]
-) -> Iterator[Callable[[Tensor, slice, int], None]]:
+) -> Iterator[Callable[[Tensor, int], None]]:
     """netCDF-4 with ``incident`` (time) and ``reflected`` (time, probe), in the same unit.
 
     A crash leaves the old file, if any, as it was.
@@ -32,8 +32,7 @@ def reflected_file(
         path, plane, incident, choices: what is written.
         used: probes that were not left out, (P,); the others are written as nan.
     Yields:
-        ``store(signal, columns, begin)`` for samples of some columns from ``begin`` on, (t, p);
-        columns beyond the probes are averages.
+        ``store(signal, begin)`` for the samples from ``begin`` on, (t, N); columns beyond the probes are averages.
     """
     with KIND.created(path, SimpleNamespace(title=plane.title, choices=choices)) as file:
         write_times(file, plane)
@@ -45,13 +44,9 @@ def reflected_file(
         data = file.create_dataset("reflected", (plane.samples, plane.probes), np.float32)
         data.attrs["units"] = "1"
         attach_scales(data, file, ("time", "probe"))
-        kept = used.cpu()
 
-        def store(signal: Tensor, columns: slice, begin: int) -> None:
-            stop = min(columns.stop, plane.probes)
-            if columns.start < stop:
-                part = signal[:, : stop - columns.start].cpu()
-                part = torch.where(kept[columns.start : stop], part, torch.nan)
-                data[begin : begin + len(part), columns.start : stop] = part.numpy()
+        def store(signal: Tensor, begin: int) -> None:
+            part = torch.where(used, signal[:, : plane.probes].detach().cpu(), torch.nan)
+            data[begin : begin + len(part)] = part.numpy()
 
         yield store

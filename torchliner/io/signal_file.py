@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.file_checks import require_regular
+from torchliner.engine.incident import Recorded
+from torchliner.file_checks import naming, require_regular
 from torchliner.io.arrays import read_array
-from torchliner.replay.waves import Recorded
 
 
 def read_signal(path: str | Path, sampling_rate: float | None = None, channel: int | None = None) -> Recorded:
@@ -43,7 +43,8 @@ def read_signal(path: str | Path, sampling_rate: float | None = None, channel: i
         values = columns[:, channel]
     if values.ndim != 1:
         raise ValueError(f"{path} has shape {values.shape}, (samples, channels); choose one channel")
-    return Recorded(values, rate, str(path))
+    with naming(path):
+        return Recorded(values, rate, path.name)
 
 
 def _read_wav(path: Path) -> tuple[float, np.ndarray]:

@@ -28,12 +28,14 @@ from torchliner.io.hdf5 import (
     write_variable,
 )
 from torchliner.io.whole_file import HDF5, written_whole
+from torchliner.records.notes import Note
 
 COORDINATES = {  # by dimension, of what is written after them
     "probe": ("x", "z"), "cell": ("cell_x", "cell_z"), "point": ("point_x", "point_z"),
     "station": ("x", "y", "z", "station_name"),
 }  # fmt: skip
 SEVERAL = ("probes", "along", "draws")  # dimensions that may stand for several axes or none
+Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 IMPEDANCE, CARTESIAN = ("resistance", "reactance"), ("real", "imaginary")
 
 
@@ -50,7 +52,7 @@ class Variable:
         optional: may be None in the record and absent from the file.
         derived: follows from other fields: written, not read.
         flag: True and False in the record, 1 and 0 in the file, as netCDF has no booleans.
-        any_size: an end of an interval, which may be far from all that is measured.
+        any_size: a sum, or an end of an interval, which may be far from all that is measured.
         attributes: beside ``units``; "{part}" becomes the part of an impedance, "{words}" those
             given to the writer.
     """
@@ -132,7 +134,7 @@ def plain(value: Any) -> Any:
 
 def read_variables(
     group: h5py.Group, table: Table, path: str | Path, part: slice | None = None,
-    sizes: dict[str, tuple[int, ...]] | None = None,
+    sizes: Sizes | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Fields of a record from the variables that are there, tensors or numbers, in SI units.
 
@@ -171,7 +173,7 @@ def read_variables(
     return found
 
 
-def _require_shape(shape: tuple[int, ...], dims: Sequence[str], sizes: dict[str, tuple[int, ...]], label: str) -> None:
+def _require_shape(shape: tuple[int, ...], dims: Sequence[str], sizes: Sizes, label: str) -> None:
     """Each dimension has one length in all variables; ``sizes`` collects them.
 
     Raises:
@@ -207,6 +209,13 @@ def described(table: Table, texts: Mapping[str, str]) -> tuple[Variable, ...]:
     )  # fmt: skip
 
 
+def _from_json(value: Any, key: str) -> Any:
+    """An entry of a list: a list as a tuple, an object among the notes as a note."""
+    if isinstance(value, list):
+        return tuple(value)
+    return Note(**value) if key == "notes" and isinstance(value, dict) else value
+
+
 KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")
 
 
@@ -221,7 +230,6 @@ class FileKind:
             values where the file has none: texts as they are, all else as JSON.
         constants: attributes that every such file has.
         others: endings that another writer of the record takes, for messages.
-        older: schemas of files that are still read.
     """
 
     schema: str
@@ -229,7 +237,6 @@ class FileKind:
     attributes: Mapping[str, Any]
     constants: tuple[tuple[str, str], ...] = (("Conventions", "CF-1.8"),)
     others: tuple[str, ...] = ()
-    older: tuple[str, ...] = ()
 
     @contextmanager
     def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
@@ -248,6 +255,7 @@ class FileKind:
             value = getattr(record, key)
             value = dataclasses.asdict(value) if isinstance(value, Fluid) else value
             value = dict(value) if isinstance(value, Mapping) else value
+            value = [vars(v) if isinstance(v, Note) else v for v in value] if key == "notes" else value
             group.attrs[key] = value if isinstance(value, str) else to_json(value)
 
     def read_head(self, group: h5py.Group, path: str | Path) -> dict[str, Any]:
@@ -259,7 +267,8 @@ class FileKind:
                 continue
             value = read_json(group, key, path, default)
             if isinstance(default, tuple):  # JSON has lists alone
-                value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
+                with naming(f"{path}: attribute {key!r}"):  # other keys than those of a note
+                    value = tuple(_from_json(v, key) for v in value)
             elif isinstance(default, Fluid) and value is not default:
                 with naming(f"{path}: attribute {key!r}"):  # other keys, or none of numbers
                     value = Fluid(**value)
@@ -277,6 +286,6 @@ class FileKind:
         lost = [name for name in group if group.get(name, getlink=True) is None]
         if lost or len(set(group)) < len(group):
             raise ValueError(f"{path} is damaged: of the names that it lists {lost or 'some'} lead nowhere")
-        if found not in (self.schema, *self.older):
+        if found != self.schema:
             where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
             raise ValueError(f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}")

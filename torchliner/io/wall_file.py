@@ -24,9 +24,9 @@ from torchliner.io.hdf5 import (
     write_index,
 )
 from torchliner.io.microphone_file import FREQUENCY, fill_microphones, microphones_of
-from torchliner.io.result_file import Sizes
 from torchliner.io.tables import (
     FileKind,
+    Sizes,
     Table,
     Variable,
     cartesian,

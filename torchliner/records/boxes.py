@@ -1,20 +1,16 @@
-"""Windows over a plane's probes, and the velocity averaged over each."""
+"""Windows over the probes of a plane, and means over each."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchliner.records import VelocityPlane
-from torchliner.records.slabs import slab_bounds
 
 UNEVEN = 0.01  # of a spacing, by which probes may be off a regular grid
-BOXED_BYTES = 1 << 28  # of the averaged velocities of one plane and length
 
 
 @dataclass(frozen=True)
@@ -76,73 +72,51 @@ class Windows:
 
     Args:
         width, height: probes along x and z.
-        left, top: first column and row of the windows, (Wx,) and (Wz,); all combinations count.
         used: probes that take part, (Z, X) bool.
     """
 
     width: int
     height: int
-    left: Tensor
-    top: Tensor
     used: Tensor
 
     @property
     def count(self) -> int:
-        """Wz x Wx."""
-        return len(self.left) * len(self.top)
+        """W: one at every position."""
+        rows, columns = self.used.shape
+        return (rows - self.height + 1) * (columns - self.width + 1)
 
     def mean(self, values: Tensor) -> Tensor:
-        """Mean of (..., Z, X) over the used probes of each window, (..., Wz Wx).
+        """Mean of (..., P) over the used probes of each window, (..., W); nan where none is used."""
+        counts = self._sums(self.used.to(values.device, torch.float64))
+        return (self._boxed(values) / torch.where(counts > 0.5, counts, torch.nan).flatten()).to(values.dtype)
 
-        Sums run in double precision; nan where no probe of a window is used.
-        """
+    def sum(self, values: Tensor) -> Tensor:
+        """Of (..., P) over the used probes of each window, (..., W)."""
+        return self._boxed(values).to(values.dtype)
+
+    def _boxed(self, values: Tensor) -> Tensor:
+        """``sum`` in double precision."""
         wide = values.to(torch.complex128 if values.is_complex() else torch.float64)
-        sums = self._sums(torch.where(self.used, wide, torch.zeros((), dtype=wide.dtype)))
-        counts = self._sums(self.used.to(torch.float64))
-        nothing = torch.full_like(counts, torch.nan)
-        return (sums / torch.where(counts > 0.5, counts, nothing)).flatten(-2)
+        used = self.used.to(values.device)
+        return self._sums(torch.where(used, wide.unflatten(-1, used.shape), 0)).flatten(-2)
 
     def _sums(self, values: Tensor) -> Tensor:
         along = torch.nn.functional.pad(values.cumsum(-1), (1, 0))
-        along = along[..., self.left + self.width] - along[..., self.left]
+        along = along[..., self.width :] - along[..., : -self.width]
         down = torch.nn.functional.pad(along.cumsum(-2), (0, 0, 1, 0))
-        return down[..., self.top + self.height, :] - down[..., self.top, :]
+        return down[..., self.height :, :] - down[..., : -self.height, :]
 
 
-def windows_of(grid: Grid, length: float, used: Tensor, samples: int = 1) -> Windows:
+def windows_of(grid: Grid, length: float, used: Tensor) -> Windows:
     """Windows of ``length`` along x and z (or all of z, where that is shorter).
 
     Args:
         grid: the probes.
-        length: m, at least a spacing; the nearest number of probes is taken, and all rows go with
-            all columns.
+        length: m, at least a spacing; the nearest number of probes is taken, and all rows go with all columns.
         used: (Z, X) bool.
-        samples: T, for the limit on memory: every position is taken, or every second, third ...
-            if the averaged velocities would pass 256 MB.
     """
     width = min(grid.columns, max(1, round(length / grid.spacing)))
     height = min(grid.rows, max(1, round(length / grid.row_spacing)))
     if width == grid.columns:
         height = grid.rows
-    across, down = grid.columns - width + 1, grid.rows - height + 1
-    most, step = max(1, BOXED_BYTES // (8 * samples)), 1
-    while len(range(0, across, step)) * len(range(0, down, step)) > most:
-        step += 1
-    return Windows(width, height, torch.arange(0, across, step), torch.arange(0, down, step), used)
-
-
-def averaged_planes(plane: VelocityPlane, several: Sequence[Windows]) -> list[VelocityPlane]:
-    """The velocity averaged over each window, as planes of ``windows.count`` probes.
-
-    The plane is read once, by slabs; what is held is the result.
-    """
-    rows, columns = several[0].used.shape
-    dtype = plane.velocity.dtype
-    averaged = [torch.empty(plane.samples, each.count, dtype=dtype) for each in several]
-    for begin, end in slab_bounds(plane.samples, plane.probes):
-        slab = plane.read(begin, end).cpu().reshape(end - begin, rows, columns)
-        for each, windows in zip(averaged, several, strict=True):
-            each[begin:end] = windows.mean(slab).to(dtype)
-    return [
-        dataclasses.replace(plane, velocity=each.T, x=None, z=None, streamwise=None, reference={}) for each in averaged
-    ]
+    return Windows(width, height, used)

@@ -55,13 +55,13 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
         for other, index in alongside_at([result], frequency_index):
             for end, order in ORDERS:
                 value = complex(getattr(other, f"liner_impedance{end}")[index])
-                mine = result.bounds_of_liner(result.order, frequency_index)
+                mine = result.bounds_of_liner(result.averaging, frequency_index)
                 theirs = other.bounds_of_liner(end, index)
                 row: dict[str, Any] = {
                     "height": result.height,
                     "frequency": float(result.frequency[frequency_index]),
-                    "between": f"{result.order} less {other.name}, {order}",
-                    "difference": complex(result.of_liner(result.order)[frequency_index]) - value,
+                    "between": f"{result.averaging} less {other.name}, {order}",
+                    "difference": complex(result.answer[frequency_index]) - value,
                     "low": None, "high": None, "differs": None, "of_map_alone": theirs is None,
                 }  # fmt: skip
                 if mine is not None:

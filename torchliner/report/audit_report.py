@@ -18,21 +18,30 @@ SHOWN = (
     Column("", "change.real", "dR", "+.3f"),
     Column("", "change.imag", "dX", "+.3f"),
 )
-CLOSURE = Column("", "closure", "closure dB", "+.2f")
+LEVEL_CHECK = Column("", "level_check", "level check dB", "+.2f")
 WRITTEN = (
     Column("factor"),
     Column("variant"),
     *real_and_imaginary("R (rho c)", "X (rho c)", "impedance", None),
     *real_and_imaginary("change of R", "change of X", "change", None),
     Column("note"),
-    Column("closure (dB)", lambda row: row.get("closure")),
+    Column("level check (dB)", lambda row: row.get("level_check")),
 )
 
 
 def plain_audit(found: Audit) -> dict[str, Any]:
     """For JSON."""
-    names = ("title", "frequency", "order", "base", "level", "readings", "closure", "closure_words",
-             "choices")  # fmt: skip
+    names = (
+        "title",
+        "frequency",
+        "averaging",
+        "base",
+        "level",
+        "readings",
+        "level_check",
+        "level_check_words",
+        "choices",
+    )
     return {
         **{key: getattr(found, key) for key in names},
         "interval": None if found.low is None else [found.low, found.high],
@@ -45,7 +54,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
 
 def write_audit(found: Audit, path: str | Path) -> None:
     """One row per variant; the base and its interval are rows too, and what does not apply."""
-    rows = [AuditRow("base", found.order, found.base, 0j, found.closure)]
+    rows = [AuditRow("base", found.averaging, found.base, 0j, found.level_check)]
     for name, bound in (("low", found.low), ("high", found.high)):
         if bound is not None:
             rows.append(AuditRow("interval", name, bound, bound - found.base))
@@ -62,12 +71,12 @@ def format_audit(found: Audit) -> str:
         bounds = format_bounds((found.low, found.high))
         base += f"; {100 * found.level:g} % statistical interval {bounds}"
     skipped = [f"  {factor}: {reason}" for factor, reason in found.skipped.items()]
-    level = "" if found.closure is None else f" {found.closure:+.2f} dB"
+    level = "" if found.level_check is None else f" {found.level_check:+.2f} dB"
     return "\n".join([
-        f"{found.title}, {found.frequency:g} Hz, whole liner, {found.order}",
+        f"{found.title}, {found.frequency:g} Hz, whole liner, averaging {found.averaging}",
         base,
-        f"closure{level or ':'} {found.closure_words}\n",
-        Table(found.rows, (*SHOWN, CLOSURE) if level else SHOWN).as_text(),
+        f"level check{level or ':'} {found.level_check_words}\n",
+        Table(found.rows, (*SHOWN, LEVEL_CHECK) if level else SHOWN).as_text(),
         *(["\ndoes not apply to these data:", *skipped] if skipped else []),
         *([f"\n{found.nearest_truth}"] if found.nearest_truth else []),
         f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",
@@ -99,4 +108,4 @@ def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
         axis.set_yticks(range(len(factors)), factors if part == "resistance" else [])
         axis.tick_params(axis="y", length=0)
         axis.minorticks_off()
-    return finish(figure, path, f"{found.title}, {found.frequency:g} Hz, {found.order}", legend=ONE_ROW)
+    return finish(figure, path, f"{found.title}, {found.frequency:g} Hz, averaging {found.averaging}", legend=ONE_ROW)

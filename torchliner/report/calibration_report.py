@@ -29,7 +29,7 @@ PREDICTIONS = (
     Column("", "before", "as it was", format_complex),
     Column("", "after", "calibrated", format_complex),
     Column("", "standard", "u(R), u(X)", lambda value: format_pair(value, 4)),
-    Column("", "true", "true", format_complex),
+    Column("", "true", "reference", format_complex),
     Column("", "misses", "R, X off by", _format_misses),
 )
 
@@ -58,7 +58,7 @@ def parameter_table(found: Calibration) -> Table:
 
 
 def prediction_table(rows: Sequence[PredictionRow]) -> Table:
-    """Before, after, spread, truth, misses in standard deviations; complex values as two."""
+    """Before, after, spread, reference, misses in standard deviations; complex values as two."""
     return Table(rows, PREDICTIONS)
 
 
@@ -72,9 +72,9 @@ def plain_calibration(found: Calibration, rows: Sequence[PredictionRow]) -> dict
         "sum_of_squares": found.chi_square,
         "degrees_of_freedom": found.degrees_of_freedom,
         "scaling": found.scaling,
-        "order": found.order,
-        "reference": [complex(z) for z in found.wanted] if found.closure is None else None,
-        "closure": None if found.closure is None else found.closure.tolist(),
+        "averaging": found.averaging,
+        "reference": [complex(z) for z in found.wanted] if found.level_check is None else None,
+        "level_check": None if found.level_check is None else found.level_check.tolist(),
         "fitted_speeds": list(found.speeds),
         "fitted": [complex(z) for z in found.found],
         "predictions": [vars(row) for row in rows],
@@ -91,16 +91,16 @@ def format_calibration(found: Calibration) -> str:
     ]
     if pairs:
         lines.append("correlations: " + ", ".join(pairs))
-    left = [None] * len(found.found) if found.closure is None else found.closure.tolist()
+    left = [None] * len(found.found) if found.level_check is None else found.level_check.tolist()
     lines += [
-        f"closure {away:+.2f} dB, Z {format_complex(complex(value))}" if away is not None else
+        f"level check {away:+.2f} dB, Z {format_complex(complex(value))}" if away is not None else
         f"reference {format_complex(complex(wanted))}, fitted {format_complex(complex(value))}"
         for wanted, value, away in zip(found.wanted, found.found, left, strict=True)
     ]  # fmt: skip
     effective = "none" if found.posterior is None else f"{found.posterior.effective:.0f}"
     lines.append(
         f"{found.data} data, {len(names)} parameters, sum of squares "
-        f"{found.chi_square:.4g} ({found.scaling}); averaging: {found.order}; independent draws: "
+        f"{found.chi_square:.4g} ({found.scaling}); averaging: {found.averaging}; independent draws: "
         f"{effective}"
     )
     return "\n".join(lines)
@@ -110,7 +110,7 @@ def format_calibration(found: Calibration) -> str:
 def draw_predictions(
     panels: Mapping[str, Sequence[PredictionRow]], title: str, path: str | Path | None = None
 ) -> Figure:
-    """Complex plane: truth, prediction as it was, calibrated with its 95 % ellipse; a panel of rows
+    """Complex plane: reference, prediction as it was, calibrated with its 95 % ellipse; a panel of rows
     a title."""
     figure, axes = subplots(1, len(panels), 3.6)
     names = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
@@ -125,7 +125,7 @@ def draw_predictions(
     for i, name in enumerate(names):
         axes[0, 0].plot([], [], "-", color=COLOURS[i], label=name)
     for marker, label, face in (
-        ("*", "true", "k"),
+        ("*", "reference", "k"),
         ("o", "model as it was", "white"),
         ("s", "calibrated, 95 % ellipse", "k"),
     ):

@@ -30,13 +30,13 @@ def comparison_table(found: Comparison) -> Table:
 
 def format_comparison(found: Comparison) -> str:
     """One row a place and frequency; what the interval is."""
-    note = f"second less first, {found.order}; {found.words}"
+    note = f"second less first, averaging {found.averaging}; {found.words}"
     return f"{comparison_table(found).as_text()}\n{note}"
 
 
 def plain_comparison(found: Comparison) -> dict[str, Any]:
     """For JSON."""
     return {
-        "order": found.order, "level": found.level, "same_run": found.same_run,
+        "averaging": found.averaging, "level": found.level, "same_run": found.same_run,
         "words": found.words, "rows": comparison_table(found).as_rows(),
     }  # fmt: skip

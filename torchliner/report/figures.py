@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from torchliner.engine.moments import Moments
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.impedance_map import ENDS
-from torchliner.reduction.moments import Moments
 from torchliner.report.alongside import alongside_at, alongside_surfaces, draw_alongside
 from torchliner.report.cell_figures import draw_cells
 from torchliner.report.figure import (
@@ -126,7 +125,7 @@ def _references(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[s
 def draw_against_height(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, frequency_index: int = 0
 ) -> Figure:
-    """Z in the complex plane at several heights, all orders of averaging (figure 19a's trend).
+    """Z in the complex plane at several heights, all averagings (figure 19a's trend).
 
     Raises:
         ValueError: no result states a height.
@@ -143,19 +142,18 @@ def draw_against_height(
         )
     figure, axes = subplots(1, 1, 3.3)
     axis = axes[0, 0]
-    orders = list(reversed(results[0].orders))
-    names = [order.replace(" ", "_") for order in orders]
-    shown = [getattr(row, name) for row in rows for name in names]
+    averagings = results[0].averagings
+    shown = [row.impedance[averaging] for row in rows for averaging in averagings]
     references = _references(results, frequency_index)
     references |= alongside_surfaces(results, frequency_index)
     shown += references.values()
     span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
     labels: list[tuple[str, complex, str]] = []
-    for i, (name, label) in enumerate(zip(names, orders, strict=True)):
-        values = np.array([getattr(row, name) for row in rows])
-        axis.plot(values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=label, zorder=3)
+    for i, averaging in enumerate(averagings):
+        values = np.array([row.impedance[averaging] for row in rows])
+        axis.plot(values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=averaging, zorder=3)
         for row, value in zip(rows, values, strict=True):
-            _draw_cross(axis, value, getattr(row, f"interval{ENDS[label]}"), COLOURS[i])
+            _draw_cross(axis, value, row.interval[averaging], COLOURS[i])
         labels += [(*each, COLOURS[i]) for each in _height_labels(rows, values, 0.05 * span)]
     for i, (name, value) in enumerate(references.items()):
         axis.plot(
@@ -301,9 +299,9 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
     panels[1][0].axhline(0, color="0.6", linewidth=0.6, zorder=0)
     caption = f"{case_title(ordered[0]) or 'educed impedance'}; the axes end before a pole of Z"
     axis = panels[0][0]
-    orders = (ordered[0].order, *_others(ordered[0]))
-    for order, style in zip(orders, ("-", "--", ":"), strict=False):
-        entry(axis, order, linestyle=style)
+    averagings = (ordered[0].averaging, *_others(ordered[0]))
+    for averaging, style in zip(averagings, ("-", "--", ":"), strict=False):
+        entry(axis, averaging, linestyle=style)
     entry(axis, "middle half of the probes", width=5, color="0.8")
     if words := interval_words(ordered[0]):
         entry(axis, words, "|", markersize=9, markeredgewidth=1.2)
@@ -311,7 +309,7 @@ def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = Non
 
 
 def _others(result: ImpedanceMap) -> list[str]:
-    return [order for order in result.orders if order != result.order]
+    return [averaging for averaging in result.averagings if averaging != result.averaging]
 
 
 def _family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:

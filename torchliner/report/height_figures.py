@@ -1,4 +1,4 @@
-"""Height studies as curves and drawings: Z over height, imprint over height."""
+"""Height studies as curves and drawings: Z and cell-periodic modulation over height."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from torchliner.report.figure import (
 )
 from torchliner.report.numbers import COMPLEX_PART, Array, Curves, part_of
 
-ORDERS = {"probes_first": "admittance over probes", "velocity_first": "velocity first"}
+AVERAGINGS = {"admittance": "admittance over probes", "velocity": "velocity averaged"}
 MOST_LENGTHS = 5  # curves a reader can tell apart
 
 
@@ -39,20 +39,20 @@ def length_label(length: float, pitch: float | None) -> str:
 
 
 def impedance_over_height(study: HeightStudy) -> Curves:
-    """R and X over height, one column per averaging length, order and part."""
+    """R and X over height, one column per averaging length, averaging and part."""
     values: dict[str, Array] = {}
     for length in study.lengths:
         rows = study.at_length(length)
         for part in COMPLEX_PART:
-            for order in ORDERS:
-                name = f"{part}, {order.replace('_', ' ')}, {1e3 * length:.4g} mm"
-                values[name] = np.array([part_of(getattr(row, order), part) for row in rows])
+            for averaging in AVERAGINGS:
+                name = f"{part}, {averaging}, {1e3 * length:.4g} mm"
+                values[name] = np.array([part_of(getattr(row, averaging), part) for row in rows])
     heights = np.array([facts.height for facts in study.facts])
     return Curves(heights, values, study.title, "height (m)")
 
 
 def imprint_over_height(study: HeightStudy) -> Curves:
-    """Imprints, rms, relative to the mean of the profile (of v_0: to that of v'); nan: unknown."""
+    """Cell-periodic parts, rms, relative to the mean of the profile (of v_0: to that of v'); nan: unknown."""
     known = [facts.imprint for facts in study.facts]
     steady = [facts.mean_imprint for facts in study.facts]
     stream = [facts.streamwise_imprint for facts in study.facts]
@@ -73,11 +73,11 @@ def imprint_over_height(study: HeightStudy) -> Curves:
 
 @styled
 def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = None) -> Figure:
-    """R and X over height: admittance over probes, and velocity first at several lengths."""
+    """R and X over height: admittance over probes, and velocity averaged over several lengths."""
     figure, panels = impedance_panels(3.2, "$y$ (mm)")
     lengths = tuple(
         length for length in study.lengths[1:]
-        if any(row.velocity_first == row.velocity_first for row in study.at_length(length))
+        if any(row.velocity == row.velocity for row in study.at_length(length))
     )  # fmt: skip
     if len(lengths) > MOST_LENGTHS:
         keep = np.unique(np.linspace(0, len(lengths) - 1, MOST_LENGTHS).round().astype(int))
@@ -85,21 +85,21 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
     for axis, part in panels:
         rows = study.at_length(study.lengths[0])
         heights = [1e3 * row.height for row in rows]
-        values = [part_of(row.probes_first, part) for row in rows]
+        values = [part_of(row.admittance, part) for row in rows]
         axis.plot(heights, values, "k*-", label="admittance over probes", markersize=6, zorder=4)
         for i, length in enumerate(lengths):
             rows = study.at_length(length)
-            values = [part_of(row.velocity_first, part) for row in rows]
-            spread = [part_of(row.velocity_first_spread, part) for row in rows]
+            values = [part_of(row.velocity, part) for row in rows]
+            spread = [part_of(row.velocity_spread, part) for row in rows]
             shifted = [h + 0.02 * (i - len(lengths) / 2) for h in heights]
             axis.errorbar(
                 shifted, values, spread, marker=MARKERS[i], color=COLOURS[i], capsize=2,
                 markerfacecolor="white", elinewidth=0.7,
-                label=f"velocity first, {length_label(length, study.pitch)}",
+                label=f"velocity over {length_label(length, study.pitch)}",
             )  # fmt: skip
         if "true" in study.reference:
             true = part_of(study.reference["true"], part)
-            axis.axhline(true, label="true", **REFERENCES[0])
+            axis.axhline(true, label="reference", **REFERENCES[0])
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
     title = f"{study.title}{hard}, {study.frequency:g} Hz; bars: standard deviation over windows"
     return finish(figure, path, title, legend=3)
@@ -107,7 +107,7 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
 
 @styled
 def draw_imprint(study: HeightStudy, path: str | Path | None = None) -> Figure:
-    """Imprint of the cells over height, its fitted decay and that of an evanescent sound field."""
+    """Cell-periodic modulation over height, its fitted decay and that of an evanescent sound field."""
     curves = imprint_over_height(study)
     figure, axes = subplots(1, 1, 3.4)
     axis = axes[0, 0]

@@ -8,33 +8,33 @@ from typing import Any
 from torchliner.heights.facts import HeightFacts
 from torchliner.heights.recommend import Recommendation
 from torchliner.heights.study import HeightStudy
-from torchliner.report.height_figures import ORDERS, imprint_over_height, length_label
+from torchliner.report.height_figures import AVERAGINGS, imprint_over_height, length_label
 from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
 
 FACTS = (
     Column("", "coherence", "coherence", ".2f"),
     Column("", "velocity_rms", "v_rms m/s", ".3f"),
-    Column("", lambda one: one.imprint and one.imprint.relative, "imprint v_rms", ".4f"),
+    Column("", lambda one: one.imprint and one.imprint.relative, "modulation v_rms", ".4f"),
     Column("", lambda one: (i := one.imprint) and i.between and i.between / i.mean, "between",
            ".4f"),
     Column("", lambda one: one.streamwise_imprint and one.streamwise_imprint.relative,
-           "imprint u_rms", ".4f"),
+           "modulation u_rms", ".4f"),
     Column("", "jet_velocity", "U_j m/s", ".1f"),
     Column("", "jet_height", "H_j mm", ".2f", 1e3),
 )  # fmt: skip
 
 
-def _of(name: str, order: str) -> Callable[[HeightFacts], Any]:
-    """One order's entry of a mapping."""
-    return lambda one: getattr(one, name).get(order)
+def _of(name: str, averaging: str) -> Callable[[HeightFacts], Any]:
+    """The entry of one averaging in a mapping."""
+    return lambda one: getattr(one, name).get(averaging)
 
 
 def facts_table(facts: Sequence[HeightFacts]) -> Table:
-    """Z of the whole plane and closure by order of averaging, and what else is known."""
-    orders = list(facts[0].impedance)
-    values = [Column("", _of("impedance", order), order, format_complex) for order in orders]
-    gaps = [Column("", _of("closure", order), f"closure dB, {order}", "+.2f")
-            for order in orders if facts[0].closure]  # fmt: skip
+    """Z of the whole plane and level check by averaging, and what else is known."""
+    names = list(facts[0].impedance)
+    values = [Column("", _of("impedance", name), name, format_complex) for name in names]
+    checked = names if facts[0].level_check else []
+    gaps = [Column("", _of("level_check", name), f"level check dB, {name}", "+.2f") for name in checked]
     return Table(facts, [Column("", "height", "y mm", ".2f", 1e3), *values, *gaps, *FACTS])
 
 
@@ -49,18 +49,18 @@ def height_table(study: HeightStudy) -> Table:
         Column("probes", heading="probes", text="d"),
         Column("windows", heading="windows", text="d"),
     ]
-    for order, heading in ORDERS.items():
-        label, spread = order.replace("_", " "), f"{order}_spread"
+    for name, heading in AVERAGINGS.items():
+        spread = f"{name}_spread"
         columns += [
-            *real_and_imaginary(f"resistance, {label}", f"reactance, {label}", order),
-            *real_and_imaginary(f"spread of R, {label}", f"spread of X, {label}", spread),
-            Column("", order, heading, format_complex),
+            *real_and_imaginary(f"resistance, {name}", f"reactance, {name}", name),
+            *real_and_imaginary(f"spread of R, {name}", f"spread of X, {name}", spread),
+            Column("", name, heading, format_complex),
             Column("", spread, "spread", format_pair),
         ]
     columns += [
         Column("coherence"),
         Column("v' rms (m/s)", "velocity_rms"),
-        Column("imprint on v'", lambda row: row["imprint"] and row["imprint"].relative),
+        Column("modulation of v'", lambda row: row["imprint"] and row["imprint"].relative),
         Column("jet velocity (m/s)", "jet_velocity"),
         Column("jet height (m)", "jet_height"),
     ]
@@ -84,7 +84,7 @@ def plain_study(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
         "recommended_height": found.height,
         "recommended_heights": found.heights,
         "heights": [
-            {"height": one.height, "impedance": dict(one.impedance), "closure": dict(one.closure)}
+            {"height": one.height, "impedance": dict(one.impedance), "level_check": dict(one.level_check)}
             for one in study.facts
         ],
         "judgements": [vars(one) | {"passed": one.passed} for one in found.judgements],

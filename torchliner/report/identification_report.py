@@ -68,17 +68,17 @@ def run_table(rows: Sequence[RunRow]) -> Table:
         rows,
         (
             *plain_columns("label group frequency height true* fitted* predicted* standard*", None),
-            Column("error", "off"), Column("closure"), Column("outside"),
+            Column("error", "off"), Column("level_check"), Column("outside"),
             Column("", "label", "left out"),
             Column("", "frequency", "f Hz", ".1f"),
             Column("", "height", "y mm", ".2f", 1e3),
-            Column("", "true", "true", format_complex),
+            Column("", "true", "reference", format_complex),
             Column("", "fitted", "fitted with it", format_complex),
             Column("", "predicted", "predicted without it", format_complex),
             Column("", "standard", "u(R), u(X)", format_pair),
             Column("resistance_off_percent", off, "R off %", "+.0f"),
             Column("reactance_off", across, "X off", "+.3f"),
-            Column("", "closure", "closure dB", "+.2f"),
+            Column("", "level_check", "level check dB", "+.2f"),
             Column("", "outside", "unseen %", ".0f", 100.0),
         ),
     )  # fmt: skip
@@ -189,7 +189,7 @@ def plain_identification(found: Identification) -> dict[str, Any]:
         "seen": seen_table(found).as_rows(),
         "singular_values": singular,
         "left_out": {each.label: run_table(each.rows).as_rows() for each in found.candidates},
-        "order": found.order,
+        "averaging": found.averaging,
         "notes": list(found.notes),
     }
 

@@ -61,13 +61,13 @@ def format_in_situ(record: PressureRecord, report: InSituReport) -> str:
             f"{100 * record.cavity_porosity:.3g} % of the surface"
         )
     if "true" in record.reference:
-        head += f"; true Z = {format_complex(record.reference['true'])}"
+        head += f"; reference Z = {format_complex(record.reference['true'])}"
     level = "" if report.level is None else f"{100 * report.level:g} % "
     return (
         f"{head}\n{in_situ_table(report.rows).as_text()}\n"
         f"Z is p/(rho c v), exp(+jwt); {level}statistical interval: because the record is finite, "
         "not the errors of formula, cavity or microphones.\nPressure first: the average that the "
-        "reflected plane wave sees; admittance over points: the paper's order"
+        "reflected plane wave sees; admittance over points: the paper's way"
     )
 
 
@@ -76,7 +76,7 @@ def draw_in_situ(
     record: PressureRecord, points: PointImpedances, path: str | Path | None = None,
     frequency_index: int = 0,
 ) -> Any:  # fmt: skip
-    """R and X of the in situ method along x: points, cells in both orders, the file's truth."""
+    """R and X of the in situ method along x: points, cells in both ways of averaging, the file's reference."""
     profile = points_along_x(points, frequency_index)
     known = bool((points.point_x == points.point_x).all())
     figure, panels = impedance_panels(3.0, "$x$ (mm)" if known else "probe")
@@ -87,6 +87,6 @@ def draw_in_situ(
         if known:
             draw_cells(axis, points, part, frequency_index, "cells, ")
         if true is not None:
-            axis.axhline(part_of(true, part), label="true", **REFERENCES[0])
+            axis.axhline(part_of(true, part), label="reference", **REFERENCES[0])
     title = f"{record.title or record.name}, in situ (Dean), {frequency:g} Hz"
     return finish(figure, path, title, legend=ONE_ROW)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchliner.io.line_file import line_rows
 from torchliner.records import ImpedanceLine
-from torchliner.report.closure_report import closure_lines, plain_closure
+from torchliner.report.level_check_report import level_check_lines, plain_level_check
 from torchliner.report.table import (
     Column,
     Table,
@@ -25,12 +25,12 @@ At = tuple[int, int]  # station, frequency
 def format_line(line: ImpedanceLine) -> str:
     """One row per station and frequency, the averages, references, flags, the choices."""
     goodrich = [] if line.goodrich is None else line.goodrich.tolist()
-    names = ("method", "correction", "segment", "overlap", "phase", "drive", "kernel")
+    names = ("method", "correction", "segment", "overlap", "window", "phase", "drive")
     choices = ", ".join(f"{key} {line.choices[key]}" for key in names)
     return "\n".join([
         _station_table(line).as_text(),
         *_averages(line),
-        *closure_lines([line], [Column("", "frequency", "f Hz", ".1f")]),
+        *level_check_lines([line], [Column("", "frequency", "f Hz", ".1f")]),
         *format_references(line.reference),
         *(f"{f:g} Hz, Goodrich (2.7), linear liner: {format_complex(z)}"
           for f, z in zip(line.frequency.tolist(), goodrich, strict=False)),
@@ -121,7 +121,7 @@ def plain_line(line: ImpedanceLine) -> dict[str, Any]:
     return {
         "title": line.title,
         "average": average,
-        "closure": plain_closure(line),
+        "level_check": plain_level_check(line),
         "rows": line_rows(line),
         "stations": stations,
         "reference": dict(line.reference),

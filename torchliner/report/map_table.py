@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
-from torchliner.report.closure_report import closure_lines, plain_closure
-from torchliner.report.numbers import against_height, case_title, interval_words
+from torchliner.report.level_check_report import level_check_lines, plain_level_check
+from torchliner.report.numbers import HeightRow, against_height, case_title, interval_words
 from torchliner.report.table import (
     Column,
     Table,
@@ -24,32 +24,34 @@ NULL_TEST = (
     "model responds to such a velocity"
 )
 WHERE = (Column("", "height", "y mm", ".2f", 1e3), Column("", "frequency", "f Hz", ".1f"))
-AVERAGES = (
-    Column("", "coherent_first", "Z, coherent first", format_complex),
-    Column("", "probes_first", "Z, admittance over probes", format_complex),
-    Column("", "spread", "spread R, X", format_pair),
-    Column("", "velocity_first", "Z, velocity first", format_complex),
-    Column("", "coherence", "coherence", ".2f"),
-    Column("", "level", "inferred incident dB, median", ".1f"),
-)
-INTERVALS = (
-    Column("", "interval_coherent_first", "coherent first", format_bounds),
-    Column("", "interval", "admittance over probes", format_bounds),
-    Column("", "interval_velocity_first", "velocity first", format_bounds),
-)
 
 
 def format_maps(results: Sequence[ImpedanceMap]) -> str:
     """One row per height and frequency; intervals; results of other methods; the choices."""
-    rows = against_height(results)
-    lines = [Table(rows, (*WHERE, *AVERAGES)).as_text()]
+    rows, answer = against_height(results), results[0].averaging
+    averagings = sorted(results[0].averagings, key=lambda each: each != answer)
+    lines = [Table(rows, (*WHERE, *_averages(averagings))).as_text()]
     words = interval_words(results[0])
     if words:
+        intervals = [Column("", _of("interval", name), name, format_bounds) for name in averagings]
         lines.append(f"\n{words} (the spread above is that over probes, no uncertainty)\n"
-                     f"{Table(rows, (*WHERE, *INTERVALS)).as_text()}\n")  # fmt: skip
-    lines += closure_lines(results, WHERE)
+                     f"{Table(rows, (*WHERE, *intervals)).as_text()}\n")  # fmt: skip
+    lines += level_check_lines(results, WHERE)
     lines += [*_beside(results), *difference_lines(results), *_nearest(results)]
     return "\n".join([*lines, _choices(results[0])])
+
+
+def _of(name: str, averaging: str) -> Callable[[HeightRow], Any]:
+    return lambda row: getattr(row, name).get(averaging)
+
+
+def _averages(averagings: Sequence[str]) -> list[Column]:
+    return [
+        *(Column("", _of("impedance", name), f"Z, {name}", format_complex) for name in averagings),
+        Column("", "spread", "spread R, X", format_pair),
+        Column("", "coherence", "coherence", ".2f"),
+        Column("", "level", "inferred incident dB, median", ".1f"),
+    ]
 
 
 def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
@@ -75,17 +77,10 @@ def _nearest(results: Sequence[ImpedanceMap]) -> list[str]:
 
 def _choices(result: ImpedanceMap) -> str:
     choices = result.choices
-    of_kernel = ("edge", "kernel") if "kernel_error" in choices else ()
-    names = ("engine", "phase", "drive", "window", *of_kernel)
-    text = "Z is p/(rho c v), exp(+jwt); " + ", ".join(f"{key} {choices[key]}" for key in names)
-    if "kernel_error" in choices:
-        text += f"; kernel error in R {choices['kernel_error']:.1e}"
-    if "model_error" in choices:
-        text += f"; R(|v|) known to {choices['model_error']:.1e}"
-    count = choices.get("readings")
-    if count is None:
-        return text
-    return f"{text}; data read {('once', 'twice')[count - 1] if count < 3 else f'{count} times'}"
+    text = "Z is p/(rho c v), exp(+jwt)"
+    text += "".join(f", {name} {choices[name]}" for name in ("phase", "drive") if name in choices)
+    error = choices.get("model_error")
+    return text if error is None else f"{text}; R(|v|) known to {error:.1e}"
 
 
 def plain_map(result: ImpedanceMap) -> dict[str, Any]:
@@ -103,9 +98,8 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
             for i, f in enumerate(result.frequency.tolist())
             if result.alongside
         ],
-        "closure": plain_closure(result),
-        "uncertainty": None if result.uncertainty is None else dict(result.uncertainty.settings),
+        "level_check": plain_level_check(result),
         "nearest_truth": nearest_truth(result) or None,
         "choices": dict(result.choices),
-        "notes": list(result.notes),
+        "notes": [vars(note) for note in result.notes],
     }

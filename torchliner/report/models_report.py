@@ -35,40 +35,40 @@ STYLES = ("-", "--", ":", "-.") * 99
 def _table(found: ModelComparison) -> Table:
     """Columns of text, CSV and JSON."""
 
-    def in_order(name: str) -> Any:
-        return lambda row: row.orders[name]
+    def under(name: str) -> Any:
+        return lambda row: row.averagings[name]
 
     def distance(name: str) -> Any:
         return lambda row: row.distance.get(name)
 
-    orders = next(iter(found.maps.values())).orders
+    averagings = next(iter(found.maps.values())).averagings
     several = len({row.frequency for row in found.rows}) > 1
     shown = [Column("", "model", "model")]
     shown += [Column("", "frequency", "f Hz", ".1f")] if several else []
-    shown += [Column("", "impedance", f"Z, {found.order}", format_complex)]
+    shown += [Column("", "impedance", f"Z, {found.averaging}", format_complex)]
     if found.level is not None:
         shown.append(Column("", lambda row: _bounds(row), f"{100 * found.level:g} % interval",
                             format_bounds))  # fmt: skip
-    shown += [Column("", in_order(name), f"Z, {name}", format_complex)
-              for name in orders if name != found.order]  # fmt: skip
-    if any(row.closure is not None for row in found.rows):
-        shown += [Column("", lambda row: (row.closure, row.verdict), "closure dB", _closed)]
+    shown += [Column("", under(name), f"Z, {name}", format_complex)
+              for name in averagings if name != found.averaging]  # fmt: skip
+    if any(row.level_check is not None for row in found.rows):
+        shown += [Column("", lambda row: (row.level_check, row.verdict), "level check dB", _checked)]
     shown += [Column("", distance(name), f"|Z - {name}|", ".3f") for name in found.references]
     shown += [Column("", "model_error", "error in R", ".0e")]
     plain = [*plain_columns("model frequency impedance* low* high*")]
-    for name in orders:
-        words = name.replace(" ", "_")
+    for name in averagings:
+        words = name.replace("-", "_")
         plain += [Column(f"{words}_{part}", _part_in(name, part)) for part, _ in PARTS]
-    plain += plain_columns("closure verdict")
+    plain += plain_columns("level_check verdict")
     plain += [Column(f"distance to {name}", distance(name)) for name in found.references]
     return Table(found.rows, (*shown, *plain, Column("model_error")), ".9g")
 
 
-def _part_in(order: str, part: str) -> Any:
-    return lambda row: float(part_of(row.orders[order], part))
+def _part_in(averaging: str, part: str) -> Any:
+    return lambda row: float(part_of(row.averagings[averaging], part))
 
 
-def _closed(value: tuple[float | None, str]) -> str:
+def _checked(value: tuple[float | None, str]) -> str:
     return "-" if value[0] is None else f"{value[0]:+.2f} {value[1]}"
 
 
@@ -83,7 +83,7 @@ def write_models(found: ModelComparison, path: str | Path) -> None:
 
 def plain_models(found: ModelComparison) -> dict[str, Any]:
     """For JSON."""
-    names = ("title", "order", "level", "sorted_by", "references", "closure_words", "notes")
+    names = ("title", "averaging", "level", "sorted_by", "references", "level_check_words", "notes")
     return {**{key: getattr(found, key) for key in names}, "rows": _table(found).as_rows()}
 
 
@@ -96,7 +96,7 @@ def format_models(found: ModelComparison) -> str:
         f"{found.title}{at}, whole liner; {sorted_by}",
         _table(found).as_text(),
         *format_references(found.references),
-        f"closure: {found.closure_words}",
+        f"level check: {found.level_check_words}",
     ])  # fmt: skip
 
 
@@ -147,4 +147,4 @@ def _draw_spectra(found: ModelComparison, path: str | Path | None) -> Figure:
 
 def _title(found: ModelComparison, at: str = "") -> str:
     bars = "" if found.level is None else f"; bands: {100 * found.level:g} % statistical interval"
-    return f"{found.title}{at}, {found.order}{bars}"
+    return f"{found.title}{at}, averaging {found.averaging}{bars}"

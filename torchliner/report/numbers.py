@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance
+from torchliner.engine.kernels import BAND
+from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
-from torchliner.names import ORDERS
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
-from torchliner.records.impedance_map import ENDS
-from torchliner.reduction.inspection import time_moments
-from torchliner.reduction.moments import Moments
-from torchliner.replay.kernels import BAND
 from torchliner.report.table import Column, Table
+from torchliner.velocity.inspection import time_moments
 
 Array = NDArray[np.float64]
 COMPLEX_PART = {"resistance": "real", "reactance": "imag"}
@@ -70,8 +68,7 @@ def case_title(one: ImpedanceMap | VelocityPlane) -> str:
 
 def interval_words(result: ImpedanceMap) -> str:
     """'95 % statistical interval' or nothing."""
-    found = result.uncertainty
-    return "" if found is None else f"{100 * found.settings['level']:g} % statistical interval"
+    return "" if result.level is None else f"{100 * result.level:g} % statistical interval"
 
 
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
@@ -79,27 +76,24 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
 
     Where there is a z the admittance is averaged over it.
     """
-    admittance = result.admittance[..., frequency_index]
+    admittance = result.probes["admittance"].admittance[..., frequency_index]
     x, average = over_z(result.x, admittance)
     values = _parts(impedance_from_admittance(average))
-    found = _interval_along_x(result, len(x))
-    for name in ("low", "high") if found is not None else ():
-        values |= _parts(getattr(found, name)[:, frequency_index], f" {name}")
+    interval = _interval_along_x(result, len(x))
+    for name in ("low", "high") if interval is not None else ():
+        values |= _parts(getattr(interval, name)[:, frequency_index], f" {name}")
     return Curves(x, values, height_label(result.height))
 
 
 def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     """Of the rows of a plane, or of the probes of a line in the order of x."""
-    found = result.uncertainty
-    if found is None:
-        return None
-    if found.along_x is not None:
-        return found.along_x
-    low = found.probes.low
-    if low.ndim != 2 or len(low) != points:  # probes that share an x
+    if "admittance" in result.along_x:
+        return result.along_x["admittance"].interval
+    interval = result.probes["admittance"].interval
+    if interval is None or interval.low.ndim != 2 or len(interval.low) != points:  # probes that share an x
         return None
     order = torch.arange(points) if result.x is None else result.x.argsort()
-    return found.probes.map(lambda value: value.cpu()[order])
+    return interval.map(lambda value: value[order])
 
 
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
@@ -111,18 +105,18 @@ def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Cu
 
 
 def impedance_over_frequency(result: ImpedanceMap) -> Curves:
-    """Whole-liner impedance in all orders, the statistical interval of the answer, and
+    """Whole-liner impedance in all averagings, the statistical interval of the answer, and
     quartiles over the probes that were not left out, which are no uncertainty."""
     values: dict[str, Array] = {}
     for part in COMPLEX_PART:
         values[part] = part_of(result.answer, part)
-        for order in result.orders:
-            if order != result.order:
-                values[f"{part}, {order}"] = part_of(result.of_liner(order), part)
-        if result.uncertainty is not None:
-            bounds = getattr(result.uncertainty, f"liner{ENDS[result.order]}")
-            for end, bound in (("low", bounds.low), ("high", bounds.high)):
-                values[f"{part} {end}"] = part_of(bound, part)
+        for averaging in result.averagings:
+            if averaging != result.averaging:
+                values[f"{part}, {averaging}"] = part_of(result.liner[averaging].impedance, part)
+        interval = result.liner[result.averaging].interval
+        if interval is not None:
+            values[f"{part} low"] = part_of(interval.low, part)
+            values[f"{part} high"] = part_of(interval.high, part)
         flat = part_of(result.impedance, part).reshape(-1, len(result.frequency))
         for share in (25, 75):
             values[f"{part}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
@@ -143,8 +137,7 @@ def velocity_along_x(record: VelocityPlane | Moments) -> Curves:
         if part is None:
             continue
         if isinstance(record, Moments):  # of v alone
-            seen = record.sums.survey.part(plane.probes)
-            mean, square = seen.mean, seen.mean_square
+            mean, square = record.survey.mean, record.survey.mean_square
         else:
             mean, square = time_moments(VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name))
         mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
@@ -183,35 +176,32 @@ def _array(value: Tensor) -> Array:
 
 @dataclass(frozen=True)
 class HeightRow:
-    """One plane's averages: all orders of averaging, the spread over its probes, which is no
-    uncertainty, and the statistical intervals (real parts bound R, imaginary parts X)."""
+    """One plane at one frequency: Z of the whole liner and its statistical interval (real parts bound R, imaginary
+    parts X) by averaging, and the spread over the probes, which is no uncertainty."""
 
     height: float | None
     frequency: float
-    probes_first: complex
-    velocity_first: complex
+    impedance: dict[str, complex]
+    interval: dict[str, tuple[complex, complex] | None]
     spread: complex
     coherence: float
     level: float
-    interval: tuple[complex, complex] | None = None
-    interval_velocity_first: tuple[complex, complex] | None = None
-    coherent_first: complex | None = None
-    interval_coherent_first: tuple[complex, complex] | None = None
 
 
 def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
     """Whole-liner impedance of several planes, lowest first, one row per frequency."""
     rows = []
     for result in sorted(results, key=lambda r: r.height or 0.0):
-        third = result.liner_impedance_coherent_first
         for i, frequency in enumerate(result.frequency.tolist()):
-            # The median over probes: a mean of complex waves would cancel along a grazing one.
-            level = result.inferred_incident_level[..., i].detach().cpu().nanmedian()
-            rows.append(HeightRow(
-                result.height, frequency, complex(result.liner_impedance[i]),
-                complex(result.liner_impedance_velocity_first[i]), complex(result.liner_spread[i]),
-                float(result.coherence[..., i].nanmedian()), float(level),
-                result.bounds_of_liner(ORDERS[0], i), result.bounds_of_liner(ORDERS[1], i),
-                None if third is None else complex(third[i]), result.bounds_of_liner(ORDERS[2], i),
-            ))  # fmt: skip
+            row = HeightRow(
+                height=result.height,
+                frequency=frequency,
+                impedance={name: complex(each.impedance[i]) for name, each in result.liner.items()},
+                interval={name: result.bounds_of_liner(name, i) for name in result.averagings},
+                spread=complex(result.liner_spread[i]),
+                coherence=float(result.coherence[..., i].nanmedian()),
+                # The median over probes: a mean of complex waves would cancel along a grazing one.
+                level=float(result.inferred_incident_level[..., i].nanmedian()),
+            )
+            rows.append(row)
     return rows

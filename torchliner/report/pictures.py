@@ -7,13 +7,13 @@ from pathlib import Path
 
 import torch
 
+from torchliner.engine.moments import ReducedVelocity
 from torchliner.file_names import frequency_ends, unique_names
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.same_case import planes_by_height
-from torchliner.reduction.moments import ReducedVelocity
 from torchliner.report import figures
-from torchliner.report.closure_report import closure_rows, closure_table, draw_closure
 from torchliner.report.figures import draw_spectrum
+from torchliner.report.level_check_report import draw_level_check, level_check_rows, level_check_table
 from torchliner.report.map_figures import Limits, map_limits
 from torchliner.report.numbers import impedance_along_x, impedance_over_frequency, velocity_along_x
 
@@ -69,9 +69,9 @@ def _draw_group(
         figures.draw_along_x(results, folder / f"along_x{end}.png", i)
         if len(results) > 1:
             figures.draw_against_height(results, folder / f"height{end}.png", i)
-        if any(row["verdict"] for row in closure_rows(results, i)):  # a pressure is known
-            draw_closure(results, folder / f"closure{end}.png", i)
-            closure_table(results, i).write_csv(folder / f"closure{end}.csv")
+        if any(row["verdict"] for row in level_check_rows(results, i)):  # a pressure is known
+            draw_level_check(results, folder / f"level_check{end}.png", i)
+            level_check_table(results, i).write_csv(folder / f"level_check{end}.csv")
     if len(frequencies) > 1:
         draw_spectrum(results, folder / "spectrum.png")
         for result, stem in zip(results, stems, strict=True):

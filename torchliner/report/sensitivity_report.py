@@ -51,9 +51,9 @@ CONTRIBUTIONS = (
 )
 
 
-def sensitivity_table(found: Sensitivities, order: str) -> Table:
+def sensitivity_table(found: Sensitivities, averaging: str) -> Table:
     """One row per frequency and parameter: dZ per SI unit and per 1 %, largest first."""
-    slopes, steps = found.of_liner(order), found.per_percent().of_liner(order)
+    slopes, steps = found.liner[averaging], found.per_percent().liner[averaging]
     rows = [
         {
             "frequency": frequency, "parameter": found.parameters[j],
@@ -66,23 +66,23 @@ def sensitivity_table(found: Sensitivities, order: str) -> Table:
     return Table(rows, SLOPES)
 
 
-def budget_table(budget: Budget, frequency: Sequence[float], order: str) -> Table:
+def budget_table(budget: Budget, frequency: Sequence[float], averaging: str) -> Table:
     """One row per frequency and parameter, largest first, and one of the sum."""
     rows: list[dict[str, Any]] = []
     for i, each in enumerate(frequency):
-        rows += [vars(part) | {"frequency": each} for part in budget.sorted(order, i)]
+        rows += [vars(part) | {"frequency": each} for part in budget.sorted(averaging, i)]
         nothing = dict.fromkeys(("value", "unit", "half_width", "standard"))
         rows.append({"frequency": each, "parameter": COMBINED, **nothing,
-                     "impedance": complex(budget.combined(order)[i])})  # fmt: skip
+                     "impedance": complex(budget.combined(averaging)[i])})  # fmt: skip
     return Table(rows, CONTRIBUTIONS)
 
 
-def format_budget(budget: Budget, found: Sensitivities, order: str, table: Table) -> str:
+def format_budget(budget: Budget, found: Sensitivities, averaging: str, table: Table) -> str:
     """``budget_table`` with the impedance and its correlation of R and X."""
-    nominal = found.found.of_liner(order).tolist()
+    nominal = found.found.liner[averaging].impedance.tolist()
     lines = [
         f"{frequency:.1f} Hz: Z = {format_complex(nominal[i])}, correlation of R and X "
-        f"{correlation_of(budget.covariance[order][i]):+.2f}; dR, dX: standard uncertainty, "
+        f"{correlation_of(budget.covariance[averaging][i]):+.2f}; dR, dX: standard uncertainty, "
         "combined and by parameter"
         for i, frequency in enumerate(found.found.frequency.tolist())
     ]

@@ -1,12 +1,12 @@
-"""The truth table: every rule beside the true impedance of resolved cases. No favourite."""
+"""The validation table: every rule beside the reference impedance of resolved cases. No favourite."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from torchliner.audits.truth_rows import DEFAULT, PHASES, RuleErrors, TruthRow, errors_by_rule
-from torchliner.names import ORDERS
+from torchliner.audits.truth_rows import DEFAULT, RuleErrors, TruthRow, errors_by_rule
+from torchliner.names import AVERAGINGS, PHASES
 from torchliner.report.table import (
     Column,
     Table,
@@ -17,11 +17,11 @@ from torchliner.report.table import (
 )
 
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
-RESISTANCE = 0.15  # of R_true, beside which closure is told: it hardly sees X where R is large
+RESISTANCE = 0.15  # of R_true, beside which the level check is told: it hardly sees X where R is large
 ALIKE = 0.1  # of |Z_true|: where every rule is as near, a case tests little
 FEW_PERIODS = 6
 COLUMNS = plain_columns(
-    "case height drive mean phase order educed* true* in_situ* low* high* error closure speed "
+    "case height drive mean phase averaging educed* true* in_situ* low* high* error level_check speed "
     "velocity_rms mach incident_level periods"
 )
 
@@ -37,13 +37,13 @@ def plain_truth(rows: Sequence[TruthRow]) -> Table:
 
 
 def _by_phase(cells: Iterable[tuple[TruthRow | RuleErrors, complex]], written: Callable[[Any], str]) -> str:
-    """One line per height (if the cells have one), drive and order; one column per phase rule."""
+    """One line per height (if the cells have one), drive and averaging; one column per phase rule."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for cell, value in cells:
-        key = (getattr(cell, "height", None), drive_label(cell.drive, cell.mean), cell.order)
-        line = lines.setdefault(key, dict(zip(("height", "drive", "order"), key, strict=True)))
+        key = (getattr(cell, "height", None), drive_label(cell.drive, cell.mean), cell.averaging)
+        line = lines.setdefault(key, dict(zip(("height", "drive", "averaging"), key, strict=True)))
         line[cell.phase] = value
-    columns = [Column("", "drive", "drive"), Column("", "order", "order"),
+    columns = [Column("", "drive", "drive"), Column("", "averaging", "averaging"),
                *(Column("", phase, phase, written) for phase in PHASES)]  # fmt: skip
     if any(height is not None for height, *_ in lines):
         columns.insert(0, Column("", "height", "y mm", ".1f", 1e3))
@@ -58,9 +58,9 @@ def format_rules(rows: Sequence[TruthRow]) -> str:
 
 
 def format_truth(rows: Sequence[TruthRow]) -> str:
-    """One text table per case: Z by height, drive, order and phase rule."""
+    """One text table per case: Z by height, drive, averaging and phase rule."""
     return "\n\n".join(
-        f"case {mine[0].case}: true Z = {format_complex(mine[0].true)} (normalised)\n"
+        f"case {mine[0].case}: reference Z = {format_complex(mine[0].true)} (normalised)\n"
         f"{_by_phase(((row, row.educed) for row in mine), format_complex)}"
         for mine in _by_case(rows)
     )
@@ -75,9 +75,9 @@ def _case_summary(rows: Sequence[TruthRow]) -> dict[str, Any]:
     """Of one case: errors of the default rules over the heights, of the best and worst rule."""
     true, within = abs(rows[0].true), []
     summary: dict[str, Any] = {"case": rows[0].case, "|Z_true|": true}
-    for order in ORDERS:
-        errors = [row.error for row in rows if row.rule == DEFAULT and row.order == order]
-        summary[f"default, {order}"] = format_range(min(errors), max(errors))
+    for averaging in AVERAGINGS:
+        errors = [row.error for row in rows if row.rule == DEFAULT and row.averaging == averaging]
+        summary[f"default, {averaging}"] = format_range(min(errors), max(errors))
         within += [error < TOLERABLE * true for error in errors]
     failed = f"FAILS in {within.count(False)} of {len(within)}"
     return summary | {
@@ -99,13 +99,13 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
         "|Z - Z_true| over all heights (rho c)",
         Table(summaries, columns).as_text(),
         f"(FAILS: off by more than {100 * TOLERABLE:g} % of |Z_true|. Default: phase averaged, "
-        "instantaneous |v|, mean kept; every order at every height is counted)",
+        "instantaneous |v|, mean kept; every averaging at every height is counted)",
     ]
     best = [min(mine, key=lambda row: row.error) for mine in cases]
     for one in best:
         lines.append(
             f"best for {one.case}, with hindsight: y = {1e3 * one.height:g} mm, "
-            f"{drive_label(one.drive, one.mean)}, {one.phase}, {one.order}, "
+            f"{drive_label(one.drive, one.mean)}, {one.phase}, {one.averaging}, "
             f"{format_complex(one.educed)} for {format_complex(one.true)}"
         )
     return "\n".join([*lines, *_closing(cases, best)])
@@ -114,27 +114,27 @@ def format_summary(rows: Sequence[TruthRow]) -> str:
 def _closing(cases: Sequence[Sequence[TruthRow]], best: Sequence[TruthRow]) -> list[str]:
     """What these rows say together, and how much each case can say."""
     lines = []
-    rules = {(*one.rule, one.order) for one in best}
+    rules = {(*one.rule, one.averaging) for one in best}
     if len(best) > 1:
         lines.append(
             "one rule is best in all cases" if len(rules) == 1 else
             f"{len(best)} cases have {len(rules)} different best rules"
         )  # fmt: skip
-    for order in ORDERS:
-        default = [[row for row in mine if row.rule == DEFAULT and row.order == order]
+    for averaging in AVERAGINGS:
+        default = [[row for row in mine if row.rule == DEFAULT and row.averaging == averaging]
                    for mine in cases]  # fmt: skip
         right = [mine[0].case for mine in default if all(_holds(row) for row in mine)]
         low = [min(mine, key=lambda row: row.height) for mine in default]
         lowest = [row.case for row in low if _holds(row)]
         near = [row.case for row in low if _resistance_holds(row)]
         lines.append(
-            f"default, {order}: holds at every height in {_some(right, len(cases))}; at the "
+            f"default, {averaging}: holds at every height in {_some(right, len(cases))}; at the "
             f"lowest height in {_some(lowest, len(cases))}; there R is within "
             f"{100 * RESISTANCE:g} % in {_some(near, len(cases))}"
         )
-        lines += _closures([row for mine in default for row in mine], order)
+        lines += _level_checks([row for mine in default for row in mine], averaging)
     if any(one.phase == "given" for one in best):
-        lines.append("'given' uses the phase of the true wave, which only a simulation knows")
+        lines.append("'given' uses the phase of the reference wave, which only a simulation knows")
     alike = [mine[0].case for mine in cases if max(row.error for row in mine) < ALIKE * abs(
         mine[0].true)]  # fmt: skip
     if alike:
@@ -155,19 +155,19 @@ def _some(names: Sequence[str], of: int) -> str:
     return f"{len(names)} of {of} cases" + (f" ({', '.join(names)})" if names else "")
 
 
-def _closures(rows: Sequence[TruthRow], order: str) -> list[str]:
-    """How well closure tells the right planes from the wrong ones."""
-    known = [row for row in rows if row.closure == row.closure]
+def _level_checks(rows: Sequence[TruthRow], averaging: str) -> list[str]:
+    """How well the level check tells the right planes from the wrong ones."""
+    known = [row for row in rows if row.level_check == row.level_check]
     if not known:
         return []
-    right = [abs(row.closure) for row in known if _resistance_holds(row)]
-    wrong = [abs(row.closure) for row in known if not _resistance_holds(row)]
+    right = [abs(row.level_check) for row in known if _resistance_holds(row)]
+    wrong = [abs(row.level_check) for row in known if not _resistance_holds(row)]
     parts = [
         f"{min(sizes):.2f} to {max(sizes):.2f} dB in {len(sizes)} planes where R is {word}"
         for sizes, word in ((right, "within"), (wrong, "off by more than"))
         if sizes
     ]
-    return [f"closure, {order}: {', '.join(parts)} {100 * RESISTANCE:g} %"]
+    return [f"level check, {averaging}: {', '.join(parts)} {100 * RESISTANCE:g} %"]
 
 
 def _resistance_holds(row: TruthRow) -> bool:

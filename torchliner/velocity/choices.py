@@ -140,4 +140,5 @@ class Choices:
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""
         plain = {each.name: getattr(self, each.name) for each in fields(self)}
-        return plain | {key: None if plain[key] is None else str(plain[key]) for key in ("device", "dtype")}
+        stated = {key: plain[key] for key in ("device", "dtype") if plain[key] is not None}
+        return plain | {key: str(value).removeprefix("torch.") for key, value in stated.items()}

@@ -11,9 +11,10 @@ from torch import Tensor
 
 from torchliner.engine.drives import phase_locked
 from torchliner.engine.moments import Moments
+from torchliner.engine.workers import Reduce
 from torchliner.names import AVERAGINGS
 from torchliner.records.same_case import require_same_probes
-from torchliner.velocity.reading import Progress, Reading, Reduce
+from torchliner.velocity.reading import Progress, Reading
 from torchliner.velocity.review import review_moments
 
 ROWS = ("sums", "squares", "peaks", "gram")  # of a survey, whose first axis is the block
@@ -89,7 +90,8 @@ def _rows_of(known: Moments) -> list[Tensor]:
 
 def _with_rows(known: Moments, change: Callable[[Tensor], Tensor]) -> Moments:
     """The same with each of ``_rows_of`` changed, in that order."""
-    survey = dataclasses.replace(known.survey, **{name: change(getattr(known.survey, name)) for name in ROWS})
+    changed: dict[str, Any] = {name: change(getattr(known.survey, name)) for name in ROWS}
+    survey = dataclasses.replace(known.survey, **changed)
     return dataclasses.replace(known, survey=survey, sums={name: change(rows) for name, rows in known.sums.items()})
 
 

@@ -28,7 +28,7 @@ from torchliner.velocity.educe import facts_of, map_of, origin_facts
 from torchliner.velocity.reading import Progress, Reading, measure
 
 AVERAGED = ("admittance", "velocity")
-MOST_TONES = 3  # frequencies at which the tone in v is measured, too
+MOST_TONES = 3  # frequencies at which v is measured, too; of more that of the data
 
 
 def replay(
@@ -104,7 +104,8 @@ def replay(
     notes = [*review.review_record(plane, asked, chosen), *review.review_liner(plane, model)]
 
     cells = sort_into_cells(plane, model.cell_pitch).kept(torch.ones(plane.probes, dtype=torch.bool))
-    reading = Reading.of(plane, chosen, asked if len(asked) <= MOST_TONES else asked[:1], None, cells)
+    tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
+    reading = Reading.of(plane, chosen, tones, None, cells)
     with torch.no_grad():
         known = measure(reading, model.cell_pitch)
         notes += review.review_moments(plane, known) + review.review_lost_cells(plane, cells, known.cells)

@@ -52,9 +52,10 @@ def lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int) 
     """As asked for, or what the wave has in segments of so many samples, Hz, (F,)."""
     rate, spacing = plane.sampling_rate, plane.sampling_rate / length
     if isinstance(wave, ComplexTones):
-        if frequency is not None and wave.sampled(1, rate).is_complex():
-            raise ValueError("frequency is stated twice: incident names the tones, each by itself; leave it out")
-        return frequency_tensor(wave.frequency if frequency is None else frequency, rate)
+        asked = frequency_tensor(wave.frequency if frequency is None else frequency, rate).cpu()
+        if wave.sampled(1, rate).is_complex() and not torch.equal(asked, wave.frequency):
+            raise ValueError("incident and frequency name different tones; name them once")
+        return asked
     if frequency is None and wave.band is not None:
         first, last = math.ceil(wave.band[0] / spacing - 1e-9), math.floor(wave.band[1] / spacing + 1e-9)
         return spacing * torch.arange(first, last + 1, max(1, math.ceil((last - first + 1) / MOST_LINES))).double()

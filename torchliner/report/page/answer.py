@@ -1,23 +1,20 @@
-"""The answer in one sentence, and in a table: every order of averaging at every frequency."""
+"""The answer in one sentence, and in a table: every averaging at every frequency."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from torchliner.records import ImpedanceMap
-from torchliner.records.closure import CLOSES, FAILS, OPEN
+from torchliner.records import ImpedanceLine, ImpedanceMap
+from torchliner.records.level_check import INCONCLUSIVE
 from torchliner.report.map_table import NULL_TEST
+from torchliner.report.numbers import interval_words
 from torchliner.report.page.blocks import Block, Grid, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.subject import MapSubject
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 from torchliner.report.typesetting import typeset
 
-VERDICTS = {CLOSES: "closes", OPEN: "stays open", FAILS: "fails"}
-
 
 def sentence(subject: MapSubject) -> str:
-    """Z of the liner, its interval and its closure check."""
+    """Z of the liner, its interval and its level check."""
     result, index = subject.result, subject.main
     value = complex(result.answer[index])
     frequency = float(result.frequency[index])
@@ -31,31 +28,30 @@ def sentence(subject: MapSubject) -> str:
     if is_null(result):
         what = "above a hard wall, a null test without any liner, the model gives"
     text = f"{lead} {what} Z = {format_complex(value)} in units of ρc"
-    bounds = result.bounds_of_liner(result.order, index)
+    bounds = result.bounds_of_liner(result.averaging, index)
     if bounds is None:
-        text += f" ({result.order}), without a statistical interval"
+        text += f" (averaging {result.averaging}), without a statistical interval"
     else:
-        level = 100 * float(result.uncertainty.settings["level"])  # type: ignore[union-attr]
-        text += f" ({result.order}; {level:g} % statistical interval: {format_bounds(bounds)})"
-    return typeset(f"{text}; {closure_clause(result, index)}.")
+        text += f" (averaging {result.averaging}; {interval_words(result)}: {format_bounds(bounds)})"
+    return typeset(f"{text}; {level_check_clause(result, index)}.")
 
 
-def closure_clause(result: Any, index: int, order: str | None = None) -> str:
-    """'the closure check fails: -1.93 dB off ...', or why there is none."""
-    closure, order = result.closure, order or getattr(result, "order", None)
-    if closure is None:
-        return f"closure: {shown(result.closure_words)}"
-    order = order or closure.order
-    verdict = closure.verdict(order, index)
+def level_check_clause(result: ImpedanceMap | ImpedanceLine, index: int) -> str:
+    """'the level check fails: -1.93 dB off ...', or why there is none."""
+    check, words = result.level_check, shown(result.level_check_words)
+    if check is None:
+        return f"level check: {words}"
+    verdict = check.verdict(check.averaging, index)
     if not verdict:
-        return "closure: no pressure is known at this frequency"
-    off = closure.words(order, index).removesuffix(verdict).strip()
-    return f"the closure check {VERDICTS[verdict]}: {off} {shown(result.closure_words)}"
+        return "level check: no pressure is known at this frequency"
+    off = check.words(check.averaging, index).removesuffix(verdict).strip()
+    return f"the level check {'is ' * (verdict == INCONCLUSIVE)}{verdict}: {off} {words}"
 
 
-def state(result: Any, index: int) -> str:
-    """Of the closure check of the answer; "" without one."""
-    return "" if result.closure is None else str(result.closure.verdict(result.closure.order, index))
+def state(result: ImpedanceMap | ImpedanceLine, index: int) -> str:
+    """Of the level check of the answer; "" without one."""
+    check = result.level_check
+    return "" if check is None else check.verdict(check.averaging, index)
 
 
 def is_null(result: ImpedanceMap) -> bool:
@@ -64,20 +60,19 @@ def is_null(result: ImpedanceMap) -> bool:
 
 
 def answers(subject: MapSubject) -> list[Block]:
-    """A row an order of averaging and frequency, that of the answer first."""
-    result, closure, rows = subject.result, subject.result.closure, []
-    orders = sorted(result.orders, key=lambda each: each != result.order)
+    """A row an averaging and frequency, that of the answer first."""
+    result, check, rows = subject.result, subject.result.level_check, []
     for i, frequency in enumerate(result.frequency.tolist()):
-        for order in orders:
-            z, bounds = complex(result.of_liner(order)[i]), result.bounds_of_liner(order, i)
-            words = "-" if closure is None else typeset(closure.words(order, i))
-            rows.append({"frequency": frequency, "order": order, **bounded(z, bounds),
-                         "shown": f"{order} (the answer)" if order == result.order else order,
-                         "closure": words})  # fmt: skip
+        for name in sorted(result.averagings, key=lambda each: each != result.averaging):
+            z, bounds = complex(result.liner[name].impedance[i]), result.bounds_of_liner(name, i)
+            words = "-" if check is None else typeset(check.words(name, i))
+            rows.append({"frequency": frequency, "averaging": name, **bounded(z, bounds),
+                         "shown": f"{name} (the answer)" if name == result.averaging else name,
+                         "level check": words})  # fmt: skip
     columns = [
-        FREQUENCY, Column("order"), Column("", "shown", "order of averaging"),
-        *impedance_columns(bounds=result.uncertainty is not None),
-        Column("closure", heading="" if closure is None else "closure"),
+        FREQUENCY, Column("averaging"), Column("", "shown", "averaging"),
+        *impedance_columns(bounds=result.level is not None),
+        Column("level check", heading="" if check is None else "level check"),
     ]  # fmt: skip
     caption = f"Impedance of the whole liner over ρc, Z = R + jX. {MEANINGS}"
     blocks: list[Block] = [Grid("answer-table", caption, Table(rows, columns, ".9g"))]
@@ -85,7 +80,7 @@ def answers(subject: MapSubject) -> list[Block]:
 
 
 MEANINGS = (
-    "Probes first: the admittance is averaged over the probes. Velocity first: the velocity is "
-    "averaged over each cell and then replayed. Coherent first: only what of the velocity is "
-    "periodic with the tone is averaged over the cell."
+    "Admittance: each probe is driven by its own velocity, and the admittance is averaged over the probes. Velocity: "
+    "the velocity is averaged over each cell. Phase-locked: only what of the velocity is periodic with the tone is "
+    "averaged over the cell."
 )

@@ -14,14 +14,14 @@ from torchliner.records.summaries import frequency_words, shape_words
 from torchliner.report.page.blocks import Block, Facts, Folded, Grid, shown
 from torchliner.report.page.subject import MapSubject, base_choices, plain
 from torchliner.report.table import Column, Table
-from torchliner.tdibc.choices import Choices
+from torchliner.velocity.choices import Choices
 
 UNITS = {  # by the ending of a parameter's name
     "thickness": "m", "diameter": "m", "depth": "m", "radius": "m", "pitch": "m", "speed": "m/s",
     "density": "kg/m3", "viscosity": "Pa s",
 }  # fmt: skip
 MOST_LISTED = 8  # numbers in a cell
-FIRST = ("order", "phase", "drive", "mean", "engine", "window", "interval")
+FIRST = ("averaging", "phase", "drive", "mean", "interval")
 MARKUP = re.compile(r"``|\s+")
 
 

@@ -1,4 +1,4 @@
-"""The map beside what is known of the case from elsewhere, and beside the shipped truths."""
+"""The map beside what is known of the case from elsewhere, and beside the shipped references."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 from torchliner.audits.known_truths import nearest_truth
-from torchliner.records.impedance_map import ENDS
 from torchliner.report.alongside import differences
 from torchliner.report.page.blocks import Block, Grid, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
@@ -27,7 +26,7 @@ VERDICTS = {True: "they differ", False: "no difference is shown", None: ""}
 
 
 def compared(subject: MapSubject) -> list[Block]:
-    """A row a reference and frequency; nearest known truth."""
+    """A row a reference and frequency; nearest reference case."""
     result, rows = subject.result, []
     for i, frequency in enumerate(result.frequency.tolist()):
         mine = complex(result.answer[i])
@@ -36,7 +35,7 @@ def compared(subject: MapSubject) -> list[Block]:
             row = seen.get(name, {})
             bounds = None if row.get("low") is None else (row["low"], row["high"])
             if bounds is None:
-                bounds = _off(result.bounds_of_liner(result.order, i), value)
+                bounds = _off(result.bounds_of_liner(result.averaging, i), value)
                 outside = None if bounds is None else _outside(bounds)
             else:
                 outside = bool(row["differs"])
@@ -47,14 +46,14 @@ def compared(subject: MapSubject) -> list[Block]:
     blocks: list[Block] = []
     if rows:
         caption = (
-            f"The answer of the map ({result.order}) less what is known from elsewhere. The "
+            f"The answer of the map (averaging {result.averaging}) less what is known from elsewhere. The "
             "interval is the joint statistical one where both have one, else the map's alone."
         )
         if result.tone is not None and result.reference:
             caption += f" What the data file states is of its tone, {float(result.frequency[result.tone]):g} Hz."
         blocks.append(Grid("compared-table", caption, Table(rows, COLUMNS, ".9g")))
     else:
-        text = "The map holds no reference: no true, in situ or other impedance."
+        text = "The map holds no reference impedance."
         if result.reference:
             text = (
                 f"What the data file states, {', '.join(result.reference)}, is of its tone, "
@@ -77,28 +76,26 @@ def _outside(bounds: tuple[complex, complex]) -> bool | None:
 
 
 def cells(subject: MapSubject) -> list[Block]:
-    """Each cell: Z in the order of the answer, its interval, its closure."""
+    """Each cell: Z in the averaging of the answer, its interval, its level check."""
     result, rows = subject.result, []
-    found, closure = result.uncertainty, result.closure
-    values = result.of_cells(result.order)
+    found, check = result.cells[result.averaging], result.level_check
     for i in subject.drawn:
-        for cell, z in enumerate(values[:, i].tolist()):
-            bounds = None if found is None else getattr(
-                found, f"cells{ENDS[result.order]}").bounds(cell, i)  # fmt: skip
-            off = None if closure is None else closure.cells.at(
-                closure.orders.index(result.order), cell, i)["level"]  # fmt: skip
+        for cell, z in enumerate(found.impedance[:, i].tolist()):
+            bounds = None if found.interval is None else found.interval.bounds(cell, i)
+            off = None if check is None else check.cells.at(
+                check.averagings.index(result.averaging), cell, i)["level"]  # fmt: skip
             rows.append({
-                "cell": cell, "frequency": float(result.frequency[i]), **bounded(z, bounds),
-                "x": float(result.cell_x[cell]), "z": float(result.cell_z[cell]), "closure": off,
+                "cell": cell, "frequency": float(result.frequency[i]), **bounded(z, bounds), "level check": off,
+                "x": float(result.cell_x[cell]), "z": float(result.cell_z[cell]),
             })  # fmt: skip
     if not rows:
         return [Text("No cell holds a probe.")]
     columns = [
         Column("cell", heading="cell", text="d"),
         Column("x (m)", "x", "x (mm)", ".2f", 1e3), Column("z (m)", "z", "z (mm)", ".2f", 1e3),
-        FREQUENCY, *impedance_columns(bounds=found is not None),
+        FREQUENCY, *impedance_columns(bounds=found.interval is not None),
     ]  # fmt: skip
-    if closure is not None:
-        columns.append(Column("closure (dB)", "closure", "closure (dB)", "+.2f"))
-    caption = f"Impedance of each cell over ρc, {result.order}."
+    if check is not None:
+        columns.append(Column("level check (dB)", "level check", "level check (dB)", "+.2f"))
+    caption = f"Impedance of each cell over ρc, averaging {result.averaging}."
     return [Grid("cells", caption, Table(rows, columns, ".9g"))]

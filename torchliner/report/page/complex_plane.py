@@ -1,4 +1,4 @@
-"""Z in the complex plane: probes, cells, the whole liner in every order, and references."""
+"""Z in the complex plane: probes, cells, the whole liner in every averaging, and references."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_PROBES = 1500
 
 
 def plane_rows(result: ImpedanceMap, index: int) -> list[dict[str, Any]]:
-    """Cells, orders of the liner, references and other methods, with intervals where known."""
+    """Cells, averagings of the liner, references and other methods, with intervals where known."""
     rows: list[dict[str, Any]] = []
 
     def add(what: str, name: str, value: Any, bounds: Any = None) -> None:
@@ -32,11 +32,10 @@ def plane_rows(result: ImpedanceMap, index: int) -> list[dict[str, Any]]:
         rows.append({"what": what, "name": name, "impedance": complex(value), "low": low,
                      "high": high})  # fmt: skip
 
-    for number, value in enumerate(result.of_cells(result.order)[:, index].tolist()):
+    for number, value in enumerate(result.cells[result.averaging].impedance[:, index].tolist()):
         add("cell", str(number), value)
-    for order in result.orders:
-        value = result.of_liner(order)[index]
-        add("liner", order, value, result.bounds_of_liner(order, index))
+    for name, liner in result.liner.items():
+        add("liner", name, liner.impedance[index], result.bounds_of_liner(name, index))
     for name, value in known_of(result, index).items():
         add("known", name, value)
     return rows
@@ -70,7 +69,7 @@ def draw_complex_plane(result: ImpedanceMap, index: int) -> Figure:
     cells = np.array([row["impedance"] for row in rows if row["what"] == "cell"])
     if len(cells) > 1:
         axis.plot(cells.real, cells.imag, "o", markersize=4, markerfacecolor="#ffffff", color="k",
-                  zorder=2, label=f"cells, {result.order}")  # fmt: skip
+                  zorder=2, label=f"cells, {result.averaging}")  # fmt: skip
     liner = [row for row in rows if row["what"] == "liner"]
     for i, row in enumerate(liner):
         _draw(axis, row, MARKERS[i], COLOURS[i], f"liner, {row['name']}")

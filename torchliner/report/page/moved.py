@@ -13,14 +13,11 @@ from torchliner.report.page.subject import MapSubject, base_choices
 from torchliner.report.table import Column, Table, format_complex
 from torchliner.report.typesetting import typeset
 
-NOT_BASE = (
-    *AUDITED, "order", "incident", "device", "memory", "rank_tolerance", "levels", "spacing",
-    "interpolation", "velocity_max",
-)  # fmt: skip
+NOT_BASE = (*AUDITED, "averaging", "device")
 COLUMNS = (
     Column("factor", heading="choice"), Column("variant", heading="changed to"),
     *impedance_columns(bounds=False), *impedance_columns("change", "change of {}", "+.3f", False),
-    Column("closure (dB)", "closure", "closure (dB)", "+.2f"),
+    Column("level check (dB)", "level_check", "level check (dB)", "+.2f"),
 )  # fmt: skip
 
 
@@ -35,7 +32,7 @@ def moved(subject: MapSubject) -> list[Block]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # those of the map stand above
             found = audit(
-                subject.known, subject.model, frequency, order=result.order,
+                subject.known, subject.model, frequency, averaging=result.averaging,
                 **base_choices(result, NOT_BASE),
             )  # type: ignore[arg-type]  # fmt: skip
     except ValueError as error:
@@ -48,8 +45,8 @@ def moved(subject: MapSubject) -> list[Block]:
         f"{format_complex(largest.change)}. "
     )  # fmt: skip
     text = (
-        f"{most}Base: Z = {format_complex(found.base)} at {frequency:g} Hz, {found.order}, by the "
-        f"phase averaged and the engine spectral; the map has {format_complex(mine)}. "
+        f"{most}Base: Z = {format_complex(found.base)} at {frequency:g} Hz, averaging {found.averaging}, phase "
+        f"averaged; the map has {format_complex(mine)}. "
         "From moments, without reading the data again; choices that need the samples (drive, "
         "mean, averaging length, heights) are in torchliner audit."
     )
@@ -68,7 +65,7 @@ def moved(subject: MapSubject) -> list[Block]:
         Grid(
             "audit-table",
             typeset(
-                f"Variants, by how far they move Z, at {frequency:g} Hz. Closure here: {shown(found.closure_words)}."
+                f"Variants, by how far they move Z, at {frequency:g} Hz. Level check: {shown(found.level_check_words)}."
             ),
             table,
         ),
@@ -87,5 +84,5 @@ def _missing(subject: MapSubject) -> str:
             "given (--data, or data= in Python)."
         )
     if subject.result.choices.get("incident") is not None:
-        return "The map was educed with an incident signal; an audit is of tones."
+        return "The map is of a replayed wave; an audit is of tones."
     return subject.without

@@ -8,16 +8,16 @@ from typing import Any
 from torchliner.io.line_file import line_rows
 from torchliner.records import ImpedanceLine
 from torchliner.report.line_figures import draw_lines
-from torchliner.report.page.answer import closure_clause, state
+from torchliner.report.page.answer import level_check_clause, state
 from torchliner.report.page.asked import _words, liner_table
 from torchliner.report.page.blocks import Block, Figure, Grid, Section, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
-from torchliner.report.page.sizes import whole_line
+from torchliner.report.page.sizes import passing
 from torchliner.report.page.subject import inputs_of
-from torchliner.report.page.warned import changed_inputs, listed, sized_warnings
+from torchliner.report.page.warned import as_notes, changed_inputs, listed
 from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
 from torchliner.report.typesetting import typeset
 
@@ -26,10 +26,10 @@ def page_of_line(line: ImpedanceLine, path: Path | None = None) -> Page:
     """The whole page."""
     flags = [f"{name}: {text}" for name, several in zip(line.names, line.flags, strict=True)
              for text in several]  # fmt: skip
-    notes = [*changed_inputs(line), *line.notes, *flags]
+    notes = as_notes([*changed_inputs(line), *line.notes, *flags])
     sections = [
         Section("answers", "Answer", _averages(line)),
-        Section("warnings", "Warnings", listed(sized_warnings(notes, whole_line(line)))),
+        Section("warnings", "Warnings", listed([(note, passing(line, note)) for note in notes])),
         Section("asked", "What was asked", _asked(line)),
         Section("along", "Along the line", _along(line)),
         Section("stations-section", "Stations", [_stations(line)]),
@@ -56,7 +56,7 @@ def _sentence(line: ImpedanceLine) -> str:
     )
     if found.interval is not None:
         text += f" ({_level(line)}: {format_bounds(found.interval.bounds(0))})"
-    return typeset(f"{text}; {closure_clause(line, 0)}.")
+    return typeset(f"{text}; {level_check_clause(line, 0)}.")
 
 
 def _level(line: ImpedanceLine) -> str:

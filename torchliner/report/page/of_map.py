@@ -25,15 +25,13 @@ class Part:
 
 def error_bars(subject: MapSubject) -> list[Block]:
     """In one line."""
-    found = subject.result.uncertainty
-    if found is None:
-        return [Text("The map has no statistical intervals (educed with --no-intervals, or with an "
-                     "incident signal).")]  # fmt: skip
-    level, blocks = 100 * float(found.settings["level"]), found.settings.get("blocks", "?")
+    result = subject.result
+    if result.level is None:
+        return [Text("The map has no statistical intervals.")]
     return [Text(
-        f"Each interval holds the impedance that a record without end would give in {level:g} % of "
-        f"such records, by moving blocks over {blocks} blocks of time; it says nothing of how Z "
-        "differs from place to place, of a wrong model or of a wrong pressure."
+        f"Each interval holds the impedance that a record without end would give in {100 * result.level:g} % of "
+        f"such records, by a jackknife over {result.choices.get('blocks', '?')} blocks of time; it says nothing of "
+        "how Z differs from place to place, of a wrong model or of a wrong pressure."
     )]  # fmt: skip
 
 

@@ -16,9 +16,8 @@ from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
 from torchliner.report.page.of_map import FOOTER
 from torchliner.report.page.origin import citation, files_of, versions
 from torchliner.report.page.render import Page
-from torchliner.report.page.sizes import whole_points
 from torchliner.report.page.subject import inputs_of
-from torchliner.report.page.warned import changed_inputs, listed, sized_warnings
+from torchliner.report.page.warned import changed_inputs, warnings_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 from torchliner.report.typesetting import typeset
 
@@ -41,10 +40,9 @@ def page_of_points(found: PointImpedances, path: Path | None = None) -> Page:
     )
     choices = [{"choice": str(key), "value": _words(value)} for key, value in found.choices.items()]
     columns = [Column("choice", heading="choice"), Column("value", heading="value")]
-    notes = [*changed_inputs(found), *found.notes]
     sections = [
         Section("answers", "Answer", [_table(found)]),
-        Section("warnings", "Warnings", listed(sized_warnings(notes, whole_points(found), source))),
+        Section("warnings", "Warnings", warnings_of([*changed_inputs(found), *found.notes])),
         Section("asked", "What was asked",
                 [Grid("choices", "Every choice.", Table(choices, columns))] if choices else []),
         Section("along", "Along x", _along(found)),

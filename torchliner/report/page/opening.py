@@ -84,7 +84,7 @@ def read_result(path: Path) -> Any:
     with open_file(path) as file:
         schema = text_attribute(file, "schema")
     for kind, read in RESULTS:
-        if schema in (kind.schema, *kind.older):
+        if schema == kind.schema:
             return read(path)
         stem = kind.schema.rpartition(" ")[0]
         if schema is not None and schema.rpartition(" ")[0] == stem:

@@ -23,7 +23,7 @@ class Page:
 
     Args:
         title: its one heading.  answer: the one sentence below it.
-        state: of the closure check: ``closes``, ``open``, ``fails`` or "".
+        state: of the level check: ``passes``, ``inconclusive``, ``fails`` or "".
         sections: in order.  footer: one line.
     """
 

@@ -38,6 +38,8 @@ def command(subject: MapSubject) -> list[Block]:
     result, typed = subject.result, subject.result.choices.get("command")
     if source_of(result) is None:
         return [Text("The map does not say which file it was educed from.")]
+    if result.choices.get("incident") is not None and not isinstance(typed, list):
+        return [Text("The map is of a replayed wave; what gives it again is tl.replay with the choices above.")]
     known = Repeated(subject)
     if isinstance(typed, list):
         words = ["torchliner", *map(str, typed)]
@@ -72,12 +74,6 @@ class Repeated:
         self.restated = _table(data, "restated")
         self.frequencies = [float(f) for f in result.frequency.tolist()]
         self.phase = result.choices.get("reference_phase")
-        words = result.choices.get("command")
-        words = [str(each) for each in words] if isinstance(words, list) else []
-        # A generated signal is kept in words; the command has it as it is asked for.
-        stated = [words[i + 1] for i, each in enumerate(words[:-1]) if each == "--incident"]
-        stated += [each.partition("=")[2] for each in words if each.startswith("--incident=")]
-        self.sent = stated[-1] if stated else "INCIDENT"
         self.rebuilt, self.preset = subject.model is not None, preset_of(result)
         beside = [str(o.choices["source"]) for o in result.alongside if "source" in o.choices]
         self.beside = beside[0] if beside else ""
@@ -96,7 +92,7 @@ class Repeated:
         found = ["torchliner", "educe", *self.data, "--liner", liner]
         found += ["--frequency", *map(_number, self.frequencies)]
         for key, value in self.chosen.items():
-            found += self._sent() if key == "incident" else _option(key, value)
+            found += _option(key, value)
         facts = {key: fact for key, fact in self.restated.items() if key in EDUCED}
         for key, value in (self.read | facts).items():
             found += _option(key, _typed(key, value))
@@ -129,31 +125,18 @@ class Repeated:
         if not self.rebuilt:
             liner = repr(next(iter(self.files.get("liner", [])), "LINER.toml"))
         arguments = [data, f"tl.load_liner({liner})", repr(self.frequencies)]
-        arguments += [f"{key}={self._value(key)}" for key in self.chosen]
+        arguments += [f"{key}={value!r}" for key, value in self.chosen.items()]
         if self.phase is not None:
             one = isinstance(self.phase, float)
             phase = repr(self.phase) if one else f'{own}["reference_phase"]'
             arguments.append(f"reference_phase={phase}")
         if self.wall:
-            closure = self.result.closure
-            line = closure is not None and closure.known.startswith("microphones along")
+            check = self.result.level_check
+            line = check is not None and check.known.startswith("microphones along")
             reader = "read_microphones" if line else "read_pressure"
             arguments.append(f"pressure=tl.{reader}({self.wall!r})")
         body = ",\n    ".join(arguments)
         return "\n".join([*lines, f"found = tl.educe(\n    {body},\n)"])
-
-    def _sent(self) -> list[str]:
-        if signal := self.files.get("incident signal"):
-            rate = repr(self.result.choices["sampling_rate"])
-            return ["--incident", signal[0], "--incident-rate", rate]
-        return ["--incident", self.sent]
-
-    def _value(self, key: str) -> str:
-        signal = self.files.get("incident signal")
-        if key == "incident" and signal:
-            # What is sent has the rate of the plane.
-            return f"tl.read_signal({signal[0]!r}, {self.result.choices['sampling_rate']!r})"
-        return repr(self.sent) if key == "incident" else repr(self.chosen[key])
 
     def lost(self) -> str:
         """What the map does not hold of its making, or the command line cannot say."""
@@ -162,11 +145,9 @@ class Repeated:
             found.append("the file of the liner, LINER.toml, whose numbers are listed above")
         if choices.get("phase") == "given" and self.phase is None:
             found.append("the reference phase")
-        closure = self.result.closure
-        if closure is not None and closure.kind == "wall" and not (self.held or self.wall):
+        check = self.result.level_check
+        if check is not None and check.kind == "wall" and not (self.held or self.wall):
             found.append("the file of the wall pressures (--wall-pressure)")
-        if choices.get("incident") is not None and "incident signal" not in self.files:
-            found.append("the incident signal as it was asked for, INCIDENT")
         found += [f"{key} as it was stated" for key, value in self.read.items() if value is None]
         words = [f"The map does not hold {', '.join(found)}."] if found else []
         words += [ONE_PHASE] if isinstance(self.phase, list) else []

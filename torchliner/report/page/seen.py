@@ -82,8 +82,8 @@ def along_x(subject: MapSubject) -> list[Block]:
         z = complex(subject.result.impedance.reshape(-1, len(result.frequency))[0, subject.main])
         return [Text(typeset(f"One probe, Z = {format_complex(z)}: there is nothing along x."))]
     blocks: list[Block] = []
-    others = [order for order in result.orders if order != result.order]
-    open_ = "; ".join(f"{FACES[order]}, {order}" for order in others)
+    others = [name for name in result.averagings if name != result.averaging]
+    open_ = "; ".join(f"{FACES[name]}, {name}" for name in others)
     for i in subject.drawn:
         curves = impedance_along_x(result, i)
         ends = {part: _percentiles(torch.from_numpy(curves.values[part]).double().flatten())
@@ -96,7 +96,7 @@ def along_x(subject: MapSubject) -> list[Block]:
         bands = interval_words(result)
         caption = (
             f"Impedance along x at {frequency:g} Hz, the admittance averaged over z. Cells: filled "
-            f"markers, {result.order}{'; ' * bool(open_)}{open_}." + (f" Bands and bars: {bands}." if bands else "")
+            f"markers, {result.averaging}{'; ' * bool(open_)}{open_}." + (f" Bands and bars: {bands}." if bands else "")
         )
         drawn = figures.draw_along_x([result], None, i)
         blocks.append(Figure(f"along-x-{i}", drawn, typeset(alt), caption, curves.table))
@@ -114,7 +114,7 @@ def in_complex_plane(subject: MapSubject) -> list[Block]:
         frequency = float(result.frequency[i])
         caption = (
             f"Z over ρc in the complex plane at {frequency:g} Hz: probes, cells, the whole liner "
-            "in each order of averaging and what is known of it from elsewhere. Crosses: "
+            "in each averaging and what is known of it from elsewhere. Crosses: "
             "statistical intervals of R and of X."
         )
         alt = f"Impedances in the complex plane at {frequency:g} Hz: {'; '.join(places)}."
@@ -138,12 +138,11 @@ def spectrum(subject: MapSubject) -> list[Block]:
             f"{part} {first:.3f} to {last:.3f}, median {middle:.3f}"
             for part, (first, middle, last) in ends.items()) + "."
     )  # fmt: skip
-    others = [order for order in result.orders if order != result.order]
-    lines = "; ".join(f"{style}, {order}" for style, order in zip(("dashed", "dotted"), others,
-                                                                strict=False))  # fmt: skip
+    others = [name for name in result.averagings if name != result.averaging]
+    lines = "; ".join(f"{style}, {name}" for style, name in zip(("dashed", "dotted"), others, strict=False))
     bars = interval_words(result)
     caption = (
-        f"Impedance of the whole liner over frequency: solid, {result.order}; {lines}. Shaded: "
+        f"Impedance of the whole liner over frequency: solid, {result.averaging}; {lines}. Shaded: "
         "middle half of the probes."
         + (f" Bars: {bars}." if bars else "")
         + " The axis leaves out poles of Z; the CSV does not."

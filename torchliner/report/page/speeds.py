@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.reduction.basis import Chebyshev
-from torchliner.reduction.moments import Moments
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import Chebyshev
 
 FINE = 4000  # speeds at which quantiles are looked for
 
@@ -66,13 +66,10 @@ class Speeds:
 
 def speeds_of(known: Moments) -> Speeds | None:
     """Of the probes; None where the moments are of a table's levels, which are no polynomials."""
-    basis, sums = known.sums.basis, known.sums
-    if not isinstance(basis, Chebyshev) or not sums.groups:
+    nodes, sums = known.nodes, known.sums.get("admittance")
+    if not isinstance(nodes, Chebyshev) or sums is None:
         return None
-    own = sums.groups[0].totals[0].to(torch.float64)  # (K, P)
-    own = own[:, torch.isfinite(own[0]) & sums.used.reshape(-1)]
-    seen = sums.survey.part(known.plane.probes)
-    return Speeds(
-        own.mean(1) / (sums.plan.end - sums.plan.begin), basis.centre,
-        float(seen.peak.nan_to_num(0).max()), float(seen.mean_square.nanmean()),
-    )  # fmt: skip
+    own = sums[:, 0].sum(0).cpu()[:, known.used].mean(1)  # of T_k, (K,)
+    seen = known.survey
+    top, square = seen.peak.nan_to_num(0).max(), seen.mean_square.nanmean()
+    return Speeds(own / seen.lengths.sum().cpu(), nodes.centre, float(top), float(square))

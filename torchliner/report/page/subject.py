@@ -14,24 +14,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.liners.catalogue import load_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.same_case import require_same_case
-from torchliner.reduction.moments import SETTINGS, Moments
 from torchliner.report.page.blocks import shown
-from torchliner.tdibc.choices import Choices
-from torchliner.tdibc.reduce import moments
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import moments
 
 MOST_DRAWN = 3  # frequencies with figures of their own
 MOST_SURFACE = 40_000  # probes of a picture over (x, z)
 MOST_LINE = 4_000  # probes of a line, or scattered ones
 INPUT = {"what": str, "name": str, "bytes": int, "kind": str, "hash": str}  # of one that is stored
 SAME_STATISTICS = 1e-3  # of v, relative to its rms: two records of a flow never agree as well
-REDUCED = (*SETTINGS, "missing", "allow_short", "interval", "dtype")
-PROBES = (
-    "reflection", "mean_velocity", "velocity_rms", "velocity_amplitude", "coherence", "phase_rule",
-    "wall", "reflection_coherent_first",
-)  # fmt: skip
+PROBES = ("mean_velocity", "velocity_rms", "velocity_amplitude", "coherence", "phase_rule", "wall")
 
 
 @dataclass(frozen=True)
@@ -91,7 +87,7 @@ def subject_of(result: ImpedanceMap, path: Path | None = None, data: Any = None,
 
 
 def inputs_of(result: Any) -> list[Mapping[str, Any]]:
-    """The inputs that a result, and what stands beside it, hold; none of those of old versions."""
+    """The inputs that a result, and what stands beside it, hold."""
     every = (result, *getattr(result, "alongside", ()))
     lists = [each.choices.get("inputs") for each in every]
     if isinstance(data := result.choices.get("data"), Mapping):
@@ -123,7 +119,6 @@ def _model_of(result: ImpedanceMap, liner: Any) -> tuple[Any, str]:
             )
         return found, ""
     found = plain(liner.describe())
-    # Maps of older versions state less of a table.
     off = [key for key in found if key in stated and found[key] != stated[key] and key != "name"]
     if off or not stated:
         raise ValueError(
@@ -157,14 +152,16 @@ def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> M
             raise ValueError(f"{plane.name} has other {what} than the map, {theirs} for {mine}; "
                              f"{remedy}")  # fmt: skip
     if isinstance(data, VelocityPlane):
-        kept = {key: result.choices[key] for key in REDUCED if result.choices.get(key) is not None}
-        kept["interval"] = None
+        kept = {key: result.choices.get(key) for key in (*SETTINGS, "dtype")}
+        if result.choices.get("incident") is not None:  # replayed, with the phase of its own signal
+            del kept["phase"]
+        kept = {key: value for key, value in kept.items() if value is not None}
         smooth = model is None or model.speed_max is None
         pitch = (result.choices.get("liner") or {}).get("cell_pitch")
         asked = None if plane.frequency else result.frequency
         data = moments(data, None if smooth else model, asked,
-                       **({"cell_pitch": pitch} if smooth else {}), **_tuples(kept))  # fmt: skip
-    seen = data.sums.survey.part(plane.probes)
+                       **({"cell_pitch": pitch} if smooth else {}), **kept)  # fmt: skip
+    seen = data.survey
     rms = result.velocity_rms.reshape(-1).double()
     away = [(a - b.reshape(-1)).abs().cpu() / rms.square().nanmean().sqrt()
             for a, b in ((seen.rms, rms), (seen.mean, result.mean_velocity))]  # fmt: skip
@@ -176,20 +173,14 @@ def _known(result: ImpedanceMap, data: VelocityPlane | Moments, model: Any) -> M
     return data
 
 
-def _tuples(kept: dict[str, Any]) -> dict[str, Any]:
-    return {key: tuple(v) if isinstance(v, list) else v for key, v in kept.items()}
-
-
 def base_choices(result: ImpedanceMap, without: Sequence[str] = ()) -> dict[str, Any]:
     """Choices of ``educe`` that lead to the map and are not the defaults, without those named."""
     usual = Choices().describe()
-    derived: tuple[str, ...] = ("velocity_max",) if result.choices.get("response") == "model" else ()
-    if result.choices.get("incident") is not None:
-        derived += ("phase",)  # that of the signal
-    left_out = (*without, *derived)
-    known = {key: value for key, value in result.choices.items() if key in usual}
-    return _tuples({key: value for key, value in known.items()
-                    if key not in left_out and plain(value) != plain(usual[key])})  # fmt: skip
+    return {
+        key: value
+        for key, value in result.choices.items()
+        if key in usual and key not in without and value != usual[key]
+    }
 
 
 def drawable(result: ImpedanceMap) -> ImpedanceMap:
@@ -221,16 +212,15 @@ def thin(result: ImpedanceMap) -> tuple[ImpedanceMap, str]:
     def some(value: Tensor | None) -> Tensor | None:
         return None if value is None else value[cut]
 
-    found = result.uncertainty
-    if found is not None:
-        columns = None if found.along_x is None else found.along_x.map(lambda v: v[cut[-1]])
-        found = dataclasses.replace(found, probes=found.probes.map(lambda v: v[cut]),
-                                    along_x=columns)  # fmt: skip
     fields: Any = {name: some(getattr(result, name)) for name in PROBES}
     left = dataclasses.replace(
-        result, **fields, x=None if result.x is None else result.x[cut[-1]],
-        z=None if result.z is None else result.z[cut[0]], uncertainty=found,
-    )  # fmt: skip
+        result,
+        **fields,
+        probes={name: each.map(lambda value: value[cut]) for name, each in result.probes.items()},
+        along_x={name: each.map(lambda value: value[cut[-1]]) for name, each in result.along_x.items()},
+        x=None if result.x is None else result.x[cut[-1]],
+        z=None if result.z is None else result.z[cut[0]],
+    )
     few, words = left.mean_velocity.numel(), " x ".join(map(str, steps))
     return left, (
         f"Drawn and listed: {few:,} of {math.prod(shape):,} probes, one of each {words}; all of "

@@ -59,12 +59,12 @@ def test_a_known_wave_closes_and_a_wrong_level_is_said_as_such(height, wrong):
     level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0)), height)
     found = tl.educe(plane(velocity, height=height, incident_level=level + wrong), MODEL,
                      **TIGHT)  # fmt: skip
-    closure = found.closure
+    closure = found.level_check
     assert closure.liner.level.flatten().tolist() == pytest.approx([-wrong] * 3, abs=LEVELS)
     assert closure.cells.level.flatten().tolist() == pytest.approx([-wrong] * 3, abs=LEVELS)
     assert closure.failed == (abs(wrong) > 0.3)
     assert [note for note in found.notes if "closure" in note] == [
-        f"velocity: {closure.sentence('coherent first', FREQUENCY)}"
+        f"velocity: {closure.sentence('phase-locked', FREQUENCY)}"
     ] * closure.failed  # fmt: skip
 
 
@@ -82,13 +82,13 @@ def test_unlike_cells_close_under_one_wave():
         second = (noise - (own * wave).real).expand(2, -1)
         record = plane(torch.cat([first, second]), x=[0.0025, 0.0075, 0.0125, 0.0175],
                        incident_level=100.0)  # fmt: skip
-        found = tl.educe(record, liner, order="velocity first", **TIGHT)
-        own = pressure / complex(found.cell_impedance_velocity_first[1, 0])
+        found = tl.educe(record, liner, averaging="velocity", **TIGHT)
+        own = pressure / complex(found.cells["velocity"].impedance[1, 0])
     incident = OF_AIR.characteristic_impedance * (pressure + (amplitude + own) / 2) / 2
     wanted = 20 * math.log10(abs(incident) / pressure_amplitude_from_spl(100.0))
     assert abs(own) < 0.8 * abs(amplitude)
-    assert found.closure.cells.level[1, :, 0].tolist() == pytest.approx([wanted] * 2, abs=1e-3)
-    assert float(found.closure.liner.level[1, 0]) == pytest.approx(wanted, abs=1e-3)
+    assert found.level_check.cells.level[1, :, 0].tolist() == pytest.approx([wanted] * 2, abs=1e-3)
+    assert float(found.level_check.liner.level[1, 0]) == pytest.approx(wanted, abs=1e-3)
 
 
 def test_the_sentence_says_by_how_much_what_it_excludes_and_what_to_try():
@@ -111,7 +111,7 @@ def test_a_wrong_model_shows():
     level = incident_level_of(amplitude, true)
     found = tl.educe(plane(velocity, incident_level=level), other, **TIGHT)
     wanted = 20 * math.log10(abs(complex(other.impedance(FREQUENCY, 2.0)) + 1) / abs(true + 1))
-    assert float(found.closure.liner.level[0, 0]) == pytest.approx(wanted, abs=LEVELS)
+    assert float(found.level_check.liner.level[0, 0]) == pytest.approx(wanted, abs=LEVELS)
     assert wanted > 0.5
 
 
@@ -127,7 +127,7 @@ def test_at_grazing_incidence_the_level_is_that_at_the_wall(side):
     object.__setattr__(liner, "cell_pitch", pitch)
     record = plane(torch.cat([v for v, _ in rows]), x=x, height=0.001, incident_level=level,
                    source_side=side)  # fmt: skip
-    found = tl.educe(record, liner, **TIGHT).closure
+    found = tl.educe(record, liner, **TIGHT).level_check
     assert found.kind == "wall"
     assert "grazing incidence" in found.known
     assert found.cells.level.abs().max() < 0.02  # square waves of 30 samples turned by parts of one
@@ -149,12 +149,12 @@ def test_the_facesheets_pressure_gives_level_and_phase(turn, factor):
     omega = 2 * math.pi * FREQUENCY
     signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
     found = tl.educe(plane(velocity), MODEL, **TIGHT,
-                     pressure=facesheet_record(signal.expand(3, -1))).closure  # fmt: skip
+                     pressure=facesheet_record(signal.expand(3, -1))).level_check  # fmt: skip
     assert float(found.liner.level[1, 0]) == pytest.approx(-20 * math.log10(factor), abs=1e-6)
     assert float(found.liner.phase[1, 0]) == pytest.approx(-turn, abs=1e-5)
     assert found.failed == (turn != 0 or factor != 1)
     if turn and factor == 1:
-        assert "it is the reactance of the model" in found.sentence("velocity first", FREQUENCY)
+        assert "it is the reactance of the model" in found.sentence("velocity", FREQUENCY)
 
 
 def test_microphones_in_front_of_the_surface_and_along_the_wall():
@@ -170,7 +170,7 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
     signal = torch.stack([p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
                           for p in tones])  # fmt: skip
     record = tl.PressureRecord(microphones=signal, microphone_y=heights, sampling_rate=RATE)
-    found = tl.educe(plane(velocity), MODEL, pressure=record, **TIGHT).closure
+    found = tl.educe(plane(velocity), MODEL, pressure=record, **TIGHT).level_check
     assert "incident and reflected" in found.known
     assert abs(float(found.liner.level[0, 0])) < 1e-6
     assert abs(float(found.liner.phase[0, 0])) < 1e-5
@@ -181,7 +181,7 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
         frequency=FREQUENCY, duct_height=0.05,
     )  # fmt: skip
     record = plane(velocity, x=x, source_side="upstream")
-    found = tl.educe(record, MODEL, pressure=line, **TIGHT).closure
+    found = tl.educe(record, MODEL, pressure=line, **TIGHT).level_check
     assert float(found.cells.level[1, 0, 0]) == pytest.approx(0.0, abs=1e-6)  # at its middle
     with pytest.raises(ValueError, match="comes from upstream; give the facesheet's pressure"):
         tl.educe(record, MODEL, pressure=tl.PressureRecord(
@@ -217,21 +217,21 @@ def test_where_nothing_is_known_the_map_says_what_to_state(about, choices, reaso
     """In the map, and after a round through a file."""
     velocity, _ = square_wave(2.0, periods=20)  # longer than a kernel
     found = tl.educe(plane(velocity, **about), MODEL, **{**TIGHT, "interval": None, **choices})
-    assert found.closure is None
-    assert reason in found.closure_words
+    assert found.level_check is None
+    assert reason in found.level_check_words
     found.write(tmp_path / "m.h5")
-    assert tl.read_map(tmp_path / "m.h5").closure_words == found.closure_words
+    assert tl.read_map(tmp_path / "m.h5").level_check_words == found.level_check_words
 
 
-@pytest.mark.parametrize("choice", ["closure_limit", "level_doubt"])
+@pytest.mark.parametrize("choice", ["level_limit", "level_uncertainty"])
 def test_limit_and_doubt_add_up_and_are_checked(choice):
     """0.3 dB unless stated, with the doubt on top."""
     velocity, amplitude = square_wave(2.0)
     level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0))) + 1
     record = plane(velocity, incident_level=level)
     plain = {**TIGHT, "interval": None}
-    assert tl.educe(record, MODEL, **plain).closure.limit == 0.3
-    assert not tl.educe(record, MODEL, **plain, **{choice: 1.5}).closure.failed
+    assert tl.educe(record, MODEL, **plain).level_check.limit == 0.3
+    assert not tl.educe(record, MODEL, **plain, **{choice: 1.5}).level_check.failed
     with pytest.raises(ValueError, match=f"{choice} is -1 dB; it is at least 0"):
         tl.educe(record, MODEL, **{choice: -1.0})
 
@@ -241,17 +241,17 @@ def test_closure_survives_a_file(tmp_path):
     record = tl.read_plane(DATA / "slit_n130_y0.5mm.h5")
     found = tl.educe(record, tl.load_liner("lbm_slit"))
     found.write(tmp_path / "m.h5")
-    again = tl.read_map(tmp_path / "m.h5").closure
+    again = tl.read_map(tmp_path / "m.h5").level_check
     for name in ("orders", "order", "known", "kind", "limit", "doubt", "confidence"):
-        assert getattr(again, name) == getattr(found.closure, name)
+        assert getattr(again, name) == getattr(found.level_check, name)
     for part in ("liner", "cells"):
-        for name, value in vars(getattr(found.closure, part)).items():
+        for name, value in vars(getattr(found.level_check, part)).items():
             torch.testing.assert_close(getattr(getattr(again, part), name), value, equal_nan=True)
-    gap = found.closure.liner
+    gap = found.level_check.liner
     assert bool((gap.level_low < gap.level).all())
     assert bool((gap.level < gap.level_high).all())
-    assert found.closure.verdict("velocity first") == "closes"
-    assert found.closure.verdict("probes first") == "fails"
+    assert found.level_check.verdict("velocity") == "closes"
+    assert found.level_check.verdict("admittance") == "fails"
 
 
 def test_the_interval_covers():
@@ -261,7 +261,7 @@ def test_the_interval_covers():
     values, inside = [], []
     for seed in range(30):
         record = plane(tone + turbulence((1, 960), seed, rms=1.5), incident_level=140.0)
-        gap = tl.educe(record, MODEL, order="velocity first", **EDGE).closure.liner
+        gap = tl.educe(record, MODEL, averaging="velocity", **EDGE).level_check.liner
         values.append(float(gap.level[1, 0]))
         inside.append((float(gap.level_low[1, 0]), float(gap.level_high[1, 0])))
     middle = np.mean(values)
@@ -278,7 +278,7 @@ def test_the_interval_covers():
 def test_the_command_says_it_and_strict_makes_it_an_exit_code(options, code, capsys):
     """n130 with probes first is 0.4 dB off; velocity first closes."""
     path = str(DATA / "slit_n130_y0.5mm.h5")
-    assert main(["educe", path, "--order", "probes first", "--quiet", *options]) == code
+    assert main(["educe", path, "--order", "admittance", "--quiet", *options]) == code
     text = capsys.readouterr().out
     assert "closure: " in text
     if not options:
@@ -297,10 +297,10 @@ def test_the_phase_is_of_one_clock(cut, tmp_path):
     record.write(tmp_path / "p.h5")
     later = plane(velocity[:, cut : cut + 119 * 30], start=0.25 + cut / RATE)
     for pressure in (record, tl.read_pressure(tmp_path / "p.h5")):
-        found = tl.educe(later, MODEL, **TIGHT, pressure=pressure).closure
+        found = tl.educe(later, MODEL, **TIGHT, pressure=pressure).level_check
         assert float(found.liner.phase[1, 0]) == pytest.approx(0, abs=1e-5)
     elsewhere = dataclasses.replace(later, start=9.0)
-    assert "without phase" in tl.educe(elsewhere, MODEL, **TIGHT, pressure=record).closure.known
+    assert "without phase" in tl.educe(elsewhere, MODEL, **TIGHT, pressure=record).level_check.known
 
 
 def test_the_clock_does_not_change_how_far_a_level_is_known():
@@ -310,10 +310,10 @@ def test_the_clock_does_not_change_how_far_a_level_is_known():
     velocity = velocity + 0.3 * torch.randn(velocity.shape, generator=draw, dtype=torch.float64)
     turn = 2 * math.pi * FREQUENCY / RATE * torch.arange(velocity.shape[-1], dtype=torch.float64)
     pressure = 100 * torch.cos(turn) + 60 * torch.randn(len(turn), generator=draw).double()
-    options = {"edge": "wrap", "order": "velocity first"}
+    options = {"edge": "wrap", "order": "velocity"}
     found = [
         tl.educe(plane(velocity), MODEL, **options,
-                 pressure=facesheet_record(pressure.expand(3, -1), start=start)).closure.liner
+                 pressure=facesheet_record(pressure.expand(3, -1), start=start)).level_check.liner
         for start in (0.0, -0.25 / FREQUENCY)
     ]  # fmt: skip
     for end in ("level", "level_low", "level_high"):
@@ -337,24 +337,24 @@ def test_every_row_of_an_audit_has_its_closure(tmp_path):
         plane(turbulence((4, 480), seed) + square_wave(1.0)[0], incident_level=130.0, height=height)
         for seed, height in enumerate((0.5e-3, 2.5e-3))
     ]
-    found = tl.audit(planes, MODEL, order="velocity first", interval=None, **EDGE)
+    found = tl.audit(planes, MODEL, averaging="velocity", interval=None, **EDGE)
     one, other = tl.educe(planes, MODEL, interval=None, **EDGE)
-    assert found.closure == pytest.approx(float(one.closure.liner.level[1, 0]), abs=1e-9)
+    assert found.level_check == pytest.approx(float(one.level_check.liner.level[1, 0]), abs=1e-9)
     (height,) = found.of("height")
-    assert height.closure == pytest.approx(float(other.closure.liner.level[1, 0]), abs=1e-3)
-    swapped = next(row for row in found.of("averaging order") if row.variant == "probes first")
-    assert swapped.closure == pytest.approx(float(one.closure.liner.level[0, 0]), abs=1e-3)
-    assert f"closure {found.closure:+.2f} dB off the stated 130 dB" in format_audit(found)
+    assert height.level_check == pytest.approx(float(other.level_check.liner.level[1, 0]), abs=1e-3)
+    swapped = next(row for row in found.of("averaging order") if row.variant == "admittance")
+    assert swapped.level_check == pytest.approx(float(one.level_check.liner.level[0, 0]), abs=1e-3)
+    assert f"closure {found.level_check:+.2f} dB off the stated 130 dB" in format_audit(found)
     write_audit(found, tmp_path / "a.csv")
     assert "closure (dB)" in (tmp_path / "a.csv").read_text().splitlines()[0]
-    assert plain_audit(found)["rows"][0]["closure"] == found.rows[0].closure
+    assert plain_audit(found)["rows"][0]["closure"] == found.rows[0].level_check
 
 
 def test_an_audit_without_a_known_pressure_says_so():
     """No column, and the words of the map."""
     velocity, _ = square_wave(2.0, periods=20)
     found = tl.audit(plane(velocity), MODEL, interval=None, **EDGE)
-    assert found.closure is None
+    assert found.level_check is None
     assert "closure: not checked, state incident_level=" in format_audit(found)
 
 
@@ -370,15 +370,15 @@ def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
             line.fluid.characteristic_impedance * (line.impedance * line.velocity_amplitude).abs()
             / pressure_amplitude_from_spl(level)
         )  # fmt: skip
-        torch.testing.assert_close(line.closure.cells.level[0], wanted)
-        gap = line.closure.liner
+        torch.testing.assert_close(line.level_check.cells.level[0], wanted)
+        gap = line.level_check.liner
         assert bool((gap.level_low < gap.level).all() & (gap.level < gap.level_high).all())
-        assert any("closure at" in note for note in line.notes) == line.closure.failed
+        assert any("closure at" in note for note in line.notes) == line.level_check.failed
     assert "closure: off the stated 131 dB at the wall" in format_line(line)
     line.write(tmp_path / "line.h5")
-    again = tl.read_line(tmp_path / "line.h5").closure
-    torch.testing.assert_close(again.cells.level, line.closure.cells.level)
-    assert again.words("stations") == line.closure.words("stations")
+    again = tl.read_line(tmp_path / "line.h5").level_check
+    torch.testing.assert_close(again.cells.level, line.level_check.cells.level)
+    assert again.words("stations") == line.level_check.words("stations")
     assert plain_line(line)["closure"]["rows"][0]["verdict"]
 
 
@@ -401,7 +401,7 @@ def test_stations_scatter_as_their_closure_says(onera, referred):
     for seed in range(40):
         record, loud = rough_station(seed, incident_level=140.0, source_side="normal")
         reference = loud if referred else None
-        gap = tl.educe_bursts([record], onera, reference=reference, segment=0.04).closure.liner
+        gap = tl.educe_bursts([record], onera, reference=reference, segment=0.04).level_check.liner
         levels.append(float(gap.level[0, 0]))
         errors.append(float(gap.level_high - gap.level_low) / 2 / 1.96)
     assert np.mean(errors) == pytest.approx(np.std(levels, ddof=1), rel=0.3)
@@ -420,21 +420,21 @@ def test_stations_without_a_common_clock_do_not_close_by_their_phases(onera, sid
         record, loud = rough_station(seed, 0.3, phase=starts[seed], **about)
         on_own.append(record)
         channels.append(loud)
-    wanted = tl.educe_bursts(on_one, onera, segment=0.04).closure
+    wanted = tl.educe_bursts(on_one, onera, segment=0.04).level_check
     assert "mean size" not in wanted.known
-    referred = tl.educe_bursts(on_own, onera, segment=0.04, reference=channels).closure
+    referred = tl.educe_bursts(on_own, onera, segment=0.04, reference=channels).level_check
     assert float(referred.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
     line = tl.educe_bursts(on_own, onera, segment=0.04)
     if side == "normal":
-        assert line.closure is None
-        assert "without a reference channel the phases of V at the stations" in line.closure_words
-        assert "Give a reference channel, or count the times of" in line.closure_words
-        one = tl.educe_bursts(on_own[:1], onera, segment=0.04).closure
+        assert line.level_check is None
+        assert "without a reference channel the phases of V at the stations" in line.level_check_words
+        assert "Give a reference channel, or count the times of" in line.level_check_words
+        one = tl.educe_bursts(on_own[:1], onera, segment=0.04).level_check
         assert float(one.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.5)
     else:
-        assert "mean size of V, as the phases of the stations disagree" in line.closure_words
-        assert float(line.closure.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
-        torch.testing.assert_close(line.closure.cells.level, wanted.cells.level, atol=0.5, rtol=0)
+        assert "mean size of V, as the phases of the stations disagree" in line.level_check_words
+        assert float(line.level_check.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
+        torch.testing.assert_close(line.level_check.cells.level, wanted.cells.level, atol=0.5, rtol=0)
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -443,20 +443,20 @@ def test_noise_alone_sets_no_clocks_apart(onera):
     about = {"incident_level": 130.0, "source_side": "normal", "tone": 0.2}
     for first in range(0, 40, 8):
         records = [rough_station(first + i, **about)[0] for i in range(8)]
-        assert tl.educe_bursts(records, onera, segment=0.04).closure is not None
+        assert tl.educe_bursts(records, onera, segment=0.04).level_check is not None
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_a_level_is_that_of_the_stated_tone(onera):
     """Closure of a line is checked there, and nowhere else."""
     record = station(0, incident_level=130.0, source_side="upstream")
-    alone = tl.educe_bursts([record], onera, segment=0.04).closure
-    both = tl.educe_bursts([record], onera, [1000.0, 1500.0], segment=0.04).closure
+    alone = tl.educe_bursts([record], onera, segment=0.04).level_check
+    both = tl.educe_bursts([record], onera, [1000.0, 1500.0], segment=0.04).level_check
     assert both.liner.level[0, 0].isnan()
     torch.testing.assert_close(both.liner.level[0, 1], alone.liner.level[0, 0])
     other = tl.educe_bursts([record], onera, 1000.0, segment=0.04)
-    assert other.closure is None
-    assert "nothing is known at the frequencies asked for" in other.closure_words
+    assert other.level_check is None
+    assert "nothing is known at the frequencies asked for" in other.level_check_words
 
 
 def test_values_beside_are_compared_in_their_joint_interval(capsys):
@@ -486,16 +486,16 @@ def known_planes(*speeds, **about):
     return found
 
 
-@pytest.mark.parametrize("order", ["velocity first", "coherent first"])
+@pytest.mark.parametrize("order", ["velocity", "phase-locked"])
 def test_levels_alone_give_the_parameters(order):
     """Two losses from three levels, no reference; what is left is rounding."""
     start = dataclasses.replace(MODEL, r0=0.3, a=0.5)
     free = {"r0": (0.05, 1.0), "a": (0.05, 1.0)}
-    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, None, free, closure=True, order=order,
+    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, None, free, level_check=True, averaging=order,
                          draws=0, **TIGHT)  # fmt: skip
     assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
     assert found.data == 3
-    assert float(found.closure.abs().max()) < 1e-5
+    assert float(found.level_check.abs().max()) < 1e-5
     assert found.speeds == pytest.approx((1.0, 3.0))
     text = format_calibration(found)
     assert "closure" in text
@@ -512,7 +512,7 @@ def test_pressures_with_a_phase_count_twice():
     signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
     start = dataclasses.replace(MODEL, a=0.4, m=7e-5)
     found = tl.calibrate(
-        plane(velocity), start, None, {"a": (0.1, 1.0), "m": (4e-5, 9e-5)}, closure=True,
+        plane(velocity), start, None, {"a": (0.1, 1.0), "m": (4e-5, 9e-5)}, level_check=True,
         pressure=facesheet_record(signal.expand(3, -1)), noise=0.1, draws=0, **TIGHT,
     )  # fmt: skip
     assert found.values.tolist() == pytest.approx([0.3, 6e-5], rel=1e-6)
@@ -532,14 +532,14 @@ def test_closure_without_a_level_is_refused(references, about, message):
     (record,) = known_planes(2.0)
     with pytest.raises(ValueError, match=message):
         tl.calibrate(dataclasses.replace(record, **about), MODEL, references, {"a": (0.1, 1.0)},
-                     closure=True, **TIGHT)  # fmt: skip
+                     level_check=True, **TIGHT)  # fmt: skip
 
 
 @pytest.mark.parametrize("noise", [0.2 + 0.1j, [0.2 + 0.1j]])
 def test_noise_of_levels_is_no_pair(noise):
     """A traceback, and in a list u(X) in dB weighed the phase."""
     with pytest.raises(ValueError, match="with closure it is of levels: state dB"):
-        tl.calibrate(known_planes(2.0), MODEL, None, {"a": (0.1, 1.0)}, closure=True, noise=noise,
+        tl.calibrate(known_planes(2.0), MODEL, None, {"a": (0.1, 1.0)}, level_check=True, noise=noise,
                      draws=0, **TIGHT)  # fmt: skip
 
 
@@ -547,7 +547,7 @@ def test_noise_of_levels_is_no_pair(noise):
                                               (0.5, "0.5 times that of the slowest")])  # fmt: skip
 def test_a_prediction_beyond_the_speeds_fitted_says_so(speed, words):
     """rms |v| against the planes of the fit, 10 % allowed."""
-    found = tl.calibrate(known_planes(1.0, 3.0), MODEL, None, {"a": (0.1, 1.0)}, closure=True,
+    found = tl.calibrate(known_planes(1.0, 3.0), MODEL, None, {"a": (0.1, 1.0)}, level_check=True,
                          draws=0, **TIGHT)  # fmt: skip
     (other,) = known_planes(speed)
     if words is None:

@@ -1,0 +1,229 @@
+"""How often the 95 % intervals hold the truth: synthetic turbulence whose impedance is known.
+
+    python scripts/coverage_new.py [--trials 2000] [--csv FILE]
+
+Velocity is Gaussian turbulence of 3 m/s rms, alone or beside a tone of 3 m/s that all probes share. E[R] follows from
+quadrature over the turbulence and the phase of the tone, so that the truth is Z(E[R]) of the liner `onera` at 1400 Hz.
+Spectra: low-passed at 1 kHz, and two of exponential correlation (0.4 and 1.5 ms). A row of 2000 trials has a standard
+error of 0.5 %.
+
+A (z, x) plane holds many trials: each column is a liner of its own, whose admittance averaged over z goes the same way
+through the code as that of a whole liner; its cells and probes are trials, too. A short record is off in the mean,
+because the admittance of probes is not linear in it, and phase-locked averaging takes off some of its turbulence: the
+intervals are to hold the truth nevertheless.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+import torchliner as tl
+from common import options_of, parser_of
+from torchliner.engine.moments import projection_of
+from torchliner.engine.nodes import choose_nodes
+from torchliner.io.csv_rows import write_rows
+from torchliner.liners.model import LinerModel
+from torchliner.records.averaged import Educed
+from torchliner.records.cells import sort_into_cells
+from torchliner.velocity.averages import Asked, Averages, average
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.reading import Reading, measure
+
+RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
+PER_PERIOD = 30  # samples
+TONES = {"no tone": 0.0, "tone": 3.0}  # m/s
+PERIODS = (8, 16, 100)
+PITCH = 0.01  # m, of the cells
+AVERAGINGS = ("admittance", "phase-locked")
+AT_ONCE = 10_000_000  # samples of a plane
+LONG = 50  # periods, from which a liner has a quarter of the trials
+
+
+@dataclass(frozen=True)
+class Column:
+    """A liner of ``cells`` cells of ``size`` probes, which share half of their energy or none."""
+
+    cells: int
+    size: int
+    shares: bool
+
+    @property
+    def names(self) -> dict[str, str]:
+        """What its probes, cells and the whole are called."""
+        return {"probe": "probe", "cell": f"cell of {self.size}", "liner": f"liner of {self.cells} cells" if self.cells > 1 else f"liner of {self.size}"}
+
+
+COLUMNS = (Column(8, 16, True), Column(1, 200, False))
+
+
+def low_passed(frequency: Tensor) -> Tensor:
+    """Amplitude of noise up to 1 kHz."""
+    return ((frequency > 0) & (frequency <= 1000)).to(torch.float64)
+
+
+def exponential(seconds: float) -> Callable[[Tensor], Tensor]:
+    """Amplitude of noise whose correlation falls like exp(-t/seconds)."""
+    return lambda frequency: 1 / torch.sqrt(1 + (2 * math.pi * frequency * seconds) ** 2)
+
+
+SPECTRA = {
+    "1 kHz noise": low_passed,
+    "exponential, 0.4 ms": exponential(0.4e-3),
+    "exponential, 1.5 ms": exponential(1.5e-3),
+}
+
+
+def turbulence(spectrum: str, shape: tuple[int, ...], samples: int, random: torch.Generator) -> Tensor:
+    """Gaussian noise, (*shape, samples), m/s, of ``RMS`` in the mean over records."""
+    length = 1 << math.ceil(math.log2(2 * samples))  # cut from twice as much: no periodicity
+    amplitude = SPECTRA[spectrum](torch.fft.rfftfreq(length, 1 / RATE, dtype=torch.float64))
+    amplitude[-1] = 0
+    kept = int(amplitude.nonzero()[-1]) + 1
+    power = 2 * amplitude.square().sum() - amplitude[0] ** 2
+    weights = amplitude[:kept] * (RMS * length / power.sqrt())
+    white = torch.randn(*shape, kept, dtype=torch.complex64, generator=random)
+    white[..., 0] = math.sqrt(2) * white[..., 0].real
+    return torch.fft.irfft(white * weights.float(), n=length)[..., :samples]
+
+
+def plane_of(spectrum: str, column: Column, periods: int, tone: float, count: int, seed: int) -> tl.VelocityPlane:
+    """``count`` columns side by side, each of which is a liner."""
+    random, samples = torch.Generator().manual_seed(seed), periods * PER_PERIOD
+    velocity = turbulence(spectrum, (column.cells, column.size, count), samples, random)
+    if column.shares:
+        shared = turbulence(spectrum, (column.cells, 1, count), samples, random)
+        velocity = velocity.add_(shared).mul_(math.sqrt(0.5))
+    velocity += (tone * torch.sin(2 * math.pi / PER_PERIOD * torch.arange(samples, dtype=torch.float64))).float()
+    z = (torch.arange(column.cells * column.size) + 0.5) * PITCH / column.size
+    x = (torch.arange(count) + 0.5) * PITCH
+    return tl.VelocityPlane(
+        velocity.flatten(0, 1), sampling_rate=RATE, frequency=FREQUENCY, x=x.double(), z=z.double()
+    )
+
+
+def true_impedance(liner: LinerModel, tone: float) -> complex:
+    """Z of E[R(|v|)], by quadrature over the turbulence and the phases that are sampled."""
+    speed = torch.linspace(0, 10 * RMS + tone, 200001, dtype=torch.float64)
+    density = torch.zeros_like(speed)
+    for step in range(PER_PERIOD):
+        middle = tone * math.sin(2 * math.pi / PER_PERIOD * step)
+        for side in (middle, -middle):
+            density += torch.exp(-(((speed - side) / RMS) ** 2) / 2) / (math.sqrt(2 * math.pi) * RMS * PER_PERIOD)
+    reflection = tl.reflection_from_impedance(liner.impedance(FREQUENCY, speed))
+    return complex(tl.impedance_from_reflection(torch.trapezoid(reflection * density, speed)))
+
+
+def trials_of(found: Averages, column: Column) -> dict[str, Educed]:
+    """Those of a plane whose records are independent: one probe of each cell, the cells, the columns."""
+    assert found.probes is not None
+    assert found.along_x is not None
+    if column.cells == 1:
+        return {"liner": found.along_x}
+    one = found.probes.map(lambda each: each.unflatten(0, (column.cells, column.size, -1))[:, 0].flatten())
+    return {"probe": one, "cell": found.cells, "liner": found.along_x}
+
+
+@dataclass
+class Row:
+    """How often the interval held the truth, and the numbers behind it, each a list of parts, resistance before
+    reactance, (2, N)."""
+
+    true: complex
+    inside: list[Tensor] = dataclasses.field(default_factory=list)
+    widths: list[Tensor] = dataclasses.field(default_factory=list)
+    values: list[Tensor] = dataclasses.field(default_factory=list)
+    runs: list[Tensor] = dataclasses.field(default_factory=list)
+
+    def add(self, educed: Educed) -> None:
+        """Trials of one plane."""
+        interval = educed.interval
+        assert interval is not None
+        low, high, value = (torch.view_as_real(each.flatten()).T for each in (interval.low, interval.high, educed.impedance))
+        true = torch.tensor([[self.true.real], [self.true.imag]], dtype=torch.float64)
+        self.inside.append((low <= true) & (true <= high))
+        self.widths.append(high - low)
+        self.values.append(value - true)
+        self.runs.append(interval.runs.flatten())
+
+    def summary(self) -> dict[str, object]:
+        """Shares, medians, and how far the values are off in the mean, in their own standard deviations."""
+        inside, widths, values = (torch.cat(part, 1) for part in (self.inside, self.widths, self.values))
+        held, width = 100 * inside.double().mean(1), widths.median(1).values
+        off = values.mean(1) / values.std(1)
+        return {
+            "trials": inside.shape[1],
+            "R inside (%)": float(held[0]),
+            "X inside (%)": float(held[1]),
+            "width of R": float(width[0]),
+            "width of X": float(width[1]),
+            "runs": float(torch.cat(self.runs).median()),
+            "R off (sd)": float(off[0]),
+            "X off (sd)": float(off[1]),
+        }
+
+
+def educed(plane: tl.VelocityPlane, liner: LinerModel) -> dict[str, Averages]:
+    """By averaging, as `tl.educe` has it without the reviews of data and result, which take nine tenths of its time."""
+    frequency, chosen = torch.tensor([FREQUENCY], dtype=torch.float64), Choices()
+    nodes = choose_nodes([liner], frequency, chosen.tolerance(plane.velocity.dtype))
+    cells, projection = sort_into_cells(plane, liner.cell_pitch), projection_of(nodes, liner, frequency)
+    known = measure(Reading.of(plane, chosen, frequency, nodes, cells, projection))
+    asked = Asked(liner, frequency, known.coefficients(liner, frequency), chosen)
+    return {averaging: average(known, asked, averaging) for averaging in AVERAGINGS}
+
+
+def rows_of(column: Column, spectrum: str, periods: int, trials: int, liner: LinerModel) -> Iterator[dict[str, object]]:
+    """One for each tone, averaging and size of the average."""
+    columns = math.ceil(trials / 4) if periods >= LONG else trials
+    at_once = max(1, AT_ONCE // (column.cells * column.size * periods * PER_PERIOD))
+    for name, tone in TONES.items():
+        done: dict[tuple[str, str], Row] = {}
+        for seed, first in enumerate(range(0, columns, at_once)):
+            count = min(at_once, columns - first)
+            found = educed(plane_of(spectrum, column, periods, tone, count, seed), liner)
+            for averaging, averages in found.items():
+                for size, each in trials_of(averages, column).items():
+                    done.setdefault((averaging, size), Row(true_impedance(liner, tone))).add(each)
+        for (averaging, size), row in done.items():
+            about = {"of": column.names[size], "averaging": averaging, "spectrum": spectrum, "v": name}
+            yield about | {"periods": periods} | row.summary()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = parser_of(__doc__)
+    parser.add_argument("--trials", type=int, default=2000)
+    parser.add_argument("--spectra", nargs="+", choices=SPECTRA, default=list(SPECTRA))
+    parser.add_argument("--periods", nargs="+", type=int, default=PERIODS)
+    parser.add_argument("--csv", type=Path, help="write the table")
+    options = options_of(parser, arguments)
+    liner = dataclasses.replace(tl.load_liner("onera"), cell_pitch=PITCH)
+    print(*(f"truth with {name}: {true_impedance(liner, tone):.4f}" for name, tone in TONES.items()), sep="\n")
+    done: list[dict[str, object]] = []
+    for spectrum in options.spectra:
+        for column, periods in itertools.product(COLUMNS, options.periods):
+            for row in rows_of(column, spectrum, periods, options.trials, liner):
+                if not done:
+                    print("  ".join(f"{key:{_width(value)}s}" for key, value in row.items()))
+                done.append(row)
+                cells = (f"{f'{value:.3g}' if isinstance(value, float) else value!s:{_width(value)}s}" for value in row.values())
+                print("  ".join(cells), flush=True)
+    if options.csv is not None:
+        write_rows(done, options.csv)
+    return 0
+
+
+def _width(value: object) -> int:
+    return 19 if isinstance(value, str) else 12
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,156 @@
+"""Intervals: laws of the jackknife over runs of blocks, bounds near the pole, how often they hold the truth."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from scipy.special import stdtrit
+from torch import Tensor
+
+import torchliner as tl
+from torchliner.conversions import impedance_from_reflection, reflection_from_impedance
+from torchliner.engine.intervals import FROM_REFLECTION, ITSELF, impedance_interval, jackknife, replicates
+from torchliner.records.uncertainty import Interval
+
+COUNTS = (4, 5, 8, 16, 32)  # blocks
+
+
+def blocks_of(count: int, columns: int, rho: float = 0.0) -> Tensor:
+    """Means of blocks that scatter by 1 in both parts, as a first-order process along time, complex128, (S, N)."""
+    white = torch.randn(count, columns, 2, dtype=torch.float64)
+    found = [white[0]]
+    for each in white[1:]:
+        found.append(rho * found[-1] + math.sqrt(1 - rho**2) * each)
+    return torch.view_as_complex(torch.stack(found))
+
+
+def means_of(blocks: Tensor, lengths: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Means over the remaining blocks, and the shares of the blocks; of equal lengths unless stated."""
+    lengths = torch.ones(len(blocks), dtype=torch.float64) if lengths is None else lengths
+    return replicates(blocks * lengths[:, None], lengths), lengths / lengths.sum()
+
+
+def interval_of(blocks: Tensor, level: float = 0.95) -> Interval:
+    return jackknife(*means_of(blocks), level, ITSELF)
+
+
+def defined_error(own: list[complex], runs: float) -> complex:
+    """Standard errors of both parts by the definition, number by number, from what each block contributes."""
+    count, variances = len(own), []
+    power = sum(abs(u) ** 2 for u in own)
+    rho = sum((u * v.conjugate()).real for u, v in zip(own, own[1:], strict=False)) / power
+    rho = min(0.9, max(-0.9, rho + (1 + 4 * rho) / count))
+    length = max(2, min(count // 4, math.ceil(1.1447 * (4 * rho**2 * count / (1 - rho**2) ** 2) ** (1 / 3))))
+    assert runs == pytest.approx(count / length)
+    for part in ([u.real for u in own], [u.imag for u in own]):
+        squares = [sum(part[i : i + length]) ** 2 for i in range(count - length + 1)]
+        variances.append(count / length * count / (count - length) * sum(squares) / len(squares))
+    shown = 1 + 2 * sum((1 - k / length) * rho**k for k in range(1, length))  # of the correlation, by a run
+    return complex(*(math.sqrt(variance * (1 + rho) / (1 - rho) / shown) for variance in variances))
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("rho", [-0.6, 0.0, 0.6])
+def test_the_error_of_a_mean_is_that_of_its_runs_whatever_the_lengths_of_the_blocks(count: int, rho: float) -> None:
+    blocks, lengths = blocks_of(count, 5, rho), 100 + 10.0 * torch.randint(0, 5, (count,)).double()
+    means, shares = means_of(blocks, lengths)
+    found = jackknife(means, shares, 0.95, ITSELF)
+    own = (shares[:, None] * (blocks - means[0])).T.tolist()
+    expected = [defined_error(each, float(runs)) for each, runs in zip(own, found.runs, strict=True)]
+    torch.testing.assert_close(found.standard_error, torch.tensor(expected, dtype=torch.complex128))
+    torch.testing.assert_close(found.bias, torch.zeros_like(found.bias), atol=1e-13, rtol=0)  # a mean has none
+
+
+@pytest.mark.parametrize("count", [8, 16, 32])
+def test_of_white_noise_the_variance_is_right_in_the_mean(count: int) -> None:
+    squares = torch.view_as_real(interval_of(blocks_of(count, 40000)).standard_error).square() * count
+    spread = 3 * float(squares.std()) / math.sqrt(squares.numel())
+    # Allowing for the correlation that a record seems to have adds some of its scatter, of order 1/S.
+    assert 1 - spread < float(squares.mean()) < 1 + spread + 1.5 / count
+
+
+@pytest.mark.parametrize("level", [0.5, 0.95, 0.999])
+@pytest.mark.parametrize("count", COUNTS)
+def test_half_a_width_is_students_quantile_times_the_standard_error(count: int, level: float) -> None:
+    found = interval_of(blocks_of(count, 50, 0.5), level)
+    quantile = torch.from_numpy(stdtrit((found.runs - 1).numpy(), 0.5 + level / 2))
+    expected = 2 * quantile * torch.stack([found.standard_error.real, found.standard_error.imag])
+    torch.testing.assert_close(found.widths, expected, rtol=2e-4, atol=0)
+
+
+def test_a_quarter_turn_swaps_resistance_and_reactance_and_a_scale_scales() -> None:
+    means, shares = means_of(blocks_of(16, 50, 0.4))
+    one, turned = (jackknife(factor * means, shares, 0.95, ITSELF) for factor in (1, 3j))
+    torch.testing.assert_close(turned.low.real, -3 * one.high.imag)
+    torch.testing.assert_close(turned.high.imag, 3 * one.high.real)
+    torch.testing.assert_close(turned.standard_error.real, 3 * one.standard_error.imag)
+
+
+def test_a_square_is_off_by_the_variance_and_the_bounds_are_without_it() -> None:
+    means, shares = means_of(blocks_of(16, 40000).real.to(torch.complex128) + 3)
+    found = jackknife(means**2, shares, 0.95, ITSELF)
+    torch.testing.assert_close(((found.low + found.high) / 2 + found.bias).real, means[0].real ** 2)
+    assert float(found.bias.real.mean()) == pytest.approx(1 / 16, rel=0.05)
+
+
+def test_bounds_are_the_extremes_on_the_ellipse_and_infinite_around_the_pole() -> None:
+    value = 1 + 0.5 * torch.randn(400, dtype=torch.complex128)
+    axes = 0.3 * torch.randn(400, 2, 2, dtype=torch.float64)  # R = value + quantile axes (cos, sin)
+    covariance = axes @ axes.mT
+    moments = torch.stack([covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]])
+    quantile = 0.2 + torch.rand(400, dtype=torch.float64)
+    found = impedance_interval(value, torch.zeros_like(value), moments, quantile, quantile, FROM_REFLECTION)
+    to_pole = torch.view_as_real(1 - value)[..., None]
+    inside = (to_pole.mT @ torch.linalg.solve(covariance, to_pole))[:, 0, 0] < quantile**2
+    assert 40 < int(inside.sum()) < 360
+    assert bool((found.widths[:, inside] == math.inf).all())
+    angle = 2 * math.pi / 10000 * torch.arange(10000, dtype=torch.float64)
+    away = quantile[:, None, None] * (axes @ torch.stack([angle.cos(), angle.sin()]))
+    z = impedance_from_reflection(value[:, None] + torch.complex(away[:, 0], away[:, 1]))
+    near = (quantile**2 * 1.5 > (to_pole.mT @ torch.linalg.solve(covariance, to_pole))[:, 0, 0]) & ~inside
+    for low, high, part in ((found.low.real, found.high.real, z.real), (found.low.imag, found.high.imag, z.imag)):
+        width, plain = part.amax(1) - part.amin(1), ~inside & ~near
+        for end, expected in ((low, part.amin(1)), (high, part.amax(1))):
+            assert float(((end - expected) / width)[plain].abs().max()) < 1e-3
+
+
+def test_blocks_that_do_not_vary_give_no_width_and_a_rigid_wall_no_bounds() -> None:
+    lengths = torch.tensor([30.0, 31, 29, 30, 30, 33, 30, 30], dtype=torch.float64)
+    still = jackknife(*means_of(torch.full((8, 3), 0.3 + 0.2j, dtype=torch.complex128), lengths), 0.95)
+    assert float(still.widths.abs().max()) < 1e-12  # and so not nan
+    wall = jackknife(*means_of(torch.ones(8, 3, dtype=torch.complex128)), 0.95)
+    assert bool((wall.widths == math.inf).all())
+
+
+def test_a_column_does_not_depend_on_its_neighbours() -> None:
+    means, shares = means_of(0.3 * blocks_of(16, 50, 0.5))
+    order = torch.randperm(50)
+    one, other = jackknife(means, shares, 0.95), jackknife(means[:, order], shares, 0.95)
+    for name, value in vars(one).items():
+        assert torch.equal(value[order], getattr(other, name)), name
+
+
+@pytest.mark.parametrize(("count", "least", "most"), [(4, 98, 100), (8, 96, 97.5), (16, 95, 97), (32, 94.5, 96.5)])
+def test_intervals_of_white_noise_hold_the_truth(count: int, least: float, most: float) -> None:
+    found = interval_of(blocks_of(count, 20000))
+    held = (found.low.real <= 0) & (found.high.real >= 0)
+    assert least < 100 * float(held.double().mean()) < most
+
+
+@pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")
+def test_intervals_of_a_plane_hold_the_truth(liner: tl.SDoFLiner) -> None:
+    frequency = torch.fft.rfftfreq(1024, 1 / 42000)
+    white = torch.randn(300, 513, dtype=torch.complex64) * ((frequency > 0) & (frequency < 1000))
+    velocity = torch.fft.irfft(white, n=1024)
+    velocity *= 3 / velocity.std()
+    found = tl.educe(tl.VelocityPlane(velocity[:, :480], sampling_rate=42e3, frequency=1400.0), liner)
+    speed = torch.linspace(0, 30, 20001, dtype=torch.float64)
+    density = torch.exp(-(speed**2) / 18)
+    mean = (reflection_from_impedance(liner.impedance(1400.0, speed)) * density).sum() / density.sum()
+    true, each = impedance_from_reflection(mean), found.probes["admittance"]
+    assert each.low is not None
+    assert each.high is not None
+    for low, high, part in ((each.low.real, each.high.real, true.real), (each.low.imag, each.high.imag, true.imag)):
+        assert 91.5 < 100 * float(((low <= part) & (part <= high)).double().mean()) < 99

@@ -1,0 +1,247 @@
+"""Maps from reflected signals: frozen velocities, noise, segments, the paper's recipe, files, refusals."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
+
+import torchliner as tl
+
+SAMPLES = 840  # lines 50 Hz apart
+LINES = [500.0, 1400.0, 3000.0, 4800.0]
+PAPER = {"kernel": "causal", "levels": 200, "spacing": "uniform", "interpolation": "linear", "window": "hann"}
+F64 = torch.float64
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+
+
+def codes(found: tl.ImpedanceMap) -> set[str]:
+    return {note.code for note in found.notes}
+
+
+# Laws.
+
+
+@pytest.mark.parametrize(
+    "wave", [tl.BandNoise(300, 5000), tl.Sweep(300, 5000), tl.Sweep(300, 5000, "logarithmic")], ids=lambda w: w.label
+)
+def test_a_frozen_velocity_returns_the_model(liner, wave):
+    """|v| constant, the record one period of the wave: Z of the model, but for the kernel, in every average."""
+    found = tl.replay(frozen_plane(2.0, periods=28), liner, wave, LINES)
+    wanted = tl.reflection_from_impedance(liner.impedance(torch.tensor(LINES, dtype=F64), 2.0))
+    limit = 3 * found.choices["kernel_error"]
+    for each in (found.probes["admittance"], *found.liner.values(), *found.cells.values()):
+        assert float((each.reflection - wanted).abs().max()) < limit < 2e-5
+    assert [found.choices[key] for key in ("phase", "incident", "edge")] == ["signal", wave.label, "periodic"]
+    assert found.averagings == ("admittance", "velocity")
+    assert found.level is None
+
+
+def test_a_frozen_velocity_and_steady_tones(liner):
+    """Tones that are no lines of the record: silence before it and Hann leakage, as much as the map says."""
+    tones = [512.0, 1391.0, 2777.0]
+    found = tl.replay(frozen_plane(2.0, periods=133.3), liner, tl.Tones(tones))
+    assert found.frequency.tolist() == tones
+    wanted = liner.impedance(torch.tensor(tones, dtype=F64), 2.0)
+    assert relative_error(found.impedance, wanted) < 2e-3
+    away = (found.probes["admittance"].reflection - tl.reflection_from_impedance(wanted)).abs().max()
+    assert float(away) == pytest.approx(found.choices["signal_error"], rel=0.3)
+
+
+def test_noise_tends_to_what_educe_gives_at_once(liner):
+    """Over draws of a noise R tends to <R(f, |v|)>, with 1/sqrt(draws)."""
+    plane = plane_of(turbulence((1, SAMPLES), seed=3))
+    wanted = tl.educe(plane, liner, LINES, interval=None).probes["admittance"].reflection[0]
+    maps = [tl.replay(plane, liner, tl.BandNoise(300, 5000, seed), LINES, levels=60) for seed in range(48)]
+    draws = torch.stack([each.probes["admittance"].reflection[0] for each in maps])
+    error, spread = (draws.mean(0) - wanted).abs(), draws.std(0) / 48**0.5
+    assert bool((error < 3.5 * spread).all())
+    assert float(spread.max()) < 0.1
+    assert bool(((draws[0] - wanted).abs() > 2 * error).any())  # one draw is off by far more
+
+
+def test_complex_tones_meet_educe_as_the_record_grows(liner):
+    """They differ by what the ends hold, a share 1/T of the record."""
+    apart = []
+    for periods in (20, 80, 320):
+        plane = plane_of(turbulence((24, 30 * periods)))
+        mean = tl.educe(plane, liner, interval=None).probes["admittance"].reflection
+        replayed = tl.replay(plane, liner, FREQUENCY, window="boxcar").probes["admittance"].reflection
+        apart.append(float((mean - replayed).abs().square().mean().sqrt()))
+    assert apart[0] / apart[1] == pytest.approx(4, rel=0.35)
+    assert apart[1] / apart[2] == pytest.approx(4, rel=0.35)
+
+
+def test_segments_and_their_intervals(liner):
+    """Leaving out runs of segments gives intervals that hold <R> at the stated level, over draws."""
+    many = tl.educe(plane_of(turbulence((1, 200_000), seed=99, rms=1.5)), liner, [900.0, 1500.0, 2500.0], interval=None)
+    hits, z = [], many.impedance[0]
+    for seed in range(24):
+        plane, noise = plane_of(turbulence((1, 4200), seed=seed, rms=1.5)), tl.BandNoise(500, 3300, seed)
+        found = tl.replay(plane, liner, noise, many.frequency, segment=0.01, levels=60)
+        assert (found.choices["window"], found.choices["blocks"]) == ("hann", 19)
+        low, high = found.liner["admittance"].low, found.liner["admittance"].high
+        hits += [(low.real <= z.real) & (z.real <= high.real), (low.imag <= z.imag) & (z.imag <= high.imag)]
+    assert 0.88 < float(torch.stack(hits).double().mean()) <= 1
+    few = tl.replay(plane, liner, noise, 1500.0, segment=0.05)
+    assert few.level is None
+    assert "few-segments" in codes(few)
+
+
+def test_the_paper_to_the_letter_against_stored_values():
+    """Signals of the core before this one. It had steady waves before the record where there is silence now (3e-4 in R
+    of 21 periods under Hann), and levels up to the bound of the phase-locked velocity, 11.3 m/s."""
+    cases = {
+        "broadband_two_sided": ("noise:300:3000", {}, 2e-6),
+        "broadband_causal": ("noise:300:3000", {"kernel": "causal"}, 2e-6),
+        "paper": (FREQUENCY, PAPER | {"velocity_max": 128**0.5 * (1 + 1e-9)}, 2e-6),
+        "paper_incident_tone": (tl.Tones(FREQUENCY), PAPER, 2e-6),
+        "unfold_two_sided_float64": (FREQUENCY, {"dtype": "float64"}, 4e-4),
+    }
+    plane, liner = tl.read_plane(DATA / "slit_n130_y1.0mm.h5"), tl.load_liner("lbm_slit")
+    with h5py.File(DATA.parent / "tests" / "stored" / "reference_values.h5") as file:
+        stored = file["slit_n130_y1.0mm"]
+        for name, (wave, choices, limit) in cases.items():
+            found = tl.replay(plane, liner, wave, interval=None, **choices)
+            assert np.allclose(found.frequency, stored[name].attrs["frequency"])
+            pairs = [(found.liner[a], stored[name]["liner"][i]) for i, a in enumerate(found.averagings)]
+            pairs += [(found.cells[a], stored[name]["cells"][i]) for i, a in enumerate(found.averagings)]
+            if "probes" in stored[name]:
+                flat = found.probes["admittance"].map(lambda r: r.reshape(plane.probes, -1)[stored["probe_index"][:]])
+                pairs.append((flat, stored[name]["probes"][0]))
+            for mine, theirs in pairs:
+                away = mine.reflection - tl.reflection_from_impedance(torch.from_numpy(theirs))
+                assert float(away.abs().max()) < limit, name
+
+
+def test_averages_and_probes_that_are_left_out(liner):
+    """A probe alone, excluded ones, a mean that is removed, the cell's mean velocity."""
+    v = turbulence((4, SAMPLES), seed=2)
+    options = {"frequency": LINES, "velocity_max": 16.0}
+    found = tl.replay(plane_of(v), liner, "noise:300:5000", **options)
+    alone = tl.replay(plane_of(v[1:2]), liner, "noise:300:5000", **options)
+    assert torch.allclose(alone.impedance[0], found.impedance[1], rtol=1e-12)
+    mean = tl.replay(plane_of(v.mean(0, keepdim=True)), liner, "noise:300:5000", **options)
+    assert torch.allclose(mean.answer, found.liner["velocity"].impedance, rtol=1e-10)
+    assert torch.allclose(1 / found.answer, (1 / found.impedance).mean(0), rtol=1e-12)
+    moved = plane_of(v - v.mean(1, keepdim=True) + 3.0)
+    removed = tl.replay(moved, liner, "noise:300:5000", mean="removed", **options)
+    kept = tl.replay(plane_of(v - v.mean(1, keepdim=True)), liner, "noise:300:5000", **options)
+    assert torch.allclose(removed.impedance, kept.impedance, rtol=1e-9)
+    broken = v.clone()
+    broken[2, 7] = torch.nan
+    left = tl.replay(plane_of(broken), liner, "noise:300:5000", missing="exclude", **options)
+    assert bool(left.impedance[2].isnan().all())
+    others = tl.replay(plane_of(v[[0, 1, 3]]), liner, "noise:300:5000", **options)
+    assert torch.allclose(left.answer, others.answer, rtol=1e-12)
+
+
+def test_gradients_pass_to_velocity_and_liner():
+    """dZ by a number of the liner and by v, against differences."""
+    liner = tl.load_liner("polito")
+    porosity = torch.tensor(float(liner.porosity), dtype=F64, requires_grad=True)
+    v = turbulence((1, 300), seed=1).requires_grad_()
+
+    def answer(v, porosity):
+        wave = tl.BandNoise(500, 3000)
+        with_it = liner.replace(porosity=porosity)
+        return tl.replay(plane_of(v), with_it, wave, 1400.0, interval=None, velocity_max=16.0, levels=24).answer.real[0]
+
+    dv, dp = torch.autograd.grad(answer(v, porosity), (v, porosity))
+    with torch.no_grad():
+        step = torch.zeros_like(v)
+        step[0, 150] = 1e-5
+        of_v = (answer(v + step, porosity) - answer(v - step, porosity)) / 2e-5
+        of_p = (answer(v, porosity + 1e-6) - answer(v, porosity - 1e-6)) / 2e-6
+    assert float(dv[0, 150]) == pytest.approx(float(of_v), rel=1e-4)
+    assert float(dp) == pytest.approx(float(of_p), rel=1e-4)
+
+
+# Lines, notes and files.
+
+
+def test_default_frequencies_are_the_lines(liner):
+    """Lines of the segments in the band of the wave, thinned evenly if there are many."""
+    plane = plane_of(turbulence((1, SAMPLES)))
+    found = tl.replay(plane, liner, "noise:300:1000")
+    assert found.frequency.tolist() == pytest.approx([50.0 * k for k in range(6, 21)])
+    halves = tl.replay(plane, liner, "noise:300:1000", segment=0.01)
+    assert halves.frequency.tolist() == pytest.approx([100.0 * k for k in range(3, 11)])
+    many = tl.replay(plane_of(turbulence((1, 8400))), liner, "noise:300:5000")
+    assert 100 < len(many.frequency) <= 200
+    assert float(many.frequency.diff().max() - many.frequency.diff().min()) < 1e-9
+    assert tl.replay(plane, liner, [700.0, 1400.0]).frequency.tolist() == [700.0, 1400.0]
+
+
+def test_what_is_doubtful_is_noted(liner):
+    """Kernels, levels, energy beyond the band, and replies that cross the ends of segments, with sizes in Z."""
+    plane = plane_of(turbulence((2, SAMPLES), rms=5.0))
+    found = tl.replay(plane, liner, FREQUENCY, **PAPER)
+    assert {"kernel", "levels"} <= codes(found)
+    size = next(note.size for note in found.notes if note.code == "levels")
+    assert size == pytest.approx(found.choices["level_error"] * float((1 + found.answer).abs().square().max()) / 2)
+    wide = tl.Recorded(tl.BandNoise(300, 12000).sampled(SAMPLES, RATE), RATE)
+    assert {"signal-band", "signal"} <= codes(tl.replay(plane, liner, wide, FREQUENCY))
+    assert not codes(tl.replay(plane, liner, "noise:300:3000", FREQUENCY))
+
+
+@pytest.mark.parametrize("segment", [None, 0.004])
+def test_the_reflected_signal_is_written(liner, tmp_path, segment):
+    """All of it, (time, probe): its own spectrum over that of the wave is the map. The map can be kept, too."""
+    xarray = pytest.importorskip("xarray")
+    plane = plane_of(turbulence((2, 3, SAMPLES)), x=[0.0, 0.01, 0.02], z=[0.0, 0.01])
+    wanted, path = tl.replay(plane, liner, "noise:300:5000", LINES), tmp_path / "y.h5"
+    found = tl.replay(plane, liner, "noise:300:5000", LINES[2:3], reflected=path, segment=segment)
+    with xarray.open_dataset(path, engine="h5netcdf") as data:
+        assert data["reflected"].dims == ("time", "probe")
+        at = [round(f / 50) for f in LINES]
+        ratio = np.fft.rfft(data["reflected"].values, axis=0)[at] / np.fft.rfft(data["incident"].values)[at, None]
+        assert np.abs(ratio - wanted.probes["admittance"].reflection.reshape(6, -1).T.numpy()).max() < 1e-5
+        assert data["x"].values.tolist() == pytest.approx([0.0, 0.01, 0.02] * 2)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="no energy at 100 Hz"):
+        tl.replay(plane, liner, "noise:300:5000", 100.0, reflected=path)
+    assert path.read_bytes() == before
+    found.write(tmp_path / "map.h5")
+    assert torch.equal(tl.read_map(tmp_path / "map.h5").answer, found.answer)
+
+
+# Refusals.
+
+NOISE = tl.BandNoise(300, 5000)
+REFUSED = [
+    (tl.Recorded(torch.ones(SAMPLES), 50e3), {}, "50000 Hz.*42000 Hz"),
+    (tl.Recorded(torch.ones(SAMPLES - 1), RATE), {}, "839 samples.*840"),
+    (tl.Sweep(300, 22000), {}, "22000 Hz.*Nyquist"),
+    (tl.BandNoise(310, 340), {}, "310-340 Hz.*50 Hz apart"),
+    (tl.BandNoise(300, 1000), {"frequency": 1400.0}, "300-1000 Hz.*1400 Hz"),
+    (NOISE, {"frequency": 20700.0}, "20700 Hz.*20580 Hz"),
+    (NOISE, {"segment": 1.0}, "1 s.*0.02 s"),
+    (NOISE, {"segment": -1.0}, "segment.*-1"),
+    (NOISE, {"averaging": "phase-locked"}, "phase-locked.*velocity"),
+    (NOISE, {"window": "flattop"}, "flattop.*hann"),
+    (NOISE, {"velocity_max": 5.0}, r"velocity at|probe \(0,\).*velocity_max, 5 m/s.*extend"),
+    (1400.0, {"frequency": 700.0}, "different tones.*once"),
+    (1400.0, {"reflected": "y.h5"}, r"tl\.Tones"),
+    ("speech.wav", {}, "speech.wav.*tl.read_signal"),
+    ("noise:300", {}, "noise:300:6000:0"),
+]
+
+
+@pytest.mark.parametrize(("incident", "options", "words"), REFUSED)
+def test_what_cannot_serve_is_refused(liner, incident, options, words):
+    """Each says what would."""
+    plane = plane_of(turbulence((1, SAMPLES)))
+    with pytest.raises(ValueError, match=words):
+        tl.replay(plane, liner, incident, **options)
+
+
+def test_moments_and_late_faults_are_refused(liner):
+    plane = plane_of(turbulence((1, SAMPLES + 10)))
+    with pytest.raises(TypeError, match=r"Moments.*VelocityPlane"):
+        tl.replay(tl.moments(plane, liner), liner, 1400.0)
+    plane.velocity[0, -1] = torch.nan  # behind the last whole period
+    with pytest.raises(ValueError, match=r"probe \(0,\).*cut"):
+        tl.replay(plane, liner, 1400.0)
