@@ -125,14 +125,18 @@ def engines(bench: Bench) -> None:
     reflected_rows(bench)
 
 
+def held(v: Tensor) -> Held:
+    """A record (n, P) in memory."""
+    return Held(lambda begin, end: v[begin:end], v.shape[0], v.shape[1], v.device)
+
+
 def sums_row(bench: Bench, name: str) -> None:
     """Moments alone, over 16 blocks."""
     nodes = choose_nodes([bench.liner], torch.tensor([FREQUENCY], dtype=torch.float64), 1e-6)
     job = Job(as_measured, ones(bench.device), nodes.sums)
     for velocity, words in ((bench.velocity, ""), (bench.long.T, f", one probe, {LONG:.0e} samples")):
-        samples, width = velocity.shape
-        record = Held(lambda begin, end, v=velocity: v[begin:end], samples, width, bench.device)
-        blocks = Blocks.of(samples, RATE, FREQUENCY)
+        record = held(velocity)
+        blocks = Blocks.of(len(velocity), RATE, FREQUENCY)
         seconds, _ = bench.best(functools.partial(reduce, record, blocks, [job]))
         bench.row(f"moments, {nodes.count} nodes, {blocks.count} blocks{words}, {name}", seconds, velocity.numel())
 
@@ -178,7 +182,7 @@ def reflected_rows(bench: Bench) -> None:
     bench.row(f"plain loop, float64, {few.shape[1]} probes", seconds, few.numel(), 0.0)
     for dtype, probes in ((torch.float32, 64), (torch.float32, 512), (torch.float64, 64)):
         v = bench.velocity[:, :probes].to(dtype)
-        record = Held(lambda begin, end, v=v: v[begin:end], *v.shape, bench.device)
+        record = held(v)
 
         def work(record: Held = record) -> Tensor:
             signal = replay(record, kernels, tone, as_measured, edge="silent")

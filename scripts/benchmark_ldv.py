@@ -35,7 +35,7 @@ def _one_by_one(line: tl.ImpedanceLine, record: tl.BurstRecord, liner: Any) -> f
         begin = i * (length // 2)
         piece = signal.values[begin : begin + length]
         plane = tl.VelocityPlane(piece[None], sampling_rate=GRID, frequency=TONE)
-        alone = tl.educe(plane, liner, interval=None).reflection[0, 0]
+        alone = tl.educe(plane, liner, averaging="admittance", interval=None).probes["admittance"].reflection[0, 0]
         worst = max(worst, abs(complex(line.reflection[0, i, 0] - alone)))
     return worst
 

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from torchliner.replay.kernels import build_kernels
-from torchliner.replay.levels import VelocityGrid
+from torchliner.engine.kernels import build_kernels
 from torchliner.signals.windows import make_window
 
 Array = npt.NDArray[Any]
@@ -66,8 +65,9 @@ def numba_recipe(parallel: bool = True, fast: bool = False) -> Any:
 def loops(bench: Any) -> None:
     """Rows of ``benchmark.py``: on the recipe's own kernels (causal, uniform levels, linear)."""
     rate, tone, samples = bench.plane.sampling_rate, bench.plane.frequency, bench.plane.samples
-    grid = VelocityGrid(16.0, spacing="uniform", interpolation="linear")
-    taps = build_kernels(bench.liner, grid, rate, kind="causal").taps
+    taps = build_kernels(
+        bench.liner, rate, velocity_max=16.0, kind="causal", spacing="uniform", interpolation="linear"
+    ).taps
     steps = torch.arange(samples, dtype=torch.float64)
     wave = torch.cos(2 * torch.pi * tone / rate * steps)
     turning = torch.exp(-2j * torch.pi * tone / rate * steps)

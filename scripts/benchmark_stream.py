@@ -25,7 +25,7 @@ PITCH = 2e-4  # m, of the probes; 0.0124 m of a cell
 def stream_rows(
     probes: int = PROBES, liner: str = "onera", pieces: int = PIECES, threads: int | None = None
 ) -> list[dict[str, float | str]]:
-    """One row an order of averaging that a record that goes on can have.
+    """One row with error bars and one without.
 
     Args:
         probes: P.
@@ -56,11 +56,11 @@ def stream_rows(
             warnings.simplefilter("ignore")
             going.educe(model, interval=interval)
         latency = time.perf_counter() - begin
-        basis = going.moments(keep=False).sums.basis
-        assert basis is not None
+        nodes = going.moments().nodes
+        assert nodes is not None
         rows.append({
             "error bars": "yes" if interval else "no", "probes": probes,
-            "threads": torch.get_num_threads(), "K": basis.count,
+            "threads": torch.get_num_threads(), "K": nodes.count,
             "ns a sample": 1e9 * updated / probes, "ns CPU a sample": 1e9 * cpu / probes,
             "probes that keep up at 200 kHz": int(probes / (updated * RATE)),
             "map after the last sample, ms": 1e3 * (latency + updated * length),

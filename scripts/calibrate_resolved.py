@@ -4,8 +4,7 @@
 
 Offset and vena contracta are fitted to the true impedances of n115 and n130 and predict g01_145 and
 g03_145; the offset of the orifice is fitted to o115 and predicts o145. Two variants, the highest
-plane and all planes, each in both orders of averaging. Table, CSV and picture go to
-results/calibration.
+plane and all planes, each in all averagings. Table, CSV and picture go to results/calibration.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import torchliner as tl
 from common import RESULTS, case_files, options_of, parser_of
 from torchliner.calibration.predicted_planes import PredictionRow, prediction_rows
 from torchliner.io.csv_rows import write_rows
-from torchliner.names import ORDERS
+from torchliner.names import AVERAGINGS
 from torchliner.report.calibration_report import (
     draw_predictions,
     format_calibration,
@@ -44,21 +43,21 @@ def planes_of(case: str, variant: str) -> list[tl.VelocityPlane]:
     return [tl.read_plane(path) for path in (files if variant == ALL else files[-1:])]
 
 
-def fitted(cases: Sequence[str], free: Any, variant: str, order: str, draws: int) -> Any:
+def fitted(cases: Sequence[str], free: Any, variant: str, averaging: str, draws: int) -> Any:
     """The calibration, and the liner as it was."""
     planes = [plane for case in cases for plane in planes_of(case, variant)]
     liner = tl.load_liner(planes[0].liner)
     # Planes of one run share one reference: used k times, it weighs as one with noise sqrt(k).
     noise = NOISE * (len(planes) / len(cases)) ** 0.5
-    found = tl.calibrate(planes, liner, "true", free, order=order, noise=noise, draws=draws)
+    found = tl.calibrate(planes, liner, "true", free, averaging=averaging, noise=noise, draws=draws)
     return found, liner
 
 
 def predicted(
-    cases: Sequence[str], free: Any, targets: Sequence[str], variant: str, order: str, draws: int
+    cases: Sequence[str], free: Any, targets: Sequence[str], variant: str, averaging: str, draws: int
 ) -> tuple[Any, list[PredictionRow]]:
     """Calibration on ``cases`` and the rows of ``targets``."""
-    found, liner = fitted(cases, free, variant, order, draws)
+    found, liner = fitted(cases, free, variant, averaging, draws)
     rows = []
     for target in targets:
         for plane in planes_of(target, variant):
@@ -67,15 +66,15 @@ def predicted(
     return found, rows
 
 
-def study(variant: str, order: str, draws: int) -> tuple[list[Any], list[PredictionRow]]:
+def study(variant: str, averaging: str, draws: int) -> tuple[list[Any], list[PredictionRow]]:
     """Slit and orifice."""
-    slit, rows = predicted(("n115", "n130"), FREE, ("g01_145", "g03_145"), variant, order, draws)
-    orifice, more = predicted(("o115",), OFFSET, ("o145",), variant, order, draws)
+    slit, rows = predicted(("n115", "n130"), FREE, ("g01_145", "g03_145"), variant, averaging, draws)
+    orifice, more = predicted(("o115",), OFFSET, ("o145",), variant, averaging, draws)
     return [slit, orifice], rows + more
 
 
 def draw(panels: dict[str, list[PredictionRow]], path: Path) -> None:
-    """Both orders side by side."""
+    """Averagings side by side."""
     draw_predictions(panels, "fitted without flow (n115, n130; o115), 1400 Hz, y = 2.5 mm", path)
 
 
@@ -89,10 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     predictions: list[dict[str, Any]] = []
     panels = {}
     for variant in (HIGHEST, ALL):
-        for order in ORDERS:
-            fits, rows = study(variant, order, draws)
-            about = {"variant": variant, "order": order}
-            print(f"\n== {variant}, {order}")
+        for averaging in AVERAGINGS:
+            fits, rows = study(variant, averaging, draws)
+            about = {"variant": variant, "averaging": averaging}
+            print(f"\n== {variant}, {averaging}")
             for name, found in zip(("slit", "orifice"), fits, strict=True):
                 print(format_calibration(found))
                 parameters += [{**about, "fit": name, **row} for row in parameter_table(found).as_rows()]
@@ -101,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(prediction_table(shown).as_text())
             predictions += [{**about, **row} for row in prediction_table(rows).as_rows()]
             if variant == HIGHEST:
-                panels[order] = rows
+                panels[averaging] = rows
     write_rows(parameters, FOLDER / "parameters.csv")
     write_rows(predictions, FOLDER / "predictions.csv")
     draw(panels, FOLDER / "predictions.png")

@@ -2,7 +2,7 @@
 
     python scripts/identify_resolved.py [--write]
 
-Curves and parameters fitted to the true impedances at 0.5 mm, 1400 Hz, in the order coherent first;
+Curves and parameters fitted to the true impedances at 0.5 mm, 1400 Hz, phase-locked;
 what each run is predicted as by a fit to the others. ``--write`` puts the tables into
 docs/identify.md and the pictures into docs/figures.
 """

@@ -174,10 +174,7 @@ def _effects_of(signals: dict[str, Tensor]) -> dict[str, list[float]]:
     plane = tl.VelocityPlane(torch.stack(list(signals.values())), sampling_rate=GRID)
     found = {name: [float(values.std())] for name, values in signals.items()}
     for rule in RULES:
-        result = tl.educe(
-            plane, tl.load_liner("onera"), FREQUENCY, phase=rule, velocity_max=12.0, interval=None,
-            order="probes first",
-        )  # fmt: skip
+        result = tl.educe(plane, tl.load_liner("onera"), FREQUENCY, phase=rule, interval=None, averaging="admittance")
         for name, z in zip(signals, result.impedance[:, 0], strict=True):
             found[name] += [float(z.real), float(z.imag)]
     return found

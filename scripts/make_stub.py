@@ -21,7 +21,7 @@ HEAD = '''# ruff: noqa
 # fmt: off
 """Public names of torchliner; written by scripts/make_stub.py."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 

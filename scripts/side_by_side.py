@@ -64,7 +64,7 @@ class World:
         turbulence: wall-normal velocity into the liner without the tone, m/s, (P, T).
         impedance: Z at the places, (P,).
         field: of the duct with that wall.
-        closure: greatest |Z - Z of the literal sum (3.2)| over every sixth place.
+        literal_error: greatest |Z - Z of the literal sum (3.2)| over every sixth place.
     """
 
     name: str
@@ -75,7 +75,7 @@ class World:
     turbulence: np.ndarray
     impedance: np.ndarray
     field: DuctField
-    closure: float
+    literal_error: float
 
     @property
     def sound(self) -> np.ndarray:
@@ -86,6 +86,12 @@ class World:
     def truth(self) -> complex:
         """1 over the mean of 1/Z along the liner."""
         return complex(1 / (1 / self.impedance).mean())
+
+
+class Tone(tl.Tones):
+    """Outside the record it and the velocity repeat."""
+
+    edge = "periodic"
 
 
 def tone(amplitude: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -110,7 +116,7 @@ def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarr
     impedance = np.full(len(x), 2.0 - 0.3j)
     for _ in range(ROUNDS):
         field = solver.solve(impedance_along(x, impedance))
-        new = reflect(field, liner, turbulence, x, times, "spectral")
+        new = reflect(field, liner, turbulence, x, times)
         moved = np.abs(new - impedance).max()
         impedance = new
         if moved < SETTLED:
@@ -119,33 +125,37 @@ def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarr
         raise RuntimeError(f"the wall did not settle: it still moves by {moved:.2g}")
     field = solver.solve(impedance_along(x, impedance))
     some = slice(None, None, CHECKED)
-    literal = reflect(field, liner, turbulence[some], x[some], times, "direct")
-    closure = float(np.abs(literal - impedance[some]).max())
-    return World(name, side, setup, solver, x, turbulence, impedance, field, closure)
+    literal = reflect(field, liner, turbulence[some], x[some], times, literal=True)
+    literal_error = float(np.abs(literal - impedance[some]).max())
+    return World(name, side, setup, solver, x, turbulence, impedance, field, literal_error)
 
 
 def reflect(
     field: DuctField, liner: Any, turbulence: np.ndarray, x: np.ndarray, times: np.ndarray,
-    engine: str,
+    literal: bool = False,
 ) -> np.ndarray:  # fmt: skip
     """Z that the wave of each place meets there, its phase to the velocity being known."""
     velocity = field.wall_velocity(x)[0].numpy()
     pressure = field.wall_pressure(x, "lined")[0].numpy()
     incident = pressure + tl.Fluid().characteristic_impedance * velocity
-    plane = plane_of(x, turbulence + tone(velocity, times), field.source)
-    # The one window that both engines have and whose ends of the record are small.
-    found = tl.educe(
-        plane, liner, engine=engine, phase="given", reference_phase=np.angle(incident),
-        window="hann", interval=None,
-    )  # fmt: skip
-    return found.impedance[:, 0].numpy()
+    measured, phase = turbulence + tone(velocity, times), np.angle(incident)
+    if not literal:
+        plane = plane_of(x, measured, field.source)
+        how: dict[str, Any] = {"averaging": "admittance", "interval": None}
+        return tl.educe(plane, liner, phase="given", reference_phase=phase, **how).impedance[:, 0].numpy()
+    found = []
+    for i in range(len(x)):
+        plane, wave = plane_of(x[i : i + 1], measured[i : i + 1], field.source), Tone(FREQUENCY, phase=phase[i])
+        found.append(tl.replay(plane, liner, wave, window="boxcar", interval=None).impedance[0, 0])
+    return np.array(found)
 
 
 def mapped(method: str, world: World, found: ImpedanceMap) -> dict[str, Any]:
     """A map's average with its statistical interval."""
-    assert found.uncertainty is not None
-    interval = found.uncertainty.liner
-    return result(method, world, complex(found.liner_impedance[0]),
+    educed = found.liner["admittance"]
+    interval = educed.interval
+    assert interval is not None
+    return result(method, world, complex(educed.impedance[0]),
                   complex(interval.low[0]), complex(interval.high[0]))  # fmt: skip
 
 
@@ -368,7 +378,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             z = world.impedance
             print(f"{name}, source {side}: true Z {world.truth:.4f}, R {z.real.min():.3f} to "
                   f"{z.real.max():.3f}, X {z.imag.min():.3f} to {z.imag.max():.3f} along x; the "
-                  f"literal sum is off by {world.closure:.1e} at most", flush=True)  # fmt: skip
+                  f"literal sum is off by {world.literal_error:.1e} at most", flush=True)  # fmt: skip
             planes, by_plane = by_velocity(world, liner)
             bursts = by_bursts(world, liner, noise, growth, options.stations, options.seconds)
             pressures, by_cavity = by_cavities(world, cavities(world, liner, hydrodynamic))

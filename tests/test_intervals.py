@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pytest
 import torch
@@ -40,7 +41,7 @@ def defined_error(own: list[complex], runs: float) -> complex:
     """Standard errors of both parts by the definition, number by number, from what each block contributes."""
     count, variances = len(own), []
     power = sum(abs(u) ** 2 for u in own)
-    rho = sum((u * v.conjugate()).real for u, v in zip(own, own[1:], strict=False)) / power
+    rho = sum((u * v.conjugate()).real for u, v in pairwise(own)) / power
     rho = min(0.9, max(-0.9, rho + (1 + 4 * rho) / count))
     length = max(2, min(count // 4, math.ceil(1.1447 * (4 * rho**2 * count / (1 - rho**2) ** 2) ** (1 / 3))))
     assert runs == pytest.approx(count / length)
@@ -53,22 +54,25 @@ def defined_error(own: list[complex], runs: float) -> complex:
 
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("rho", [-0.6, 0.0, 0.6])
-def test_the_error_of_a_mean_is_that_of_its_runs_whatever_the_lengths_of_the_blocks(count: int, rho: float) -> None:
+def test_the_error_of_a_mean_is_that_of_its_runs_whatever_the_blocks(count: int, rho: float) -> None:
     blocks, lengths = blocks_of(count, 5, rho), 100 + 10.0 * torch.randint(0, 5, (count,)).double()
     means, shares = means_of(blocks, lengths)
-    found = jackknife(means, shares, 0.95, ITSELF)
-    own = (shares[:, None] * (blocks - means[0])).T.tolist()
+    found, own = jackknife(means, shares, 0.95, ITSELF), (shares[:, None] * (blocks - means[0])).T.tolist()
     expected = [defined_error(each, float(runs)) for each, runs in zip(own, found.runs, strict=True)]
     torch.testing.assert_close(found.standard_error, torch.tensor(expected, dtype=torch.complex128))
     torch.testing.assert_close(found.bias, torch.zeros_like(found.bias), atol=1e-13, rtol=0)  # a mean has none
 
 
-@pytest.mark.parametrize("count", [8, 16, 32])
-def test_of_white_noise_the_variance_is_right_in_the_mean(count: int) -> None:
-    squares = torch.view_as_real(interval_of(blocks_of(count, 40000)).standard_error).square() * count
+@pytest.mark.parametrize(("count", "least", "most"), [(4, 98, 100), (8, 96, 97.5), (16, 95, 97), (32, 94.5, 96.5)])
+def test_of_white_noise_the_variance_is_right_and_intervals_hold_the_truth(
+    count: int, least: float, most: float
+) -> None:
+    found = interval_of(blocks_of(count, 20000))
+    squares = torch.view_as_real(found.standard_error).square() * count
     spread = 3 * float(squares.std()) / math.sqrt(squares.numel())
     # Allowing for the correlation that a record seems to have adds some of its scatter, of order 1/S.
     assert 1 - spread < float(squares.mean()) < 1 + spread + 1.5 / count
+    assert least < 100 * float(((found.low.real <= 0) & (found.high.real >= 0)).double().mean()) < most
 
 
 @pytest.mark.parametrize("level", [0.5, 0.95, 0.999])
@@ -76,15 +80,13 @@ def test_of_white_noise_the_variance_is_right_in_the_mean(count: int) -> None:
 def test_half_a_width_is_students_quantile_times_the_standard_error(count: int, level: float) -> None:
     found = interval_of(blocks_of(count, 50, 0.5), level)
     quantile = torch.from_numpy(stdtrit((found.runs - 1).numpy(), 0.5 + level / 2))
-    expected = 2 * quantile * torch.stack([found.standard_error.real, found.standard_error.imag])
-    torch.testing.assert_close(found.widths, expected, rtol=2e-4, atol=0)
+    torch.testing.assert_close(found.widths, 2 * quantile * torch.view_as_real(found.standard_error).T)
 
 
 def test_a_quarter_turn_swaps_resistance_and_reactance_and_a_scale_scales() -> None:
     means, shares = means_of(blocks_of(16, 50, 0.4))
     one, turned = (jackknife(factor * means, shares, 0.95, ITSELF) for factor in (1, 3j))
-    torch.testing.assert_close(turned.low.real, -3 * one.high.imag)
-    torch.testing.assert_close(turned.high.imag, 3 * one.high.real)
+    torch.testing.assert_close(turned.low, torch.complex(-3 * one.high.imag, 3 * one.low.real))
     torch.testing.assert_close(turned.standard_error.real, 3 * one.standard_error.imag)
 
 
@@ -96,47 +98,41 @@ def test_a_square_is_off_by_the_variance_and_the_bounds_are_without_it() -> None
 
 
 def test_bounds_are_the_extremes_on_the_ellipse_and_infinite_around_the_pole() -> None:
-    value = 1 + 0.5 * torch.randn(400, dtype=torch.complex128)
-    axes = 0.3 * torch.randn(400, 2, 2, dtype=torch.float64)  # R = value + quantile axes (cos, sin)
-    covariance = axes @ axes.mT
-    moments = torch.stack([covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]])
-    quantile = 0.2 + torch.rand(400, dtype=torch.float64)
-    found = impedance_interval(value, torch.zeros_like(value), moments, quantile, quantile, FROM_REFLECTION)
-    to_pole = torch.view_as_real(1 - value)[..., None]
-    inside = (to_pole.mT @ torch.linalg.solve(covariance, to_pole))[:, 0, 0] < quantile**2
-    assert 40 < int(inside.sum()) < 360
-    assert bool((found.widths[:, inside] == math.inf).all())
+    value = 1 + 0.3 * torch.randn(400, dtype=torch.complex128)
+    long, turn, quantile = (torch.rand(400, dtype=torch.float64) for _ in range(3))
+    turned = torch.exp(2j * math.pi * turn)
+    axes = torch.stack([long * turned, 0.3j * long * turned])  # R = value + quantile (axes times cos, sin)
+    moments = torch.stack([axes.real.square().sum(0), axes.imag.square().sum(0), (axes.real * axes.imag).sum(0)])
+    found = impedance_interval(value, 0 * value, moments, quantile, quantile, FROM_REFLECTION)
+    pole = (1 - value) / turned / (quantile * long)  # from the middle, in half axes
+    away = pole.real**2 + (pole.imag / 0.3) ** 2
+    assert 40 < int((away < 1).sum()) < 200
+    assert torch.equal(found.widths == math.inf, (away < 1).expand(2, -1))
     angle = 2 * math.pi / 10000 * torch.arange(10000, dtype=torch.float64)
-    away = quantile[:, None, None] * (axes @ torch.stack([angle.cos(), angle.sin()]))
-    z = impedance_from_reflection(value[:, None] + torch.complex(away[:, 0], away[:, 1]))
-    near = (quantile**2 * 1.5 > (to_pole.mT @ torch.linalg.solve(covariance, to_pole))[:, 0, 0]) & ~inside
-    for low, high, part in ((found.low.real, found.high.real, z.real), (found.low.imag, found.high.imag, z.imag)):
-        width, plain = part.amax(1) - part.amin(1), ~inside & ~near
-        for end, expected in ((low, part.amin(1)), (high, part.amax(1))):
-            assert float(((end - expected) / width)[plain].abs().max()) < 1e-3
+    around = axes.T @ torch.stack([angle.cos(), angle.sin()]).to(axes)
+    z = impedance_from_reflection(value[:, None] + quantile[:, None] * around)
+    least, most = torch.view_as_real(z).aminmax(dim=1)
+    for end, expected in ((found.low, least), (found.high, most)):
+        off = (torch.view_as_real(end) - expected) / (most - least)
+        assert float(off[away > 3].abs().max()) < 1e-3
 
 
 def test_blocks_that_do_not_vary_give_no_width_and_a_rigid_wall_no_bounds() -> None:
     lengths = torch.tensor([30.0, 31, 29, 30, 30, 33, 30, 30], dtype=torch.float64)
     still = jackknife(*means_of(torch.full((8, 3), 0.3 + 0.2j, dtype=torch.complex128), lengths), 0.95)
-    assert float(still.widths.abs().max()) < 1e-12  # and so not nan
+    assert float(still.widths.abs().max()) < 1e-12
     wall = jackknife(*means_of(torch.ones(8, 3, dtype=torch.complex128)), 0.95)
     assert bool((wall.widths == math.inf).all())
 
 
-def test_a_column_does_not_depend_on_its_neighbours() -> None:
+def test_a_column_does_not_depend_on_the_others() -> None:
     means, shares = means_of(0.3 * blocks_of(16, 50, 0.5))
-    order = torch.randperm(50)
-    one, other = jackknife(means, shares, 0.95), jackknife(means[:, order], shares, 0.95)
+    order, others = torch.randperm(50), torch.where(torch.arange(50) % 2 == 0, means, means.flip(1))
+    one, moved, beside = (jackknife(each, shares, 0.95) for each in (means, means[:, order], others))
     for name, value in vars(one).items():
-        assert torch.equal(value[order], getattr(other, name)), name
-
-
-@pytest.mark.parametrize(("count", "least", "most"), [(4, 98, 100), (8, 96, 97.5), (16, 95, 97), (32, 94.5, 96.5)])
-def test_intervals_of_white_noise_hold_the_truth(count: int, least: float, most: float) -> None:
-    found = interval_of(blocks_of(count, 20000))
-    held = (found.low.real <= 0) & (found.high.real >= 0)
-    assert least < 100 * float(held.double().mean()) < most
+        assert torch.equal(value[::2], getattr(beside, name)[::2]), name
+        # Only the last bit may depend on the place: torch works on the last few columns one by one.
+        torch.testing.assert_close(value[order], getattr(moved, name), rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")
@@ -149,8 +145,8 @@ def test_intervals_of_a_plane_hold_the_truth(liner: tl.SDoFLiner) -> None:
     speed = torch.linspace(0, 30, 20001, dtype=torch.float64)
     density = torch.exp(-(speed**2) / 18)
     mean = (reflection_from_impedance(liner.impedance(1400.0, speed)) * density).sum() / density.sum()
-    true, each = impedance_from_reflection(mean), found.probes["admittance"]
-    assert each.low is not None
-    assert each.high is not None
-    for low, high, part in ((each.low.real, each.high.real, true.real), (each.low.imag, each.high.imag, true.imag)):
-        assert 91.5 < 100 * float(((low <= part) & (part <= high)).double().mean()) < 99
+    true, each = impedance_from_reflection(mean), found.probes["admittance"].interval
+    assert each is not None
+    low, high = (torch.view_as_real(end - true)[:, 0] for end in (each.low, each.high))
+    held = 100 * ((low <= 0) & (high >= 0)).double().mean(0)
+    assert bool(((held > 91.5) & (held < 99)).all()), held

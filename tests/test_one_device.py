@@ -11,8 +11,9 @@ from torch import Tensor
 
 import torchliner as tl
 from torchliner.engine.nodes import choose_nodes
+from torchliner.velocity.answer import averages_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import averages_of, reading_for, with_window
+from torchliner.velocity.educe import reading_for, with_window
 from torchliner.velocity.reading import measure
 
 PROBES, SAMPLES = 27400, 2280  # the paper's plane

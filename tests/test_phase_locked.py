@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 
 import torchliner as tl
 from torchliner.names import AVERAGINGS
-from torchliner.reduction import periodic
 
 PROBES, PITCH = 8, 12.44e-3
 PERIODS = 20
@@ -63,8 +62,6 @@ def test_without_turbulence_it_is_velocity_first(onera, samples):
     assert relative_error(found.cells["phase-locked"].reflection, wanted) < 1e-10
     assert relative_error(found.answer, found.liner["velocity"].impedance) < 1e-10
     assert relative_error(found.answer, found.liner["admittance"].impedance) > 1e-2
-
-
 
 
 def test_without_coherent_motion_it_is_probes_first(onera):
@@ -203,8 +200,6 @@ def test_another_cell_does_not_matter(onera):
     assert not torch.equal(one.cells["phase-locked"].reflection, two.cells["phase-locked"].reflection)
 
 
-
-
 def test_probes_left_out_and_probes_of_no_cell(onera):
     """A faulty probe is not in its cell's coherent velocity; one of no cell keeps its own."""
     velocity = torch.cat([mixed(), sound(600)[:3]])  # three probes of a third tile
@@ -235,8 +230,6 @@ def test_other_orders_leave_it_out(onera):
             found.cells["phase-locked"].impedance
 
 
-
-
 def test_table_that_just_holds_the_speeds(onera):
     """The bound of |v*| lies above the table; |v*| itself does not, and nothing is refused."""
     velocity = sound(600)
@@ -255,8 +248,6 @@ def test_file_keeps_it(onera, tmp_path):
         assert again.bounds_of_liner(order) == found.bounds_of_liner(order)
     assert torch.equal(again.answer, found.answer)
     assert torch.equal(again.probes["phase-locked"].reflection, found.probes["phase-locked"].reflection)
-
-
 
 
 def without_pitch(liner):
@@ -295,8 +286,6 @@ def test_record_too_short_to_tell(onera):
 def test_short_record_that_is_meant_to_be(onera):
     found = educed(on_cells(sound(60)), onera, allow_short=True, edge="wrap", velocity_max=20.0)
     assert relative_error(found.answer, found.liner["velocity"].impedance) < 1e-8
-
-
 
 
 def in_turbulence(onera, samples: int, generator: np.random.Generator, **choices):

@@ -85,7 +85,9 @@ def numbers(value):
     """All numbers of an answer, in order, but for errors of interpolation and sizes of files."""
     if isinstance(value, dict):
         for key, each in value.items():
-            if not any(word in key for word in ("error", "nodes", "inputs", "phase_locked", "tone_share", "incoherent")):
+            if not any(
+                word in key for word in ("error", "nodes", "inputs", "phase_locked", "tone_share", "incoherent")
+            ):
                 yield from numbers(each)
     elif isinstance(value, list):
         for each in value:

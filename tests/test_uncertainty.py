@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of, turbulence
-
-import torchliner as tl
-from torchliner.cli.main import main
 from torchliner.compiled.threads import in_order
 from torchliner.replay.incident import Means
 from torchliner.replay.kernels import build_kernels
 from torchliner.replay.levels import VelocityGrid, interpolate
 from torchliner.tdibc import intervals
 from torchliner.tdibc.block_deviations import block_deviations
-from torchliner.velocity.choices import Choices
 from torchliner.tdibc.educe import replay
 from torchliner.tdibc.prepare import prepare
+
+import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.velocity.choices import Choices
 
 PERIODS = 20
 SAMPLES = round(PERIODS * RATE / FREQUENCY)

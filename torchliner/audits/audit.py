@@ -27,8 +27,9 @@ from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
+from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import answer, require_fitting, with_window
+from torchliner.velocity.educe import require_fitting, with_window
 from torchliner.velocity.further import Further, Source, average_of
 from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import cell_velocity, implied_pressure

@@ -91,8 +91,8 @@ def require_plain_tones(chosen: Choices) -> None:
     """
     if chosen.phase != "averaged" or chosen.drive == "rms":
         raise ValueError(
-            f"a fit takes phase 'averaged' and another drive than 'rms', not {chosen.phase!r} and {chosen.drive!r}; leave "
-            "them out"
+            f"a fit takes phase 'averaged' and another drive than 'rms', not {chosen.phase!r} and {chosen.drive!r}; "
+            "leave them out"
         )
     if chosen.wall_filter is not None:
         raise ValueError(

@@ -23,9 +23,10 @@ from torchliner.engine.nodes import checked_speeds, response
 from torchliner.forward_mode import dual_level, slopes_of
 from torchliner.liners.model import Liner, LinerModel, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.velocity.answer import averages_of
 from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import averages_of, moments
+from torchliner.velocity.educe import moments
 from torchliner.velocity.reading import Progress
 
 

@@ -100,11 +100,23 @@ def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
     """A group by name.
 
     Raises:
-        ValueError: as ``get_dataset``.
+        ValueError: as ``get_dataset``, ``require_names``.
     """
     if not is_there(file, key, path) or not isinstance(file[key], h5py.Group):
         raise ValueError(f"{place(file, key, path)} is no group; there are: {', '.join(file)}")
+    require_names(file[key], path)
     return file[key]
+
+
+def require_names(group: h5py.Group, path: str | Path) -> None:
+    """Refuse a group whose damage hides some of its names: optional variables would be missed in silence.
+
+    Raises:
+        ValueError: it lists names that it does not find, or finds only unlisted.
+    """
+    lost = [name for name in group if group.get(name, getlink=True) is None]
+    if lost or len(set(group)) < len(group):
+        raise ValueError(f"{path} is damaged: of the names that {group.name} lists {lost or 'some'} lead nowhere")
 
 
 def place(group: h5py.Group, key: str, path: str | Path) -> str:

@@ -54,7 +54,7 @@ LOCKED = (
     real("scale", "1", POINT, optional=True),
     real("share", "1", ("harmonic", "cell")),
 )
-SQUARES = "square of cells"  # sums of drive ``rms``
+SQUARES = "square of cells"
 COLUMNS = {"admittance": "point", "velocity": "cell", "phase-locked": "point"}
 TABLES: dict[str, Table] = {
     SQUARES: (real("cell_square_sums", "m2/s2", ("block", "cell"), field="values", any_size=True),),
@@ -159,6 +159,8 @@ def read_moments(path: str | Path) -> Moments:
             pitch = settings.pop("cell_pitch")
             if {*settings} != {*SETTINGS} or settings["averaging"] not in AVERAGINGS:
                 raise ValueError(f"{settings} are not {', '.join(SETTINGS)}")
+            if (settings["drive"] == "rms") != (nodes is None):
+                raise ValueError(f"drive {settings['drive']!r} does not go with nodes {said['nodes']}")
         plane = VelocityPlane(
             velocity,
             sampling_rate=blocks.sampling_rate,
@@ -179,13 +181,14 @@ def read_moments(path: str | Path) -> Moments:
                 known = bool(said["locked"]["known"])
             fields = {"scale": None, **_finite(file, LOCKED, path, sizes)}
             locked = PhaseLocked(lines[:harmonics], blocks.sampling_rate, **fields, known=known)
-        names, sums = [*AVERAGINGS][: 3 if settings["averaging"] == "phase-locked" else 2], {}
-        for name in [*(names if nodes is not None else []), SQUARES]:
+        averagings, sums = [*AVERAGINGS][: 3 if settings["averaging"] == "phase-locked" else 2], {}
+        for name in [SQUARES, *(averagings if nodes is not None else [])]:
             label = TABLES[name][0].names[0]
             if only is None or is_there(file, label, path):
                 values = _finite(file, TABLES[name], path, sizes)["values"]
-                _require_sums(values, None if name == SQUARES else nodes, survey.lengths, place(file, label, path))
                 sums[name] = values[:, None, None] if name == SQUARES else values
+                if name != SQUARES:
+                    _require_sums(values, nodes, survey.lengths, place(file, label, path))
     return Moments(plane, settings, pitch, cells, used, survey, locked, nodes, turns, sums, said["notes"], only=only)
 
 
@@ -245,8 +248,6 @@ def _require_sums(values: Tensor, nodes: Nodes | None, lengths: Tensor, label: s
     Raises:
         ValueError: they do not.
     """
-    if nodes is None:
-        return
     ones = values[:, 0, 0] if isinstance(nodes, Chebyshev) else values[:, 0].sum(1)
     wrong = ((ones / lengths[:, None] - 1).abs() > SLACK).any(0)
     if bool(wrong.any()):

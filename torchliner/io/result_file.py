@@ -107,7 +107,7 @@ def read_level_check(file: h5py.Group, path: str | Path, sizes: Sizes, of_cells:
     if facts["averaging"] not in names:
         raise ValueError(f"{path}: attribute 'level_check' judges by {facts['averaging']!r}, not one of {names}")
     sizes = sizes | {"averaging": (len(names),)}
-    gaps = {
+    gaps: dict[str, Any] = {
         field: Gap(**read_variables(file, table, path, sizes=sizes)) for field, table in _gap_tables(of_cells).items()
     }
     return LevelCheck(names, **facts, **read_variables(file, KNOWN_LEVEL, path, sizes=sizes), **gaps)

@@ -23,6 +23,7 @@ from torchliner.io.hdf5 import (
     read_json,
     read_number,
     read_si,
+    require_names,
     text_attribute,
     to_json,
     write_variable,
@@ -279,13 +280,10 @@ class FileKind:
         """Refuse a file, or a group of one, that holds something else.
 
         Raises:
-            ValueError: it does; names that it lists and does not find, or finds only unlisted:
-                optional variables would be missed in silence.
+            ValueError: it does; as ``require_names``.
         """
         found = text_attribute(group, "schema")
-        lost = [name for name in group if group.get(name, getlink=True) is None]
-        if lost or len(set(group)) < len(group):
-            raise ValueError(f"{path} is damaged: of the names that it lists {lost or 'some'} lead nowhere")
+        require_names(group, path)
         if found != self.schema:
             where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
             raise ValueError(f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}")

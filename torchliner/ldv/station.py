@@ -25,9 +25,11 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, Interval, ReferenceChannel
 from torchliner.records.notes import Note
 from torchliner.signals.inspected_station import inspect_stations
+from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import goodrich_of, with_window
-from torchliner.velocity.review import review_liner, review_record, review_rule, texts
+from torchliner.velocity.educe import with_window
+from torchliner.velocity.review import review_liner, review_record, texts
+from torchliner.velocity.review_answer import review_rule
 from torchliner.version import __version__
 
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line

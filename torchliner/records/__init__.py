@@ -1,12 +1,12 @@
 """The records everything passes through."""
 
-from torchliner.records.burst_record import BurstRecord
 from torchliner.records.averaged import Educed
-from torchliner.records.level_check import LevelCheck, Gap
+from torchliner.records.burst_record import BurstRecord
 from torchliner.records.field_fit import FieldFit
 from torchliner.records.holes import Holes
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
+from torchliner.records.level_check import Gap, LevelCheck
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
@@ -17,13 +17,14 @@ from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "BurstRecord",
-    "LevelCheck",
+    "Educed",
     "FieldFit",
     "Gap",
     "Holes",
     "ImpedanceLine",
     "ImpedanceMap",
     "Interval",
+    "LevelCheck",
     "LineAverage",
     "MicrophoneLine",
     "PointImpedances",

@@ -22,9 +22,9 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.velocity import replay_checks, review
+from torchliner.velocity.answer import facts_of, map_of, origin_facts
 from torchliner.velocity.averages import Asked, Averages, Columns, survey_of_columns
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import facts_of, map_of, origin_facts
 from torchliner.velocity.reading import Progress, Reading, measure
 
 AVERAGED = ("admittance", "velocity")

@@ -19,7 +19,7 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.averaged import Educed
 from torchliner.records.notes import Note
-from torchliner.velocity.review import FEWEST_RUNS
+from torchliner.velocity.review_answer import FEWEST_RUNS
 
 LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
 LARGEST_GAIN = 10.0  # 1.3 on the default band, 5 up to 5 kHz

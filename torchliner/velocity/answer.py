@@ -1,0 +1,229 @@
+"""From moments and choices to the map that the user gets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import real_tensor
+from torchliner.engine.moments import Moments
+from torchliner.io.moments_file import holds_moments
+from torchliner.io.plane_join import named_planes
+from torchliner.liners.grazing import goodrich_resistance
+from torchliner.liners.model import LinerModel
+from torchliner.liners.response import impedance_of
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.averaged import Educed
+from torchliner.records.notes import Note
+from torchliner.records.origin import origin_of
+from torchliner.velocity import review, review_answer
+from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.level_check import check_level
+from torchliner.version import __version__
+
+
+def averages_of(
+    known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, reference_phase: Any = None
+) -> tuple[Asked, dict[str, Averages]]:
+    """R under every averaging, on the device of the moments, with nothing read back to the host."""
+    device = known.survey.sums.device
+    phase = _phase_of(known.plane, chosen, reference_phase, len(frequency))
+    wall = None
+    if chosen.wall_filter is not None:
+        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
+    coefficients = known.coefficients(liner, frequency).to(device)
+    asked = Asked(liner, frequency, coefficients, chosen, None if phase is None else phase.to(device), wall)
+    return asked, {name: average(known, asked, name) for name in chosen.averagings}
+
+
+def answer(
+    known: Moments,
+    liner: LinerModel,
+    frequency: Tensor,
+    chosen: Choices,
+    reference_phase: Any,
+    pressure: Any,
+    notes: list[Note],
+) -> ImpedanceMap:
+    """The map from moments that fit; arguments as of ``educe``, checked, with the notes so far."""
+    plane, seen = known.plane, known.survey
+    asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
+    error, doubts = review.review_table(plane, known, liner, frequency)
+    chief = found[chosen.averaging]
+    count = seen.blocks.count
+    notes = [
+        *notes,
+        *doubts,
+        *review_answer.review_other_tones(plane, known, liner, frequency),
+        *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
+        *review_answer.review_phase(known, asked.phase),
+        *review_answer.review_rule(found["admittance"].held, count, chosen),
+        *review_answer.review_intervals(plane, chief, seen.blocks, frequency, chosen),
+    ]
+    case = Case(plane, frequency, known.cells, known.cell_pitch, seen.blocks)
+    pressures = known_pressure(case, pressure)
+    check, checked = None, pressures
+    if not isinstance(pressures, str):
+        check, checked = check_level(known, case, found, pressures, chosen), "checked"
+        sentences = [check.sentence(chosen.averaging, f, i) for i, f in enumerate(frequency.tolist())]
+        notes += [Note("level-check", f"{plane.name}: {text}") for text in sentences if text]
+    return map_of(
+        known,
+        liner,
+        frequency,
+        found,
+        chosen.averaging,
+        phase_rule=found["admittance"].held | torch.tensor(chosen.phase != "self-consistent"),
+        wall=asked.wall,
+        choices=facts_of(known, liner, chosen, error) | {"level_check": checked},
+        notes=tuple(notes),
+        level_check=check,
+    )
+
+
+def map_of(
+    known: Moments,
+    liner: LinerModel,
+    frequency: Tensor,
+    found: Mapping[str, Averages],
+    averaging: str,
+    *,
+    phase_rule: Tensor,
+    wall: Tensor | None = None,
+    **about: Any,
+) -> ImpedanceMap:
+    """The map of averages; arguments as of ``ImpedanceMap``, tensors on their device, of (P, F) probes."""
+    plane, seen, used = known.plane, known.survey, known.used
+
+    def on_probes(value: Tensor) -> Tensor:
+        """On the plane's axes; nan where a probe was left out."""
+        value = value.cpu()
+        if value.dtype != torch.bool:
+            value = torch.where(used.reshape(-1, *[1] * (value.ndim - 1)), value, torch.nan)
+        return value.reshape((*plane.probe_shape, *value.shape[1:]))
+
+    def host(each: Educed) -> Educed:
+        return each.map(lambda value: value.cpu())
+
+    return ImpedanceMap(
+        frequency=frequency,
+        probes={name: each.probes.map(on_probes) for name, each in found.items() if each.probes is not None},
+        cells={name: host(each.cells) for name, each in found.items()},
+        liner={name: host(each.liner) for name, each in found.items()},
+        along_x={name: host(each.along_x) for name, each in found.items() if each.along_x is not None},
+        averaging=averaging,
+        mean_velocity=on_probes(seen.mean),
+        velocity_rms=on_probes(seen.rms),
+        velocity_amplitude=on_probes(-tone_velocity(seen, frequency)[0]),
+        coherence=on_probes(seen.coherence(frequency)),
+        phase_rule=on_probes(phase_rule),
+        cell_x=known.cells.x,
+        cell_z=known.cells.z,
+        cell_weight=known.cells.weight,
+        wall=None if wall is None else on_probes(wall),
+        x=plane.x,
+        z=plane.z,
+        height=plane.height,
+        fluid=plane.fluid,
+        reference=dict(plane.reference),
+        mach=plane.mach,
+        incident_level=plane.incident_level,
+        source_side=plane.source_side,
+        goodrich=goodrich_of(plane, liner, frequency),
+        title=plane.title,
+        holes=plane.holes,
+        **about,
+    )
+
+
+def _phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor | None:
+    """psi of all probes, (P, F or 1)."""
+    if chosen.phase != "given":
+        if phase is not None:
+            raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
+        return None
+    if phase is None:
+        raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
+    values = real_tensor(phase).cpu()
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError("reference_phase holds values that are not finite; it is in rad")
+    shape = plane.probe_shape
+    if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
+        raise ValueError(
+            f"reference_phase has shape ({count},), and there are {count} probes and {count} frequencies; give "
+            "(probes, 1) or (1, frequencies)"
+        )
+    for candidate in (shape, (*shape, count)):
+        try:
+            return values.broadcast_to(candidate).reshape(plane.probes, -1)
+        except RuntimeError:
+            continue
+    raise ValueError(
+        f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape {shape} (and {count} "
+        "frequencies)"
+    )
+
+
+def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Tensor | None:
+    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and displacement thickness; what the
+    liner's own law adds for the flow is taken off before."""
+    porosity, diameter = liner.surface_porosity, liner.hole_diameter
+    if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
+        return None
+    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter) - liner.flow_resistance
+    with torch.no_grad():
+        return impedance_of(liner, frequency, torch.zeros(1)) + added
+
+
+def facts_of(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:
+    """Every choice, and what followed from it."""
+    plane, blocks = known.plane, known.survey.blocks
+    facts: dict[str, Any] = {
+        "version": __version__,
+        **chosen.describe(),
+        "liner": liner.describe(),
+        "sampling_rate": plane.sampling_rate,
+        "samples": plane.samples,
+        "blocks": blocks.count,
+        "periods": blocks.periods,
+        "source": plane.name,
+        "tone": plane.frequency,
+        "surface": plane.liner,
+        "data": dict(plane.provenance),
+        "nodes": None if known.nodes is None else known.nodes.describe(),
+        "model_error": error,
+    }
+    if known.locked is not None:
+        found = review_answer.tone_share(known)
+        facts["phase_locked_lines"] = known.locked.lines.tolist()
+        facts["phase_locked_share"] = known.locked.share.mean(1).tolist()
+        facts["tone_share"] = None if found is None else found[0]
+        facts["incoherent_scale"] = _mean_scale(known)
+    return facts
+
+
+def _mean_scale(known: Moments) -> float:
+    """By which the incoherent velocity was scaled, over the probes of all cells."""
+    assert known.locked is not None
+    if known.locked.scale is None:
+        return 1.0
+    cells = known.membership
+    return float((cells.sum(known.locked.scale).sum() / cells.sizes.sum()).cpu())
+
+
+def origin_facts(plane: Any, liner: LinerModel, pressure: Any, phase: Any) -> dict[str, Any]:
+    """What a map keeps so that it can be made again, beside its choices."""
+    data: VelocityPlane = plane.plane if isinstance(plane, Moments) else plane
+    named = named_planes(data)
+    if isinstance(plane, Moments) and Path(data.name).is_file() and holds_moments(data.name):
+        named = [("moments", data.name)]
+    named += [("liner", name) for name in liner.files]
+    named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]
+    stated = None if phase is None else real_tensor(phase).tolist()
+    return origin_of(named, reference_phase=stated)

@@ -1,0 +1,153 @@
+"""Warnings about an answer: phases, rules, error bars and what else the tone stirs, as notes of the map."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import SAME_FREQUENCY
+from torchliner.conversions import impedance_from_reflection
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import tone_variances
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import response
+from torchliner.liners.model import LinerModel
+from torchliner.records import VelocityPlane
+from torchliner.records.notes import Note
+from torchliner.velocity.averages import Averages, mean_direction
+from torchliner.velocity.choices import Choices
+
+FEWEST_RUNS = 8  # below, an interval says little
+LONGEST_WINDOW = 0.25  # of a running rms, in records
+SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
+LEAST_DIRECTION = 0.9  # mean of e^{j psi}: phases over 90 degrees, evenly
+CHANCE = 0.01  # of probes that pass a limit of coherence without any tone, above which a warning is given
+PHASES = 64  # of the tone, and equally likely values of the turbulence
+LARGEST_CHANGE = 0.05  # of Z by the tone's part, relative to |Z|, that goes without a note
+
+
+def review_phase(known: Moments, phase: Tensor | None) -> list[Note]:
+    """Stated phases so far apart within a cell that their mean direction says little, or nothing; (P, F or 1)."""
+    if phase is None:
+        return []
+    length = mean_direction(known.membership, phase).abs().cpu()
+    wide = length < LEAST_DIRECTION
+    if not bool(wide.any()):
+        return []
+    text = (
+        f"reference_phase differs within {int(wide.any(1).sum())} of {known.cells.count} cells: the mean of e^(j psi) "
+        f"is as short as {float(length.min()):.2g} (1 where all agree, limit {LEAST_DIRECTION:g}), so that the one "
+        "phase of such a cell, and its value with averaging 'velocity', mean little; use the probes' values"
+    )
+    return [Note("phases-in-a-cell", text)]
+
+
+def review_rule(held: Tensor, count: int, chosen: Choices) -> list[Note]:
+    """How many values fell back to ``averaged``, bool (P, F), and how many pass by chance with ``count`` blocks."""
+    if chosen.phase != "self-consistent":
+        return []
+    notes, limit = [], chosen.minimum_coherence
+    if not bool(held.all()):
+        text = (
+            f"self-consistent phase: {int((~held).sum())} of {held.numel()} values have a coherence below {limit:g} "
+            "with the tone; they are 'averaged' instead"
+        )
+        notes.append(Note("phase-fell-back", text))
+    chance = (1 - limit) ** (count - 1)
+    if chance > CHANCE and limit > 0:
+        text = (
+            f"self-consistent phase: with {count} blocks, {100 * chance:.2g} % of probes pass a coherence of {limit:g} "
+            "without any tone; a longer record or a higher minimum_coherence is safer"
+        )
+        notes.append(Note("coherence-by-chance", text))
+    return notes
+
+
+def review_intervals(
+    plane: VelocityPlane, found: Averages, blocks: Blocks, frequency: Tensor, chosen: Choices
+) -> list[Note]:
+    """Fewer than eight runs; a running rms that hardly varies; a large bias of a mean of admittances."""
+    interval = found.liner.interval
+    if interval is None:
+        return []
+    notes = []
+    runs = float(interval.runs.min())
+    if runs < FEWEST_RUNS and float(interval.widths.max()) > SMALLEST_WIDTH:
+        # Runs grow with the length of the record as S^(2/3), since their own length grows too.
+        wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
+        text = (
+            f"{plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
+            f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
+        )
+        notes.append(Note("few-blocks", text))
+    window = chosen.running_window or 0.0
+    if chosen.drive == "running-rms" and window > LONGEST_WINDOW * plane.duration:
+        text = (
+            f"{plane.name}: the running rms is over {window:.3g} s of a record of {plane.duration:.3g} s, so that it "
+            "hardly varies in it, and the error bars are too narrow; take a shorter running_window, or drive='rms'"
+        )
+        notes.append(Note("long-window", text))
+    for f, bias, error in zip(
+        frequency.tolist(), interval.bias.tolist(), interval.standard_error.tolist(), strict=True
+    ):
+        if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
+            text = (
+                f"{plane.name}: the mean of the probes' admittances is off by about {bias.real:+.2g}{bias.imag:+.2g}j "
+                f"in Z at {f:g} Hz, more than its standard error, because each probe's record is short; the interval "
+                "is without that bias, the value is not"
+            )
+            notes.append(Note("biased-mean", text, abs(bias)))
+    return notes
+
+
+def tone_share(known: Moments) -> tuple[float, float, float, float] | None:
+    """Share of the variance of v* that is periodic with the tone, mean, rms of that part and of the rest, m/s.
+
+    None unless the plane states its tone and averaging is ``phase-locked``.
+    """
+    if known.locked is None or known.plane.frequency is None or not known.survey.harmonics:
+        return None
+    mean, periodic, rest = (float(each) for each in tone_variances(known.locked, known.survey, known.membership))
+    return periodic / max(periodic + rest, 1e-300), mean, periodic**0.5, rest**0.5
+
+
+def review_other_tones(plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor) -> list[Note]:
+    """Where |v| is the tone's own, Z at other frequencies is not that of a tone sent alone."""
+    found = tone_share(known)
+    if found is None or known.settings["drive"] != "instantaneous" or plane.frequency is None:
+        return []
+    share, mean, periodic, rest = found
+    other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
+    if not bool(other.any()):
+        return []
+    middle = (torch.arange(PHASES, dtype=torch.float64) + 0.5) / PHASES
+    turbulent = mean + rest * 2**0.5 * torch.erfinv(2 * middle - 1)
+    tonal = periodic * 2**0.5 * torch.cos(2 * torch.pi * middle)
+    top = known.top_speed(liner)
+
+    def impedance(velocity: Tensor) -> Tensor:
+        speed = velocity.abs().flatten().clamp(max=top)
+        return impedance_from_reflection(response(liner, frequency, speed).mean(1))
+
+    with torch.no_grad():
+        beside, alone = impedance(turbulent[:, None] + tonal), impedance(turbulent)
+    change = torch.where(other, ((alone - beside) / beside).abs(), 0)
+    worst = int(change.argmax())
+    if float(change[worst]) <= LARGEST_CHANGE:
+        return []
+    asked = [f"{float(f):g}" for f in (frequency[other].min(), frequency[other].max())]
+    text = (
+        f"{plane.name}: {100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz "
+        f"({periodic:.3g} m/s rms, the rest {rest:.3g}), so |v| is partly that tone's own: at "
+        f"{' to '.join(dict.fromkeys(asked))} Hz Z is that of a weak second tone beside this one, not of a tone sent "
+        f"alone. Without this one it would be about {_text(alone[worst])} instead of {_text(beside[worst])} at "
+        f"{float(frequency[worst]):g} Hz (sine and Gaussian turbulence of these rms)"
+    )
+    return [Note("other-tone", text, float((alone - beside)[worst].abs()))]
+
+
+def _text(z: Tensor) -> str:
+    value = complex(z)
+    return f"{value.real:.2f}{value.imag:+.2f}j"
