@@ -1,4 +1,4 @@
-"""The main job on the shipped data: maps, pictures, truth table, null test (`make demo`)."""
+"""The main job on the shipped data: maps, pictures, table of all rules, null test (`make demo`)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def main() -> None:
         where = ("-o", folder / "map.h5", "--figure", folder)
         model = ("--liner", "polito", "--frequency", "1400")
         run("educe", *plane_files(pattern), *model, *where, "--quiet")
-    print("\n== Every rule beside the truth")
+    print("\n== Every rule beside the reference impedance")
     resolved = [path for case in ("slit_*", "orifice_*") for path in plane_files(f"{case}.h5")]
     run("truth", *resolved, "-o", RESULTS / "truth.csv")
     print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {RESULTS}")

@@ -32,7 +32,6 @@ from torchliner.signals.resampling import (
     Resampling,
     impedance_interval,
 )
-from torchliner.tdibc.groups import Groups, Members
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -334,36 +333,3 @@ def test_the_variance_of_the_mean_is_met(rho):
     series = series[40:]
     power = Resampling(equal(32), 0.95).scatter(series - series.mean(0)).power
     assert 0.99 < float(power.mean() / series.mean(0).abs().square().mean()) < 1.12
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.4, 0.6])
-def test_the_bias_of_many_is_known_better_than_the_scatter_of_each(rho):
-    """16 blocks of a first-order process: what each probe's own correlation says of E[dR^2] is up
-    to 1.4 times as much, which a bias, unlike a width, does not forgive."""
-    series = noise(56, 4000).real.to(torch.complex128)
-    for k in range(1, 56):
-        series[k] += rho * series[k - 1]
-    series, value = 0.02 * series[40:, :, None], torch.full((4000, 1), 0.2 - 0.1j)
-    how, value = Resampling(equal(16), 0.95), value.to(torch.complex128)
-    square = series.mean(0).square().mean()
-    away = series - series.mean(0)
-    labels = torch.zeros(4000, dtype=torch.int64)
-    groups = Groups(labels, 1, admittance_from_reflection(value), 16)
-    groups.add(Members.of(slice(0, 4000), value, away, how.scatter(away)))
-    found = complex(groups.bias(how.scatter(groups.series))[0, 0]) / complex(2 / (1.2 - 0.1j) ** 3 * square)
-    assert abs(found - 1) < 0.07
-    assert float(how.scatter(away).square.mean().real / square.real) > 1.03
-
-
-def test_a_group_may_have_no_bounds():
-    """Where the scatter reaches the pole the bounds of a group are infinite, not unknown; those of
-    one without members are unknown."""
-    value = torch.tensor([[0.9], [0.9]], dtype=torch.complex128)
-    groups = Groups(torch.tensor([0, 0]), 2, admittance_from_reflection(value), 8)
-    series = noise(8, 1, 1).expand(-1, 2, -1)
-    how = Resampling(equal(8), 0.95)
-    groups.add(Members.of(slice(0, 2), value, series, how.scatter(series)))
-    found = groups.interval(how)
-    assert found.low[0].real == found.low[0].imag == -math.inf
-    assert found.high[0].real == found.high[0].imag == math.inf
-    assert found.high[1].isnan().all()

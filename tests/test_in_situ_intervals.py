@@ -47,9 +47,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(options):
 def test_width_follows_record_and_level():
     """A record eight times as long: a third of the width and less; 68 % is narrower than 95 %."""
     short, long = (tl.in_situ(noisy(3, samples=count)) for count in (571, 8 * 571))
-    widths = [each.liner["admittance"].interval.high - each.liner["admittance"].interval.low for each in (short, long)]
+    widths = [each.uncertainty.liner.high - each.uncertainty.liner.low for each in (short, long)]
     assert float(widths[1].real) < float(widths[0].real) / 2
-    error = tl.in_situ(noisy(3), interval=0.68).liner["admittance"].interval
+    error = tl.in_situ(noisy(3), interval=0.68).uncertainty.liner
     assert float((error.high - error.low).real) < 0.7 * float(widths[0].real)
 
 
@@ -111,8 +111,8 @@ def test_files_and_tables_carry_them(tmp_path, capsys):
     found = tl.in_situ(tl.read_pressure(path), [1400.0, 1500.0])
     found.write(tmp_path / "points.h5")
     again = tl.read_points(tmp_path / "points.h5")
-    for name, value in vars(found.cells["admittance"].interval_pressure_first).items():
-        assert torch.equal(getattr(again.cells["admittance"].interval_pressure_first, name), value)
+    for name, value in vars(found.uncertainty.cells_pressure_first).items():
+        assert torch.equal(getattr(again.uncertainty.cells_pressure_first, name), value)
     assert again.uncertainty.settings == found.uncertainty.settings
     found.write(tmp_path / "points.csv")
     assert "resistance, pressure first, statistical low" in (tmp_path / "points.csv").read_text()

@@ -34,7 +34,7 @@ def data(slabs: int, rows: int, length: int, width: int, dtype: torch.dtype) -> 
 
 
 @needs_compiler
-@pytest.mark.parametrize(("dtype", "limit"), [(torch.float32, 1e-6), (torch.float64, 1e-13)])
+@pytest.mark.parametrize(("dtype", "limit"), [(torch.float32, 2e-6), (torch.float64, 1e-13)])
 @pytest.mark.parametrize("rows", [1, 2, 3, 5])
 @pytest.mark.parametrize("count", [2, 3, 16, 24, 33, 64])
 def test_sums_are_those_of_their_definition(dtype: torch.dtype, limit: float, rows: int, count: int) -> None:
@@ -42,7 +42,8 @@ def test_sums_are_those_of_their_definition(dtype: torch.dtype, limit: float, ro
     weights, v = data(2, rows, 37, 101, dtype)
     found, wanted = native.sums(weights, v, count, 0.93), torch_sums(weights.double(), v.double(), count, 0.93)
     assert found.dtype == torch.float64
-    assert float((found - wanted).abs().max()) < limit * 37 * count
+    # The derivative of T_k reaches k^2: beyond K = 24 the rounding of v itself is more, in torch as well.
+    assert float((found - wanted).abs().max()) < limit * 37 * max(1, count / 24)
     turned = v.transpose(1, 2).contiguous().transpose(1, 2)
     strided = torch.cat([v, v], 2)[:, :, 101:]
     for other in (turned, strided):
@@ -74,9 +75,12 @@ def test_nan_stays_in_its_column() -> None:
     assert torch.equal(found[..., others], clean[..., others])
 
 
-def test_other_types_are_refused() -> None:
+def test_other_types_shapes_and_devices_are_refused() -> None:
     with pytest.raises(TypeError, match="float16"):
         native.sums(torch.ones(1, 1, 2), torch.ones(1, 2, 3, dtype=torch.float16), 16, 0.93)
+    for shape, device in (((1, 3, 3), "cpu"), ((2, 2, 3), "cpu"), ((2, 3), "cpu"), ((1, 2, 3), "meta")):
+        with pytest.raises(ValueError, match=device):
+            native.sums(torch.ones(1, 1, 2), torch.ones(shape, device=device), 16, 0.93)
 
 
 def used(cache: Path, **environment: str) -> list[str]:
@@ -90,23 +94,33 @@ def used(cache: Path, **environment: str) -> list[str]:
 def test_a_library_that_is_not_its_own_is_built_anew(tmp_path: Path) -> None:
     whole = used(tmp_path)
     assert whole[0].startswith("True")
-    (library,) = (tmp_path / "torchliner").glob("native-*.so")
-    assert (tmp_path / "torchliner").stat().st_mode & 0o777 == 0o700
+    folder = tmp_path / "torchliner"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    (library,), (checksum,) = folder.glob("native-*.so"), folder.glob("native-*.sha256")
+    assert library.stat().st_mode & 0o777 == checksum.stat().st_mode & 0o777 == 0o600
     content = library.read_bytes()
     for planted in (content[: len(content) // 2], b"planted"):
         library.write_bytes(planted)
         assert used(tmp_path) == whole
-        assert library.read_bytes()[:4] == b"\x7fELF"
-        assert len(library.read_bytes()) == len(content)
+        assert library.read_bytes() == content
+    checksum.write_bytes(b"\xff\xfe")
+    assert used(tmp_path) == whole
+    assert sorted(folder.iterdir()) == sorted([library, checksum])
 
 
 @needs_compiler
 def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path) -> None:
-    folder = tmp_path / "torchliner"
+    folder, private = tmp_path / "torchliner", tmp_path / "private"
     folder.mkdir()
+    private.mkdir()
     folder.chmod(0o777)
-    assert used(tmp_path)[0].startswith("True")
-    assert not list(folder.iterdir())
+    assert used(tmp_path, TMPDIR=str(private))[0].startswith("True")
+    assert not [*folder.iterdir(), *private.iterdir()]
+
+
+def test_a_command_of_a_compiler_that_is_none_is_the_reason(tmp_path: Path) -> None:
+    for command, said in (("g++ '", "False No closing quotation"), ("false", "False false ")):
+        assert used(tmp_path, CXX=command)[0].startswith(said)
 
 
 def test_without_a_compiler_torch_does_it_and_says_why(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from itertools import pairwise, product
+from itertools import pairwise
 
 import pytest
 import scipy.signal
@@ -222,21 +222,6 @@ def test_all_work_stays_on_the_device_of_the_data(kernels, edge):
         found = transfer(signal, BandNoise(500, 3000), LINES[1:2] * 1.05, RATE, segment=100)
     assert (y.device.type, y.dtype, y.shape) == ("meta", torch.float32, (240, 7))
     assert (found.reflection.device.type, found.reflection.shape) == ("meta", (7, 1))
-
-
-def test_todays_numbers(liner):
-    """Kernels and waves of the old room; this test goes when ``torchliner.replay`` goes."""
-    from torchliner.replay import kernels as old
-    from torchliner.replay import levels, waves
-
-    for kind, grid in product(("two-sided", "causal"), GRIDS):
-        mine = table(liner, kind, grid, levels=200, before=2e-3, after=1e-2, regularisation=1e-7)
-        theirs = old.build_kernels(liner, levels.VelocityGrid(16.0, 200, *GRIDS[grid]), RATE, kind=kind)
-        assert float((mine.taps - theirs.taps).abs().max()) < 1e-12
-        assert (mine.error, mine.gain) == pytest.approx((theirs.error, theirs.gain), rel=1e-9)
-    for text in ("tones:500,900,1300", "sweep:300:3000", "sweep:300:3000:logarithmic", "noise:300:3000:7"):
-        mine, theirs = (room.parse_signal(text).sampled(1000, RATE) for room in (tl.engine.incident, waves))
-        assert torch.equal(mine, theirs), text
 
 
 def test_the_paper_to_the_letter(liner):

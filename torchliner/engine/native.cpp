@@ -17,56 +17,54 @@
 #endif
 #define UNROLL _Pragma("GCC unroll 8")
 
+struct Layout {
+  int64_t slab_stride, row_stride, column_stride;  // of v, (G, L, N), in elements
+  int64_t slabs, rows, length, count, columns;     // G, R, L, K, N
+};
+
 namespace {
-constexpr int ROWS = 32;  // samples that are copied together where columns do not lie side by side
+constexpr int ROWS = 32;  // samples that are copied together where columns do not lie side by side, or fetched ahead
 
 template <class T>
 struct Vector {
   typedef T type __attribute__((vector_size(BYTES)));
-  static constexpr int lanes = BYTES / sizeof(T);
 };
 template <class T>
 using V = typename Vector<T>::type;
 template <class T>
-inline V<T> load(const T* p) {
-  V<T> v;
-  memcpy(&v, p, BYTES);
-  return v;
-}
-template <class T>
-inline void store(T* p, V<T> v) {
-  memcpy(p, &v, BYTES);
-}
+constexpr long LANES = BYTES / sizeof(T);
 
 template <class T>
-struct Scratch {  // aligned to cache lines, freed with the call
-  T* at;
-  explicit Scratch(size_t n) : at((T*)aligned_alloc(64, (n * sizeof(T) + 63) / 64 * 64)) { std::fill(at, at + n, T(0)); }
+struct Scratch {  // freed with the call; no std::vector, whose symbols tie a wheel to one C++ library
+  V<T>* at;
+  explicit Scratch(long n) : at((V<T>*)aligned_alloc(BYTES, n * BYTES)) { std::fill(at, at + n, V<T>{}); }
   ~Scratch() { free(at); }
 };
 
 // Orders that are summed as they are, even in number.
 inline long direct(long count) { return (count / 2 + 3) / 4 * 4; }
 
-// acc[k][r][j], k = 1 .. 3/2 * 2H: += sums over Q samples of w_r T_k, and from H + 1 on of w_r T_m T_n, m + n = k.
+// acc[k][r][j], k = 1 .. H: += sums over Q samples of w_r T_k; from H + 1 on of w_r T_m T_n, m + n = k.
 template <class T, int R, int Q>
-inline void add_samples(const T* v, long stride, const T* w, long length, long rows, T c, long half, long W, T* acc) {
-  const long all = R ? R : rows;
-  for (long j = 0; j < W; j += Vector<T>::lanes) {
+inline void add_samples(const T* v, long stride, const T* w, const Layout& s, T c, long W, V<T>* acc) {
+  const long all = R ? R : s.rows, length = s.length, half = direct(s.count);
+  for (long j = 0; j < W; j++) {
     V<T> twice[Q], before[Q], now[Q];
     UNROLL for (int i = 0; i < Q; i++) {
-      V<T> a = load(v + i * stride + j);
+      V<T> a;
+      memcpy(&a, v + i * stride + j * LANES<T>, BYTES);
+      __builtin_prefetch(v + (i + ROWS) * stride + j * LANES<T>);
       a = a < 0 ? -a : a;
       twice[i] = (T(2) * a - T(2) * c) / (a + c);
       now[i] = twice[i] * T(0.5);
       before[i] = V<T>{} + T(1);
     }
-    T *to = acc + all * W + j, *product = acc + (half + 1) * all * W + j;
-    auto add = [&](T*& place, auto term) __attribute__((always_inline)) {
+    V<T> *to = acc + all * W + j, *product = acc + (half + 1) * all * W + j;
+    auto add = [&](V<T>*& place, auto term) __attribute__((always_inline)) {
       UNROLL for (long r = 0; r < all; r++) {
-        V<T> sum = load(place + r * W);
+        V<T> sum = place[r * W];
         UNROLL for (int i = 0; i < Q; i++) sum += w[r * length + i] * term(i);
-        store(place + r * W, sum);
+        place[r * W] = sum;
       }
       place += all * W;
     };
@@ -83,43 +81,30 @@ inline void add_samples(const T* v, long stride, const T* w, long length, long r
   }
 }
 
-template <class T>
-struct Slabs {
-  const T* v;                               // (G, L, N) with these strides
-  int64_t slab_stride, row_stride, column_stride;
-  const T* weights;                         // (G, R, L)
-  int64_t slabs, rows, length, count, columns;
-  double centre;
-  double* sums;                             // (G, R, K, N)
-};
-
-// One tile, n columns from `left` on, W wide.
+// One tile of a slab: its first n columns, in W vectors.
 template <class T, int R>
-void tile(const Slabs<T>& s, long g, long left, long n, long W, T* acc, T* copied) {
-  const long half = direct(s.count), all = s.rows, K = s.count, size = (2 * half + 1) * all * W;
-  const T *w = s.weights + g * all * s.length, *v = s.v + g * s.slab_stride + left * s.column_stride;
-  const bool in_place = s.column_stride == 1 && n == W;
-  std::fill(acc, acc + size, T(0));
+void tile(const T* v, const T* w, double* found, const Layout& s, T c, long n, long W, V<T>* acc, T* copied) {
+  const long half = direct(s.count), all = s.rows, wide = W * LANES<T>;
+  std::fill(acc, acc + (2 * half + 1) * all * W, V<T>{});
   for (long t = 0; t < s.length; t += ROWS) {
     const long rows = std::min<long>(ROWS, s.length - t), four = rows / 4 * 4;
     const T* from = v + t * s.row_stride;
     long stride = s.row_stride;
-    if (!in_place) {
-      for (long i = 0; i < rows; i++)
-        for (long j = 0; j < n; j++) copied[i * W + j] = from[i * s.row_stride + j * s.column_stride];
-      from = copied, stride = W;
+    if (s.column_stride != 1 || n < wide) {
+      for (long j = 0; j < n; j++)
+        for (long i = 0; i < rows; i++) copied[i * wide + j] = from[i * s.row_stride + j * s.column_stride];
+      from = copied, stride = wide;
     }
-    for (long i = 0; i < four; i += 4)
-      add_samples<T, R, 4>(from + i * stride, stride, w + t + i, s.length, all, T(s.centre), half, W, acc);
-    for (long i = four; i < rows; i++)
-      add_samples<T, R, 1>(from + i * stride, stride, w + t + i, s.length, all, T(s.centre), half, W, acc);
+    for (long i = 0; i < four; i += 4) add_samples<T, R, 4>(from + i * stride, stride, w + t + i, s, c, W, acc);
+    for (long i = four; i < rows; i++) add_samples<T, R, 1>(from + i * stride, stride, w + t + i, s, c, W, acc);
   }
   for (long r = 0; r < all; r++) {
     double weight = 0;
     for (long t = 0; t < s.length; t++) weight += w[r * s.length + t];
-    for (long k = 0; k < K; k++) {
-      const T *own = acc + (k * all + r) * W, *first = acc + (all + r) * W;
-      double* to = s.sums + ((g * all + r) * K + k) * s.columns + left;
+    const T* first = (const T*)(acc + (all + r) * W);
+    for (long k = 0; k < s.count; k++) {
+      const T* own = (const T*)(acc + (k * all + r) * W);
+      double* to = found + (r * s.count + k) * s.columns;
       for (long j = 0; j < n; j++)
         to[j] = k == 0 ? weight : k <= half ? own[j] : 2 * (double)own[j] - (k % 2 ? first[j] : weight);
     }
@@ -127,17 +112,22 @@ void tile(const Slabs<T>& s, long g, long left, long n, long W, T* acc, T* copie
 }
 
 template <class T>
-void sums(const Slabs<T>& s, long first, long last) {
-  const long lanes = Vector<T>::lanes, most = (s.count * s.rows > 64 ? 128 : 256) / sizeof(T);
-  const long W = std::min<long>(std::max<long>(most, lanes), (last - first + lanes - 1) / lanes * lanes);
+void sums(const T* v, const T* weights, double* found, const Layout& s, double centre, long first, long last) {
+  const long most = (s.count * s.rows > 64 ? 128 : 256) / BYTES;
+  const long W = std::min(most, (last - first + LANES<T> - 1) / LANES<T>);
   Scratch<T> acc((2 * direct(s.count) + 1) * s.rows * W), copied(ROWS * W);
+  const auto of_rows = s.rows == 1 ? tile<T, 1> : s.rows == 3 ? tile<T, 3> : tile<T, 0>;
   for (long g = 0; g < s.slabs; g++)
-    for (long left = first; left < last; left += W) {
-      const long n = std::min<long>(W, last - left);
-      (s.rows == 1 ? tile<T, 1> : s.rows == 3 ? tile<T, 3> : tile<T, 0>)(s, g, left, n, W, acc.at, copied.at);
-    }
+    for (long left = first; left < last; left += W * LANES<T>)
+      of_rows(v + g * s.slab_stride + left * s.column_stride, weights + g * s.rows * s.length,
+              found + g * s.rows * s.count * s.columns + left, s, T(centre), std::min(W * LANES<T>, last - left), W,
+              acc.at, (T*)copied.at);
 }
 }  // namespace
 
-extern "C" void sums_float32(const Slabs<float>* s, int64_t first, int64_t last) { sums(*s, first, last); }
-extern "C" void sums_float64(const Slabs<double>* s, int64_t first, int64_t last) { sums(*s, first, last); }
+#define EXPORT(T, name)                                                                                              \
+  extern "C" void name(const T* v, const T* w, double* found, const Layout* s, double c, int64_t from, int64_t to) { \
+    sums(v, w, found, *s, c, from, to);                                                                              \
+  }
+EXPORT(float, sums_float32)
+EXPORT(double, sums_float64)

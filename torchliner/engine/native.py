@@ -7,7 +7,6 @@ and never loaded. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses i
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import hashlib
 import logging
@@ -18,7 +17,9 @@ import signal
 import stat
 import subprocess
 import tempfile
+import threading
 from collections.abc import Sequence
+from ctypes import CDLL, c_double, c_int64, c_void_p
 from pathlib import Path
 
 import torch
@@ -26,24 +27,14 @@ from torch import Tensor
 
 SOURCE = Path(__file__).with_suffix(".cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
-FLAGS = ("-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
+FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC")
 SECONDS = 120.0  # that a compiler may take
 FUNCTIONS = {torch.float32: "sums_float32", torch.float64: "sums_float64"}
 
 reason = ""  # why there is no library, after ``available()``
-
-
-class _Slabs(ctypes.Structure):
-    """``Slabs`` of native.cpp."""
-
-    _fields_ = (
-        ("v", ctypes.c_void_p),
-        ("strides", ctypes.c_int64 * 3),
-        ("weights", ctypes.c_void_p),
-        ("sizes", ctypes.c_int64 * 5),
-        ("centre", ctypes.c_double),
-        ("sums", ctypes.c_void_p),
-    )
+_looking = threading.Lock()  # threads that ask at the same time build it once
+if hasattr(os, "register_at_fork"):  # no child begins with a lock that nobody will release
+    os.register_at_fork(before=_looking.acquire, after_in_parent=_looking.release, after_in_child=_looking.release)
 
 
 def available() -> bool:
@@ -62,96 +53,107 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
     """See ``chebyshev_sums.sums``; columns with any strides; other threads work on meanwhile.
 
     Raises:
-        TypeError: neither float32 nor float64.
+        TypeError: neither float32 nor float64. ValueError: shapes that do not fit, or not on a CPU.
+        RuntimeError: there is no library.
     """
+    if columns.dtype not in FUNCTIONS:
+        raise TypeError(f"columns are {columns.dtype}; the compiled sums take float32 or float64")
+    slabs, rows, length = weights.shape
+    if columns.shape[:-1] != (slabs, length) or not columns.is_cpu:
+        have = f"columns are {tuple(columns.shape)} on {columns.device}"
+        raise ValueError(f"{have}; weights {tuple(weights.shape)} need ({slabs}, {length}, N) on a CPU")
     library = _library()
-    if columns.dtype not in FUNCTIONS or library is None:
-        raise TypeError(f"columns are {columns.dtype}; float32 or float64 is needed {reason}")
-    held = weights.to(columns.dtype).contiguous()
-    slabs, rows, length = held.shape
-    width = columns.shape[2]
+    if library is None:
+        raise RuntimeError(f"there are no compiled sums: {reason}")
+    held, width = weights.to(columns).contiguous(), columns.shape[2]
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64)
-    about = _Slabs(
-        columns.data_ptr(),
-        (ctypes.c_int64 * 3)(*columns.stride()),
-        held.data_ptr(),
-        (ctypes.c_int64 * 5)(slabs, rows, length, count, width),
-        centre,
-        found.data_ptr(),
-    )
-    library[FUNCTIONS[columns.dtype]](ctypes.byref(about), ctypes.c_int64(0), ctypes.c_int64(width))
+    layout = (c_int64 * 8)(*columns.stride(), slabs, rows, length, count, width)
+    data = columns.data_ptr(), held.data_ptr(), found.data_ptr()
+    library[FUNCTIONS[columns.dtype]](*map(c_void_p, data), layout, c_double(centre), c_int64(0), c_int64(width))
     return found
 
 
+def _library() -> CDLL | None:
+    with _looking:
+        return _found()
+
+
 @functools.cache
-def _library() -> ctypes.CDLL | None:
+def _found() -> CDLL | None:
     """Loaded from the cache, built, or the one of the wheel; None where none can be had, with the ``reason``."""
     global reason
+    problems = []
     for get in (_built, _brought):
         try:
-            library = ctypes.CDLL(str(get()))
-            for name in FUNCTIONS.values():
-                library[name].restype = None
-            return library
-        except (OSError, AttributeError, RuntimeError, subprocess.TimeoutExpired) as problem:
-            reason = f"{reason}; {problem}".lstrip("; ")
+            return get()
+        except (OSError, AttributeError, RuntimeError, ValueError, subprocess.TimeoutExpired) as problem:
+            problems.append(str(problem))
+    reason = "; ".join(problems)
     logging.getLogger("torchliner").info("moments are summed by torch alone, which is slower: %s", reason)
     return None
 
 
-def _brought() -> Path:
+def _loaded(path: Path) -> CDLL:
+    library = CDLL(str(path))
+    for name in FUNCTIONS.values():
+        library[name].restype = None
+    return library
+
+
+def _brought() -> CDLL:
     """The library of the wheel, made for processors that know AVX2, or any of another kind."""
     found = next(iter(sorted(SOURCE.parent.glob("native-*.so"))), None)
     if found is None:
         raise RuntimeError("the package brings no compiled sums")
     if found.name.endswith("-v3.so") and torch.backends.cpu.get_cpu_capability() not in ("AVX2", "AVX512"):
         raise RuntimeError(f"{found.name} needs a processor with AVX2")
-    return found
+    return _loaded(found)
 
 
-def _built() -> Path:
+def _built() -> CDLL:
     """The library for this source, compiler and processor, built unless it is there and whole."""
     found = [path for name in ("g++", "clang++") if (path := shutil.which(name))]
     compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
     if not compiler:
         raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
-    command = [*compiler, *FLAGS, "-march=native"]
+    command = [*compiler, *FLAGS]
     # Unlike machines share home folders: the macros say the compiler's version and the processor's instructions.
-    macros = _output([*compiler, "-march=native", "-dM", "-E", "-x", "c++", os.devnull])
+    macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
     key = hashlib.sha256(b"\0".join([SOURCE.read_bytes(), shlex.join(command).encode(), macros])).hexdigest()[:16]
-    target = _folder() / f"native-{key}.so"
-    checksum = target.with_suffix(".sha256")
-    if not (target.is_file() and checksum.is_file() and checksum.read_text() == _digest(target)):
-        # Several processes may build at once: each into a folder of its own, the last one stays.
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".native-") as own:
-            part = Path(own) / target.name
-            _output([*command, "-o", str(part), str(SOURCE)])
-            summed = Path(own) / checksum.name
-            summed.write_text(_digest(part))
-            os.replace(part, target)
-            os.replace(summed, checksum)
-    return target
+    names = f"native-{key}.so", f"native-{key}.sha256"
+    folder = _folder()
+    if folder is not None:
+        with contextlib.suppress(OSError):
+            if (folder / names[1]).read_bytes() == _digest(folder / names[0]):
+                return _loaded(folder / names[0])
+        if not os.access(folder, os.W_OK):
+            folder = None
+    # Several processes may build at once: each into a folder of its own, the last one stays. Where no folder is the
+    # user's alone, the library lives on in memory.
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".native-") as own:
+        part, checksum = (Path(own) / name for name in names)
+        _output([*command, "-shared", "-o", str(part), str(SOURCE)])
+        library = _loaded(part)
+        checksum.write_bytes(_digest(part))
+        for file in (part, checksum) if folder is not None else ():
+            file.chmod(0o600)
+            os.replace(file, Path(own).parent / file.name)
+    return library
 
 
-def _folder() -> Path:
-    """That only the user can write: in the cache of the user, else one of this process alone."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-    folder = Path(home) / "torchliner"
-    with contextlib.suppress(OSError):
+def _folder() -> Path | None:
+    """Of the user's cache, if only the user can write it."""
+    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: no home
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "torchliner"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         state = folder.lstat()
         if stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & 0o022:
             return folder
-    return _own_folder()
+    return None
 
 
-@functools.cache
-def _own_folder() -> Path:
-    return Path(tempfile.mkdtemp(prefix="torchliner-"))
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _digest(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).hexdigest().encode()
 
 
 def _output(command: Sequence[str]) -> bytes:

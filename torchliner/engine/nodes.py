@@ -29,6 +29,7 @@ CENTRES = tuple(round(6.4 * 2 ** (0.4 * i)) / 64 for i in range(16))  # m/s, 0.0
 CHECKED, FIRST_CHECKED = 500, 150  # speeds at which R is compared; in the search for nodes
 MOST_ASKED = 31  # frequencies by which K and c are chosen; the error is stated over all
 PARTS = (4, 8, 16, 32)  # of a table's step between two kinks
+ROUNDED = 1e-6  # relative, of the largest |v| of a table
 STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
 
 
@@ -85,7 +86,7 @@ class Levels:
     """Cardinal functions of piecewise cubics between the kinks of a table.
 
     Args:
-        kinks: m/s, rising from 0, as a tuple; |v| beyond the last has no value.
+        kinks: m/s, rising from 0, as a tuple; |v| beyond the last has no value: sums with such |v| are nan.
         parts: equal steps from kink to kink, 3 or more.
     """
 
@@ -114,7 +115,7 @@ class Levels:
         step = torch.bucketize(speed.contiguous(), ends, right=True).sub_(1).clamp_(0, len(ends) - 2)
         place = self.parts * (speed - ends[step]) / (ends[step + 1] - ends[step])
         first = (place.floor() - 1).clamp(0, self.parts - 3).nan_to_num(0)
-        t = place - first
+        t = torch.where(speed > ends[-1] * (1 + ROUNDED), torch.nan, place - first)
         weights = []
         for i in range(4):
             weight = torch.ones_like(t)

@@ -106,9 +106,11 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     lows = (low for low, _ in bounds)
     items = zip(batches, lows, record.slabs(bounds), strict=True)
     kept = [_Blocks(job, len(taken)) for job in jobs]
-    for batch, found in zip(batches, in_order(work, items, record.device), strict=True):
-        for own, parts in zip(kept, found, strict=True):
-            own.add(batch, parts)
+    # A network's lower precision around an eduction is not the data's.
+    with torch.autocast("cuda" if record.device.type == "cuda" else "cpu", enabled=False):
+        for batch, found in zip(batches, in_order(work, items, record.device), strict=True):
+            for own, parts in zip(kept, found, strict=True):
+                own.add(batch, parts)
     return [own.rows for own in kept]
 
 

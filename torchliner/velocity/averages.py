@@ -228,7 +228,7 @@ def _of_probes(columns: Columns, known: Moments) -> Averages:
         ):
             sums.index_add_(1, place, admittance)
             numbers.index_add_(0, place, weight)
-    averaged = reflection_from_admittance(sums / numbers.clamp(min=1)[:, None])
+    averaged = reflection_from_admittance(sums / torch.where(numbers > 0, numbers, torch.nan)[:, None])
     every = _educed(averaged, interval)
     of_cells = slice(1, 1 + cells.count)
     return Averages(

@@ -18,6 +18,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Reading
+from torchliner.velocity.review import refuse_beyond_table
 
 MOST = 64  # blocks, then neighbours become one: memory does not grow
 FIXED = {"drive": "instantaneous", "mean": "kept", "missing": "refuse"}
@@ -132,7 +133,7 @@ class GrowingMoments:
         """Of the whole periods so far; later samples leave them alone.
 
         Raises:
-            ValueError: not one period is whole.
+            ValueError: not one period is whole; |v| beyond the liner's table.
         """
         if not self.periods:
             raise ValueError(
@@ -140,7 +141,9 @@ class GrowingMoments:
             )
         blocks = Blocks(tuple(self.borders), self._about.sampling_rate, self.periods)
         reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
-        return reading.moments(self._pitch, reading.survey(self._rows), None, self._rows)
+        known = reading.moments(self._pitch, reading.survey(self._rows), None, self._rows)
+        refuse_beyond_table(known.plane, known)
+        return known
 
     def educe(self, liner: Liner, frequency: Any = None, **choices: Any) -> ImpedanceMap:
         """The map of the whole periods so far."""

@@ -12,13 +12,15 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import interpolation_error
+from torchliner.engine.nodes import Levels, interpolation_error
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
+from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.notes import Note
 from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
+from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import first_fault
 
@@ -142,7 +144,7 @@ def review_moments(plane: VelocityPlane, known: Moments) -> list[Note]:
     """Probes with faults, dead or left out, and cells that lost probes; ``plane`` still has its samples if any has.
 
     Raises:
-        ValueError: nan or inf; |v| beyond the speed of sound.
+        ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table.
     """
     seen = known.survey
     squares, peak = seen.squares.sum(0).cpu(), seen.peak.cpu()
@@ -155,6 +157,7 @@ def review_moments(plane: VelocityPlane, known: Moments) -> list[Note]:
             f"{place}, sample {first_fault(plane, seen.blocks, probe)}; repair them, or leave such probes out with "
             "missing='exclude' (--missing exclude)"
         )
+    refuse_beyond_table(plane, known)
     notes, used = [], known.used
     if excluded := int((~used).sum()):
         text = f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded"
@@ -181,6 +184,30 @@ def review_moments(plane: VelocityPlane, known: Moments) -> list[Note]:
         )
         notes.append(Note("constant-probes", text))
     return notes
+
+
+def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
+    """Refuse |v| at which the liner of these moments has no R.
+
+    Raises:
+        ValueError: beyond its table.
+    """
+    if not isinstance(known.nodes, Levels):
+        return
+    for averaging, sums in known.sums.items():
+        beyond = torch.isnan(sums.sum((0, 1, 2))).cpu()
+        if averaging not in AVERAGINGS or not bool(beyond.any()):
+            continue
+        first = int(beyond.nonzero()[0])
+        peak = float(survey_of_columns(known, averaging).peak[first])
+        place = f"cell {first}"
+        if averaging != "velocity":
+            place = f"probe {tuple(int(i) for i in torch.unravel_index(torch.tensor(first), plane.probe_shape))}"
+        remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
+        raise ValueError(
+            f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's table, "
+            f"{known.nodes.kinks[-1]:g} m/s; extend it{remedy}"
+        )
 
 
 def review_lost_cells(plane: VelocityPlane, cells: Cells, kept: Cells) -> list[Note]:
