@@ -15,7 +15,6 @@ import pytest
 import torch
 from conftest import FREQUENCY, plane_of, turbulence
 from test_cli import run
-from test_results_out import OLD
 
 import torchliner as tl
 from torchliner.cli.main import DONE
@@ -33,7 +32,7 @@ from torchliner.records.origin import (
 from torchliner.records.velocity_plane import restated
 from torchliner.report.page.origin import files_of, stated_origin
 from torchliner.report.page.origin import origin as section
-from torchliner.report.page.repeat import JOINS, UNTOLD, Repeated
+from torchliner.report.page.repeat import JOINS, UNTOLD
 from torchliner.report.page.subject import inputs_of, subject_of
 from torchliner.report.page.warned import of_map
 
@@ -190,9 +189,9 @@ def program(subject):
     return next(b.text for b in section(subject) if getattr(b, "label", "") == "Python")
 
 
-@pytest.mark.parametrize("kind", ["phases", "moments", "signal", "part"])
+@pytest.mark.parametrize("kind", ["phases", "moments", "part"])
 def test_the_program_of_the_page_gives_the_map_again(kind, files):
-    """From data, liner, phases and signal that the map holds or names."""
+    """From data, liner and phases that the map holds or names."""
     liner, more = tl.load_liner("l.toml"), {"interval": None}
     data = tl.read_plane("p0.h5", lazy=True)
     if kind == "phases":
@@ -202,39 +201,30 @@ def test_the_program_of_the_page_gives_the_map_again(kind, files):
     elif kind == "moments":
         tl.moments(data, liner).write("m.h5")
         data = tl.read_moments("m.h5")
-    elif kind == "signal":
-        np.save("s.npy", turbulence((600,), seed=3).numpy())
-        more = {"incident": tl.read_signal("s.npy", 42e3)}
     else:
         data = tl.read_plane("p0.h5", lazy=True, start=0.001, stop=0.013, region="0:0.0015")
-    found = tl.educe(data, liner, **more) if kind != "signal" else tl.educe(
-        data, liner, 1400.0, **more)  # fmt: skip
+    found = tl.educe(data, liner, **more)
     found.write("map.h5")
     found, space = tl.read_map("map.h5"), {}
     exec(program(subject_of(found, path=files / "map.h5")), space)
-    assert torch.equal(space["found"].reflection, found.reflection)
+    assert torch.equal(space["found"].impedance, found.impedance)
     assert set(held(space["found"])) == {each for each in held(found) if each[0] != "liner"}
 
 
-@pytest.mark.parametrize("signal", ["tones:1400", "s.npy"])
-def test_page_and_command_repeat_what_was_sent(capsys, signal, files):
-    """As it was asked for, in one word or in two; of a map made in Python as far as it is held."""
-    np.save("s.npy", turbulence((600,), seed=3).numpy())
-    rate = ["--incident-rate", "42000"] if signal == "s.npy" else []
-    typed = ["educe", "p0.h5", "--liner", "l.toml", f"--incident={signal}", *rate]
-    assert run(capsys, *typed, "--frequency", "1400", "-o", "map.h5")[0] == DONE
-    found, space = tl.read_map("map.h5"), {}
-    exec(program(subject_of(found, path=files / "map.h5")), space)
-    assert torch.equal(space["found"].reflection, found.reflection)
+def test_a_replay_is_repeated_by_its_command(capsys, files):
+    """As it was typed; of a map made in Python the choices say what was sent."""
+    typed = ["replay", "p0.h5", "--liner", "l.toml", "--incident", "tones:1400", "-o", "map.h5"]
+    assert run(capsys, *typed)[0] == DONE
+    found = tl.read_map("map.h5")
+    (code,) = (block for block in section(subject_of(found)) if hasattr(block, "label"))
+    words = shlex.split(code.text)[1:]
+    assert words == typed
+    assert run(capsys, *words[:-1], "again.h5")[0] == DONE
+    assert torch.equal(tl.read_map("again.h5").impedance, found.impedance)
     untyped = {key: value for key, value in found.choices.items() if key != "command"}
-    found = dataclasses.replace(found, choices=untyped)
-    words = Repeated(subject_of(found)).words()
-    if signal != "s.npy":
-        assert words[words.index("--incident") + 1] == "INCIDENT"
-        words[words.index("--incident") + 1] = signal
-    words[words.index("-o") + 1] = "again.h5"
-    assert run(capsys, *words[1:])[0] == DONE
-    assert torch.equal(tl.read_map("again.h5").reflection, found.reflection)
+    text = str(section(subject_of(dataclasses.replace(found, choices=untyped))))
+    assert "of a replayed wave" in text
+    assert "1400" in str(found.choices["incident"])
 
 
 def two_variables(path):
@@ -288,17 +278,17 @@ def test_page_and_command_repeat_how_a_plane_was_read(capsys, kind, files):
     found, space = tl.read_map("map.h5"), {}
     subject = subject_of(found, path=files / "map.h5")
     exec(program(subject), space)
-    assert torch.equal(space["found"].reflection, found.reflection)
+    assert torch.equal(space["found"].impedance, found.impedance)
     for one, other in zip((space["found"], found), (found, space["found"]), strict=True):
-        assert one.closure is None or torch.equal(one.closure.liner.level, other.closure.liner.level)
-    assert (found.closure is None) == (not kind.startswith("facts"))
+        assert one.level_check is None or torch.equal(one.level_check.liner.level, other.level_check.liner.level)
+    assert (found.level_check is None) == (not kind.startswith("facts"))
     assert held(space["found"])[:1] == held(found)[:1] == [
         ("moments" if data == "m.h5" else "velocity", data)]  # fmt: skip
     words = shlex.split(next(b.text for b in section(subject) if hasattr(b, "label")))[1:]
     out = words.index("-o") + 1
     words[out] = "again.h5"
     assert run(capsys, *words)[0] == DONE
-    assert torch.equal(tl.read_map("again.h5").reflection, found.reflection)
+    assert torch.equal(tl.read_map("again.h5").impedance, found.impedance)
     assert (UNTOLD in str(section(subject))) == (not kind.startswith("facts"))
 
 
@@ -376,9 +366,10 @@ def test_a_file_that_is_another_now_is_warned_of(files):
 WRONG = {"what": "velocity", "name": "p", "bytes": "3", "kind": [], "hash": 1}
 
 
-def test_maps_of_older_versions_hold_none():
+def test_maps_of_others_hold_none(files):
     """Said; what a stranger wrote there instead is passed over."""
-    old = tl.read_map(OLD)
+    found = tl.educe(tl.read_plane("p0.h5"), tl.load_liner("l.toml"), interval=None)
+    old = dataclasses.replace(found, choices={k: v for k, v in found.choices.items() if k != "inputs"})
     assert "does not hold the hashes of its inputs" in section(subject_of(old))[0].text
     for other in (3, "text", [3, {"name": "x"}, WRONG], {"a": 1}):
         strange = dataclasses.replace(old, choices={**old.choices, "inputs": other, "versions": 1})

@@ -38,7 +38,9 @@ def command(subject: MapSubject) -> list[Block]:
     result, typed = subject.result, subject.result.choices.get("command")
     if source_of(result) is None:
         return [Text("The map does not say which file it was educed from.")]
-    if result.choices.get("incident") is not None and not isinstance(typed, list):
+    if result.choices.get("incident") is not None:
+        if isinstance(typed, list):
+            return [Text("The command as it was typed."), Code("command", shlex.join(["torchliner", *map(str, typed)]))]
         return [Text("The map is of a replayed wave; what gives it again is tl.replay with the choices above.")]
     known = Repeated(subject)
     if isinstance(typed, list):
