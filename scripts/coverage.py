@@ -33,7 +33,6 @@ from torchliner.engine.nodes import choose_nodes
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.model import LinerModel
 from torchliner.records.averaged import Educed
-from torchliner.records.cells import sort_into_cells
 from torchliner.records.uncertainty import Interval
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
@@ -143,9 +142,9 @@ def educed(plane: tl.VelocityPlane, liner: LinerModel) -> dict[str, Averages]:
     """By averaging, as `tl.educe` has it without the reviews of data and result, which take nine tenths of its time."""
     frequency, chosen = torch.tensor([FREQUENCY], dtype=torch.float64), Choices()
     nodes = choose_nodes([liner], frequency, chosen.tolerance(plane.velocity.dtype))
-    cells, projection = sort_into_cells(plane, liner.cell_pitch), projection_of(nodes, liner, frequency)
-    known = measure(Reading.of(plane, chosen, frequency, nodes, cells, projection))
-    asked = Asked(liner, frequency, known.coefficients(liner, frequency), chosen)
+    projection = projection_of(nodes, liner, frequency)
+    known = measure(Reading.of(plane, chosen, frequency, nodes, liner.cell_pitch, projection))
+    asked = Asked.of(known, liner, frequency, chosen)
     return {averaging: average(known, asked, averaging) for averaging in AVERAGINGS}
 
 

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.records.cells import sort_into_cells
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.growing import MOST
 from torchliner.velocity.reading import Reading, measure
@@ -28,10 +27,9 @@ def record(samples: int, low: int = 0, rate: float = 42000.0, **about) -> tl.Vel
 
 def at_once(plane: tl.VelocityPlane, known: tl.Moments, **choices) -> tl.Moments:
     """One reading with the same borders."""
-    cells = sort_into_cells(plane, PITCH).kept(torch.ones(PROBES, dtype=torch.bool))
     frequency = torch.tensor([1400.0], dtype=torch.float64)
-    reading = Reading.of(plane, Choices(**choices), frequency, known.nodes, cells)
-    return measure(dataclasses.replace(reading, blocks=known.survey.blocks), PITCH)
+    reading = Reading.of(plane, Choices(**choices), frequency, known.nodes, PITCH)
+    return measure(dataclasses.replace(reading, blocks=known.survey.blocks))
 
 
 @settings(max_examples=20)

@@ -52,7 +52,7 @@ def educed_on_meta(frequency: list[float], **choices: Any) -> OneDevice:
     reading = reading_for(plane, liner, asked, choose_nodes([liner], asked, 1e-6), chosen, [], projected=True)
     phase = 0.3 if chosen.phase == "given" else None
     with OneDevice() as mode, torch.no_grad():
-        known = measure(reading, liner.cell_pitch)
+        known = measure(reading)
         _, found = averages_of(known, liner, asked, chosen, phase)
     assert {each.liner.reflection.device.type for each in found.values()} == {"meta"}
     return mode

@@ -144,7 +144,8 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
     """
     rows = seen.rows_of_harmonics()
     count, harmonics, sums = len(seen.sums), seen.harmonics, seen.sums[:, rows]
-    whole, each = _fits(seen)
+    gram = _gram_of_fit(seen)
+    whole, each = _fit(gram.sum(0)).to(seen.sums), _fit(gram).to(seen.sums)
     inside = (cells.labels < cells.count).to(sums)
 
     def deviation(fit: Tensor) -> Tensor:
@@ -173,12 +174,15 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
     return drive if background_rms is None else _with_background(drive, seen, fit, away, cells, background_rms)
 
 
-def _fits(seen: Survey) -> tuple[Tensor, Tensor]:
-    """Pseudo-inverses that turn sums of v into coefficients, of the whole record (R, R) and of each block (S, R, R)."""
+def _gram_of_fit(seen: Survey) -> Tensor:
+    """Of 1 and the harmonics in each block, (S, R, R), made again on the host: nothing is read back."""
     rows = seen.rows_of_harmonics()
-    gram = gram_of(seen.blocks, seen.lines)[:, rows][:, :, rows]  # again, on the host: nothing is read back
-    whole, each = (torch.linalg.pinv(g, hermitian=True, rtol=1e-9) for g in (gram.sum(0), gram))
-    return whole.to(seen.sums), each.to(seen.sums)
+    return gram_of(seen.blocks, seen.lines)[:, rows][:, :, rows]
+
+
+def _fit(gram: Tensor) -> Tensor:
+    """Pseudo-inverse that turns sums of v into coefficients, (..., R, R)."""
+    return torch.linalg.pinv(gram, hermitian=True, rtol=1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,8 +226,9 @@ def _with_background(
 def tone_variances(drive: PhaseLocked, seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     """Mean of v, m/s, variance of what is periodic with the tone, and of the rest of v*, m2/s2, over all cells, 0-d."""
     rows, samples = seen.rows_of_harmonics(), seen.lengths.sum()
-    gram, sums = seen.gram[:, rows][:, :, rows].sum(0), seen.sums[:, rows].sum(0)
-    fit = _fits(seen)[0] @ sums
+    gram, sums = _gram_of_fit(seen).sum(0), seen.sums[:, rows].sum(0)
+    fit = _fit(gram).to(sums) @ sums
+    gram = gram.to(sums)
     of_cells = cells.mean(fit)
     periodic = (of_cells * (gram @ of_cells)).sum(0) / samples - of_cells[0] ** 2
     scale = 1.0 if drive.scale is None else drive.scale**2

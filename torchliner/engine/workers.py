@@ -68,7 +68,7 @@ def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
         asked = [(about, blocks, sent[2], list(share)) for share in shares]
         known = [None if kept is None else kept.load(each) for each in asked]
         left = [share for share, rows in zip(shares, known, strict=True) if rows is None]
-        read = _here(sent, left) if client is None else _there(client, sent, left)
+        read = tasks_in_order(client, _rows, (sent,), ((list(share),) for share in left))
         parts = []
         for i, share in enumerate(shares):
             rows = known[i]
@@ -94,14 +94,6 @@ def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[Sequenc
 def _rows(sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
     record, blocks, jobs = sent
     return [rows.cpu().numpy() for rows in reduce(record, blocks, jobs, share)]
-
-
-def _here(sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    return (_rows(sent, share) for share in shares)
-
-
-def _there(client: Any, sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
-    return tasks_in_order(client, _rows, (sent,), [(list(share),) for share in shares])
 
 
 def tasks_in_order(

@@ -18,7 +18,7 @@ from torchliner.flow_profiles.mean_flow import Array
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.slabs import slab_bounds
+from torchliner.velocity.inspection import time_moments
 
 FEWEST_PROBES = 4  # to a cell
 MOST_HARMONICS = 8
@@ -248,7 +248,9 @@ def _imprints(
     if plane.streamwise is not None:
         name = f"{plane.name}, streamwise"
         stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=name)
-        profiles[2] = _over_z(_variance(stream).reshape(plane.probe_shape)) ** 0.5
+        mean_stream, square = time_moments(stream)
+        variance = (square - mean_stream**2).clamp(min=0)
+        profiles[2] = _over_z(variance.reshape(plane.probe_shape)) ** 0.5
     try:
         found = [None if p is None else cell_imprint(plane.x, p, pitch) for p in profiles]
     except ValueError as error:
@@ -259,16 +261,6 @@ def _imprints(
         "shows that they repeat"
     )
     return found, [note] if alone else []
-
-
-def _variance(plane: VelocityPlane) -> Tensor:
-    """Of each probe over time, m2/s2, (P,), by slabs."""
-    total = torch.zeros(2, plane.probes, dtype=torch.float64)
-    for begin, end in slab_bounds(plane.samples, plane.probes):
-        slab = plane.read(begin, end).cpu().double()
-        total += torch.stack([slab.sum(0), slab.square().sum(0)])
-    mean, square = total / plane.samples
-    return (square - mean**2).clamp(min=0)
 
 
 def _over_z(values: Tensor) -> Array:

@@ -11,7 +11,7 @@ from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.reference_channel import ReferenceChannel
-from torchliner.records.uncertainty import Interval, PointUncertainty, Uncertainty
+from torchliner.records.uncertainty import Interval, PointUncertainty
 from torchliner.records.velocity_plane import StoredVelocity, VelocityPlane
 from torchliner.records.wall_eduction import WallEduction
 
@@ -32,7 +32,6 @@ __all__ = [
     "PressureRecord",
     "ReferenceChannel",
     "StoredVelocity",
-    "Uncertainty",
     "VelocityPlane",
     "WallEduction",
 ]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.records.probes import AtProbes
 
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
@@ -64,12 +63,6 @@ class Cells:
         total = members.new_zeros(self.count, *members.shape[1:]).index_add_(0, labels, members)
         sizes = torch.bincount(labels, minlength=self.count).clamp(min=1)
         return (total / sizes.reshape(-1, *[1] * (total.ndim - 1))).movedim(0, axis)
-
-    def average_reflection(self, reflection: Tensor, used: Tensor, wall: Tensor | None = None) -> Tensor:
-        """Admittance of (P, F) averaged over each cell, as a reflection, (C, F); 0 at a wall."""
-        admittance = admittance_from_reflection(reflection)
-        admittance = admittance if wall is None else torch.where(wall, 0, admittance)
-        return reflection_from_admittance(self.average(admittance, used))
 
 
 def sort_into_cells(plane: AtProbes, pitch: float | None) -> Cells:

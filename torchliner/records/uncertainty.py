@@ -51,30 +51,6 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Uncertainty:
-    """Intervals of everything in a map; none of them says how Z differs from place to place.
-
-    Args:
-        probes: (..., F).
-        along_x: of the admittance averaged over z, (X, F); None for planes without rows.
-        cells, cells_velocity_first, cells_coherent_first: (C, F), by order of averaging, the last
-            None where it was left out.
-        liner, liner_velocity_first, liner_coherent_first: (F,).
-        settings: level, what was resampled, blocks.
-    """
-
-    probes: Interval
-    cells: Interval
-    cells_velocity_first: Interval
-    liner: Interval
-    liner_velocity_first: Interval
-    along_x: Interval | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    cells_coherent_first: Interval | None = None
-    liner_coherent_first: Interval | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class PointUncertainty:
     """Statistical intervals of ``PointImpedances``, in both orders of averaging.
 

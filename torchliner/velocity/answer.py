@@ -25,6 +25,7 @@ from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import check_level
+from torchliner.velocity.review_answer import ToneShare
 from torchliner.version import __version__
 
 
@@ -32,13 +33,8 @@ def averages_of(
     known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, reference_phase: Any = None
 ) -> tuple[Asked, dict[str, Averages]]:
     """R under every averaging, on the device of the moments, with nothing read back to the host."""
-    device = known.survey.sums.device
     phase = _phase_of(known.plane, chosen, reference_phase, len(frequency))
-    wall = None
-    if chosen.wall_filter is not None:
-        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
-    coefficients = known.coefficients(liner, frequency).to(device)
-    asked = Asked(liner, frequency, coefficients, chosen, None if phase is None else phase.to(device), wall)
+    asked = Asked.of(known, liner, frequency, chosen, phase)
     return asked, {name: average(known, asked, name) for name in chosen.averagings}
 
 
@@ -56,11 +52,11 @@ def answer(
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]
-    count = seen.blocks.count
+    count, share = seen.blocks.count, review_answer.tone_share(known)
     notes = [
         *notes,
         *doubts,
-        *review_answer.review_other_tones(plane, known, liner, frequency),
+        *review_answer.review_other_tones(plane, known, liner, frequency, share),
         *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
         *review_answer.review_phase(known, asked.phase),
         *review_answer.review_rule(found["admittance"].held, count, chosen),
@@ -81,7 +77,7 @@ def answer(
         chosen.averaging,
         phase_rule=found["admittance"].held | torch.tensor(chosen.phase != "self-consistent"),
         wall=asked.wall,
-        choices=facts_of(known, liner, chosen, error) | {"level_check": checked},
+        choices=facts_of(known, liner, chosen, error, share) | {"level_check": checked},
         notes=tuple(notes),
         level_check=check,
     )
@@ -181,8 +177,10 @@ def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> T
         return impedance_of(liner, frequency, torch.zeros(1)) + added
 
 
-def facts_of(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:
-    """Every choice, and what followed from it."""
+def facts_of(
+    known: Moments, liner: LinerModel, chosen: Choices, error: float, share: ToneShare | None = None
+) -> dict[str, Any]:
+    """Every choice, and what followed from it; ``share`` is that of the tone, see ``tone_share``."""
     plane, blocks = known.plane, known.survey.blocks
     facts: dict[str, Any] = {
         "version": __version__,
@@ -200,10 +198,9 @@ def facts_of(known: Moments, liner: LinerModel, chosen: Choices, error: float) -
         "model_error": error,
     }
     if known.locked is not None:
-        found = review_answer.tone_share(known)
         facts["phase_locked_lines"] = known.locked.lines.tolist()
         facts["phase_locked_share"] = known.locked.share.mean(1).tolist()
-        facts["tone_share"] = None if found is None else found[0]
+        facts["tone_share"] = None if share is None else share[0]
         facts["incoherent_scale"] = _mean_scale(known)
     return facts
 

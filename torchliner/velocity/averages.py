@@ -21,7 +21,7 @@ from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.survey import Survey
 from torchliner.engine.threads import in_order, is_differentiated
 from torchliner.liners.model import LinerModel
-from torchliner.liners.response import impedance_of
+from torchliner.liners.response import reflection_of
 from torchliner.records.averaged import Educed
 from torchliner.records.uncertainty import Interval
 from torchliner.velocity.choices import Choices
@@ -48,6 +48,17 @@ class Asked:
     chosen: Choices
     phase: Tensor | None = None
     wall: Tensor | None = None
+
+    @classmethod
+    def of(
+        cls, known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, phase: Tensor | None = None
+    ) -> Asked:
+        """Of moments; ``phase`` may be on any device."""
+        device, wall = known.survey.sums.device, None
+        if chosen.wall_filter is not None:
+            wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
+        coefficients = known.coefficients(liner, frequency).to(device)
+        return cls(liner, frequency, coefficients, chosen, None if phase is None else phase.to(device), wall)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +182,7 @@ class Columns:
         if self.asked.chosen.mean == "removed":
             square = square - self.means(self.survey.sums[:, 0, part]) ** 2
         speed = square.clamp(min=0).sqrt()
-        z = impedance_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None])
-        return ((z - 1) / (z + 1)).to(speed.device)
+        return reflection_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None]).to(speed.device)
 
 
 def survey_of_columns(known: Moments, averaging: str) -> Survey:

@@ -20,7 +20,6 @@ from torchliner.io.kept_rows import KeptRows
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.cells import sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review
@@ -126,16 +125,16 @@ def moments(
         TypeError: plane is no VelocityPlane.
         ValueError: data or options that cannot give an answer.
     """
-    reading, notes, pitch = reading_of(plane, liner, frequency, cell_pitch, choices)
+    reading, notes = reading_of(plane, liner, frequency, cell_pitch, choices)
     if blocks is None and given is not None:
         raise ValueError("given is of parts; name their blocks, too")
     run: Reduce = reduce
     if client is not None or kept is not None:
         run = reduce_on(client, None if kept is None else KeptRows(Path(kept)))
     if blocks is None:
-        known = measure(reading, pitch, run, progress)
+        known = measure(reading, run, progress)
     else:
-        known = measure_part(reading, pitch, blocks, given, run, progress)
+        known = measure_part(reading, blocks, given, run, progress)
     found = review.review_moments(reading.plane, known)
     notes += [] if known.only is not None else found  # of parts, when they are joined
     notes += review.review_lost_cells(reading.plane, reading.cells, known.cells)
@@ -147,23 +146,21 @@ def moments(
 
 def reading_of(
     plane: VelocityPlane, liner: Any, frequency: Any, cell_pitch: float | None, choices: Any
-) -> tuple[Reading, list[Note], float | None]:
-    """What ``moments`` reads, with the first notes and the pitch of the cells; arguments as there."""
+) -> tuple[Reading, list[Note]]:
+    """What ``moments`` reads, with the first notes; arguments as there."""
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
     if liner is not None and cell_pitch is not None:
         raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
     several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
     models = [as_liner(each) for each in several]
-    pitch = models[0].cell_pitch if models else cell_pitch
     asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
     chosen = with_window(Choices(**choices), asked)
     nodes: Nodes = choose_nodes(models, asked, chosen.tolerance(plane.velocity.dtype)) if models else ANY_LINER
     notes = [note for model in models for note in review.review_liner(plane, model)]
     notes = [*review.review_record(plane, asked, chosen), *dict.fromkeys(notes)]
     shared = models[0] if models else _AnyLiner(cell_pitch)
-    reading = reading_for(plane, shared, asked, nodes, chosen, notes, projected=False)
-    return reading, notes, pitch
+    return reading_for(plane, shared, asked, nodes, chosen, notes, projected=False), notes
 
 
 class _AnyLiner(LinerModel):
@@ -190,7 +187,7 @@ def _measured(
     notes = review.review_record(plane, asked, chosen) + review.review_liner(plane, liner)
     nodes = choose_nodes([liner], asked, chosen.tolerance(plane.velocity.dtype))
     reading = reading_for(plane, liner, asked, nodes, chosen, notes, projected=True)
-    known = measure(reading, liner.cell_pitch, progress=progress)
+    known = measure(reading, progress=progress)
     notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
     return asked, notes, known
 
@@ -215,12 +212,10 @@ def reading_for(
             f"{plane.name}: velocity carries a gradient, which sums over |v| would lose; replay gives the reflected "
             "signal with its derivatives, or detach the velocity"
         )
-    every = torch.ones(plane.probes, dtype=torch.bool)
-    cells = sort_into_cells(plane, liner.cell_pitch).kept(every)
     summed = None if chosen.drive == "rms" else nodes
     projection = projection_of(nodes, liner, frequency) if projected and summed is not None else None
-    reading = Reading.of(plane, chosen, frequency, summed, cells, projection)
-    notes += review.review_cells(plane, liner, frequency, cells, chosen)
+    reading = Reading.of(plane, chosen, frequency, summed, liner.cell_pitch, projection)
+    notes += review.review_cells(plane, liner, frequency, reading.cells, chosen)
     notes += review.review_blocks(plane, reading.blocks, plane.frequency or float(frequency.min()), chosen)
     return reading
 

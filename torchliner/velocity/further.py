@@ -69,7 +69,7 @@ class Source:
         reading = reading_for(plane, liner, frequency, nodes, chosen, notes, projected=False)
         turns = torch.cat([reading.turns, torch.tensor([*more_turns], dtype=torch.float64)])
         self.reading = dataclasses.replace(reading, turns=turns)
-        known = measure(self.reading, liner.cell_pitch, self._reduce, progress)
+        known = measure(self.reading, self._reduce, progress)
         notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
         self.known = dataclasses.replace(known, notes=tuple(notes))
         if not bool(known.used.all()):
@@ -115,7 +115,7 @@ class Source:
 
     def _moments(self, further: Further, reading: Reading, found: dict[str, Tensor]) -> Moments:
         locked = self.known.locked if "phase-locked" in reading.chosen.averagings else None
-        made = reading.moments(self.known.cell_pitch, self.known.survey, locked, found)
+        made = reading.moments(self.known.survey, locked, found)
         if further.windows is not None:
             made = dataclasses.replace(made, cells=dataclasses.replace(made.cells, weight=None))
         vars(made)["membership"] = self._cells(further)  # a cached property
@@ -126,11 +126,6 @@ def average_of(
     known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, averaging: str, psi: float | None = None
 ) -> Averages:
     """R under one averaging; with phase ``given`` psi (rad) is that of the sound at all probes."""
-    device = known.survey.sums.device
-    wall = None
-    if chosen.wall_filter is not None:
-        wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
-    phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64, device=device)
+    phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64)
     with torch.no_grad():
-        coefficients = known.coefficients(liner, frequency).to(device)
-        return average(known, Asked(liner, frequency, coefficients, chosen, phase, wall), averaging)
+        return average(known, Asked.of(known, liner, frequency, chosen, phase), averaging)

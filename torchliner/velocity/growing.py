@@ -15,7 +15,6 @@ from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.sums import Held, Job, reduce
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.cells import sort_into_cells
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Reading
 from torchliner.velocity.review import refuse_beyond_table
@@ -56,13 +55,11 @@ class GrowingMoments:
         nodes: Nodes = ANY_LINER
         if model is not None:
             nodes = choose_nodes([model], asked, chosen.tolerance(plane.velocity.dtype))
-        self._pitch = cell_pitch if model is None else model.cell_pitch
+        pitch = cell_pitch if model is None else model.cell_pitch
         self.period = plane.sampling_rate / (plane.frequency or float(asked.min()))  # samples
         self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
         self._about = without_velocity(plane)
-        every = torch.ones(plane.probes, dtype=torch.bool)
-        cells = sort_into_cells(plane, self._pitch).kept(every)
-        self._reading = Reading.of(self._plane(round(4 * self.period)), chosen, asked, nodes, cells)
+        self._reading = Reading.of(self._plane(round(4 * self.period)), chosen, asked, nodes, pitch)
         self._jobs = self._reading.first_jobs(self._reading.membership())
         self._rows: dict[str, Tensor] = {}
         self._waiting = torch.empty(0, plane.probes, dtype=plane.velocity.dtype)
@@ -141,7 +138,7 @@ class GrowingMoments:
             )
         blocks = Blocks(tuple(self.borders), self._about.sampling_rate, self.periods)
         reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
-        known = reading.moments(self._pitch, reading.survey(self._rows), None, self._rows)
+        known = reading.moments(reading.survey(self._rows), None, self._rows)
         refuse_beyond_table(known.plane, known)
         return known
 

@@ -22,7 +22,6 @@ ROWS = ("sums", "squares", "peaks", "gram")  # of a survey, whose first axis is 
 
 def measure_part(
     reading: Reading,
-    cell_pitch: float | None,
     blocks: Iterable[int],
     given: Moments | None,
     run: Reduce,
@@ -31,7 +30,7 @@ def measure_part(
     """Some blocks of a record.
 
     Args:
-        reading, cell_pitch, run, progress: as for ``reading.measure``.
+        reading, run, progress: as for ``reading.measure``.
         blocks: which.
         given: the join of the parts of the first reading, for the second.
     Raises:
@@ -46,7 +45,7 @@ def measure_part(
     jobs = reading.first_jobs(cells)
     if given is not None:
         seen = given.survey
-        _require_alike([given, reading.moments(cell_pitch, seen, given.locked, {})], but=("data", "reading"))
+        _require_alike([given, reading.moments(seen, given.locked, {})], but=("data", "reading"))
         jobs = reading.second_jobs(seen, cells, given.locked)
         if given.only is None or not jobs:
             raise ValueError(f"{given.plane.name} is complete: it needs no second reading")
@@ -54,7 +53,7 @@ def measure_part(
     if given is None:
         seen = reading.survey(found)
         seen = dataclasses.replace(seen, gram=seen.gram[list(only)])
-        return dataclasses.replace(reading.moments(cell_pitch, seen, None, found), only=only)
+        return dataclasses.replace(reading.moments(seen, None, found), only=only)
     part = _with_rows(given, lambda rows: rows[list(only)])
     return dataclasses.replace(part, only=only, sums={**part.sums, **found}, notes=())
 

@@ -19,7 +19,7 @@ from torchliner.engine.sums import Drive, Job, ones, reduce, square, wave_rows
 from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_jobs, survey_of
 from torchliner.engine.workers import Reduce
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import Cells
+from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.velocity.choices import Choices
 
 Progress = Callable[[int], object]
@@ -34,6 +34,7 @@ class Reading:
         chosen: all choices.
         frequency: asked for, Hz, (F,), on the host.
         nodes: whose functions of |v| are summed; None with drive ``rms``, which needs none.
+        cell_pitch: L_c of the liner, m, or None.
         cells: that hold probes.
         used: probes that count, (P,), on the host.
         blocks: of the record.
@@ -48,6 +49,7 @@ class Reading:
     chosen: Choices
     frequency: Tensor
     nodes: Nodes | None
+    cell_pitch: float | None
     cells: Cells
     used: Tensor
     blocks: Blocks
@@ -64,7 +66,7 @@ class Reading:
         chosen: Choices,
         frequency: Tensor,
         nodes: Nodes | None,
-        cells: Cells,
+        cell_pitch: float | None,
         projection: Tensor | None = None,
     ) -> Reading:
         """From what was asked for; ``frequency`` in Hz, (F,)."""
@@ -74,12 +76,14 @@ class Reading:
         lines = torch.tensor(merged_lines(harmonics, frequency.tolist()), dtype=torch.float64)
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()))
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
+        cells = sort_into_cells(plane, cell_pitch)
         used = torch.ones(plane.probes, dtype=torch.bool)
         velocity = plane.velocity
         device = chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
         projection = None if projection is None else projection.to(device)
+        count = len(harmonics)
         return cls(
-            plane, chosen, frequency, nodes, cells, used, blocks, len(harmonics), lines, turns, device, projection
+            plane, chosen, frequency, nodes, cell_pitch, cells, used, blocks, count, lines, turns, device, projection
         )
 
     def record(self, progress: Progress | None = None) -> PlaneRecord:
@@ -132,14 +136,12 @@ class Reading:
             return None
         return phase_locked(seen, cells, self.chosen.background_rms)
 
-    def moments(
-        self, cell_pitch: float | None, seen: Survey, locked: PhaseLocked | None, found: dict[str, Tensor]
-    ) -> Moments:
+    def moments(self, seen: Survey, locked: PhaseLocked | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
         return Moments(
             plane=without_velocity(self.plane),
             settings={name: getattr(self.chosen, name) for name in SETTINGS},
-            cell_pitch=cell_pitch,
+            cell_pitch=self.cell_pitch,
             cells=self.cells,
             used=self.used,
             survey=seen,
@@ -170,14 +172,11 @@ def _plain(cells: Membership) -> dict[str, Drive]:
     return {"admittance": as_measured, "velocity": CellMean(cells)}
 
 
-def measure(
-    reading: Reading, cell_pitch: float | None = None, run: Reduce = reduce, progress: Progress | None = None
-) -> Moments:
+def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
     """Read a plane once, and once more where an averaging needs to know the whole record first.
 
     Args:
         reading: what is asked.
-        cell_pitch: of the liner, m.
         run: the loop; of ``engine.workers`` where others do it.
         progress: called with numbers of samples read.
     Raises:
@@ -195,7 +194,7 @@ def measure(
     locked = reading.locked(seen, cells)
     jobs = reading.second_jobs(seen, cells, locked)
     second = _run(jobs, reading, run, progress) if jobs else {}
-    known = reading.moments(cell_pitch, seen, locked, first | second)
+    known = reading.moments(seen, locked, first | second)
     vars(known)["membership"] = cells  # its cached property, not to be uploaded again
     return known
 

@@ -20,7 +20,6 @@ from torchliner.engine.sums import Job, largest, ones, reduce
 from torchliner.io.reflected_file import reflected_file
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.cells import sort_into_cells
 from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
 from torchliner.velocity.averages import Asked, Averages, Columns, survey_of_columns
@@ -103,12 +102,11 @@ def replay(
     chosen = Choices(**options, device=device, dtype=dtype, allow_short=True)
     notes = [*review.review_record(plane, asked, chosen), *review.review_liner(plane, model)]
 
-    cells = sort_into_cells(plane, model.cell_pitch).kept(torch.ones(plane.probes, dtype=torch.bool))
     tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
-    reading = Reading.of(plane, chosen, tones, None, cells)
+    reading = Reading.of(plane, chosen, tones, None, model.cell_pitch)
     with torch.no_grad():
-        known = measure(reading, model.cell_pitch)
-        notes += review.review_moments(plane, known) + review.review_lost_cells(plane, cells, known.cells)
+        known = measure(reading)
+        notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
     reading, members, still = reading.without(~known.used), known.membership, known.survey.mean * (mean == "removed")
 
     def drive(v: Tensor, begin: int) -> Tensor:

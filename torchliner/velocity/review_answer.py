@@ -102,7 +102,10 @@ def review_intervals(
     return notes
 
 
-def tone_share(known: Moments) -> tuple[float, float, float, float] | None:
+ToneShare = tuple[float, float, float, float]
+
+
+def tone_share(known: Moments) -> ToneShare | None:
     """Share of the variance of v* that is periodic with the tone, mean, rms of that part and of the rest, m/s.
 
     None unless the plane states its tone and averaging is ``phase-locked``.
@@ -113,9 +116,10 @@ def tone_share(known: Moments) -> tuple[float, float, float, float] | None:
     return periodic / max(periodic + rest, 1e-300), mean, periodic**0.5, rest**0.5
 
 
-def review_other_tones(plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor) -> list[Note]:
-    """Where |v| is the tone's own, Z at other frequencies is not that of a tone sent alone."""
-    found = tone_share(known)
+def review_other_tones(
+    plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor, found: ToneShare | None
+) -> list[Note]:
+    """Where |v| is the tone's own, by its share ``found``, Z at other frequencies is not that of a tone sent alone."""
     if found is None or known.settings["drive"] != "instantaneous" or plane.frequency is None:
         return []
     share, mean, periodic, rest = found
