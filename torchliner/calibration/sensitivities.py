@@ -129,14 +129,12 @@ def sensitivities(
         raise ValueError("no parameter is named; leave parameters out for all of them")
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
     if chosen.drive == "rms":
-        raise ValueError(
-            "sensitivities are read off moments of |v|, which drive 'rms' has none of; choose another drive"
-        )
+        raise ValueError("drive 'rms' leaves no moments of |v|, which sensitivities are read off; choose another drive")
     known = plane
     if isinstance(plane, VelocityPlane):
-        known = moments(plane, model, frequency, progress=progress, **_named(chosen))
+        known = moments(plane, model, frequency, progress=progress, **vars(chosen))
     assert isinstance(known, Moments)
-    nominal: ImpedanceMap = known.educe(model, frequency, reference_phase=reference_phase, **_named(chosen))
+    nominal: ImpedanceMap = known.educe(model, frequency, reference_phase=reference_phase, **vars(chosen))
     slopes, errors = _model_slopes(known, model, nominal.frequency, numbers)
     assert known.nodes is not None
     asked, _ = averages_of(known, model, nominal.frequency, chosen, reference_phase)
@@ -159,10 +157,6 @@ def sensitivities(
 
 
 PLACES = ("cells", "liner")
-
-
-def _named(chosen: Choices) -> dict[str, Any]:
-    return {each.name: getattr(chosen, each.name) for each in dataclasses.fields(chosen)}
 
 
 def _tangent(value: Tensor) -> Tensor:
