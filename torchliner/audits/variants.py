@@ -21,6 +21,7 @@ from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.readings import Readings, porosity_readings, velocity_readings
 from torchliner.liners.sdof import SDoFLiner
+from torchliner.velocity.parts import with_rows
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
 VENA_CONTRACTA = (0.75, 0.8, 0.85)
@@ -126,15 +127,12 @@ def _halves(known: Moments, liner: LinerModel) -> Iterator[Variant]:
 
 def of_blocks(known: Moments, part: slice) -> Moments:
     """Moments of some consecutive blocks, with the phase-locked velocity of the whole record."""
-    seen, blocks = known.survey, known.survey.blocks
+    blocks = known.survey.blocks
     first, last = (blocks.periods * i // blocks.count for i in (part.start, part.stop))
     borders = blocks.borders[part.start : part.stop + 1]
-    survey = dataclasses.replace(
-        seen,
-        blocks=dataclasses.replace(blocks, borders=borders, periods=last - first),
-        **{name: getattr(seen, name)[part] for name in ("sums", "squares", "peaks", "gram")},
-    )
-    return dataclasses.replace(known, survey=survey, sums={name: each[part] for name, each in known.sums.items()})
+    fewer = with_rows(known, lambda rows: rows[part])
+    own = dataclasses.replace(blocks, borders=borders, periods=last - first)
+    return dataclasses.replace(fewer, survey=dataclasses.replace(fewer.survey, blocks=own))
 
 
 def _half_rate(known: Moments, liner: LinerModel, frequency: float) -> Iterator[Variant]:

@@ -12,7 +12,7 @@ with weights W that follow from the moments of |v| alone: they are the same for 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -123,10 +123,9 @@ def speed_weights(
         require_fitting(known, chosen, liner, asked)
     else:
         asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
-        settings = {each.name: getattr(chosen, each.name) for each in fields(chosen)}
         own = tables and liner.speed_max is not None
         about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
-        known = moments(plane, liner if own else None, frequency, **about, **settings)
+        known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
     averaging, nodes = chosen.averaging, known.nodes
     assert nodes is not None
     columns = _columns(known, averaging)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Self
 
 import torch
@@ -139,6 +139,6 @@ class Choices:
 
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""
-        plain = {each.name: getattr(self, each.name) for each in fields(self)}
+        plain = dict(vars(self))
         stated = {key: plain[key] for key in ("device", "dtype") if plain[key] is not None}
         return plain | {key: str(value).removeprefix("torch.") for key, value in stated.items()}

@@ -54,7 +54,7 @@ def measure_part(
         seen = reading.survey(found)
         seen = dataclasses.replace(seen, gram=seen.gram[list(only)])
         return dataclasses.replace(reading.moments(seen, None, found), only=only)
-    part = _with_rows(given, lambda rows: rows[list(only)])
+    part = with_rows(given, lambda rows: rows[list(only)])
     return dataclasses.replace(part, only=only, sums={**part.sums, **found}, notes=())
 
 
@@ -73,7 +73,7 @@ def join(parts: Sequence[Moments]) -> Moments:
     order = torch.tensor(held).argsort()
     columns = zip(*(_rows_of(part) for part in parts), strict=True)
     whole = iter([torch.cat(each)[order.to(each[0].device)] for each in columns])
-    known = _with_rows(first, lambda _: next(whole))
+    known = with_rows(first, lambda _: next(whole))
     known = dataclasses.replace(known, only=None if _complete(known) else tuple(range(len(held))))
     if known.locked is None and known.settings["averaging"] == "phase-locked":
         locked = phase_locked(known.survey, known.membership, known.settings["background_rms"])
@@ -87,7 +87,7 @@ def _rows_of(known: Moments) -> list[Tensor]:
     return [*(getattr(known.survey, name) for name in ROWS), *known.sums.values()]
 
 
-def _with_rows(known: Moments, change: Callable[[Tensor], Tensor]) -> Moments:
+def with_rows(known: Moments, change: Callable[[Tensor], Tensor]) -> Moments:
     """The same with each of ``_rows_of`` changed, in that order."""
     changed: dict[str, Any] = {name: change(getattr(known.survey, name)) for name in ROWS}
     survey = dataclasses.replace(known.survey, **changed)
