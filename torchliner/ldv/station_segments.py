@@ -25,6 +25,7 @@ FEWEST_SEGMENTS = 2
 MOST_SEGMENTS = 5000  # 200 MB, the covariance of their mean
 MOST_POINTS = 3e7  # 240 MB of a station
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
+FEWEST_PIECES = 8  # of a record, over which coherence is told
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,7 @@ class ReferenceTone:
 
     Args:
         amplitude: of the reference in each segment, phase at the segment's first sample, (S, F).
-        response: H1 from the reference to v, over pieces as long as the blocks of a segment, (F,).
+        response: H1 from the reference to v, over pieces of the record, see ``_piece``, (F,).
         coherence: squared, of the two, (F,); 0 where the reference is 0 throughout.
     """
 
@@ -217,13 +218,31 @@ def reference_tone(cut: Segments, reference: ReferenceChannel, frequency: Tensor
         )
     values = reference.at(grid.times)
     segments = values.unfold(0, cut.plane.samples, cut.hop)
-    seconds = cut.plane.duration / known.blocks  # as long as the blocks of a segment
-    found = transfer_function(values, cut.signal.values, frequency, grid.rate, segment=seconds)
+    block, whole = cut.plane.duration / known.blocks, grid.samples / grid.rate
+    found = [
+        transfer_function(
+            values, cut.signal.values, frequency[i : i + 1], grid.rate,
+            segment=_piece(f, cut.plane.frequency, block, whole),
+        )
+        for i, f in enumerate(frequency.tolist())
+    ]  # fmt: skip
     return ReferenceTone(
         tone_amplitudes(segments, frequency, grid.rate, known.weights),
-        found.response,
-        torch.nan_to_num(found.coherence, nan=0.0),
+        torch.cat([each.response for each in found]),
+        torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0),
     )
+
+
+def _piece(frequency: float, tone: float | None, block: float, whole: float) -> float:
+    """Seconds of the pieces of a record of ``whole`` s over which coherence at a frequency (Hz) is told.
+
+    A ``block``; beside a harmonic of the ``tone`` so long that it lies two bins away, at the zero of Hann's window: both
+    channels hold it, and it would count as coherent.
+    """
+    apart = 0.0 if tone is None else abs(frequency - tone * max(1, round(frequency / tone)))
+    if apart < SAME_FREQUENCY * frequency:
+        return block
+    return max(block, min(2 / apart, whole / FEWEST_PIECES))
 
 
 def clock_phases(cut: Segments, frequency: Tensor, reference: ReferenceTone | None) -> Tensor:
