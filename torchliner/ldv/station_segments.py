@@ -236,8 +236,8 @@ def reference_tone(cut: Segments, reference: ReferenceChannel, frequency: Tensor
 def _piece(frequency: float, tone: float | None, block: float, whole: float) -> float:
     """Seconds of the pieces of a record of ``whole`` s over which coherence at a frequency (Hz) is told.
 
-    A ``block``; beside a harmonic of the ``tone`` so long that it lies two bins away, at the zero of Hann's window: both
-    channels hold it, and it would count as coherent.
+    A ``block``; beside a harmonic of the ``tone`` so long that it lies two bins away, at the zero of Hann's window:
+    both channels hold it, and it would count as coherent.
     """
     apart = 0.0 if tone is None else abs(frequency - tone * max(1, round(frequency / tone)))
     if apart < SAME_FREQUENCY * frequency:
