@@ -28,15 +28,10 @@ from torch import Tensor
 
 import torchliner as tl
 from common import options_of, parser_of
-from torchliner.engine.moments import projection_of
-from torchliner.engine.nodes import choose_nodes
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.model import LinerModel
 from torchliner.records.averaged import Educed
 from torchliner.records.uncertainty import Interval
-from torchliner.velocity.averages import Asked, Averages, average
-from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Reading, measure
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 PER_PERIOD = 30  # samples
@@ -44,7 +39,7 @@ TONES = {"no tone": 0.0, "tone": 3.0}  # m/s
 PERIODS = (8, 16, 100)
 PITCH = 0.01  # m, of the cells
 AVERAGINGS = ("admittance", "phase-locked")
-AT_ONCE = 10_000_000  # samples of a plane
+AT_ONCE = 2_000_000  # samples of a plane
 LONG = 50  # periods, from which a liner has a quarter of the trials
 
 
@@ -116,14 +111,12 @@ def true_impedance(liner: LinerModel, tone: float) -> complex:
     return complex(tl.impedance_from_reflection(torch.trapezoid(reflection * density, speed)))
 
 
-def trials_of(found: Averages, column: Column) -> dict[str, Educed]:
+def trials_of(found: tl.ImpedanceMap, column: Column, averaging: str) -> dict[str, Educed]:
     """Those of a plane whose records are independent: one probe of each cell, the cells, the columns."""
-    assert found.probes is not None
-    assert found.along_x is not None
     if column.cells == 1:
-        return {column.name: found.along_x}
-    one = found.probes.map(lambda each: each.unflatten(0, (column.cells, column.size, -1))[:, 0].flatten())
-    return {"probe": one, f"cell of {column.size}": found.cells, column.name: found.along_x}
+        return {column.name: found.along_x[averaging]}
+    one = found.probes[averaging].map(lambda each: each.unflatten(0, (column.cells, column.size))[:, 0].flatten())
+    return {"probe": one, f"cell of {column.size}": found.cells[averaging], column.name: found.along_x[averaging]}
 
 
 def summary(parts: Sequence[Educed], true: complex) -> dict[str, object]:
@@ -138,16 +131,6 @@ def summary(parts: Sequence[Educed], true: complex) -> dict[str, object]:
     return {"trials": len(value), **found, "runs": float(interval.runs.median())}
 
 
-def educed(plane: tl.VelocityPlane, liner: LinerModel) -> dict[str, Averages]:
-    """By averaging, as `tl.educe` has it without the reviews of data and result, which take nine tenths of its time."""
-    frequency, chosen = torch.tensor([FREQUENCY], dtype=torch.float64), Choices()
-    nodes = choose_nodes([liner], frequency, chosen.tolerance(plane.velocity.dtype))
-    projection = projection_of(nodes, liner, frequency)
-    known = measure(Reading.of(plane, chosen, frequency, nodes, liner.cell_pitch, projection))
-    asked = Asked.of(known, liner, frequency, chosen)
-    return {averaging: average(known, asked, averaging) for averaging in AVERAGINGS}
-
-
 def rows_of(column: Column, spectrum: str, periods: int, trials: int, liner: LinerModel) -> Iterator[dict[str, object]]:
     """One for each tone, averaging and size of the average."""
     columns = math.ceil(trials / 4) if periods >= LONG else trials
@@ -156,9 +139,9 @@ def rows_of(column: Column, spectrum: str, periods: int, trials: int, liner: Lin
         done: dict[tuple[str, str], list[Educed]] = {}
         for seed, first in enumerate(range(0, columns, at_once)):
             count = min(at_once, columns - first)
-            found = educed(plane_of(spectrum, column, periods, tone, count, seed), liner)
-            for averaging, averages in found.items():
-                for size, each in trials_of(averages, column).items():
+            found = tl.educe(plane_of(spectrum, column, periods, tone, count, seed), liner)
+            for averaging in AVERAGINGS:
+                for size, each in trials_of(found, column, averaging).items():
                     done.setdefault((averaging, size), []).append(each)
         for (averaging, size), parts in done.items():
             about = {"of": size, "averaging": averaging, "spectrum": spectrum, "v": name}

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
+from torchliner.campaign.growing import MOST
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.growing import MOST
 from torchliner.velocity.reading import Reading, measure
 
 PROBES, PITCH = 4, 5e-3

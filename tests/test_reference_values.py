@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import torchliner as tl
+from torchliner.engine import intervals
 
 DATA = Path(__file__).parent.parent / "data"
 STORED = Path(__file__).parent / "stored" / "reference_values.h5"
@@ -74,14 +75,17 @@ def off(found: Any, wanted: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("stem", ["slit_n130_y1.0mm", "orifice_t03_130_y0.5mm"])
-def test_intervals_and_level_check_are_near_those_of_before(stem: str) -> None:
-    """The jackknife takes the place of a closed-form bootstrap: its errors differ by up to a tenth."""
+def test_intervals_and_level_check_are_near_those_of_before(stem: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The jackknife takes the place of a closed-form bootstrap, which took neighbouring blocks for independent where
+    they are anticorrelated: without that (slit, velocity: -0.25, error 23 % smaller) errors differ by up to 13 %."""
+    known = intervals.correlation
+    monkeypatch.setattr(intervals, "correlation", lambda power, neighbours, count, _: known(power, neighbours, count))
     with h5py.File(STORED) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         row = file[stem]["intervals"]
         found = tl.educe(tl.read_plane(DATA / f"{stem}.h5"), tl.load_liner(file[stem].attrs["liner"]))
         for i, averaging in enumerate(found.averagings):
             error = found.liner[averaging].interval.standard_error.numpy()
-            assert np.abs(error / row["standard_error"][i] - 1).max() < 0.15, averaging
+            assert np.abs(error / row["standard_error"][i] - 1).max() < 0.13, averaging
             level = found.level_check.liner.level[i].numpy()
             assert np.abs(level - row["level_check_level"][i]).max() < 5e-3, averaging

@@ -17,11 +17,11 @@ from torchliner.conversions import impedance_from_reflection
 from torchliner.engine import replay as engine
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import RunningRms, as_measured
-from torchliner.engine.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, parse_signal
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.levels import interpolate
 from torchliner.engine.replay import replay, transfer
 from torchliner.engine.sums import Held, Job, linear, ones, reduce
+from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, parse_signal
 
 GRIDS = {"ours": ("sqrt", "cubic"), "paper": ("uniform", "linear")}
 SHORT = {"before": 5e-4, "after": 1.5e-3, "levels": 12, "regularisation": 1e-2}  # 21 taps before zero, 63 after

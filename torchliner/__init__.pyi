@@ -16,6 +16,7 @@ from torchliner.audits.audit import audit as audit
 from torchliner.audits.compare import compare as compare
 from torchliner.audits.compare_models import compare_models as compare_models
 from torchliner.calibration.calibrate import calibrate as calibrate
+from torchliner.campaign.growing import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning
 from torchliner.conversions import absorption_from_reflection as absorption_from_reflection
 from torchliner.conversions import impedance_from_reflection as impedance_from_reflection
@@ -25,10 +26,6 @@ from torchliner.duct.dispersion import wavenumber_from_impedance as wavenumber_f
 from torchliner.duct.growing_wave import growing_wave as growing_wave
 from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
-from torchliner.engine.incident import BandNoise as BandNoise
-from torchliner.engine.incident import Recorded as Recorded
-from torchliner.engine.incident import Sweep as Sweep
-from torchliner.engine.incident import Tones as Tones
 from torchliner.engine.kernels import build_kernels as build_kernels
 from torchliner.engine.levels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments
@@ -76,13 +73,16 @@ from torchliner.records import PressureRecord as PressureRecord
 from torchliner.records import ReferenceChannel as ReferenceChannel
 from torchliner.records import VelocityPlane as VelocityPlane
 from torchliner.records import WallEduction as WallEduction
+from torchliner.records.incident import BandNoise as BandNoise
+from torchliner.records.incident import Recorded as Recorded
+from torchliner.records.incident import Sweep as Sweep
+from torchliner.records.incident import Tones as Tones
 from torchliner.report.figure import figure_style as figure_style
 from torchliner.signals.arrivals import onto_grid as onto_grid
 from torchliner.signals.attenuation import tone_attenuation as tone_attenuation
 from torchliner.signals.burst_moments import burst_moments as burst_moments
 from torchliner.signals.burst_validation import BurstFilters as BurstFilters
 from torchliner.signals.burst_validation import validate_bursts as validate_bursts
-from torchliner.velocity.growing import GrowingMoments as GrowingMoments
 from torchliner.velocity.replay import replay as replay
 from torchliner.wall_field.fit_field import fit_field as fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts

@@ -24,14 +24,14 @@ from torchliner.engine.nodes import choose_nodes
 from torchliner.engine.phase import PHASE_RULES
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
+from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
+from torchliner.studies.source import Further, Source, average_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import require_fitting, with_window
-from torchliner.velocity.further import Further, Source, average_of
-from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import cell_velocity, implied_pressure
 from torchliner.velocity.review import review_liner, review_record
 

@@ -16,10 +16,10 @@ from torchliner.engine.nodes import choose_nodes
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.studies.source import Source
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import require_fitting, with_window
-from torchliner.velocity.further import Source
 from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import review_liner, review_record
 

@@ -18,9 +18,9 @@ from torchliner.engine.nodes import choose_nodes
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import PHASES
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.studies.source import Further, Source
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.further import Further, Source
 
 DRIVES = (("instantaneous", "kept"), ("instantaneous", "removed"), ("rms", "kept"), ("running-rms", "kept"))
 DEFAULT = ("instantaneous", "kept", "averaged")

@@ -12,7 +12,7 @@ from torch import Tensor
 from torchliner.calibration.misfit import SpeedWeights
 from torchliner.checks import SAME_FREQUENCY, require_choice
 from torchliner.liners.model import LinerModel, named_numbers
-from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
 
 

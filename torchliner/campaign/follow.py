@@ -14,6 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.campaign.growing import GrowingMoments
 from torchliner.campaign.inputs import open_plane
 from torchliner.checks import FEWEST_PERIODS, tell
 from torchliner.engine.moments import Moments, without_velocity
@@ -24,7 +25,6 @@ from torchliner.io.planes import HEAD, format_of
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
-from torchliner.velocity.growing import GrowingMoments
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
 SETTLED = 5.0  # s without a change, after which nobody is in the middle of one

@@ -169,8 +169,8 @@ def incident_signal(options: argparse.Namespace) -> Any:
         if options.incident_rate is not None:
             raise ValueError("--incident-rate is the rate of an --incident file; name the file")
         return None
-    from torchliner.engine.incident import parse_signal
     from torchliner.io.signal_file import read_signal
+    from torchliner.records.incident import parse_signal
 
     generated = parse_signal(options.incident)
     if generated is None:

@@ -11,9 +11,9 @@ The run length follows from the correlation rho of neighbouring blocks (Andrews 
 can make negative; the part of the correlation that reaches beyond a run is allowed for as in a first-order process.
 The interval takes Student's quantile with S/L - 1 degrees of freedom.
 
-A result that is not linear in its sums is off in the mean. The bounds are without the jackknife's estimate of that
-bias, which takes the blocks as independent: a factor from the correlation of so few blocks would scatter by half, and
-the bias of a mean over many probes is several times its scatter.
+A result that is not linear in its sums is off in the mean, a mean over many probes by several times its scatter. The
+bounds are without that bias, which is estimated without each quarter of the record: single blocks are not independent,
+and a factor from the correlation in a single record would scatter by half.
 
 Complex results scatter by :math:`E|d|^2` and :math:`E[d^2]`: an ellipse in the plane of R. The bounds of resistance and
 reactance are the extreme values of Z on that ellipse, Student's quantile times as large. Z has a pole (R = 1, a rigid
@@ -37,19 +37,25 @@ from torchliner.records.uncertainty import Interval
 SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always allowed for
 MOST_CORRELATED = 0.9
 FEWEST_BLOCKS = 4  # two runs
+QUARTERS = 4  # each long enough to hold most of the correlation
 ANGLES, STEPS = 32, 2  # tried on the ellipse, and of Newton's method from the best
 
 
+def remaining(sums: Tensor) -> Tensor:
+    """Sums over all blocks, without each block, then without each quarter of them: (S, ...) to (1 + S + 4, ...)."""
+    quarters = torch.stack([quarter.sum(0) for quarter in sums.tensor_split(QUARTERS)])
+    total = sums.sum(0, keepdim=True)
+    return torch.cat([total, total - sums, total - quarters])
+
+
 def replicates(sums: Tensor, lengths: Tensor) -> Tensor:
-    """Means over all blocks, then without each block: (S, ...) to (1 + S, ...).
+    """Means over the same: (S, ...) to (1 + S + 4, ...).
 
     Args:
         sums: over each block.
         lengths: samples of each block, (S,).
     """
-    total, weight = sums.sum(0, keepdim=True), lengths.sum()
-    left = (weight - lengths).reshape(-1, *[1] * (sums.ndim - 1))
-    return torch.cat([total / weight, (total - sums) / left])
+    return remaining(sums) / remaining(lengths).reshape(-1, *[1] * (sums.ndim - 1))
 
 
 def correlation(power: Tensor, neighbours: Tensor, count: int, least: float = 0.0) -> Tensor:
@@ -84,7 +90,7 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
     """Interval of Z at every place.
 
     Args:
-        values: complex128, of all blocks and without each of them, (1 + S, ...), S at least 4.
+        values: complex128, of ``remaining`` blocks, (1 + S + 4, ...), S at least 4.
         shares: of each block in the whole record, w, of sum 1, float64, (S,).
         level: of the interval, 0 to 1.
         conversion: from ``values`` to Z, the reflection coefficient unless stated.
@@ -92,7 +98,7 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
         Bounds and standard errors of resistance and reactance, (...).
     """
     shape, count = values.shape[1:], len(shares)
-    value, left = values[0].flatten(), torch.view_as_real(values[1:].flatten(1))  # (S, N, 2)
+    value, left = values[0].flatten(), torch.view_as_real(values[1 : 1 + count].flatten(1))  # (S, N, 2)
     kept = (1 - shares)[:, None, None]
     centre = (kept * left).sum(0) / (count - 1)  # of a linear result its value, whatever the shares
     own = (centre - left) * kept
@@ -101,7 +107,8 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
     lengths = run_lengths(rho, count)
     moments = _of_runs(own, lengths) * _beyond_runs(rho, lengths)
     quantile = _student(count, level).to(value.device)[lengths - SHORTEST_RUN]
-    bias = (count - 1) * (torch.view_as_complex(centre) - value)
+    weight = torch.stack([1 - quarter.sum() for quarter in shares.tensor_split(QUARTERS)])
+    bias = (weight[:, None] * (values[1 + count :].flatten(1) - value)).sum(0)
     found = impedance_interval(value, bias, moments, quantile, count / lengths.double(), conversion)
     return found.map(lambda each: each.reshape(shape))
 

@@ -21,10 +21,10 @@ from torch.nn.functional import pad
 
 from torchliner.checks import require_choice
 from torchliner.engine.blocks import Blocks, waves
-from torchliner.engine.incident import EDGES, Incident
 from torchliner.engine.kernels import KernelTable
 from torchliner.engine.levels import interpolate
 from torchliner.engine.sums import Drive, Held, Job, Record, linear, reduce
+from torchliner.records.incident import EDGES, Incident
 
 BATCH = 64  # emissions
 ON_CPU, ON_DEVICE = 1 << 21, 1 << 27  # numbers in the kernels that are held together

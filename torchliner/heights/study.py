@@ -19,10 +19,10 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import Grid, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
+from torchliner.studies.source import Further, Source, average_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import require_fitting, with_window
-from torchliner.velocity.further import Further, Source, average_of
 from torchliner.velocity.review import review_liner
 
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)

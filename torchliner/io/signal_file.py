@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.engine.incident import Recorded
 from torchliner.file_checks import naming, require_regular
 from torchliner.io.arrays import read_array
+from torchliner.records.incident import Recorded
 
 
 def read_signal(path: str | Path, sampling_rate: float | None = None, channel: int | None = None) -> Recorded:

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive, whole_number
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
-from torchliner.engine.incident import Recorded, Tones
 from torchliner.engine.kernels import AFTER
 from torchliner.engine.levels import interpolate
 from torchliner.fluid import Fluid
@@ -36,6 +35,7 @@ from torchliner.ir_tdibc_method.ways import WAYS, Answer, Case, Way
 from torchliner.liners.model import as_liner
 from torchliner.liners.response import impedance_of
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
+from torchliner.records.incident import Recorded, Tones
 from torchliner.signals.transfer import transfer_function
 
 SEGMENT = 0.02  # s, of the spectra of what is no tone

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import one_number, require_positive
-from torchliner.engine.incident import BandNoise, Recorded, Tones
+from torchliner.records.incident import BandNoise, Recorded, Tones
 
 RATE = 48_000.0  # Hz, at least
 FEWEST, USUAL = 8, 16  # samples in a period of the highest frequency

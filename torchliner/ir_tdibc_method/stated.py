@@ -10,12 +10,12 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, real_tensor, require_positive, tell
 from torchliner.conversions import REFERENCE_PRESSURE
-from torchliner.engine.incident import Tones
 from torchliner.engine.kernels import BAND
 from torchliner.engine.levels import VelocityGrid
 from torchliner.ir_tdibc_method.fixed_point import spectrum_of
 from torchliner.ir_tdibc_method.ways import WAYS
 from torchliner.liners.model import LinerModel
+from torchliner.records.incident import Tones
 
 FASTEST = 20.0  # m/s, top of the table; of 164 dB at a wall that lets all through
 UNHEARD = 0.01  # of a wave's energy, that may be sent where no kernel is fitted

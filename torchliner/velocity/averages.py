@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
-from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
+from torchliner.engine.intervals import FEWEST_BLOCKS, QUARTERS, jackknife, replicates
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
@@ -214,7 +214,7 @@ def _of_probes(columns: Columns, known: Moments) -> Averages:
     interval, used = columns.interval, known.counted[:, None]
     counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
     x, count = _places_along_x(known)
-    size = 1 + len(columns.lengths) if interval is not None else 1
+    size = 1 + len(columns.lengths) + QUARTERS if interval is not None else 1
     # Sums of admittances over the whole liner, each cell and each x, side by side.
     sums = counted.new_zeros(size, 1 + cells.count + 1 + count, len(asked.frequency), dtype=torch.complex128)
     numbers = counted.new_zeros(sums.shape[1], dtype=torch.float64)

@@ -14,7 +14,7 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.engine import replay as engine
 from torchliner.engine.blocks import SLAB, Blocks
-from torchliner.engine.intervals import FEWEST_BLOCKS
+from torchliner.engine.intervals import FEWEST_BLOCKS, remaining
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.sums import Job, largest, ones, reduce
 from torchliner.io.reflected_file import reflected_file
@@ -184,5 +184,5 @@ def _replicates(found: engine.Transfer, interval: float | None) -> Tensor:
     if interval is None or len(x) < FEWEST_BLOCKS:
         return whole
     cross, power = found.reflected * x.conj(), x.abs().square()
-    left = (power.sum(0) - power).clamp(min=1e-12 * power.sum(0))
-    return torch.cat([whole, (cross.sum(0) - cross) / left])
+    left = remaining(power)[1:].clamp(min=1e-12 * power.sum(0))
+    return torch.cat([whole, remaining(cross)[1:] / left])

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_positive, stated_frequency
 from torchliner.engine.drives import as_measured
-from torchliner.engine.incident import ComplexTones, Incident, parse_signal
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
 from torchliner.engine.replay import replay, transfer
@@ -18,6 +17,7 @@ from torchliner.engine.sums import Held
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.averaged import Educed
+from torchliner.records.incident import ComplexTones, Incident, parse_signal
 from torchliner.records.notes import Note
 from torchliner.velocity.review_answer import FEWEST_RUNS
 

@@ -66,7 +66,7 @@ def passing(result: ImpedanceMap | ImpedanceLine, note: Note) -> Size | None:
     if index is None:
         return None
     gap = check.liner.at(check.averagings.index(check.averaging), index)
-    # As ``velocity.known_pressure`` has it: plane waves, at normal incidence or split from two.
+    # As ``pressure.known_pressure`` has it: plane waves, at normal incidence or split from two.
     moved = result.source_side == "normal" or "incident and reflected wave" in check.known
     height = result.height if isinstance(result, ImpedanceMap) else float(result.y[result.used].nanmean())
     angle = 2 * math.pi * frequencies[index] / float(result.fluid.sound_speed) * (height or 0.0) * moved
