@@ -10,11 +10,9 @@ from one_device import OneDevice
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.engine.nodes import choose_nodes
 from torchliner.velocity.answer import averages_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import reading_for, with_window
-from torchliner.velocity.reading import measure
+from torchliner.velocity.reading import measure, reading_of
 
 PROBES, SAMPLES = 27400, 2280  # the paper's plane
 MOST_UPLOADS, MOST_LAUNCHES = 20, 2500
@@ -48,8 +46,8 @@ def educed_on_meta(frequency: list[float], **choices: Any) -> OneDevice:
     liner, asked = tl.load_liner("polito"), torch.tensor(frequency, dtype=torch.float64)
     x = (torch.arange(PROBES) + 0.5) * liner.cell_pitch / 25
     plane = tl.VelocityPlane(Shapes(), sampling_rate=200e3, frequency=1400.0, x=x)
-    chosen = with_window(Choices(device="meta", **choices), asked)
-    reading = reading_for(plane, liner, asked, choose_nodes([liner], asked, 1e-6), chosen, [], projected=True)
+    chosen = Choices(device="meta", **choices)
+    reading = reading_of(plane, [liner], asked, chosen, projected=True)
     phase = 0.3 if chosen.phase == "given" else None
     with OneDevice() as mode, torch.no_grad():
         known = measure(reading)

@@ -17,7 +17,7 @@ import torch
 from torchliner.audits.known_truths import nearest_truth
 from torchliner.audits.rows import Audit, AuditRow
 from torchliner.audits.variants import CannotApply, of_liner, other_liners, variants
-from torchliner.checks import require_choice, require_positive, stated_frequency, tell
+from torchliner.checks import require_choice, require_positive, tell
 from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
@@ -31,9 +31,8 @@ from torchliner.records.same_case import planes_by_height
 from torchliner.studies.source import Further, Source, average_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import require_fitting, with_window
 from torchliner.velocity.level_check import cell_velocity, implied_pressure
-from torchliner.velocity.review import review_liner, review_record
+from torchliner.velocity.review import require_fitting
 
 PHASES = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5, 1.0)  # of a cell
@@ -106,11 +105,11 @@ class _Work:
     ) -> None:
         self.model, self.averaging, self.running_window = as_liner(liner), averaging, running_window
         self.plane, self.others, self.progress = _plane_of(planes[0]), planes[1:], progress
-        self.frequency = stated_frequency(frequency, self.plane.frequency, self.plane.name, self.plane.sampling_rate)
+        self.frequency = self.plane.asked(frequency)
         if len(self.frequency) != 1:
             raise ValueError(f"an audit has one frequency; {len(self.frequency)} are given")
         self.liners, self.skipped = other_liners(self.model)
-        self.chosen = with_window(chosen, self.frequency)
+        self.chosen = chosen
         if isinstance(planes[0], Moments):
             made = planes[0].settings["averaging"]
             self.chosen = dataclasses.replace(self.chosen, averaging=made)
@@ -122,7 +121,7 @@ class _Work:
 
     def _moments_of(self, record: VelocityPlane | Moments) -> tuple[Moments, Source | None]:
         if isinstance(record, Moments):
-            require_fitting(record, self.chosen, self.model, self.frequency)
+            require_fitting(record, self.model, self.frequency, self.chosen)
             return record, None
         tolerance = self.chosen.tolerance(record.velocity.dtype)
         nodes = choose_nodes([self.model, *(liner for _, _, liner in self.liners)], self.frequency, tolerance)
@@ -135,13 +134,8 @@ class _Work:
 
     def moments(self) -> None:
         """Base and all variants of its |v|."""
-        notes = [*self.known.notes, *review_liner(self.plane, self.model)]
-        if self.source is None:
-            notes += review_record(self.plane, self.frequency, self.chosen)
         with torch.no_grad():
-            self.found = answer(
-                self.known, self.model, self.frequency, self.chosen, None, None, list(dict.fromkeys(notes))
-            )
+            self.found = answer(self.known, self.model, self.frequency, self.chosen)
         self.base = complex(self.found.liner[self.averaging].impedance[0])
         if not math.isfinite(abs(self.base)):
             raise ValueError(

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from torchliner.checks import require_positive, stated_frequency, tell
+from torchliner.checks import require_positive, tell
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
 from torchliner.liners.catalogue import load_liner, preset_names
@@ -19,9 +19,8 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.source import Source
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import require_fitting, with_window
 from torchliner.velocity.reading import Progress
-from torchliner.velocity.review import review_liner, review_record
+from torchliner.velocity.review import review_record
 
 FIRST = ("true", "in situ")  # references by which models are sorted, before others
 
@@ -112,22 +111,19 @@ def compare_models(
         raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
     models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
     data = plane.plane if isinstance(plane, Moments) else plane
-    asked = stated_frequency(frequency, data.frequency, data.name, data.sampling_rate)
-    chosen = with_window(Choices(**choices), asked)
-    said = review_record(data, asked, chosen) if isinstance(plane, Moments) else []
+    asked = data.asked(frequency)
+    chosen = Choices(**choices)
     if isinstance(plane, Moments):
         known = plane
     else:
         nodes = choose_nodes([*models.values()], asked, chosen.tolerance(data.velocity.dtype))
         known = Source(data, next(iter(models.values())), asked, nodes, chosen, progress=progress).known
-    said = list(dict.fromkeys([*known.notes, *said]))
+    said = list(dict.fromkeys([*known.notes, *review_record(data, asked, chosen)]))
     maps: dict[str, ImpedanceMap] = {}
     for name, model in models.items():
         try:
-            require_fitting(known, chosen, model, asked)
             with torch.no_grad():
-                own = list(dict.fromkeys([*said, *review_liner(data, model)]))
-                maps[name] = answer(known, model, asked, chosen, reference_phase, pressure, own)
+                maps[name] = answer(known, model, asked, chosen, reference_phase, pressure)
         except ValueError as error:
             raise ValueError(f"model {name}: {error}") from error
     shared = [note.text for note in said]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import torch
 
 from torchliner.audits.known_truths import tone_speed
-from torchliner.checks import stated_frequency
 from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
@@ -100,7 +99,7 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
         raise ValueError(f"{plane.name} states no reference impedance (reference 'true')")
     case = str(plane.provenance.get("case", plane.title))
     model, chosen = as_liner(liner), Choices(phase="given", allow_short=True)
-    frequency = stated_frequency(None, plane.frequency, plane.name, plane.sampling_rate)
+    frequency = plane.asked()
     nodes = choose_nodes([model], frequency, chosen.tolerance(plane.velocity.dtype))
     ways = [dataclasses.replace(chosen, drive=drive, mean=mean) for drive, mean in DRIVES]
     # The rms of the record is known after one reading, which finds what the other drives need.
@@ -111,7 +110,7 @@ def truth_rows(plane: VelocityPlane, liner: Liner) -> Iterator[TruthRow]:
 
         def educed(phase: str, psi: float | None = None, way: Choices = way, known: Moments = known) -> ImpedanceMap:
             with torch.no_grad():
-                return answer(known, model, frequency, dataclasses.replace(way, phase=phase), psi, None, [])
+                return answer(known, model, frequency, dataclasses.replace(way, phase=phase), psi)
 
         averaged = educed("averaged")
         about = facts_of(plane, averaged)

@@ -18,7 +18,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import stated_frequency
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes, interpolation_error, response
@@ -28,8 +27,8 @@ from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import moments, require_fitting
-from torchliner.velocity.review import review_liner
+from torchliner.velocity.educe import moments
+from torchliner.velocity.review import require_fitting, review_liner
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
 
@@ -119,10 +118,10 @@ def speed_weights(
     """
     if isinstance(plane, Moments):
         known = plane
-        asked = stated_frequency(frequency, known.plane.frequency, known.plane.name, known.plane.sampling_rate)
-        require_fitting(known, chosen, liner, asked)
+        asked = known.plane.asked(frequency)
+        require_fitting(known, liner, asked, chosen)
     else:
-        asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+        asked = plane.asked(frequency)
         own = tables and liner.speed_max is not None
         about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
         known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))

@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import stated_frequency
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
@@ -51,7 +50,7 @@ class GrowingMoments:
         if chosen.averaging == "phase-locked":
             raise ValueError("averaging 'phase-locked' needs the whole record; take 'admittance' or 'velocity'")
         model = None if liner is None else as_liner(liner)
-        asked = stated_frequency(frequency, plane.frequency, plane.name, plane.sampling_rate)
+        asked = plane.asked(frequency)
         nodes: Nodes = ANY_LINER
         if model is not None:
             nodes = choose_nodes([model], asked, chosen.tolerance(plane.velocity.dtype))

@@ -19,7 +19,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.planes import format_of, paths_of
     from torchliner.records import VelocityPlane
     from torchliner.report.figures import draw_velocity
-    from torchliner.velocity.inspection import inspect_moments, inspect_plane
+    from torchliner.report.inspection import inspect_moments, inspect_plane
 
     # Of moments there is nothing to draw: the plane is asked for.
     (plane,) = (

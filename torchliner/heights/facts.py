@@ -18,7 +18,7 @@ from torchliner.flow_profiles.mean_flow import Array
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.velocity.inspection import time_moments
+from torchliner.velocity.reading import time_moments
 
 FEWEST_PROBES = 4  # to a cell
 MOST_HARMONICS = 8

@@ -22,8 +22,6 @@ from torchliner.records.same_case import planes_by_height
 from torchliner.studies.source import Further, Source, average_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import require_fitting, with_window
-from torchliner.velocity.review import review_liner
 
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
 
@@ -225,18 +223,16 @@ class _Height:
         self, record: Record, model: LinerModel, frequency: float, chosen: Choices, reference_phase: float | None
     ) -> None:
         self.plane, self.model, self.phase = _stated(record), model, reference_phase
-        self.frequency = stated_frequency(frequency, None, self.plane.name, self.plane.sampling_rate)
-        self.chosen, self.source = with_window(chosen, self.frequency), None
+        self.frequency = self.plane.asked(frequency)
+        self.chosen, self.source = chosen, None
         if isinstance(record, Moments):
-            require_fitting(record, self.chosen, model, self.frequency)
             known = record
         else:
             nodes = choose_nodes([model], self.frequency, chosen.tolerance(record.velocity.dtype))
             self.source = Source(record, model, self.frequency, nodes, self.chosen)
             known = self.source.known
-        notes = [*known.notes, *review_liner(self.plane, model)]
         with torch.no_grad():
-            self.seen = answer(known, model, self.frequency, self.chosen, reference_phase, None, notes)
+            self.seen = answer(known, model, self.frequency, self.chosen, reference_phase)
 
     def rows(self, grid: Grid, lengths: Sequence[float]) -> list[LengthRow]:
         """At every averaging length, for which it is read once more."""

@@ -83,12 +83,12 @@ def segment_means(
     rows = wave_rows(turns.to(device), rate)
     instantaneous = choices.drive != "rms"
     jobs = [Job(as_measured, rows, nodes.sums)] if instantaneous and choices.mean == "kept" else []
-    jobs = [_running(job, choices, plane) for job in jobs]
+    jobs = [_running(job, choices.window(frequency), plane) for job in jobs]
     found = reduce(record, blocks, surveyed + jobs)
     seen, sums = survey_of(found[:3], blocks, frequency, 0), found[3] if jobs else None
     if instantaneous and sums is None:
         again = Job(LessMean(as_measured, seen.mean), rows, nodes.sums)
-        (sums,) = reduce(record, blocks, [_running(again, choices, plane)])
+        (sums,) = reduce(record, blocks, [_running(again, choices.window(frequency), plane)])
     end = blocks.borders[-1]
     own = make_window("hann" if window == "hann" else "boxcar", end).weights
     weights = torch.nn.functional.pad(own, (0, samples - end))
@@ -107,11 +107,10 @@ def segment_means(
     return SegmentMeans(a, b, velocity, coherence, blocks.count, nodes if sums is not None else None, error, weights)
 
 
-def _running(job: Job, choices: Choices, plane: VelocityPlane) -> Job:
-    if choices.drive != "running-rms":
+def _running(job: Job, window: float | None, plane: VelocityPlane) -> Job:
+    if window is None:
         return job
-    assert choices.running_window is not None
-    drive = RunningRms(job.drive, max(1, round(choices.running_window * plane.sampling_rate)), plane.samples)
+    drive = RunningRms(job.drive, max(1, round(window * plane.sampling_rate)), plane.samples)
     return dataclasses.replace(job, drive=drive, reach=drive.reach)
 
 

@@ -27,7 +27,6 @@ from torchliner.records.notes import Note
 from torchliner.signals.inspected_station import inspect_stations
 from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import with_window
 from torchliner.velocity.review import review_liner, review_record, texts
 from torchliner.velocity.review_answer import review_rule
 from torchliner.version import __version__
@@ -63,7 +62,7 @@ def educe_station(
         )
     wanted = _frequencies(record, frequency)
     cut = cut_into_segments(kept, wanted, station_choices)
-    known = segment_means(cut.plane, liner, wanted, with_window(choices, wanted), station_choices.window)
+    known = segment_means(cut.plane, liner, wanted, choices, station_choices.window)
     tone = None if reference is None else reference_tone(cut, reference, wanted, known)
     sound, held = _sound(known, cut, wanted, tone, choices, reference_phase)
     reflection = known.reflection(choices.phase, sound).cpu()

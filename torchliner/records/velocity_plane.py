@@ -15,6 +15,7 @@ from torchliner.checks import (
     real_tensor,
     require_positive,
     require_positive_where_stated,
+    stated_frequency,
     tell,
 )
 from torchliner.fluid import Fluid
@@ -176,6 +177,14 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
     def stored(self) -> StoredVelocity | None:
         """The velocity if it is still in its file."""
         return None if isinstance(self.velocity, Tensor) else self.velocity
+
+    def asked(self, frequency: Any = None) -> Tensor:
+        """Frequencies asked for, else the tone that is stated, Hz, (F,).
+
+        Raises:
+            ValueError: neither is known, or one is at or above half the sampling rate.
+        """
+        return stated_frequency(frequency, self.frequency, self.name, self.sampling_rate)
 
     def _heading(self) -> str:
         return heading_of(self, *record_words(self))

@@ -18,7 +18,7 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, VelocityPlane
 from torchliner.report.table import Column, Table
-from torchliner.velocity.inspection import time_moments
+from torchliner.velocity.reading import time_moments
 
 Array = NDArray[np.float64]
 COMPLEX_PART = {"resistance": "real", "reactance": "imag"}

@@ -18,11 +18,9 @@ from torchliner.engine.sums import Job, Record, reduce
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import Windows
-from torchliner.velocity import review
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import reading_for, with_window
-from torchliner.velocity.reading import SURVEY, Progress, Reading, measure
+from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +63,10 @@ class Source:
         progress: Progress | None = None,
     ) -> None:
         self.nodes, self.progress, self.readings = nodes, progress, 0
-        notes = review.review_record(plane, frequency, chosen)
-        reading = reading_for(plane, liner, frequency, nodes, chosen, notes, projected=False)
+        reading = reading_of(plane, [], frequency, chosen, cell_pitch=liner.cell_pitch, nodes=nodes)
         turns = torch.cat([reading.turns, torch.tensor([*more_turns], dtype=torch.float64)])
         self.reading = dataclasses.replace(reading, turns=turns)
-        known = measure(self.reading, self._reduce, progress)
-        notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
-        self.known = dataclasses.replace(known, notes=tuple(notes))
+        self.known = known = take_moments(self.reading, self._reduce, progress)
         if not bool(known.used.all()):
             self.reading = self.reading.without(~known.used)
 
@@ -95,7 +90,7 @@ class Source:
     def _way(self, further: Further) -> tuple[Reading, dict[str, Job]]:
         """How it is read, and what is summed."""
         frequency = self.reading.frequency
-        chosen = with_window(further.chosen, frequency)
+        chosen = further.chosen
         reading = dataclasses.replace(
             self.reading,
             chosen=chosen,

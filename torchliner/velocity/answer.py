@@ -43,24 +43,30 @@ def answer(
     liner: LinerModel,
     frequency: Tensor,
     chosen: Choices,
-    reference_phase: Any,
-    pressure: Any,
-    notes: list[Note],
+    reference_phase: Any = None,
+    pressure: Any = None,
 ) -> ImpedanceMap:
-    """The map from moments that fit; arguments as of ``educe``, checked, with the notes so far."""
+    """The map from moments; arguments as of ``educe``.
+
+    Raises:
+        ValueError: the moments do not fit what is asked.
+    """
+    review.require_fitting(known, liner, frequency, chosen)
     plane, seen = known.plane, known.survey
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]
     count, share = seen.blocks.count, review_answer.tone_share(known)
     notes = [
-        *notes,
+        *known.notes,
+        *review.review_record(plane, frequency, chosen),
+        *review.review_liner(plane, liner),
         *doubts,
         *review_answer.review_other_tones(plane, known, liner, frequency, share),
         *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
         *review_answer.review_phase(known, asked.phase),
         *review_answer.review_rule(found["admittance"].held, count, chosen),
-        *review_answer.review_intervals(plane, chief, seen.blocks, frequency, chosen),
+        *review_answer.review_intervals(plane, chief, seen.blocks, frequency, chosen.window(frequency)),
     ]
     case = Case(plane, frequency, known.cells, known.cell_pitch, seen.blocks)
     pressures = known_pressure(case, pressure)
@@ -78,7 +84,7 @@ def answer(
         phase_rule=found["admittance"].held | torch.tensor(chosen.phase != "self-consistent"),
         wall=asked.wall,
         choices=facts_of(known, liner, chosen, error, share) | {"level_check": checked},
-        notes=tuple(notes),
+        notes=tuple(dict.fromkeys(notes)),
         level_check=check,
     )
 
@@ -185,6 +191,7 @@ def facts_of(
     facts: dict[str, Any] = {
         "version": __version__,
         **chosen.describe(),
+        "running_window": known.settings["running_window"],
         "liner": liner.describe(),
         "sampling_rate": plane.sampling_rate,
         "samples": plane.samples,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import torch
+from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES, did_you_mean
@@ -99,6 +100,12 @@ class Choices:
     def averagings(self) -> tuple[str, ...]:
         """Those that are computed."""
         return tuple(AVERAGINGS) if self.averaging == "phase-locked" else tuple(AVERAGINGS)[:2]
+
+    def window(self, frequency: Tensor) -> float | None:
+        """Length of the running rms, s: by default a period of the lowest frequency asked for, Hz, (F,)."""
+        if self.drive != "running-rms" or self.running_window is not None:
+            return self.running_window
+        return 1 / float(frequency.min())
 
     def working_device(self, default: torch.device) -> torch.device:
         """The device asked for.

@@ -53,9 +53,12 @@ def measure_part(
     if given is None:
         seen = reading.survey(found)
         seen = dataclasses.replace(seen, gram=seen.gram[list(only)])
-        return dataclasses.replace(reading.moments(seen, None, found), only=only)
-    part = with_rows(given, lambda rows: rows[list(only)])
-    return dataclasses.replace(part, only=only, sums={**part.sums, **found}, notes=())
+        part = dataclasses.replace(reading.moments(seen, None, found), only=only)
+    else:
+        part = with_rows(given, lambda rows: rows[list(only)])
+        part = dataclasses.replace(part, only=only, sums={**part.sums, **found}, notes=reading.notes)
+    review_moments(reading.plane, part)  # faults; the warnings are those of the whole, when it is joined
+    return part
 
 
 def join(parts: Sequence[Moments]) -> Moments:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,14 +13,18 @@ from torch import Tensor
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import CellMean, LessMean, PhaseLocked, RunningRms, as_measured, phase_locked
 from torchliner.engine.membership import Membership
-from torchliner.engine.moments import SETTINGS, Moments, without_velocity
-from torchliner.engine.nodes import Nodes
+from torchliner.engine.moments import SETTINGS, Moments, projection_of, without_velocity
+from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.plane_record import PlaneRecord
-from torchliner.engine.sums import Drive, Job, ones, reduce, square, wave_rows
+from torchliner.engine.sums import Drive, Job, linear, ones, reduce, square, wave_rows
 from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_jobs, survey_of
+from torchliner.engine.threads import is_differentiated
 from torchliner.engine.workers import Reduce
+from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
+from torchliner.records.notes import Note
+from torchliner.velocity import review
 from torchliner.velocity.choices import Choices
 
 Progress = Callable[[int], object]
@@ -43,6 +48,7 @@ class Reading:
         turns: Hz, beside 1 the sums are weighed with the waves of these, (Q,): 2 f for a phase rule that needs it.
         device: of the work.
         projection: of the K sums of each block, see ``engine.sums.Job``.
+        notes: warnings so far.
     """
 
     plane: VelocityPlane
@@ -58,6 +64,7 @@ class Reading:
     turns: Tensor
     device: torch.device
     projection: Tensor | None = None
+    notes: tuple[Note, ...] = ()
 
     @classmethod
     def of(
@@ -140,7 +147,8 @@ class Reading:
         """The record of what the readings found."""
         return Moments(
             plane=without_velocity(self.plane),
-            settings={name: getattr(self.chosen, name) for name in SETTINGS},
+            settings={name: getattr(self.chosen, name) for name in SETTINGS}
+            | {"running_window": self.chosen.window(self.frequency)},
             cell_pitch=self.cell_pitch,
             cells=self.cells,
             used=self.used,
@@ -150,15 +158,15 @@ class Reading:
             turns=self.turns,
             sums={name: value for name, value in found.items() if name not in SURVEY},
             projected=None if self.projection is None else self.frequency,
+            notes=self.notes,
         )
 
     def _moments(self, drive: Drive) -> Job:
         assert self.nodes is not None
         reach, device = 0, self.device
-        if self.chosen.drive == "running-rms":
-            assert self.chosen.running_window is not None
-            window = max(1, round(self.chosen.running_window * self.plane.sampling_rate))
-            drive = RunningRms(drive, window, self.plane.samples)
+        window = self.chosen.window(self.frequency)
+        if window is not None:
+            drive = RunningRms(drive, max(1, round(window * self.plane.sampling_rate)), self.plane.samples)
             reach = drive.reach
         rows = wave_rows(self.turns.to(device), self.plane.sampling_rate) if len(self.turns) else ones(device)
         return Job(drive, rows, self.nodes.sums, reach, projection=self.projection)
@@ -170,6 +178,53 @@ SURVEY = ("lines", "square", "largest")
 def _plain(cells: Membership) -> dict[str, Drive]:
     """The averagings that need no survey."""
     return {"admittance": as_measured, "velocity": CellMean(cells)}
+
+
+def reading_of(
+    plane: VelocityPlane,
+    liners: Sequence[LinerModel],
+    frequency: Any,
+    chosen: Choices,
+    *,
+    cell_pitch: float | None = None,
+    nodes: Nodes | None = None,
+    projected: bool = False,
+) -> Reading:
+    """How a plane is read for liners of one pitch, with the warnings that need no sample.
+
+    Args:
+        plane: what is read.
+        liners: for which nodes are chosen; none: for any liner, in cells of ``cell_pitch``, m.
+        frequency: Hz; default the tone.
+        chosen: all choices.
+        nodes: default those that suit the liners.
+        projected: for the first liner at these frequencies alone.
+    Raises:
+        TypeError: no plane.
+        ValueError: the velocity carries derivatives; too short a record.
+    """
+    if not isinstance(plane, VelocityPlane):
+        raise TypeError(f"plane is {type(plane).__name__}; make a VelocityPlane of your data first")
+    if torch.is_grad_enabled() and isinstance(plane.velocity, Tensor) and is_differentiated(plane.velocity):
+        raise ValueError(
+            f"{plane.name}: velocity carries a gradient, which sums over |v| would lose; replay gives the reflected "
+            "signal with its derivatives, or detach the velocity"
+        )
+    asked, pitch = plane.asked(frequency), liners[0].cell_pitch if liners else cell_pitch
+    notes = review.review_record(plane, asked, chosen)
+    for liner in liners:
+        notes += review.review_liner(plane, liner)
+    projection = None
+    if nodes is None:
+        nodes = choose_nodes(liners, asked, chosen.tolerance(plane.velocity.dtype)) if liners else ANY_LINER
+    if chosen.drive == "rms":
+        nodes = None
+    elif projected:
+        projection = projection_of(nodes, liners[0], asked)
+    reading = Reading.of(plane, chosen, asked, nodes, pitch, projection)
+    notes += review.review_cells(plane, pitch, asked, reading.cells, chosen)
+    notes += review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen)
+    return dataclasses.replace(reading, notes=tuple(dict.fromkeys(notes)))
 
 
 def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
@@ -199,6 +254,21 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
     return known
 
 
+def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
+    """``measure``, and what is to be said of the data.
+
+    Raises:
+        ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table.
+    """
+    known = measure(reading, run, progress)
+    found = review.review_moments(reading.plane, known) + review.review_lost_cells(
+        known.plane, reading.cells, known.cells
+    )
+    whole = dataclasses.replace(known, notes=(*known.notes, *found))
+    vars(whole)["membership"] = known.membership
+    return whole
+
+
 def _read(
     reading: Reading, jobs: Callable[[Membership], dict[str, Job]], run: Reduce, progress: Progress | None
 ) -> tuple[dict[str, Tensor], Membership]:
@@ -216,11 +286,10 @@ def faulty_probes(squares: Tensor) -> Tensor:
     return ~torch.isfinite(squares.sum((0, 1, 2)))
 
 
-def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
-    """The first sample that is nan or inf, of a probe that has one."""
-    for batch in blocks.batches(1 << 14):
-        begin, end = batch[0].begin, batch[-1].end
-        wrong = ~torch.isfinite(plane.read(begin, end)[:, probe])
-        if bool(wrong.any()):
-            return begin + int(wrong.int().argmax())
-    raise ValueError(f"{plane.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
+def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    """Time mean of v and of v squared, m/s and m2/s2, each (P,), in float64."""
+    host = torch.device("cpu")
+    jobs = [Job(as_measured, ones(host), measure) for measure in (linear, square)]
+    blocks = Blocks((0, plane.samples), plane.sampling_rate, 1)
+    mean, mean_square = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
+    return mean.flatten() / plane.samples, mean_square.flatten() / plane.samples

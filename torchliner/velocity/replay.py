@@ -24,7 +24,7 @@ from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
 from torchliner.velocity.averages import Asked, Averages, Columns, survey_of_columns
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Progress, Reading, measure
+from torchliner.velocity.reading import Progress, Reading, take_moments
 
 AVERAGED = ("admittance", "velocity")
 MOST_TONES = 3  # frequencies at which v is measured, too; of more that of the data
@@ -105,8 +105,8 @@ def replay(
     tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
     reading = Reading.of(plane, chosen, tones, None, model.cell_pitch)
     with torch.no_grad():
-        known = measure(reading)
-        notes += review.review_moments(plane, known) + review.review_lost_cells(plane, reading.cells, known.cells)
+        known = take_moments(reading)
+    notes += known.notes
     reading, members, still = reading.without(~known.used), known.membership, known.survey.mean * (mean == "removed")
 
     def drive(v: Tensor, begin: int) -> Tensor:

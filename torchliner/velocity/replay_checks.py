@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_positive, stated_frequency
+from torchliner.checks import frequency_tensor, require_positive
 from torchliner.engine.drives import as_measured
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
@@ -59,7 +59,7 @@ def lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int) 
     if frequency is None and wave.band is not None:
         first, last = math.ceil(wave.band[0] / spacing - 1e-9), math.floor(wave.band[1] / spacing + 1e-9)
         return spacing * torch.arange(first, last + 1, max(1, math.ceil((last - first + 1) / MOST_LINES))).double()
-    return stated_frequency(frequency, plane.frequency, plane.name, rate)
+    return plane.asked(frequency)
 
 
 def kernel_band(wave: Incident, frequency: Tensor, liner: LinerModel, sampling_rate: float) -> tuple[float, float]:

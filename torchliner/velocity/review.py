@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
+from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY, index_of_frequency
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
@@ -22,7 +22,6 @@ from torchliner.records.notes import Note
 from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import first_fault
 
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 SAME_MACH = 0.01
@@ -91,7 +90,7 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[Note]:
 
 
 def review_cells(
-    plane: VelocityPlane, liner: LinerModel, frequency: Tensor, cells: Cells, chosen: Choices
+    plane: VelocityPlane, cell_pitch: float | None, frequency: Tensor, cells: Cells, chosen: Choices
 ) -> list[Note]:
     """Where the phase-locked velocity of a cell is not what its name says; before any sample is read."""
     if "phase-locked" not in chosen.averagings:
@@ -109,7 +108,7 @@ def review_cells(
             "probe, and averaging 'phase-locked' is 'admittance'; more probes a cell are needed"
         )
         notes.append(Note("one-probe-cells", text))
-    if liner.cell_pitch is None and plane.x is not None:
+    if cell_pitch is None and plane.x is not None:
         length = float(plane.x.max() - plane.x.min())
         wave = float(plane.fluid.sound_speed) / float(frequency.max())
         if length > LONG_CELL * wave:
@@ -184,6 +183,16 @@ def review_moments(plane: VelocityPlane, known: Moments) -> list[Note]:
         )
         notes.append(Note("constant-probes", text))
     return notes
+
+
+def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
+    """The first sample that is nan or inf, of a probe that has one."""
+    for batch in blocks.batches(1 << 14):
+        begin, end = batch[0].begin, batch[-1].end
+        wrong = ~torch.isfinite(plane.read(begin, end)[:, probe])
+        if bool(wrong.any()):
+            return begin + int(wrong.int().argmax())
+    raise ValueError(f"{plane.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
 
 
 def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
@@ -271,6 +280,56 @@ def review_walls(
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         notes.append(Note("wall-filter", text))
     return notes
+
+
+def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
+    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on.
+
+    Raises:
+        ValueError: what differs, and what to do.
+    """
+    name = known.plane.name
+    known.require_speeds(liner)
+    if known.only is not None:
+        raise ValueError(
+            f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
+            "second reading, read the parts again with it as given"
+        )
+    free = {  # choices that may be made again
+        "averaging": chosen.averaging in known.sums or chosen.drive == "rms",
+        "phase": True,  # where its line is held
+        "missing": True,
+        "allow_short": True,
+        "background_rms": "phase-locked" not in chosen.averagings,
+    }
+    for key, made in known.settings.items():
+        wanted = chosen.window(frequency) if key == "running_window" else getattr(chosen, key)
+        if wanted != made and not free.get(key, False):
+            remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
+            raise ValueError(
+                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; {remedy}, or reduce the data "
+                "again"
+            )
+    if liner.cell_pitch != known.cell_pitch:
+        made, wanted = (
+            "all probes (no cell_pitch)" if pitch is None else f"{1e3 * float(pitch):.6g} mm"
+            for pitch in (known.cell_pitch, liner.cell_pitch)
+        )
+        raise ValueError(
+            f"{name} was reduced for cells of {made}, and the liner's are of {wanted}; reduce the data again with that "
+            "liner"
+        )
+    coherent = chosen.wall_filter is not None or chosen.phase == "self-consistent"
+    for needed, what, lines in (
+        (chosen.phase != "averaged", f"the line of phase {chosen.phase!r} at", known.turns / 2),
+        (coherent, "the coherence of v, which wall_filter and phase 'self-consistent' need, with", known.survey.lines),
+    ):
+        for f in frequency.tolist() if needed else []:
+            if index_of_frequency(lines, f) is None:
+                held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
+                raise ValueError(
+                    f"{name} holds {what} {held}, and not with {f:g} Hz; reduce the data again with that frequency"
+                )
 
 
 def texts(notes: Iterable[Note]) -> list[str]:

@@ -66,7 +66,7 @@ def review_rule(held: Tensor, count: int, chosen: Choices) -> list[Note]:
 
 
 def review_intervals(
-    plane: VelocityPlane, found: Averages, blocks: Blocks, frequency: Tensor, chosen: Choices
+    plane: VelocityPlane, found: Averages, blocks: Blocks, frequency: Tensor, window: float | None
 ) -> list[Note]:
     """Fewer than eight runs; a running rms that hardly varies; a large bias of a mean of admittances."""
     interval = found.liner.interval
@@ -82,8 +82,7 @@ def review_intervals(
             f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
         )
         notes.append(Note("few-blocks", text))
-    window = chosen.running_window or 0.0
-    if chosen.drive == "running-rms" and window > LONGEST_WINDOW * plane.duration:
+    if window is not None and window > LONGEST_WINDOW * plane.duration:
         text = (
             f"{plane.name}: the running rms is over {window:.3g} s of a record of {plane.duration:.3g} s, so that it "
             "hardly varies in it, and the error bars are too narrow; take a shorter running_window, or drive='rms'"

@@ -13,16 +13,17 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import LessMean, as_measured
 from torchliner.engine.moments import Moments
 from torchliner.engine.plane_record import PlaneRecord
-from torchliner.engine.sums import Job, largest, linear, ones, reduce, square
+from torchliner.engine.sums import Job, largest, linear, ones, reduce
 from torchliner.engine.survey import Survey, survey_jobs, survey_of
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
 from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
-from torchliner.velocity.reading import first_fault
+from torchliner.velocity.reading import time_moments
+from torchliner.velocity.review import first_fault
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
-SPECTRUM_PROBES, SPECTRUM_SEGMENTS, SPECTRUM_SAMPLES = 64, 64, 16384
+SPECTRUM_PROBES, SPECTRUM_SAMPLES, SPECTRUM_SEGMENT = 64, 1 << 18, 1 << 14
 OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner")
 
 
@@ -171,8 +172,8 @@ def _velocity_facts(
     largest = seen.peak[good].max()
     facts["largest |v| (m/s)"] = float(largest)
     if plane.streamwise is not None:
-        stream = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate)
-        facts["u' rms (m/s)"] = _rms(stream)
+        mean, mean_square = time_moments(VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate))
+        facts["u' rms (m/s)"] = float((mean_square - mean**2).clamp(min=0).nanmean().sqrt())
     if plane.mach:
         bulk = plane.mach * plane.fluid.sound_speed
         share = abs(float(seen.mean[good].mean())) / bulk
@@ -188,41 +189,12 @@ def _range(values: Tensor) -> str:
     return f"{float(values.min()):.4g}, {float(values.max()):.4g}"
 
 
-def _rms(plane: VelocityPlane) -> float:
-    """Of all probes; along z, then along x, as squares."""
-    mean, mean_square = time_moments(plane)
-    variance = (mean_square - mean**2).reshape(plane.probe_shape)
-    along_x = variance.nanmean(0) if variance.ndim == 2 else variance
-    return float(along_x.clamp(min=0).mean().sqrt())
-
-
 def _spectrum_peak(plane: VelocityPlane) -> float:
-    """Frequency of the largest line of the mean spectrum (Hann, half overlapping segments).
+    """Frequency of the largest line of the mean spectrum of up to 64 probes and 2^18 samples (Welch), Hz."""
+    from scipy.signal import welch  # its import takes half a second
 
-    Segments of up to 16 384 samples, up to 64 evenly spread probes and 64 segments.
-    """
-    step = max(1, plane.probes // SPECTRUM_PROBES)
-    length = min(plane.samples, SPECTRUM_SAMPLES)
-    starts = torch.arange(0, plane.samples - length + 1, max(1, length // 2))
-    starts = starts[:: max(1, len(starts) // SPECTRUM_SEGMENTS)]
-    window = torch.hann_window(length, dtype=torch.float64)[:, None]
-    power = torch.zeros(length // 2 + 1, dtype=torch.float64)
-    for start in starts.tolist():
-        rows = [
-            plane.read(start + low, start + high)[:, ::step].to(torch.float64)
-            for low, high in slab_bounds(length, plane.probes)
-        ]
-        signal = torch.cat(rows)
-        lines = torch.fft.rfft((signal - signal.mean(0)) * window, dim=0)
-        power += (lines.abs() ** 2).mean(1)
-    line = int(power[1:].argmax()) + 1 if length > 2 else 0
-    return line * plane.sampling_rate / length
-
-
-def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
-    """Time mean of v and of v squared, m/s and m2/s2, each (P,), in float64."""
-    host = torch.device("cpu")
-    jobs = [Job(as_measured, ones(host), measure) for measure in (linear, square)]
-    blocks = Blocks((0, plane.samples), plane.sampling_rate, 1)
-    mean, mean_square = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
-    return mean.flatten() / plane.samples, mean_square.flatten() / plane.samples
+    step, count = max(1, plane.probes // SPECTRUM_PROBES), min(plane.samples, SPECTRUM_SAMPLES)
+    rows = [plane.read(*bounds)[:, ::step].to(torch.float64) for bounds in slab_bounds(count, plane.probes)]
+    length = min(count, SPECTRUM_SEGMENT)
+    lines, power = welch(torch.cat(rows).numpy(), plane.sampling_rate, nperseg=length, axis=0)
+    return float(lines[1:][power[1:].mean(1).argmax()]) if len(lines) > 1 else 0.0
