@@ -117,20 +117,21 @@ class PhaseLocked:
         scaled = v if self.scale is None else v * self.scale.to(v)
         return torch.addmm(scaled, rows, self.taken.to(v), alpha=-1)
 
-    def survey(self, of_v: Survey) -> Survey:
-        """Of v*, from that of v; the largest |v*| is a bound."""
+    def survey(self, of_v: Survey, place: list[int] | None = None) -> Survey:
+        """Of v*, from that of v, with the lines at these places or with all; the largest |v*| is a bound."""
         rows = of_v.rows_of_harmonics()
         scale = torch.ones_like(self.taken[0]) if self.scale is None else self.scale
         gram = of_v.gram[:, :, rows]
-        own = torch.einsum("rp,srq,qp->sp", self.taken, gram[:, rows], self.taken)
-        both = (self.taken * of_v.sums[:, rows]).sum(1)
+        squares = scale**2 * of_v.squares
+        for row, taken in zip(rows, self.taken, strict=True):  # one after another, in little memory
+            change = torch.addcmul(gram[:, row] @ self.taken, of_v.sums[:, row], scale, value=-2)
+            squares.addcmul_(taken, change)
+        kept = of_v if place is None else of_v.of_lines(place)
+        gram = gram if place is None else gram[:, of_v.rows_of(place)]
         count = len(self.lines)
         largest = self.taken[0].abs() + torch.hypot(self.taken[1 : 1 + count], self.taken[1 + count :]).sum(0)
-        return of_v.select(
-            scale * of_v.sums - gram @ self.taken,
-            (scale**2 * of_v.squares - 2 * scale * both + own).clamp(min=0),
-            scale * of_v.peaks + largest,
-        )
+        sums = scale * kept.sums - gram @ self.taken
+        return kept.select(sums, squares.clamp(min=0), scale * of_v.peaks + largest)
 
 
 def phase_locked(seen: Survey, cells: Membership, background_rms: float | None = None) -> PhaseLocked:
@@ -143,16 +144,16 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
             down to it, never up.
     """
     rows = seen.rows_of_harmonics()
-    count, harmonics, sums = len(seen.sums), seen.harmonics, seen.sums[:, rows]
+    count, harmonics = len(seen.sums), seen.harmonics
     gram = _gram_of_fit(seen)
     whole, each = _fit(gram.sum(0)).to(seen.sums), _fit(gram).to(seen.sums)
-    inside = (cells.labels < cells.count).to(sums)
+    inside = (cells.labels < cells.count).to(seen.sums)
 
     def deviation(fit: Tensor) -> Tensor:
         """Of each probe from its cell, 0 outside of cells."""
         return fit * inside - cells.spread(cells.mean(fit))
 
-    fit = whole @ sums.sum(0)
+    fit = whole @ seen.sums.sum(0)[rows]
     away = deviation(fit)
 
     def by_line(rows: Tensor) -> Tensor:
@@ -160,16 +161,16 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
         return torch.cat([rows[:1], rows[1 : 1 + harmonics] + rows[1 + harmonics :]])
 
     known = count >= FEWEST_BLOCKS
-    share = torch.ones(1 + harmonics, cells.count, dtype=sums.dtype, device=sums.device)
+    share = torch.ones(1 + harmonics, cells.count).to(fit)
     if known:
-        blocks = _Scatter.of(deviation(each[s] @ sums[s]) for s in range(count))
+        blocks = _Scatter.of(deviation(each[s] @ seen.sums[s, rows]) for s in range(count))
         variance, neighbours = (by_line(cells.sum(part)) for part in (blocks.power, blocks.neighbours))
         rho = correlation(variance, neighbours, count)
         noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
         power = by_line(cells.sum(away.square()))
         share = (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
     taken = cells.spread(torch.cat([share, share[1:]])) * away
-    lines = seen.lines[:harmonics].to(sums.device)
+    lines = seen.lines[:harmonics].to(fit.device)
     drive = PhaseLocked(lines, seen.blocks.sampling_rate, taken, None, share, known)
     return drive if background_rms is None else _with_background(drive, seen, fit, away, cells, background_rms)
 
@@ -201,7 +202,8 @@ class _Scatter:
             if count == 0:
                 first, total, squares, cross = block, block.clone(), block.square(), torch.zeros_like(block)
             else:
-                total, squares, cross = total + block, squares + block.square(), cross + block * last
+                total, squares = total + block, torch.addcmul(squares, block, block)
+                cross = torch.addcmul(cross, block, last)
             last = block
             count += 1
         mean = total / count
@@ -214,7 +216,7 @@ def _with_background(
 ) -> PhaseLocked:
     """v* = v - g d - (1 - s)(v - v'), v' = v_p - (1 - g) d: what a fit keeps of the turbulence is scaled with it."""
     rows = seen.rows_of_harmonics()
-    coherent = (fit * seen.sums[:, rows].sum(0)).sum(0) / seen.lengths.sum()
+    coherent = (fit * seen.sums.sum(0)[rows]).sum(0) / seen.lengths.sum()
     incoherent = (seen.mean_square - coherent).clamp(min=0)
     of_cell = cells.spread(cells.mean(incoherent))
     inside = cells.labels < cells.count
@@ -226,7 +228,7 @@ def _with_background(
 def tone_variances(drive: PhaseLocked, seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     """Mean of v, m/s, variance of what is periodic with the tone, and of the rest of v*, m2/s2, over all cells, 0-d."""
     rows, samples = seen.rows_of_harmonics(), seen.lengths.sum()
-    gram, sums = _gram_of_fit(seen).sum(0), seen.sums[:, rows].sum(0)
+    gram, sums = _gram_of_fit(seen).sum(0), seen.sums.sum(0)[rows]
     fit = _fit(gram).to(sums) @ sums
     gram = gram.to(sums)
     of_cells = cells.mean(fit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import torch
@@ -43,7 +44,7 @@ class Membership:
         """C."""
         return len(self.places)
 
-    @property
+    @functools.cached_property
     def sizes(self) -> Tensor:
         """Probes of each cell, float64, (C,)."""
         return self.inside.sum(1)

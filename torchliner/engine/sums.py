@@ -20,6 +20,7 @@ Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G
 
 ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
 MANY_COLUMNS = 1 << 17
+AT_ONCE = 1 << 12  # columns whose squares a CPU holds
 
 
 class Record(Protocol):
@@ -178,12 +179,14 @@ def linear(weights: Tensor, columns: Tensor) -> Tensor:
 
 def square(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v^2, K = 1."""
-    return (weights @ (columns * columns)).double()[:, :, None]
+    parts = columns.split(AT_ONCE, 2) if columns.device.type == "cpu" else (columns,)
+    return torch.cat([weights @ (part * part) for part in parts], 2).double()[:, :, None]
 
 
 def largest(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: largest |v|, whatever the weights, R = K = 1."""
-    return columns.abs().amax(1).double()[:, None, None]
+    least, most = torch.aminmax(columns, dim=1)
+    return torch.maximum(most, -least).double()[:, None, None]
 
 
 def ones(device: torch.device) -> Rows:

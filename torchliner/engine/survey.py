@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
@@ -57,10 +58,14 @@ class Survey:
         """Samples of each block, on the device of the sums, (S,)."""
         return self.gram[:, 0, 0]
 
+    def mean_of(self, sums: Tensor) -> Tensor:
+        """Over the record, from sums over its blocks: (S, ...) to (1, ...)."""
+        return sums.sum(0, keepdim=True) / self.lengths.sum()
+
     @property
     def mean(self) -> Tensor:
         """m/s, (P,)."""
-        return self.sums[:, 0].sum(0) / self.lengths.sum()
+        return self.mean_of(self.sums[:, 0])[0]
 
     @property
     def mean_square(self) -> Tensor:
@@ -77,9 +82,14 @@ class Survey:
         """Largest |v|, m/s, (P,)."""
         return self.peaks.amax(0)
 
+    def rows_of(self, place: Iterable[int]) -> list[int]:
+        """Which of the 1 + 2 L rows are 1, cos and sin of the lines at these places."""
+        cosines = [1 + i for i in place]
+        return [0, *cosines, *(row + len(self.lines) for row in cosines)]
+
     def rows_of_harmonics(self) -> list[int]:
-        """Which of the 1 + 2 L rows are 1, cos and sin of the harmonics."""
-        return [0, *range(1, 1 + self.harmonics), *range(1 + len(self.lines), 1 + len(self.lines) + self.harmonics)]
+        """Those of the harmonics."""
+        return self.rows_of(range(self.harmonics))
 
     def index_of(self, frequency: Tensor) -> list[int]:
         """Place of each frequency (Hz, (F,)) among the lines; -1 where it was not measured."""
@@ -107,6 +117,12 @@ class Survey:
     def select(self, sums: Tensor, squares: Tensor, peaks: Tensor) -> Survey:
         """The same lines of other columns."""
         return dataclasses.replace(self, sums=sums, squares=squares, peaks=peaks)
+
+    def of_lines(self, place: list[int]) -> Survey:
+        """Some lines alone, none of which counts as a harmonic."""
+        rows = self.rows_of(place)
+        gram = self.gram[:, rows][:, :, rows]
+        return dataclasses.replace(self, lines=self.lines[place], harmonics=0, sums=self.sums[:, rows], gram=gram)
 
 
 def survey_jobs(drive: Drive, lines: Tensor, sampling_rate: float) -> list[Job]:

@@ -122,7 +122,7 @@ def map_of(
         averaging=averaging,
         mean_velocity=on_probes(seen.mean),
         velocity_rms=on_probes(seen.rms),
-        velocity_amplitude=on_probes(-tone_velocity(seen, frequency)[0]),
+        velocity_amplitude=on_probes(-tone_velocity(seen, frequency, means=seen.mean_of)[0]),
         coherence=on_probes(seen.coherence(frequency)),
         phase_rule=on_probes(phase_rule),
         cell_x=known.cells.x,

@@ -102,7 +102,7 @@ class Columns:
     @classmethod
     def of(cls, known: Moments, asked: Asked, averaging: str) -> Columns:
         """From the sums of the moments."""
-        seen = survey_of_columns(known, averaging)
+        seen = survey_of_columns(known, averaging, asked.frequency)
         held = seen.coherence(asked.frequency) >= asked.chosen.minimum_coherence
         return cls(known, asked, averaging, seen, seen.lengths, held)
 
@@ -118,7 +118,7 @@ class Columns:
     def means(self, sums: Tensor) -> Tensor:
         """From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...)."""
         if self.interval is None:
-            return sums.sum(0, keepdim=True) / self.lengths.sum()
+            return self.survey.mean_of(sums)
         return replicates(sums, self.lengths)
 
     @property
@@ -169,8 +169,7 @@ class Columns:
         chosen = self.asked.chosen
         velocity = None
         if chosen.phase == "self-consistent":
-            velocity = -tone_velocity(self.survey, self.asked.frequency, part) / 2
-            velocity = velocity if self.interval is not None else velocity[:1]
+            velocity = -tone_velocity(self.survey, self.asked.frequency, part, self.means) / 2
         phase = self.asked.phase
         if phase is not None and self.averaging == "velocity":
             phase = mean_direction(self.known.membership, phase).angle()
@@ -185,23 +184,35 @@ class Columns:
         return reflection_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None]).to(speed.device)
 
 
-def survey_of_columns(known: Moments, averaging: str) -> Survey:
-    """Of the columns that an averaging has: probes, cells, or probes with the phase-locked velocity of their cell."""
+def survey_of_columns(known: Moments, averaging: str, frequency: Tensor | None = None) -> Survey:
+    """Of the columns that an averaging has: probes, cells, or probes with the phase-locked velocity of their cell.
+
+    Its lines are those of the frequencies, Hz, (F,), if these were measured; else all.
+    """
     seen, cells = known.survey, known.membership
+    place = None if frequency is None else seen.index_of(frequency)
+    if place is not None and -1 in place:
+        place = None
     if averaging == "velocity":
         squares = known.sums.get("square of cells")
         of_cells = torch.full_like(cells.sum(seen.squares), torch.nan) if squares is None else squares[:, 0, 0]
+        seen = seen if place is None else seen.of_lines(place)
         return seen.select(cells.mean(seen.sums), of_cells, cells.mean(seen.peaks))
     if averaging == "phase-locked" and known.locked is not None:
-        return known.locked.survey(seen)
+        return known.locked.survey(seen, place)
     return seen
 
 
-def tone_velocity(seen: Survey, frequency: Tensor, columns: slice = slice(None)) -> Tensor:
-    """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off."""
+def tone_velocity(
+    seen: Survey, frequency: Tensor, columns: slice = slice(None), means: Callable[[Tensor], Tensor] | None = None
+) -> Tensor:
+    """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off.
+
+    ``means``: from sums over blocks, (S, ...), to means, (B, ...); default over all and without each block.
+    """
+    means = means or (lambda sums: replicates(sums, seen.lengths))
     of_v, of_one = seen.line_sums(frequency, columns)
-    mean = replicates(seen.sums[:, 0, columns], seen.lengths)
-    return 2 * (replicates(of_v, seen.lengths) - mean[..., None] * replicates(of_one, seen.lengths)[:, None])
+    return 2 * (means(of_v) - means(seen.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
 
 
 def mean_direction(cells: Membership, phase: Tensor) -> Tensor:

@@ -82,7 +82,7 @@ def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Ca
 
 def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:
     """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
-    seen = survey_of_columns(moments, "velocity")
+    seen = survey_of_columns(moments, "velocity", case.frequency)
     cells = -tone_velocity(seen, case.frequency).cpu()
     scale = moments.membership.mean(moments.survey.mean_square).sqrt().cpu()
     cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)

@@ -143,7 +143,7 @@ def replay(
     averages: dict[str, Averages] = {}
     for name, part in zip(AVERAGED, values.split([plane.probes, known.cells.count], 1), strict=True):
         held = torch.ones(part.shape[1:], dtype=torch.bool, device=reading.device)
-        seen = survey_of_columns(known, name)
+        seen = survey_of_columns(known, name, tones)
         averages[name] = _Replayed(known, about, name, seen, lengths.double(), held, part).averages()
     notes += replay_checks.review_replay(kernels, wave, sent, table["signal_error"], averages[averaging].liner)
     if segment is not None and interval is not None:
