@@ -118,16 +118,17 @@ class PhaseLocked:
         return torch.addmm(scaled, rows, self.taken.to(v), alpha=-1)
 
     def survey(self, of_v: Survey, place: list[int] | None = None) -> Survey:
-        """Of v*, from that of v, with the lines at these places or with all; the largest |v*| is a bound."""
+        """Of v*, from that of v; the largest |v*| is a bound. With the lines at these places alone it has no squares."""
         rows = of_v.rows_of_harmonics()
         scale = torch.ones_like(self.taken[0]) if self.scale is None else self.scale
-        gram = of_v.gram[:, :, rows]
-        squares = scale**2 * of_v.squares
-        for row, taken in zip(rows, self.taken, strict=True):  # one after another, in little memory
-            change = torch.addcmul(gram[:, row] @ self.taken, of_v.sums[:, row], scale, value=-2)
-            squares.addcmul_(taken, change)
-        kept = of_v if place is None else of_v.of_lines(place)
-        gram = gram if place is None else gram[:, of_v.rows_of(place)]
+        gram, kept, squares = of_v.gram[:, :, rows], of_v, torch.full_like(of_v.squares, torch.nan)
+        if place is None:
+            squares = scale**2 * of_v.squares
+            for row, taken in zip(rows, self.taken, strict=True):  # one after another, in little memory
+                change = torch.addcmul(gram[:, row] @ self.taken, of_v.sums[:, row], scale, value=-2)
+                squares.addcmul_(taken, change)
+        else:
+            gram, kept = gram[:, of_v.rows_of(place)], of_v.of_lines(place)
         count = len(self.lines)
         largest = self.taken[0].abs() + torch.hypot(self.taken[1 : 1 + count], self.taken[1 + count :]).sum(0)
         sums = scale * kept.sums - gram @ self.taken
@@ -147,14 +148,14 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
     count, harmonics = len(seen.sums), seen.harmonics
     gram = _gram_of_fit(seen)
     whole, each = _fit(gram.sum(0)).to(seen.sums), _fit(gram).to(seen.sums)
-    inside = (cells.labels < cells.count).to(seen.sums)
-
-    def deviation(fit: Tensor) -> Tensor:
-        """Of each probe from its cell, 0 outside of cells."""
-        return fit * inside - cells.spread(cells.mean(fit))
-
     fit = whole @ seen.sums.sum(0)[rows]
-    away = deviation(fit)
+    # What deviates from the cell, 0 outside of cells.
+    away = fit * (cells.labels < cells.count) - cells.spread(cells.mean(fit))
+
+    def deviation(block: int) -> Tensor:
+        """The same of one block, by cell, (R, C, M)."""
+        members = cells.members(each[block] @ seen.sums[block, rows])
+        return members - (members.sum(-1) / cells.sizes)[..., None]
 
     def by_line(rows: Tensor) -> Tensor:
         """Sums over cosine and sine of each line: (1 + 2 H, C) to (1 + H, C)."""
@@ -163,8 +164,9 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
     known = count >= FEWEST_BLOCKS
     share = torch.ones(1 + harmonics, cells.count).to(fit)
     if known:
-        blocks = _Scatter.of(deviation(each[s] @ seen.sums[s, rows]) for s in range(count))
-        variance, neighbours = (by_line(cells.sum(part)) for part in (blocks.power, blocks.neighbours))
+        blocks = _Scatter.of(map(deviation, range(count)))
+        parts = ((part * cells.inside).sum(-1) for part in (blocks.power, blocks.neighbours))
+        variance, neighbours = (by_line(part) for part in parts)
         rho = correlation(variance, neighbours, count)
         noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
         power = by_line(cells.sum(away.square()))
@@ -188,7 +190,7 @@ def _fit(gram: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class _Scatter:
-    """Sums over blocks of the squares of what deviates from their mean, and of products of neighbours: (R, P) each."""
+    """Sums over blocks of the squares of what deviates from their mean, and of products of neighbours, alike in shape."""
 
     power: Tensor
     neighbours: Tensor

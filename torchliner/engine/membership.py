@@ -49,12 +49,16 @@ class Membership:
         """Probes of each cell, float64, (C,)."""
         return self.inside.sum(1)
 
+    def members(self, values: Tensor) -> Tensor:
+        """Those of each cell side by side, 0 in the padding: (..., P) to (..., C, M)."""
+        if self.ordered:
+            return values.unflatten(-1, self.places.shape)
+        members = values.index_select(-1, self.places.flatten()).unflatten(-1, self.places.shape)
+        return members.mul_(self.inside.to(members))
+
     def sum(self, values: Tensor) -> Tensor:
         """Over the probes of each cell: (..., P) to (..., C)."""
-        if self.ordered:
-            return values.unflatten(-1, self.places.shape).sum(-1)
-        members = values.index_select(-1, self.places.flatten()).unflatten(-1, self.places.shape)
-        return (members * self.inside.to(members)).sum(-1)
+        return self.members(values).sum(-1)
 
     def mean(self, values: Tensor) -> Tensor:
         """Over the probes of each cell: (..., P) to (..., C)."""

@@ -19,8 +19,9 @@ Rows = Callable[[int, int], Tensor]  # weights of samples begin .. end - 1, (R, 
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to float64 (G, R, K, N)
 
 ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
-MANY_COLUMNS = 1 << 17
-AT_ONCE = 1 << 12  # columns whose squares a CPU holds
+MANY_COLUMNS = (1 << 17,)  # beyond each of which slabs are half as long
+AT_ONCE = 1 << 11  # columns whose squares a CPU holds
+FEW_COLUMNS = 1 << 10
 
 
 class Record(Protocol):
@@ -158,6 +159,10 @@ def _measured(
     columns = job.drive(samples, low)
     begin, end = batch[0].begin, batch[-1].end
     columns, rows = columns[begin - low : end - low], job.rows(begin, end).to(columns)
+    if padding is not None and columns.device.type == "cpu" and columns.shape[1] > FEW_COLUMNS:  # no copies
+        first = batch[0].begin
+        parts = [(rows[:, a:b][None], columns[a:b][None]) for a, b in ((s.begin - first, s.end - first) for s in batch)]
+        return torch.cat([job.measure(*part) for part in parts])
     if padding is None:  # views
         shape = (len(batch), -1)
         return job.measure(rows.unflatten(1, shape).transpose(0, 1), columns.unflatten(0, shape))
@@ -169,7 +174,8 @@ def _measured(
 def rows_at_once(record: Record) -> tuple[int, int]:
     """Samples that are worked on together, and of a slab: fewer where there are very many columns."""
     at_once = ON_DEVICE if record.device.type != "cpu" else ON_CPU
-    return max(SLAB, at_once // record.columns), SLAB if record.columns <= MANY_COLUMNS else SLAB // 4
+    slab = SLAB >> sum(record.columns > many for many in MANY_COLUMNS)
+    return max(slab, at_once // record.columns), slab
 
 
 def linear(weights: Tensor, columns: Tensor) -> Tensor:
@@ -179,14 +185,17 @@ def linear(weights: Tensor, columns: Tensor) -> Tensor:
 
 def square(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v^2, K = 1."""
-    parts = columns.split(AT_ONCE, 2) if columns.device.type == "cpu" else (columns,)
-    return torch.cat([weights @ (part * part) for part in parts], 2).double()[:, :, None]
+    return torch.cat([weights @ (part * part) for part in _parts(columns)], 2).double()[:, :, None]
 
 
 def largest(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: largest |v|, whatever the weights, R = K = 1."""
-    least, most = torch.aminmax(columns, dim=1)
-    return torch.maximum(most, -least).double()[:, None, None]
+    return torch.cat([part.abs().amax(1) for part in _parts(columns)], 1).double()[:, None, None]
+
+
+def _parts(columns: Tensor) -> Sequence[Tensor]:
+    """On a CPU so few columns at once that what is made of them stays in its cache."""
+    return columns.split(AT_ONCE, 2) if columns.device.type == "cpu" else (columns,)
 
 
 def ones(device: torch.device) -> Rows:

@@ -81,7 +81,7 @@ def answer(
         frequency,
         found,
         chosen.averaging,
-        phase_rule=found["admittance"].held | torch.tensor(chosen.phase != "self-consistent"),
+        phase_rule=found["admittance"].held,
         wall=asked.wall,
         choices=facts_of(known, liner, chosen, error, share) | {"level_check": checked},
         notes=tuple(dict.fromkeys(notes)),

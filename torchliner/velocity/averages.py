@@ -102,8 +102,12 @@ class Columns:
     @classmethod
     def of(cls, known: Moments, asked: Asked, averaging: str) -> Columns:
         """From the sums of the moments."""
-        seen = survey_of_columns(known, averaging, asked.frequency)
-        held = seen.coherence(asked.frequency) >= asked.chosen.minimum_coherence
+        chosen, frequency = asked.chosen, asked.frequency
+        seen = survey_of_columns(known, averaging, None if chosen.drive == "rms" else frequency)
+        if chosen.phase == "self-consistent":
+            held = seen.coherence(frequency) >= chosen.minimum_coherence
+        else:
+            held = torch.ones(seen.sums.shape[2], len(frequency), dtype=torch.bool, device=seen.sums.device)
         return cls(known, asked, averaging, seen, seen.lengths, held)
 
     def averages(self) -> Averages:
