@@ -102,7 +102,7 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
     kept = (1 - shares)[:, None, None]
     centre = (kept * left).sum(0) / (count - 1)  # of a linear result its value, whatever the shares
     own = (centre - left) * kept
-    power, neighbours = own.square().sum((0, 2)), (own[1:] * own[:-1]).sum((0, 2))
+    power, neighbours = own.square().sum(0).sum(-1), (own[1:] * own[:-1]).sum(0).sum(-1)
     rho = correlation(power, neighbours, count, -MOST_CORRELATED)
     lengths = run_lengths(rho, count)
     moments = _of_runs(own, lengths) * _beyond_runs(rho, lengths)

@@ -97,22 +97,29 @@ class Survey:
         return [int(column.nonzero()[0]) if bool(column.any()) else -1 for column in near.T]
 
     def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
-        """Sums of v e^{-j omega t}, complex128, (S, n, F), and of e^{-j omega t}, (S, F); nan where not measured."""
-        place, count = self.index_of(frequency), len(self.lines)
-        cosine = [1 + max(i, 0) for i in place]
-        sine = [1 + count + max(i, 0) for i in place]
+        """Sums of v e^{-j omega t}, complex128, (S, n, M), and of e^{-j omega t}, (S, M), of those that were measured."""
+        place, count = [i for i in self.index_of(frequency) if i >= 0], len(self.lines)
+        cosine, sine = [1 + i for i in place], [1 + count + i for i in place]
         part = self.sums[:, :, columns]
-        of_v = torch.complex(part[:, cosine], -part[:, sine])
-        for i in (i for i, found in enumerate(place) if found < 0):
-            of_v[:, i] = torch.nan
-        return of_v.transpose(1, 2), torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
+        of_v = torch.complex(part[:, cosine], -part[:, sine]).transpose(1, 2)
+        return of_v, torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
+
+    def at_all(self, found: Tensor, frequency: Tensor) -> Tensor:
+        """What was made of ``line_sums``, (..., M), at all frequencies, (..., F): nan where nothing was measured."""
+        place = self.index_of(frequency)
+        if -1 not in place:
+            return found
+        whole = found.new_full((*found.shape[:-1], len(place)), torch.nan)
+        whole[..., [i for i, at in enumerate(place) if at >= 0]] = found
+        return whole
 
     def coherence(self, frequency: Tensor) -> Tensor:
-        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F)."""
+        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F); nan as ``at_all``."""
         of_v, of_one = self.line_sums(frequency)
         lines = (of_v - self.mean[:, None] * of_one[:, None]) / self.lengths[:, None, None]
         power = lines.abs().square().mean(0)
-        return torch.where(power > 0, lines.mean(0).abs().square() / power.clamp(min=1e-300), 0.0)
+        found = torch.where(power == 0, 0.0, lines.mean(0).abs().square() / power.clamp(min=1e-300))
+        return self.at_all(found, frequency)
 
     def select(self, sums: Tensor, squares: Tensor, peaks: Tensor) -> Survey:
         """The same lines of other columns."""

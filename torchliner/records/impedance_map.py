@@ -46,7 +46,8 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
         mean_velocity, velocity_rms: m/s, (...): time mean, and rms of the rest, of v as stored (positive away from
             the liner).
         velocity_amplitude: complex peak amplitude of v into the liner at f, m/s, (..., F).
-        coherence: squared coherence of v with a steady tone at f over the blocks of the record, (..., F).
+        coherence: squared coherence of v with a steady tone at f over the blocks of the record, (..., F). As
+            ``velocity_amplitude`` nan where it was not measured: beside the tone, where many frequencies are asked for.
         phase_rule: per probe and frequency, whether the phase rule was used: False where ``self-consistent`` fell back
             to ``averaged``.
         cell_x, cell_z: centres of whole cells, m, (C,).

@@ -216,7 +216,8 @@ def tone_velocity(
     """
     means = means or (lambda sums: replicates(sums, seen.lengths))
     of_v, of_one = seen.line_sums(frequency, columns)
-    return 2 * (means(of_v) - means(seen.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
+    found = 2 * (means(of_v) - means(seen.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
+    return seen.at_all(found, frequency)
 
 
 def mean_direction(cells: Membership, phase: Tensor) -> Tensor:

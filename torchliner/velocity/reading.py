@@ -80,8 +80,12 @@ class Reading:
         rate = plane.sampling_rate
         alone = float(frequency[0]) if len(frequency) == 1 else None
         harmonics = harmonics_of(plane.frequency or alone, rate)
-        lines = torch.tensor(merged_lines(harmonics, frequency.tolist()), dtype=torch.float64)
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()))
+        asked = merged_lines(harmonics, frequency.tolist())
+        size = 8 * blocks.count * (1 + 2 * len(asked)) * plane.probes
+        if size > MOST_BYTES and chosen.wall_filter is None and chosen.phase != "self-consistent":
+            asked = harmonics
+        lines = torch.tensor(asked, dtype=torch.float64)
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
         cells = sort_into_cells(plane, cell_pitch)
         used = torch.ones(plane.probes, dtype=torch.bool)
@@ -173,6 +177,7 @@ class Reading:
 
 
 SURVEY = ("lines", "square", "largest")
+MOST_BYTES = 1 << 28  # of the lines of v at all frequencies asked for; beyond, those of the tone alone
 
 
 def _plain(cells: Membership) -> dict[str, Drive]:
