@@ -15,8 +15,9 @@ from torch import Tensor
 
 import torchliner as tl
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.engine import sums
 from torchliner.engine.blocks import SLAB, Blocks, geometric, waves
-from torchliner.engine.drives import PhaseLocked, RunningRms, as_measured, phase_locked
+from torchliner.engine.drives import CellMean, LessMean, PhaseLocked, RunningRms, as_measured, phase_locked
 from torchliner.engine.membership import Membership
 from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, choose_nodes, interpolation_error, nodes_of, response
 from torchliner.engine.phase import Sound, averaged, self_consistent
@@ -108,6 +109,24 @@ def test_a_probe_does_not_depend_on_its_neighbours_or_layout() -> None:
         (turned,) = reduce(held(v.T.contiguous().T), blocks, [job])
         assert torch.allclose(all_of_them[..., 5:9], some, rtol=2e-6, atol=1e-4)
         assert torch.allclose(all_of_them, turned, rtol=2e-6, atol=1e-4)
+
+
+def test_tiles_of_columns_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of a CPU, of drives that take probes one by one and of those that join them; slabs of unequal length."""
+    v, blocks = noise(3000, 40), Blocks.of(3000, RATE, 100.0)
+    cells, lines = (
+        Membership.of(torch.tensor([0] * 7 + [1] * 20 + [-1] * 3 + [2] * 10), 3, CPU),
+        torch.tensor([TONE]).double(),
+    )
+    locked = PhaseLocked(lines, RATE, noise(3, 40, seed=4), noise(1, 40, seed=5)[0].abs(), torch.ones(2, 3), known=True)
+    drives = [CellMean(cells), LessMean(CellMean(cells), noise(1, 3)[0]), LessMean(locked, noise(1, 40, seed=6)[0])]
+    jobs = every_job(ANY_LINER) + [Job(drive, wave_rows(lines, RATE), ANY_LINER.sums) for drive in drives]
+    jobs.append(Job(RunningRms(locked, 31, 3000), ones(CPU), ANY_LINER.sums, 40))
+    whole = reduce(held(v), blocks, jobs)
+    monkeypatch.setattr(sums, "TILE", 16)
+    monkeypatch.setattr(sums, "FEW_COLUMNS", 4)
+    for one, tiled in zip(whole, reduce(held(v), blocks, jobs), strict=True):
+        torch.testing.assert_close(one, tiled, rtol=1e-12, atol=1e-11)
 
 
 @pytest.mark.parametrize("nodes", [Chebyshev(24, 0.93), Levels((0.0, 1.0, 3.0, 40.0), 4)], ids=["chebyshev", "levels"])

@@ -27,15 +27,26 @@ from torch import Tensor
 from torchliner.engine.blocks import waves
 from torchliner.engine.intervals import correlation
 from torchliner.engine.membership import Membership
-from torchliner.engine.sums import Drive
+from torchliner.engine.sums import Drive, of_columns
 from torchliner.engine.survey import Survey, gram_of
 
 FEWEST_BLOCKS = 3  # from which the scatter of a fit can be known
 
 
-def as_measured(v: Tensor, begin: int) -> Tensor:
+@dataclass(frozen=True)
+class AsMeasured:
     """Averaging ``admittance``, the paper's: each probe is driven by its own velocity, (t, P)."""
-    return v
+
+    def __call__(self, v: Tensor, begin: int) -> Tensor:
+        """Of a slab."""
+        return v
+
+    def of_columns(self, part: slice) -> Drive:
+        """Of some probes."""
+        return self
+
+
+as_measured = AsMeasured()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +70,11 @@ class LessMean:
     def __call__(self, v: Tensor, begin: int) -> Tensor:
         """Of a slab."""
         return self.drive(v, begin) - self.mean.to(v)
+
+    def of_columns(self, part: slice) -> Drive | None:
+        """Of some probes."""
+        drive = of_columns(self.drive, part)
+        return None if drive is None else LessMean(drive, self.mean[part])
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +106,11 @@ class RunningRms:
         mean = (running[after] - running[first]) / (after - first)[:, None]
         return mean.clamp(min=0).sqrt().to(v.dtype)
 
+    def of_columns(self, part: slice) -> Drive | None:
+        """Of some probes."""
+        drive = of_columns(self.drive, part)
+        return None if drive is None else RunningRms(drive, self.window, self.samples)
+
 
 @dataclass(frozen=True, eq=False)
 class PhaseLocked:
@@ -117,8 +138,13 @@ class PhaseLocked:
         scaled = v if self.scale is None else v * self.scale.to(v)
         return torch.addmm(scaled, rows, self.taken.to(v), alpha=-1)
 
+    def of_columns(self, part: slice) -> Drive:
+        """Of some probes."""
+        scale = None if self.scale is None else self.scale[part]
+        return dataclasses.replace(self, taken=self.taken[:, part], scale=scale)
+
     def survey(self, of_v: Survey, place: list[int] | None = None) -> Survey:
-        """Of v*, from that of v; the largest |v*| is a bound. With the lines at these places alone it has no squares."""
+        """Of v*, from that of v; |v*| is a bound. With the lines at these places alone the squares are nan."""
         rows = of_v.rows_of_harmonics()
         scale = torch.ones_like(self.taken[0]) if self.scale is None else self.scale
         gram, kept, squares = of_v.gram[:, :, rows], of_v, torch.full_like(of_v.squares, torch.nan)
@@ -190,7 +216,7 @@ def _fit(gram: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class _Scatter:
-    """Sums over blocks of the squares of what deviates from their mean, and of products of neighbours, alike in shape."""
+    """Sums over blocks of the squares of what deviates from their mean, and of products of neighbours."""
 
     power: Tensor
     neighbours: Tensor

@@ -20,8 +20,8 @@ Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G
 
 ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
 MANY_COLUMNS = (1 << 17,)  # beyond each of which slabs are half as long
-AT_ONCE = 1 << 11  # columns whose squares a CPU holds
-FEW_COLUMNS = 1 << 10
+TILE = 1 << 11  # columns that go through all jobs while they are in the cache of a CPU
+FEW_COLUMNS = 1 << 8
 
 
 class Record(Protocol):
@@ -72,7 +72,7 @@ class Job:
         measure: of weights and columns, K numbers for each row and column.
         reach: samples before and after a slab that ``drive`` needs to see; their columns are not summed.
         largest: blocks keep the largest instead of the sum.
-        projection: applied to the sums of each block as soon as it is complete, (J, K); None keeps all K.
+        projection: applied to the sums of each slab, (J, K); None keeps all K.
     """
 
     drive: Drive
@@ -103,7 +103,19 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     def work(item: tuple[list[Slab], int, Tensor]) -> list[Tensor]:
         batch, low, samples = item
         padding = _padding(batch, record.device)
-        return [_measured(job, batch, samples, low, padding) for job in jobs]
+        weights = [job.rows(batch[0].begin, batch[-1].end).to(samples) for job in jobs]
+        found: list[list[Tensor]] = [[] for _ in jobs]
+        for part in _tiles(samples):
+            for i, job in enumerate(jobs):
+                drive = job.drive if part is None else of_columns(job.drive, part)
+                if drive is not None:
+                    columns = drive(samples if part is None else samples[:, part], low)
+                elif not found[i]:  # of all columns at once
+                    columns = job.drive(samples, low)
+                else:
+                    continue
+                found[i].append(_measured(job, weights[i], columns, batch, low, padding))
+        return [each[0] if len(each) == 1 else torch.cat(each, 3) for each in found]
 
     lows = (low for low, _ in bounds)
     items = zip(batches, lows, record.slabs(bounds), strict=True)
@@ -130,10 +142,9 @@ class _Blocks:
                 part = torch.maximum(self.opened, part) if self.job.largest else self.opened + part
             self.opened = part
             if slab.last:
-                whole = part if self.job.projection is None else self.job.projection @ part
                 if not self.done:
-                    self.rows = whole.new_empty(self.count, *whole.shape)
-                self.rows[self.done] = whole
+                    self.rows = part.new_empty(self.count, *part.shape)
+                self.rows[self.done] = part
                 self.done += 1
 
 
@@ -152,23 +163,37 @@ def _padding(batch: Sequence[Slab], device: torch.device) -> tuple[Tensor, Tenso
     return first_and_length[0] + torch.minimum(step, first_and_length[1] - 1), step < first_and_length[1]
 
 
+def _tiles(samples: Tensor) -> Sequence[slice | None]:
+    """On a CPU so few columns at once that they stay in its cache for all jobs; the bits do not depend on that."""
+    if samples.device.type != "cpu" or samples.shape[1] <= TILE:
+        return [None]
+    return [slice(left, left + TILE) for left in range(0, samples.shape[1], TILE)]
+
+
+def of_columns(drive: Drive, part: slice) -> Drive | None:
+    """A drive for some of the probes alone; None of one that joins probes."""
+    make = getattr(drive, "of_columns", None)
+    found: Drive | None = None if make is None else make(part)
+    return found
+
+
 def _measured(
-    job: Job, batch: Sequence[Slab], samples: Tensor, low: int, padding: tuple[Tensor, Tensor] | None
+    job: Job, rows: Tensor, columns: Tensor, batch: Sequence[Slab], low: int, padding: tuple[Tensor, Tensor] | None
 ) -> Tensor:
-    """Of each slab of a batch, (G, R, K, N), from the samples that begin with ``low``."""
-    columns = job.drive(samples, low)
-    begin, end = batch[0].begin, batch[-1].end
-    columns, rows = columns[begin - low : end - low], job.rows(begin, end).to(columns)
-    if padding is not None and columns.device.type == "cpu" and columns.shape[1] > FEW_COLUMNS:  # no copies
-        first = batch[0].begin
-        parts = [(rows[:, a:b][None], columns[a:b][None]) for a, b in ((s.begin - first, s.end - first) for s in batch)]
-        return torch.cat([job.measure(*part) for part in parts])
+    """Of each slab of a batch, (G, R, J, N), from weights (R, t) and columns that begin with sample ``low``."""
+    first = batch[0].begin
+    columns = columns[first - low : batch[-1].end - low]
     if padding is None:  # views
         shape = (len(batch), -1)
-        return job.measure(rows.unflatten(1, shape).transpose(0, 1), columns.unflatten(0, shape))
-    place, own = padding
-    weights = rows[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * own[:, None]
-    return job.measure(weights, columns[place.flatten()].unflatten(0, place.shape))
+        found = job.measure(rows.unflatten(1, shape).transpose(0, 1), columns.unflatten(0, shape))
+    elif columns.device.type == "cpu" and columns.shape[1] > FEW_COLUMNS:  # no copies
+        cuts = [slice(slab.begin - first, slab.end - first) for slab in batch]
+        found = torch.cat([job.measure(rows[None, :, cut], columns[None, cut]) for cut in cuts])
+    else:
+        place, own = padding
+        weights = rows[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * own[:, None]
+        found = job.measure(weights, columns[place.flatten()].unflatten(0, place.shape))
+    return found if job.projection is None else job.projection @ found
 
 
 def rows_at_once(record: Record) -> tuple[int, int]:
@@ -185,17 +210,12 @@ def linear(weights: Tensor, columns: Tensor) -> Tensor:
 
 def square(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v^2, K = 1."""
-    return torch.cat([weights @ (part * part) for part in _parts(columns)], 2).double()[:, :, None]
+    return (weights @ (columns * columns)).double()[:, :, None]
 
 
 def largest(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: largest |v|, whatever the weights, R = K = 1."""
-    return torch.cat([part.abs().amax(1) for part in _parts(columns)], 1).double()[:, None, None]
-
-
-def _parts(columns: Tensor) -> Sequence[Tensor]:
-    """On a CPU so few columns at once that what is made of them stays in its cache."""
-    return columns.split(AT_ONCE, 2) if columns.device.type == "cpu" else (columns,)
+    return columns.abs().amax(1).double()[:, None, None]
 
 
 def ones(device: torch.device) -> Rows:

@@ -97,7 +97,7 @@ class Survey:
         return [int(column.nonzero()[0]) if bool(column.any()) else -1 for column in near.T]
 
     def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
-        """Sums of v e^{-j omega t}, complex128, (S, n, M), and of e^{-j omega t}, (S, M), of those that were measured."""
+        """Sums of v e^{-j omega t}, complex128, (S, n, M), and of e^{-j omega t}, (S, M), where measured."""
         place, count = [i for i in self.index_of(frequency) if i >= 0], len(self.lines)
         cosine, sine = [1 + i for i in place], [1 + count + i for i in place]
         part = self.sums[:, :, columns]
@@ -114,7 +114,7 @@ class Survey:
         return whole
 
     def coherence(self, frequency: Tensor) -> Tensor:
-        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F); nan as ``at_all``."""
+        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F); see ``at_all``."""
         of_v, of_one = self.line_sums(frequency)
         lines = (of_v - self.mean[:, None] * of_one[:, None]) / self.lengths[:, None, None]
         power = lines.abs().square().mean(0)
