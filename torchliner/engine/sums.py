@@ -16,7 +16,7 @@ from torchliner.engine.threads import in_order
 Read = Callable[[int, int], Tensor]  # samples begin .. end - 1 of v, (t, P), m/s, positive away from the liner
 Drive = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, to columns (t, N), m/s
 Rows = Callable[[int, int], Tensor]  # weights of samples begin .. end - 1, (R, t), float64
-Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to float64 (G, R, K, N)
+Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
 
 ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
 MANY_COLUMNS = (1 << 17,)  # beyond each of which slabs are half as long
@@ -100,7 +100,7 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     batches = list(blocks.batches(*rows_at_once(record), taken, across=record.device.type != "cpu"))
     bounds = [(max(0, batch[0].begin - reach), min(record.samples, batch[-1].end + reach)) for batch in batches]
 
-    def work(item: tuple[list[Slab], int, Tensor]) -> list[Tensor]:
+    def work(item: tuple[list[Slab], int, Tensor]) -> list[list[Tensor]]:
         batch, low, samples = item
         padding = _padding(batch, record.device)
         weights = [job.rows(batch[0].begin, batch[-1].end).to(samples) for job in jobs]
@@ -115,7 +115,7 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
                 else:
                     continue
                 found[i].append(_measured(job, weights[i], columns, batch, low, padding))
-        return [each[0] if len(each) == 1 else torch.cat(each, 3) for each in found]
+        return found
 
     lows = (low for low, _ in bounds)
     items = zip(batches, lows, record.slabs(bounds), strict=True)
@@ -133,18 +133,25 @@ class _Blocks:
 
     def __init__(self, job: Job, count: int) -> None:
         self.job, self.count, self.done = job, count, 0
-        self.rows = self.opened = torch.empty(0)
+        self.rows = torch.empty(0)
+        self.opened: list[Tensor] = []
 
-    def add(self, batch: Sequence[Slab], parts: Tensor) -> None:
-        """The slabs that come next, (G, R, K, N)."""
-        for slab, part in zip(batch, parts, strict=True):
+    def add(self, batch: Sequence[Slab], tiles: Sequence[Tensor]) -> None:
+        """The slabs that come next, tile by tile of the columns, (G, R, J, n)."""
+        for i, slab in enumerate(batch):
+            parts = [tile[i].double() for tile in tiles]
             if not slab.first:
-                part = torch.maximum(self.opened, part) if self.job.largest else self.opened + part
-            self.opened = part
+                joined = torch.maximum if self.job.largest else torch.add
+                parts = [joined(before, part) for before, part in zip(self.opened, parts, strict=True)]
+            self.opened = parts
             if slab.last:
                 if not self.done:
-                    self.rows = part.new_empty(self.count, *part.shape)
-                self.rows[self.done] = part
+                    shape = *parts[0].shape[:2], sum(part.shape[2] for part in parts)
+                    self.rows = parts[0].new_empty(self.count, *shape)
+                left = 0
+                for part in parts:
+                    self.rows[self.done, ..., left : left + part.shape[2]] = part
+                    left += part.shape[2]
                 self.done += 1
 
 
@@ -205,17 +212,17 @@ def rows_at_once(record: Record) -> tuple[int, int]:
 
 def linear(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v, K = 1."""
-    return (weights @ columns).double()[:, :, None]
+    return (weights @ columns)[:, :, None]
 
 
 def square(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v^2, K = 1."""
-    return (weights @ (columns * columns)).double()[:, :, None]
+    return (weights @ (columns * columns))[:, :, None]
 
 
 def largest(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: largest |v|, whatever the weights, R = K = 1."""
-    return columns.abs().amax(1).double()[:, None, None]
+    return columns.abs().amax(1)[:, None, None]
 
 
 def ones(device: torch.device) -> Rows:
