@@ -12,9 +12,12 @@ from torchliner.liners.model import LinerModel
 
 # Choices whose rows an audit has, as runs of their own.
 ALONE: tuple[dict[str, Any], ...] = (
-    {}, {"window": "boxcar"}, {"window": "hann"}, {"window": "blackman"}, {"kernel": "causal"},
-    {"mean": "removed"}, {"drive": "rms"}, {"drive": "running-rms"}, {"phase": "self-consistent"},
-)  # fmt: skip
+    {},
+    {"mean": "removed"},
+    {"drive": "rms"},
+    {"drive": "running-rms"},
+    {"phase": "self-consistent"},
+)
 FREE = {"vena_contracta": (0.3, 1.0), "offset_resistance": (-0.2, 0.2),
         "offset_reactance": (-0.5, 0.6), "porosity": (0.01, 0.5),
         "cavity_depth": (5e-3, 0.1)}  # fmt: skip

@@ -29,10 +29,9 @@ from torchliner.records import VelocityPlane
 from torchliner.records.boxes import grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
 from torchliner.studies.source import Further, Source, average_of
-from torchliner.velocity.answer import answer
+from torchliner.velocity.answer import answer, require_fitting
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_check import cell_velocity, implied_pressure
-from torchliner.velocity.review import require_fitting
 
 PHASES = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5, 1.0)  # of a cell

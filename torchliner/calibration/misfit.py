@@ -25,10 +25,11 @@ from torchliner.forward_mode import slopes_of
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
+from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import moments
-from torchliner.velocity.review import require_fitting, review_liner
+from torchliner.velocity.review import review_liner
 
 WORK_NUMBERS = 1 << 22  # complex, held at once for many draws
 

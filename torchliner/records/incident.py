@@ -235,7 +235,7 @@ class Recorded(Incident):
 
 
 def _listed(values: Tensor) -> str:
-    return " ".join(f"{value:.6g}" for value in values.tolist())
+    return " ".join(f"{value + 0.0:.6g}" for value in values.tolist())  # no -0
 
 
 def parse_signal(text: str) -> Incident | None:
@@ -246,7 +246,7 @@ def parse_signal(text: str) -> Incident | None:
     try:
         if kind == "tones":
             return Tones([float(f) for f in rest.split(",")])
-        low, high, *more = rest.split(":", 2)
+        low, high, *more = rest.split(":", 2) if ":" in rest else ("", "")
         if kind == "noise":
             return BandNoise(float(low), float(high), *(int(seed) for seed in more))
         return Sweep(float(low), float(high), *more)

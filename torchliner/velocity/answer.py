@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor
+from torchliner.checks import index_of_frequency, real_tensor
 from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
@@ -51,16 +51,17 @@ def answer(
     Raises:
         ValueError: the moments do not fit what is asked.
     """
-    review.require_fitting(known, liner, frequency, chosen)
+    require_fitting(known, liner, frequency, chosen)
     plane, seen = known.plane, known.survey
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]
     count, share = seen.blocks.count, review_answer.tone_share(known)
+    said = {note.code for note in known.notes}
+    again = [*review.review_record(plane, frequency, chosen), *review.review_liner(plane, liner)]
     notes = [
         *known.notes,
-        *review.review_record(plane, frequency, chosen),
-        *review.review_liner(plane, liner),
+        *(note for note in again if note.code not in said),
         *doubts,
         *review_answer.review_other_tones(plane, known, liner, frequency, share),
         *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
@@ -87,6 +88,64 @@ def answer(
         notes=tuple(dict.fromkeys(notes)),
         level_check=check,
     )
+
+
+def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
+    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on.
+
+    Raises:
+        ValueError: what differs, and what to do.
+    """
+    name = known.plane.name
+    known.require_speeds(liner)
+    if known.only is not None:
+        raise ValueError(
+            f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
+            "second reading, read the parts again with it as given"
+        )
+    free = {  # choices that may be made again
+        "averaging": chosen.averaging in known.sums or chosen.drive == "rms",
+        "phase": True,  # where its line is held
+        "missing": True,
+        "allow_short": True,
+        "background_rms": "phase-locked" not in chosen.averagings,
+    }
+    for key, made in known.settings.items():
+        wanted = chosen.window(frequency) if key == "running_window" else getattr(chosen, key)
+        if wanted != made and not free.get(key, False):
+            remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
+            raise ValueError(
+                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; {remedy}, or reduce the data "
+                "again"
+            )
+    if liner.cell_pitch != known.cell_pitch:
+        made, wanted = (
+            "all probes (no cell_pitch)" if pitch is None else f"{1e3 * float(pitch):.6g} mm"
+            for pitch in (known.cell_pitch, liner.cell_pitch)
+        )
+        raise ValueError(
+            f"{name} was reduced for cells of {made}, and the liner's are of {wanted}; reduce the data again with that "
+            "liner"
+        )
+    coherent = chosen.wall_filter is not None or chosen.phase == "self-consistent"
+    rule = "choose phase='averaged'"
+    leave = rule if chosen.wall_filter is None else "leave wall_filter out"
+    for needed, what, lines, remedy in (
+        (
+            chosen.phase != "averaged",
+            f"the line of phase {chosen.phase!r} at",
+            known.turns / 2,
+            "choose phase='averaged'",
+        ),
+        (coherent, "the coherence of v with the tone at", known.survey.lines, leave),
+    ):
+        for f in frequency.tolist() if needed else []:
+            if index_of_frequency(lines, f) is None:
+                held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
+                raise ValueError(
+                    f"{name} holds {what} {held}, and not with {f:g} Hz; {remedy}, or reduce the data again with that "
+                    "frequency"
+                )
 
 
 def map_of(

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY, index_of_frequency
+from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
@@ -280,56 +280,6 @@ def review_walls(
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         notes.append(Note("wall-filter", text))
     return notes
-
-
-def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
-    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on.
-
-    Raises:
-        ValueError: what differs, and what to do.
-    """
-    name = known.plane.name
-    known.require_speeds(liner)
-    if known.only is not None:
-        raise ValueError(
-            f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
-            "second reading, read the parts again with it as given"
-        )
-    free = {  # choices that may be made again
-        "averaging": chosen.averaging in known.sums or chosen.drive == "rms",
-        "phase": True,  # where its line is held
-        "missing": True,
-        "allow_short": True,
-        "background_rms": "phase-locked" not in chosen.averagings,
-    }
-    for key, made in known.settings.items():
-        wanted = chosen.window(frequency) if key == "running_window" else getattr(chosen, key)
-        if wanted != made and not free.get(key, False):
-            remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
-            raise ValueError(
-                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; {remedy}, or reduce the data "
-                "again"
-            )
-    if liner.cell_pitch != known.cell_pitch:
-        made, wanted = (
-            "all probes (no cell_pitch)" if pitch is None else f"{1e3 * float(pitch):.6g} mm"
-            for pitch in (known.cell_pitch, liner.cell_pitch)
-        )
-        raise ValueError(
-            f"{name} was reduced for cells of {made}, and the liner's are of {wanted}; reduce the data again with that "
-            "liner"
-        )
-    coherent = chosen.wall_filter is not None or chosen.phase == "self-consistent"
-    for needed, what, lines in (
-        (chosen.phase != "averaged", f"the line of phase {chosen.phase!r} at", known.turns / 2),
-        (coherent, "the coherence of v, which wall_filter and phase 'self-consistent' need, with", known.survey.lines),
-    ):
-        for f in frequency.tolist() if needed else []:
-            if index_of_frequency(lines, f) is None:
-                held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
-                raise ValueError(
-                    f"{name} holds {what} {held}, and not with {f:g} Hz; reduce the data again with that frequency"
-                )
 
 
 def texts(notes: Iterable[Note]) -> list[str]:
