@@ -30,7 +30,7 @@ def world():
 def test_wall_and_sound_belong_together(world):
     """The literal sum gives the wall that the field was solved with; pressure over velocity is it
     too, to what the field's polynomials of degree 4 make of a kinked wall; it rises with v'."""
-    assert world.closure < 1e-6
+    assert world.literal_error < 1e-6
     pressure = world.field.wall_pressure(world.x, "lined")[0].numpy()
     ratio = pressure / (tl.Fluid().characteristic_impedance * world.sound)
     assert np.abs(ratio - world.impedance).max() < 5e-3

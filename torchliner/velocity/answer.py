@@ -135,7 +135,7 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
             chosen.phase != "averaged",
             f"the line of phase {chosen.phase!r} at",
             known.turns / 2,
-            "choose phase='averaged'",
+            rule,
         ),
         (coherent, "the coherence of v with the tone at", known.survey.lines, leave),
     ):
