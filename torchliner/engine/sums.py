@@ -138,21 +138,28 @@ class _Blocks:
 
     def add(self, batch: Sequence[Slab], tiles: Sequence[Tensor]) -> None:
         """The slabs that come next, tile by tile of the columns, (G, R, J, n)."""
-        for i, slab in enumerate(batch):
-            parts = [tile[i].double() for tile in tiles]
-            if not slab.first:
-                joined = torch.maximum if self.job.largest else torch.add
+        join, joined = (torch.amax, torch.maximum) if self.job.largest else (torch.sum, torch.add)
+        begin = 0
+        for end, slab in enumerate(batch, 1):
+            if not slab.last and end < len(batch):
+                continue
+            parts = [tile[begin].double() if end == begin + 1 else join(tile[begin:end].double(), 0) for tile in tiles]
+            if not batch[begin].first:
                 parts = [joined(before, part) for before, part in zip(self.opened, parts, strict=True)]
-            self.opened = parts
+            self.opened, begin = parts, end
             if slab.last:
-                if not self.done:
-                    shape = *parts[0].shape[:2], sum(part.shape[2] for part in parts)
-                    self.rows = parts[0].new_empty(self.count, *shape)
-                left = 0
-                for part in parts:
-                    self.rows[self.done, ..., left : left + part.shape[2]] = part
-                    left += part.shape[2]
-                self.done += 1
+                self._close(parts)
+
+    def _close(self, parts: Sequence[Tensor]) -> None:
+        """A block is complete."""
+        if not self.done:
+            shape = *parts[0].shape[:2], sum(part.shape[2] for part in parts)
+            self.rows = parts[0].new_empty(self.count, *shape)
+        left = 0
+        for part in parts:
+            self.rows[self.done, ..., left : left + part.shape[2]] = part
+            left += part.shape[2]
+        self.done += 1
 
 
 def _padding(batch: Sequence[Slab], device: torch.device) -> tuple[Tensor, Tensor] | None:
