@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.engine.threads import alive_together
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import read_ahead
 
@@ -45,7 +46,7 @@ class PlaneRecord:
         read = (
             (self.plane.read(*each) for each in bounds)
             if stored is None
-            else read_ahead(stored, bounds, self.device, torch.get_num_threads())
+            else read_ahead(stored, bounds, self.device, alive_together())
         )
         for slab in read:
             here = slab.to(self.device, self.dtype)

@@ -19,7 +19,7 @@ Rows = Callable[[int, int], Tensor]  # weights of samples begin .. end - 1, (R, 
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
 
 ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
-MANY_COLUMNS = (1 << 17,)  # beyond each of which slabs are half as long
+MANY_COLUMNS = 1 << 17
 TILE = 1 << 11  # columns that go through all jobs while they are in the cache of a CPU
 FEW_COLUMNS = 1 << 8
 
@@ -43,8 +43,8 @@ class Record(Protocol):
         ...
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-        """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until as many more were read as
-        torch has threads."""
+        """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until ``alive_together`` (of
+        ``engine.threads``) more were read."""
         ...
 
 
@@ -213,7 +213,7 @@ def _measured(
 def rows_at_once(record: Record) -> tuple[int, int]:
     """Samples that are worked on together, and of a slab: fewer where there are very many columns."""
     at_once = ON_DEVICE if record.device.type != "cpu" else ON_CPU
-    slab = SLAB >> sum(record.columns > many for many in MANY_COLUMNS)
+    slab = SLAB if record.columns <= MANY_COLUMNS else SLAB // 4
     return max(slab, at_once // record.columns), slab
 
 

@@ -36,13 +36,18 @@ def is_differentiated(*values: Tensor) -> bool:
     return any(value.requires_grad or forward_ad.unpack_dual(value).tangent is not None for value in values)
 
 
+def alive_together() -> int:
+    """Items of ``in_order`` that live at once: one for each thread, and one so that no thread waits for its next."""
+    threads = torch.get_num_threads()
+    return threads if threads == 1 else threads + 1
+
+
 def in_order(
     work: Callable[[Item], Result], items: Iterable[Item], device: torch.device, *, alone: bool = False
 ) -> Iterator[Result]:
     """The ``work`` of each item, in order; on a CPU as many at once as torch has threads, unless ``alone``.
 
-    An item is asked for when its work can begin, so that items may be read from a file; as many as there are threads
-    must live together.
+    Items may be read from a file: few are asked for ahead, and ``alive_together`` must live at once.
     """
     threads = torch.get_num_threads()
     if alone or device.type != "cpu" or threads == 1:
@@ -54,11 +59,12 @@ def in_order(
         with torch.set_grad_enabled(with_gradients):
             return work(item)
 
+    most = alive_together()
     with one_thread(), ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[Result]] = deque()
         for item in items:
             waiting.append(pool.submit(in_a_thread, item))
-            if len(waiting) == threads:
+            if len(waiting) == most:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
