@@ -17,13 +17,11 @@ from torchliner.conversions import (
 from torchliner.signals.blocks import plan_blocks
 from torchliner.signals.bootstrap import (
     beyond_runs,
-    common_run_length,
     neighbour_correlation,
     replicate_covariance,
     run_lengths,
     runs_laid,
     student_quantile,
-    tile_moments,
 )
 from torchliner.signals.resampling import (
     FROM_ADMITTANCE,
@@ -121,42 +119,6 @@ def test_variance_is_that_of_the_lag_window():
     assert found == pytest.approx(wanted, rel=0.02)
 
 
-def test_tiles_are_every_tile():
-    """Tiles of 2 blocks and 2 of 5 rows: the variances of the tiles over all places add."""
-    series, weights = noise(4, 5, 2), torch.tensor([0.1, 0.4, 0.3, 0.2], dtype=torch.float64)
-    power, square = torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=series.dtype)
-    for step, row in itertools.product((0, 2), (0, 2, 4)):
-        wide = min(2, 5 - row)
-        found = torch.stack([
-            (weights[step : step + 2, None, None] * series[t : t + 2, z : z + wide]).sum((0, 1)) / 5
-            for t in range(3) for z in range(4)
-        ])  # fmt: skip
-        away = found - found.mean(0)
-        power += away.abs().square().mean(0)
-        square += away.square().mean(0)
-    mine = tile_moments(series, weights, (2, 2))
-    torch.testing.assert_close(mine[0], power, rtol=1e-12, atol=0)
-    torch.testing.assert_close(mine[1], square, rtol=1e-12, atol=0)
-
-
-def test_tiles_of_independent_rows():
-    """The mean of R independent rows varies R times less than one row; that of copies does not."""
-    blocks, rows = 40, 12
-    series = noise(blocks, rows, 1)
-    series = series - series.mean(0)
-    apart, _ = tile_moments(series, equal(blocks), (1, 1))
-    assert float(apart) == pytest.approx(2 / (blocks * rows), rel=0.15)
-    copies = series[:, :1].expand(-1, rows, -1)
-    together, _ = tile_moments(copies, equal(blocks), (1, rows))
-    one, _ = tile_moments(series[:, :1], equal(blocks), (1, 1))
-    assert float(together) == pytest.approx(float(one), rel=1e-12)
-    how = Resampling(equal(blocks), 0.95)
-    tiled = how.over_tiles(copies, torch.tensor([0.2 + 0.1j]), 2)
-    over_time = how.over_time(copies.mean(1), torch.tensor([0.2 + 0.1j]))
-    assert tiled.standard_error.real >= 0.999 * over_time.standard_error.real
-    assert float(tiled.runs) == float(over_time.runs)  # copies are no further observations
-
-
 def test_runs_grow_with_the_integral_scale():
     """Andrews' length for a first-order process; white noise needs the shortest."""
     white = noise(4000, 1).real
@@ -171,9 +133,6 @@ def test_runs_grow_with_the_integral_scale():
     assert int(run_lengths(rho, 4000)[1]) <= 3
     assert run_lengths(rho, 4000)[2] == 2
     assert run_lengths(torch.tensor([0.9]), 16).tolist() == [4]
-    assert common_run_length(white) <= 3
-    assert common_run_length(series) == pytest.approx(wanted, abs=3)
-    assert [common_run_length(series[5:6].expand(n, 5)) for n in (1, 2, 5, 12)] == [1, 2, 5, 12]
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.9])

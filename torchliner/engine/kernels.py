@@ -59,16 +59,6 @@ class KernelTable:
         """H(f; |v|) at the levels, complex128, (V, F)."""
         return _response(self.taps, self.first, frequency, self.sampling_rate)
 
-    def require_band(self, frequency: Tensor) -> None:
-        """Raise a ValueError for frequencies (Hz) at which the kernels are not those of the liner."""
-        low, high = self.band
-        outside = [f for f in frequency.tolist() if not low <= f <= high]
-        if outside:
-            raise ValueError(
-                f"frequency {outside[0]:g} Hz is outside the kernel's band, {low:g}-{high:g} Hz; "
-                "widen it with band=(low, high)"
-            )
-
 
 @one_thread()
 def build_kernels(

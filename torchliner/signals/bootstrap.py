@@ -17,8 +17,6 @@ variance; it was estimated from S/b runs, hence Student's quantile with S/b - 1 
 
 from __future__ import annotations
 
-import math
-
 import torch
 from scipy.special import stdtrit
 from torch import Tensor
@@ -75,20 +73,6 @@ def beyond_runs(rho: Tensor, lengths: Tensor) -> Tensor:
     return whole / (whole - 2 * rho * (1 - rho**lengths) / (lengths * (1 - rho) ** 2))
 
 
-def common_run_length(series: Tensor) -> int:
-    """Rows of a run for all columns together, (G, ...), whose mean over the record is 0; 1 to G.
-
-    As ``run_lengths``, with the sums of G - 1 pairs of neighbours against G rows; a run of more
-    than half the rows is all of them: tiles could not tell so few rows apart.
-    """
-    count = len(series)
-    power = float((series.abs() ** 2).sum()) / count
-    cross = float((series[1:] * series[:-1].conj()).real.sum()) / max(1, count - 1)
-    rho = torch.tensor(cross / power if power > 0 else 0.0).clamp(0, MOST_CORRELATED)
-    wanted = max(1, math.ceil(float(_best_length(rho, count))))
-    return count if 2 * wanted > count else wanted
-
-
 def _best_length(rho: Tensor, count: int) -> Tensor:
     return 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
 
@@ -140,28 +124,6 @@ def _at_all_starts(rows: Tensor, starts: int) -> Tensor:
     ones = torch.ones(1, 1, starts, dtype=rows.dtype)
     kernels = rows.flip(1)[:, None]
     return torch.nn.functional.conv1d(ones, kernels, padding=rows.shape[1] - 1)[0]
-
-
-def tile_moments(series: Tensor, weights: Tensor, lengths: tuple[int, int]) -> tuple[Tensor, ...]:
-    """E|d|^2 and E[d^2] of a mean over time and rows, from tiles of both, (...) each.
-
-    Args:
-        series: complex, (S, G, ...); the rows are alike in their statistics, so that any run of
-            them may stand in for any other.
-        weights: W of the S blocks, float64, of sum 1.  lengths: blocks of time and rows of a tile.
-    """
-    rows, (long, wide) = series.shape[1], lengths
-    laid = runs_laid(weights, long).to(series)
-    power, square = (torch.zeros_like(series[0, 0]) for _ in range(2))
-    # All tiles across the rows weigh the same; the last may be narrower, from the same first rows.
-    for width, tiles in ((wide, rows // wide), (rows % wide, 1)):
-        if width:
-            side = series.unfold(1, width, 1)[:, : rows - wide + 1].sum(-1) / rows
-            found = torch.einsum("jis,sg...->jig...", laid, side)
-            away = found - found.mean((1, 2), keepdim=True)
-            power += tiles * (away * away.conj()).mean((1, 2)).sum(0)
-            square += tiles * away.square().mean((1, 2)).sum(0)
-    return power.real, square
 
 
 def student_quantile(runs: Tensor, level: float) -> Tensor:

@@ -24,11 +24,9 @@ from torchliner.signals.bootstrap import (
     beyond_runs,
     correlation_of,
     mean_factor,
-    neighbour_correlation,
     replicate_covariance,
     run_lengths,
     student_quantile,
-    tile_moments,
 )
 
 
@@ -133,28 +131,6 @@ class Resampling:
     def over_time(self, series: Tensor, reflection: Tensor) -> Interval:
         """Of Z from deviations of R in each block, (S, ...), and R, complex128, (...)."""
         return self.interval(self.scatter(series), reflection)
-
-    def over_tiles(self, series: Tensor, reflection: Tensor, wide: int) -> Interval:
-        """Tiles of time and of rows that are alike.
-
-        What all rows share, however far apart, tiles would miss: where blocks of time alone scatter
-        more, the tiles' scatter is raised to that, which rests on the runs of time alone. (With
-        runs that fall as smoothly as the scatter rises, rows that share a third of their energy
-        are covered by 88 %.)
-
-        Args:
-            series: deviation of R in each block and row, complex128, (S, G, F).
-            reflection: R of the mean over the rows, (F,).  wide: rows of a tile.
-        """
-        count, rows = series.shape[:2]
-        rho = neighbour_correlation(series.mean(1))
-        long = int(run_lengths(rho, count).max())
-        power, square = tile_moments(series, self.weights, (long, wide))
-        together, _ = tile_moments(series.mean(1, keepdim=True), self.weights, (long, 1))
-        factor = (together / power.clamp(min=1e-300)).clamp(min=1)
-        runs = count / long * torch.where(factor > 1, 1.0, rows / wide)
-        factor = factor * mean_factor(count, long) * beyond_runs(rho, torch.full_like(rho, long))
-        return impedance_interval(reflection, power * factor, square * factor, runs, self.level, self.conversion)
 
 
 def _square(sums: Tensor) -> Tensor:
