@@ -10,6 +10,7 @@ import torch
 from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
 
 import torchliner as tl
+from torchliner.velocity import reading
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -279,3 +280,21 @@ def test_a_window_without_its_drive_is_refused(liner):
 def test_no_gas_is_refused():
     with pytest.raises(TypeError, match="velocity: fluid is NoneType; a Fluid is needed"):
         plane_of(turbulence((2, 600)), fluid=None)
+
+
+def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypatch, liner):
+    """Else coherence and amplitude are nan there, and Z, its interval and all at the tone stay."""
+    plane, asked = plane_of(turbulence((3, 900))), [1000.0, FREQUENCY, 1700.0]
+    whole = tl.educe(plane, liner, asked)
+    assert bool(torch.isfinite(whole.coherence).all())
+    monkeypatch.setattr(reading, "MOST_BYTES", 0)
+    bounded = tl.educe(plane, liner, asked)
+    for name in ("coherence", "velocity_amplitude"):
+        one, other = getattr(whole, name), getattr(bounded, name)
+        assert torch.equal(one[..., 1], other[..., 1])
+        assert bool(other[..., [0, 2]].isnan().all())
+    for averaging in whole.averagings:
+        torch.testing.assert_close(whole.liner[averaging].impedance, bounded.liner[averaging].impedance)
+        torch.testing.assert_close(whole.liner[averaging].low, bounded.liner[averaging].low)
+    filtered = tl.educe(plane, liner, asked, averaging="admittance", wall_filter=0.1)
+    assert bool(torch.isfinite(filtered.coherence).all())  # which rests on them
