@@ -88,9 +88,10 @@ def build_kernels(
         regularisation: Tikhonov parameter, relative to the largest singular value of the least squares.
     Raises:
         ValueError: an unknown name, or a band that is empty or beyond Nyquist.
-    Source: Roncen et al. (2026), eqs (3.1)-(3.3), section 3.1. The paper to the letter is ``kind="causal",
-        levels=200, spacing="uniform", interpolation="linear"``. Departures from print: (3.3) is printed one-sided,
-        the transform is the Hermitian one with R(0) = 1; the defaults are two-sided kernels and cubics in sqrt|v|.
+    Source: Roncen et al. (2026), eqs (3.1)-(3.3), section 3.1. To the letter of the paper:
+        ``kind="causal", levels=200, spacing="uniform", interpolation="linear"``. Departures from print: (3.3) is
+        printed one-sided, the transform is the Hermitian one with R(0) = 1; the defaults are two-sided kernels and
+        cubics in the root of the speed.
     """
     grid = VelocityGrid(velocity_max, levels, spacing, interpolation)
     taps, first = _taps(liner, grid.speeds, sampling_rate, kind, band, before, after, regularisation)
