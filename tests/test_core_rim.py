@@ -216,8 +216,8 @@ def test_a_cell_in_a_gap_counts_in_no_average(liner):
     for averaging in wanted.averagings:
         for kind in ("liner", "cells"):
             mine, other = (getattr(each, kind)[averaging] for each in (found, wanted))
-            assert torch.allclose(mine.impedance, other.impedance, rtol=1e-9, atol=0)
-            assert torch.allclose(mine.interval.low, other.interval.low, rtol=1e-9, atol=0)
+            assert torch.allclose(mine.impedance, other.impedance, rtol=1e-12, atol=0)
+            assert torch.allclose(mine.interval.low, other.interval.low, rtol=1e-11, atol=0)
     assert any("1 of 3 cells hold no probe that is left" in str(note) for note in found.notes)
 
 
