@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import h5py
 import numpy as np
@@ -12,6 +13,9 @@ from conftest import FREQUENCY, frozen_plane, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.engine import sums
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import as_measured
+from torchliner.engine.plane_record import PlaneRecord
 from torchliner.records.slabs import WORK_BYTES, bounds_of, read_ahead, rows_per_slab
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -115,6 +119,24 @@ def test_the_next_slab_is_read_while_this_one_is_used():
     assert len(names) == 1
     assert next(iter(names)).startswith("read-ahead")
     assert list(read_ahead(file, [], torch.device("cpu"))) == []
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_a_slab_lives_while_it_is_worked_on(threads, set_threads, monkeypatch):
+    """However slow the work: no buffer is read into before all jobs have seen it."""
+    monkeypatch.setattr(sums, "ON_CPU", 0)
+    set_threads(threads)
+    file = Numbers()
+    file.shape, file.load = (2, 3000), lambda: None
+    record = PlaneRecord(tl.VelocityPlane(file, sampling_rate=100.0), torch.float64, torch.device("cpu"))
+
+    def slow(weights, columns):
+        time.sleep(0.005)
+        return sums.linear(weights, columns)
+
+    job = sums.Job(as_measured, sums.ones(record.device), slow)
+    (found,) = sums.reduce(record, Blocks(tuple(range(0, 3001, 100)), 100.0, 30), [job])
+    assert found[:, 0, 0, 0].tolist() == [sum(range(first, first + 100)) for first in range(0, 3000, 100)]
 
 
 def test_a_reader_that_fails_is_heard():

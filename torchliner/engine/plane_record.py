@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -43,11 +43,12 @@ class PlaneRecord:
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
         stored = self.plane.stored
-        read = (
-            (self.plane.read(*each) for each in bounds)
-            if stored is None
-            else read_ahead(stored, bounds, self.device, alive_together())
-        )
+        if stored is None:
+            return self._worked_on(self.plane.read(*each) for each in bounds)
+        # Counted now: while slabs are worked on in threads torch says that it has one.
+        return self._worked_on(read_ahead(stored, bounds, self.device, alive_together()))
+
+    def _worked_on(self, read: Iterable[Tensor]) -> Iterator[Tensor]:
         for slab in read:
             here = slab.to(self.device, self.dtype)
             yield here if self.excluded is None else here.masked_fill(self.excluded, 0)
