@@ -83,6 +83,17 @@ def test_moments_of_any_liner_know_most(diameter, porosity, thickness, depth):
     assert max(error(tl.load_liner(name))[0] for name in preset_names()) < 7e-7
 
 
+def test_an_averaging_of_phase_locked_moments_is_as_that_of_the_plane(liner):
+    """Nothing of the averaging that is not asked for."""
+    plane = plane_of(velocity(), x=[0.002 * i for i in range(5)])
+    known = tl.moments(plane, cell_pitch=liner.cell_pitch)
+    one, other = (
+        each.educe(liner, averaging="velocity") for each in (known, tl.moments(plane, liner, averaging="velocity"))
+    )
+    assert list(one.choices) == list(other.choices)
+    assert relative_error(one.answer, other.answer) < 1e-6
+
+
 def test_a_liner_that_the_moments_do_not_know_is_refused(liner):
     """A table, which ends at a |v|."""
     bare = liner.replace(cell_pitch=None)

@@ -56,7 +56,8 @@ def answer(
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]
-    count, share = seen.blocks.count, review_answer.tone_share(known)
+    count = seen.blocks.count
+    share = review_answer.tone_share(known) if "phase-locked" in found else None
     said = {note.code for note in known.notes}
     again = [*review.review_record(plane, frequency, chosen), *review.review_liner(plane, liner)]
     notes = [
@@ -263,7 +264,7 @@ def facts_of(
         "nodes": None if known.nodes is None else known.nodes.describe(),
         "model_error": error,
     }
-    if known.locked is not None:
+    if known.locked is not None and "phase-locked" in chosen.averagings:
         facts["phase_locked_lines"] = known.locked.lines.tolist()
         facts["phase_locked_share"] = known.locked.share.mean(1).tolist()
         facts["tone_share"] = None if share is None else share[0]
