@@ -23,7 +23,7 @@ from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, choose_nodes, 
 from torchliner.engine.phase import Sound, averaged, self_consistent
 from torchliner.engine.phase import given as given_phase
 from torchliner.engine.sums import Held, Job, largest, linear, ones, reduce, square, wave_rows
-from torchliner.engine.survey import gram_of, harmonics_of, merged_lines, survey_jobs, survey_of
+from torchliner.engine.survey import gram_of, harmonics_of, merged_lines, survey_job, survey_of, survey_sums
 
 RATE, TONE = 42e3, 1400.0
 CPU = torch.device("cpu")
@@ -87,7 +87,7 @@ def every_job(nodes: Chebyshev | Levels) -> list[Job]:
     return [
         Job(as_measured, wave_rows(lines, RATE), linear),
         Job(as_measured, ones(CPU), square),
-        Job(as_measured, ones(CPU), largest, largest=True),
+        Job(as_measured, ones(CPU), largest, largest=1),
         Job(as_measured, wave_rows(lines, RATE), nodes.sums),
         Job(running := RunningRms(as_measured, 31, 3000), ones(CPU), nodes.sums, running.reach),
     ]
@@ -197,7 +197,7 @@ def surveyed(v: Tensor, tone: float = TONE) -> object:
     harmonics = harmonics_of(tone, RATE)
     lines = torch.tensor(merged_lines(harmonics, [tone, 1000.0]), dtype=torch.float64)
     blocks = Blocks.of(len(v), RATE, tone)
-    return survey_of(reduce(held(v), blocks, survey_jobs(as_measured, lines, RATE)), blocks, lines, len(harmonics))
+    return survey_of(reduce(held(v), blocks, [survey_job(as_measured, lines, RATE)])[0], blocks, lines, len(harmonics))
 
 
 def test_a_survey_knows_mean_rms_peak_and_coherence() -> None:

@@ -1,4 +1,4 @@
-"""The moments on CPUs in C++: built at first use where a compiler is, or brought by the wheel.
+"""The sums of a reading on CPUs in C++: built at first use where a compiler is, or brought by the wheel.
 
 The library lies in a folder that only the user can write, beside its own checksum; what does not match is built anew
 and never loaded. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses it, ``native`` insists on it.
@@ -29,7 +29,7 @@ SOURCE = Path(__file__).with_suffix(".cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
 FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC")
 SECONDS = 120.0  # that a compiler may take
-FUNCTIONS = {torch.float32: "sums_float32", torch.float64: "sums_float64"}
+PRECISIONS = {torch.float32: "float32", torch.float64: "float64"}
 
 reason = ""  # why there is no library, after ``available()``
 _looking = threading.Lock()  # threads that ask at the same time build it once
@@ -43,8 +43,9 @@ def available() -> bool:
     Raises:
         RuntimeError: with the reason, if ``TORCHLINER_SUMS`` is ``native`` and there is none.
     """
-    there = _library() is not None
-    if not there and os.environ.get("TORCHLINER_SUMS") == "native":
+    wanted = os.environ.get("TORCHLINER_SUMS")
+    there = wanted != "torch" and _library() is not None
+    if not there and wanted == "native":
         raise RuntimeError(f"TORCHLINER_SUMS=native, but the compiled sums failed: {reason}")
     return there
 
@@ -56,7 +57,16 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
         TypeError: neither float32 nor float64. ValueError: shapes that do not fit, or not on a CPU.
         RuntimeError: there is no library.
     """
-    if columns.dtype not in FUNCTIONS:
+    return _call("sums", weights, columns, (weights.shape[1], count), count, c_double(centre))
+
+
+def survey(weights: Tensor, columns: Tensor) -> Tensor:
+    """See ``survey.survey_sums``; the rest as for ``sums``."""
+    return _call("survey", weights, columns, (weights.shape[1] + 2, 1), 1)
+
+
+def _call(name: str, weights: Tensor, columns: Tensor, numbers: tuple[int, int], count: int, *more: c_double) -> Tensor:
+    if columns.dtype not in PRECISIONS:
         raise TypeError(f"columns are {columns.dtype}; the compiled sums take float32 or float64")
     slabs, rows, length = weights.shape
     if columns.shape[:-1] != (slabs, length) or not columns.is_cpu:
@@ -66,10 +76,10 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
     if library is None:
         raise RuntimeError(f"there are no compiled sums: {reason}")
     held, width = weights.to(columns).contiguous(), columns.shape[2]
-    found = torch.empty(slabs, rows, count, width, dtype=torch.float64)
+    found = torch.empty(slabs, *numbers, width, dtype=torch.float64)
     layout = (c_int64 * 8)(*columns.stride(), slabs, rows, length, count, width)
-    data = columns.data_ptr(), held.data_ptr(), found.data_ptr()
-    library[FUNCTIONS[columns.dtype]](*map(c_void_p, data), layout, c_double(centre), c_int64(0), c_int64(width))
+    data = map(c_void_p, (columns.data_ptr(), held.data_ptr(), found.data_ptr()))
+    library[f"{name}_{PRECISIONS[columns.dtype]}"](*data, layout, *more, c_int64(0), c_int64(width))
     return found
 
 
@@ -95,8 +105,9 @@ def _found() -> CDLL | None:
 
 def _loaded(path: Path) -> CDLL:
     library = CDLL(str(path))
-    for name in FUNCTIONS.values():
-        library[name].restype = None
+    for name in ("sums", "survey"):
+        for precision in PRECISIONS.values():
+            library[f"{name}_{precision}"].restype = None
     return library
 
 

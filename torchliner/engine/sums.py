@@ -71,7 +71,7 @@ class Job:
         rows: weights of the samples.
         measure: of weights and columns, K numbers for each row and column.
         reach: samples before and after a slab that ``drive`` needs to see; their columns are not summed.
-        largest: blocks keep the largest instead of the sum.
+        largest: of how many of the last rows blocks keep the largest instead of the sum.
         projection: applied to the sums of each slab, (J, K); None keeps all K.
     """
 
@@ -79,7 +79,7 @@ class Job:
     rows: Rows
     measure: Measure
     reach: int = 0
-    largest: bool = False
+    largest: int = 0
     projection: Tensor | None = None
 
 
@@ -138,17 +138,26 @@ class _Blocks:
 
     def add(self, batch: Sequence[Slab], tiles: Sequence[Tensor]) -> None:
         """The slabs that come next, tile by tile of the columns, (G, R, J, n)."""
-        join, joined = (torch.amax, torch.maximum) if self.job.largest else (torch.sum, torch.add)
         begin = 0
         for end, slab in enumerate(batch, 1):
             if not slab.last and end < len(batch):
                 continue
-            parts = [tile[begin].double() if end == begin + 1 else join(tile[begin:end].double(), 0) for tile in tiles]
+            parts = [self._joined(tile[begin:end].double()) for tile in tiles]
             if not batch[begin].first:
-                parts = [joined(before, part) for before, part in zip(self.opened, parts, strict=True)]
+                pairs = zip(self.opened, parts, strict=True)
+                parts = [self._joined(torch.stack(pair)) for pair in pairs]
             self.opened, begin = parts, end
             if slab.last:
                 self._close(parts)
+
+    def _joined(self, parts: Tensor) -> Tensor:
+        """Of several parts of a block, (n, R, J, N)."""
+        if len(parts) == 1:
+            return parts[0]
+        found, keep = parts.sum(0), self.job.largest
+        if keep:
+            found[-keep:] = parts[:, -keep:].amax(0)
+        return found
 
     def _close(self, parts: Sequence[Tensor]) -> None:
         """A block is complete."""

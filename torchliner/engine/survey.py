@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.engine import native
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.sums import Drive, Job, largest, linear, ones, square, wave_rows
+from torchliner.engine.sums import Drive, Job, wave_rows
 
 SAME = 1e-9  # relative: closer lines are one
 HARMONICS = 8
@@ -132,21 +133,28 @@ class Survey:
         return dataclasses.replace(self, lines=self.lines[place], harmonics=0, sums=self.sums[:, rows], gram=gram)
 
 
-def survey_jobs(drive: Drive, lines: Tensor, sampling_rate: float) -> list[Job]:
-    """The jobs whose results ``survey_of`` takes; ``lines`` (Hz, (L,)) on the device of the data."""
-    one = ones(lines.device)
-    return [
-        Job(drive, wave_rows(lines, sampling_rate), linear),
-        Job(drive, one, square),
-        Job(drive, one, largest, largest=True),
-    ]
+def survey_job(drive: Drive, lines: Tensor, sampling_rate: float) -> Job:
+    """The job whose result ``survey_of`` takes; ``lines`` (Hz, (L,)) on the device of the data."""
+    return Job(drive, wave_rows(lines, sampling_rate), survey_sums, largest=1)
 
 
-def survey_of(found: list[Tensor], blocks: Blocks, lines: Tensor, harmonics: int) -> Survey:
-    """From what the jobs found, all S blocks; ``lines`` on the host."""
-    sums, squares, peaks = found
-    gram = gram_of(blocks, lines).to(sums.device)
-    return Survey(blocks, lines, harmonics, sums[:, :, 0], squares[:, 0, 0], peaks[:, 0, 0], gram)
+def survey_sums(weights: Tensor, columns: Tensor) -> Tensor:
+    """Measure: sums of w v, then of w v^2 with the first row's w, then the largest |v|: (G, R + 2, 1, N)."""
+    if columns.device.type == "cpu" and native.available():
+        return native.survey(weights, columns)
+    return torch_survey(weights, columns)
+
+
+def torch_survey(weights: Tensor, columns: Tensor) -> Tensor:
+    """``survey_sums`` in torch alone: the definition, on any device."""
+    squares = weights[:, :1] @ columns.square()
+    return torch.cat([weights @ columns, squares, columns.abs().amax(1, keepdim=True)], 1)[:, :, None]
+
+
+def survey_of(found: Tensor, blocks: Blocks, lines: Tensor, harmonics: int) -> Survey:
+    """From what the job found, all S blocks; ``lines`` on the host."""
+    gram = gram_of(blocks, lines).to(found.device)
+    return Survey(blocks, lines, harmonics, found[:, :-2, 0], found[:, -2, 0], found[:, -1, 0], gram)
 
 
 def gram_of(blocks: Blocks, lines: Tensor) -> Tensor:

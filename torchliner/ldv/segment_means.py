@@ -19,7 +19,7 @@ from torchliner.engine.nodes import Nodes, choose_nodes, interpolation_error, re
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.plane_record import PlaneRecord
 from torchliner.engine.sums import Job, reduce, wave_rows
-from torchliner.engine.survey import Survey, survey_jobs, survey_of
+from torchliner.engine.survey import Survey, survey_job, survey_of
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.signals.tones import tone_amplitudes
@@ -74,7 +74,7 @@ def segment_means(
         blocks = dataclasses.replace(blocks, borders=(*blocks.borders[:-1], samples))
     dtype, device = choices.working_dtype(plane.velocity.dtype), choices.working_device(torch.device("cpu"))
     record = PlaneRecord(plane, dtype, device)
-    surveyed = survey_jobs(as_measured, frequency.to(device), rate)
+    surveyed = survey_job(as_measured, frequency.to(device), rate)
     shifts = torch.tensor(list(orders), dtype=torch.float64) * step
     # Waves e^{+j shift t}, and then e^{-j (2 f - shift) t}.
     turns = torch.cat([shifts, (2 * frequency[:, None] - shifts).flatten()])
@@ -84,8 +84,8 @@ def segment_means(
     instantaneous = choices.drive != "rms"
     jobs = [Job(as_measured, rows, nodes.sums)] if instantaneous and choices.mean == "kept" else []
     jobs = [_running(job, choices.window(frequency), plane) for job in jobs]
-    found = reduce(record, blocks, surveyed + jobs)
-    seen, sums = survey_of(found[:3], blocks, frequency, 0), found[3] if jobs else None
+    found = reduce(record, blocks, [surveyed, *jobs])
+    seen, sums = survey_of(found[0], blocks, frequency, 0), found[1] if jobs else None
     if instantaneous and sums is None:
         again = Job(LessMean(as_measured, seen.mean), rows, nodes.sums)
         (sums,) = reduce(record, blocks, [_running(again, choices.window(frequency), plane)])

@@ -14,7 +14,7 @@ from torchliner.engine.drives import LessMean, as_measured
 from torchliner.engine.moments import Moments
 from torchliner.engine.plane_record import PlaneRecord
 from torchliner.engine.sums import Job, largest, linear, ones, reduce
-from torchliner.engine.survey import Survey, survey_jobs, survey_of
+from torchliner.engine.survey import Survey, survey_job, survey_of
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
@@ -52,16 +52,16 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
         PlaneRecord(plane, torch.float64, host),
         blocks,
         [
-            *survey_jobs(as_measured, tone, rate),
+            survey_job(as_measured, tone, rate),
             Job(_faults, one, linear),
-            Job(LessMean(as_measured, first), one, largest, largest=True),
+            Job(LessMean(as_measured, first), one, largest, largest=1),
         ],
     )
-    seen = survey_of(found[:3], blocks, tone, 0)
+    seen = survey_of(found[0], blocks, tone, 0)
     facts = _shape(plane)
     facts.update(_stated(plane))
     failures: list[str] = []
-    faults, moved = found[3].sum((0, 1, 2)), found[4].amax((0, 1, 2))
+    faults, moved = found[1].sum((0, 1, 2)), found[2].amax((0, 1, 2))
     if bool((faults > 0).any()):
         probe = int((faults > 0).nonzero()[0])
         failures.append(
@@ -87,7 +87,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
                 f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate: educe refuses it"
             )
         facts["samples per period"] = plane.sampling_rate / plane.frequency
-        periodic = survey_of([each[: whole.count] for each in found[:3]], whole, tone, 0)
+        periodic = survey_of(found[0][: whole.count], whole, tone, 0)
         facts["coherence with the tone (median)"] = float(periodic.coherence(tone).median())
     if bool(good.all()):
         facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)

@@ -100,7 +100,7 @@ class Source:
         cells, seen = self._cells(further), self.known.survey
         locked = self.known.locked if "phase-locked" in chosen.averagings else None
         jobs = reading.first_jobs(cells) | reading.second_jobs(seen, cells, locked)
-        left_out = {*SURVEY, *(["square of cells"] if chosen.drive != "rms" else [])}
+        left_out = {SURVEY, *(["square of cells"] if chosen.drive != "rms" else [])}
         left_out |= set() if further.windows is None else {"admittance"}
         return reading, {name: job for name, job in jobs.items() if name not in left_out}
 

@@ -146,8 +146,10 @@ class Columns:
         if self.asked.chosen.drive == "rms":
             return self._of_rms(part)
         sums = self.known.sums[self.averaging][..., part]
-        mean = self.means(self._respond(sums[:, 0]))
-        turned = self._turned(sums, mean) if sums.shape[1] > 1 else torch.zeros_like(mean)
+        coefficients = torch.view_as_real(self.asked.coefficients)  # (F, J, 2)
+        of_all = coefficients.transpose(0, 1).flatten(1)
+        mean = torch.view_as_complex((self.means(sums[:, 0]).transpose(1, 2) @ of_all).unflatten(2, (-1, 2)))
+        turned = self._turned(sums, coefficients, mean) if sums.shape[1] > 1 else torch.zeros_like(mean)
         found = PHASE_RULES[self.asked.chosen.phase](mean, turned, self._sound(part))
         locked = self.known.locked
         if self.averaging == "phase-locked" and locked is not None and locked.scale is not None:
@@ -155,19 +157,16 @@ class Columns:
             found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])
         return found
 
-    def _respond(self, sums: Tensor) -> Tensor:
-        """Sums over blocks of R(f, |v|), complex128, (S, n, F), from those of the functions of |v|, (S, J, n)."""
-        c = self.asked.coefficients
-        return torch.complex(c.real @ sums, c.imag @ sums).transpose(1, 2)
-
-    def _turned(self, sums: Tensor, mean: Tensor) -> Tensor:
+    def _turned(self, sums: Tensor, coefficients: Tensor, mean: Tensor) -> Tensor:
         """<R e^{-2 j omega t}> less what the mean of R leaves in it, (B, n, F)."""
         place = [int((self.known.turns - 2 * f).abs().argmin()) for f in self.asked.frequency.tolist()]
-        count, rows = len(self.known.turns), range(len(place))
-        cosine = torch.stack([self._respond(sums[:, 1 + place[i]])[..., i] for i in rows], -1)
-        sine = torch.stack([self._respond(sums[:, 1 + count + place[i]])[..., i] for i in rows], -1)
+        count = len(self.known.turns)
+        cosine, sine = (
+            torch.view_as_complex(self.means(sums[:, [first + i for i in place]]).transpose(2, 3) @ coefficients)
+            for first in (1, 1 + count)
+        )
         waves = self.survey.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
-        return self.means(cosine - 1j * sine) - self.means(waves)[:, None] * mean
+        return (cosine - 1j * sine).transpose(1, 2) - self.means(waves)[:, None] * mean
 
     def _sound(self, part: slice) -> Sound:
         chosen = self.asked.chosen
@@ -231,37 +230,37 @@ def _of_probes(columns: Columns, known: Moments) -> Averages:
     counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
     x, count = _places_along_x(known)
     size = 1 + len(columns.lengths) + QUARTERS if interval is not None else 1
-    # Sums of admittances over the whole liner, each cell and each x, side by side.
-    sums = counted.new_zeros(size, 1 + cells.count + 1 + count, len(asked.frequency), dtype=torch.complex128)
+    # Sums of admittances over each cell, the probes of no cell, and each x, side by side.
+    sums = counted.new_zeros(size, cells.count + 1 + count, len(asked.frequency), dtype=torch.complex128)
     numbers = counted.new_zeros(sums.shape[1], dtype=torch.float64)
     found: list[Educed] = []
 
     def work(part: slice) -> tuple[slice, Tensor, Educed]:
         reflection = columns.reflection(part)
-        return part, reflection, _educed(reflection, interval)
+        admittance = admittance_from_reflection(reflection)
+        leave = ~counted[part]
+        if asked.wall is not None:
+            leave = leave | asked.wall[part]
+        return part, admittance.masked_fill(leave, 0), _educed(reflection, interval)
 
     alone = is_differentiated(asked.coefficients)
-    for part, reflection, educed in in_order(work, columns.parts(), sums.device, alone=alone):
+    for part, admittance, educed in in_order(work, columns.parts(), sums.device, alone=alone):
         found.append(educed)
-        admittance = admittance_from_reflection(reflection)
-        if asked.wall is not None:
-            admittance = torch.where(asked.wall[part], 0, admittance)
-        admittance, weight = torch.where(counted[part], admittance, 0), counted[part, 0].double()
-        for place in (
-            torch.zeros_like(labels[part]),
-            1 + labels[part],
-            *([2 + cells.count + x[part]] if count else []),
-        ):
+        for place in [labels[part]] + [cells.count + 1 + x[part]] * (count > 0):
             sums.index_add_(1, place, admittance)
-            numbers.index_add_(0, place, weight)
-    averaged = reflection_from_admittance(sums / torch.where(numbers > 0, numbers, torch.nan)[:, None])
-    every = _educed(averaged, interval)
+            numbers.index_add_(0, place, counted[part, 0].double())
+    every = slice(cells.count + 1)
+    sums, numbers = (
+        torch.cat([each[..., every, :].sum(-2, keepdim=True), each], -2) for each in (sums, numbers[:, None])
+    )
+    averaged = reflection_from_admittance(sums / torch.where(numbers > 0, numbers, torch.nan))
+    joined = _educed(averaged, interval)
     of_cells = slice(1, 1 + cells.count)
     return Averages(
         probes=_joined(found, used),
-        cells=every.map(lambda value: value[of_cells]),
-        liner=every.map(lambda value: value[0]),
-        along_x=every.map(lambda value: value[2 + cells.count :]) if count else None,
+        cells=joined.map(lambda value: value[of_cells]),
+        liner=joined.map(lambda value: value[0]),
+        along_x=joined.map(lambda value: value[2 + cells.count :]) if count else None,
         of_liner=averaged[:, 0],
         of_cells=averaged[:, of_cells],
         held=columns.held,

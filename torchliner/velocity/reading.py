@@ -17,7 +17,7 @@ from torchliner.engine.moments import SETTINGS, Moments, projection_of, without_
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.plane_record import PlaneRecord
 from torchliner.engine.sums import Drive, Job, linear, ones, reduce, square, wave_rows
-from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_jobs, survey_of
+from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_job, survey_of
 from torchliner.engine.threads import is_differentiated
 from torchliner.engine.workers import Reduce
 from torchliner.liners.model import LinerModel
@@ -115,7 +115,7 @@ class Reading:
     def first_jobs(self, cells: Membership) -> dict[str, Job]:
         """Of the first reading: survey, and the sums of every averaging that needs no survey."""
         lines, rate = self.lines.to(self.device), self.plane.sampling_rate
-        jobs = dict(zip(SURVEY, survey_jobs(as_measured, lines, rate), strict=True))
+        jobs = {SURVEY: survey_job(as_measured, lines, rate)}
         if self.projection is None:  # of a record that is kept, or of drive ``rms``
             jobs["square of cells"] = Job(CellMean(cells), ones(self.device), square)
         if self.nodes is not None and self.chosen.mean == "kept":
@@ -124,7 +124,7 @@ class Reading:
 
     def survey(self, found: dict[str, Tensor]) -> Survey:
         """From the results of ``first_jobs``, of all blocks."""
-        return survey_of([found[name] for name in SURVEY], self.blocks, self.lines, self.harmonics)
+        return survey_of(found[SURVEY], self.blocks, self.lines, self.harmonics)
 
     def second_jobs(self, seen: Survey, cells: Membership, locked: PhaseLocked | None) -> dict[str, Job]:
         """Of the second reading; none where the first one was enough."""
@@ -160,7 +160,7 @@ class Reading:
             locked=locked,
             nodes=self.nodes,
             turns=self.turns,
-            sums={name: value for name, value in found.items() if name not in SURVEY},
+            sums={name: value for name, value in found.items() if name != SURVEY},
             projected=None if self.projection is None else self.frequency,
             notes=self.notes,
         )
@@ -176,7 +176,7 @@ class Reading:
         return Job(drive, rows, self.nodes.sums, reach, projection=self.projection)
 
 
-SURVEY = ("lines", "square", "largest")
+SURVEY = "survey"
 MOST_BYTES = 1 << 28  # of the lines of v at all frequencies asked for; beyond, those of the tone alone
 
 
@@ -244,7 +244,7 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
     """
     first, cells = _read(reading, reading.first_jobs, run, progress)
     if reading.chosen.missing == "exclude":
-        faulty = faulty_probes(first["square"]).cpu()
+        faulty = faulty_probes(first[SURVEY]).cpu()
         if bool(faulty.any()):
             if bool(faulty.all()):
                 raise ValueError(f"{reading.plane.name}: every probe holds nan or inf; there is nothing left to educe")
@@ -286,9 +286,9 @@ def _run(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress
     return dict(zip(jobs, found, strict=True))
 
 
-def faulty_probes(squares: Tensor) -> Tensor:
-    """Probes whose samples are not all finite, bool, (P,), from the sums of v^2, (S, 1, 1, P)."""
-    return ~torch.isfinite(squares.sum((0, 1, 2)))
+def faulty_probes(survey: Tensor) -> Tensor:
+    """Probes whose samples are not all finite, bool, (P,), from the sums of a survey, (S, R + 2, 1, P)."""
+    return ~torch.isfinite(survey[:, -2].sum((0, 1)))
 
 
 def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:

@@ -115,7 +115,7 @@ def replay(
         return torch.cat([v, members.mean(v)], 1)
 
     with torch.no_grad():  # over all samples: the survey has whole periods alone
-        peaks = [Job(drive, ones(reading.device), largest, largest=True)]
+        peaks = [Job(drive, ones(reading.device), largest, largest=1)]
         (top,) = reduce(reading.record(), Blocks((0, samples), rate, 1), peaks)
     limit = replay_checks.velocity_limit(velocity_max, top[0, 0, 0, : plane.probes].cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
