@@ -23,7 +23,7 @@ from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, choose_nodes, 
 from torchliner.engine.phase import Sound, averaged, self_consistent
 from torchliner.engine.phase import given as given_phase
 from torchliner.engine.sums import Held, Job, largest, linear, ones, reduce, square, wave_rows
-from torchliner.engine.survey import gram_of, harmonics_of, merged_lines, survey_job, survey_of, survey_sums
+from torchliner.engine.survey import gram_of, harmonics_of, merged_lines, survey_job, survey_of
 
 RATE, TONE = 42e3, 1400.0
 CPU = torch.device("cpu")

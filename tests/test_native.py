@@ -58,7 +58,8 @@ def test_sums_are_those_of_their_definition(dtype: torch.dtype, limit: float, ro
 def test_a_survey_is_that_of_its_definition(dtype: torch.dtype, limit: float, rows: int, width: int) -> None:
     weights, v = data(2, rows, 37, width, dtype)
     found, wanted = native.survey(weights, v), torch_survey(weights.double(), v.double())
-    assert found.shape == wanted.shape and found.dtype == torch.float64
+    assert found.shape == wanted.shape
+    assert found.dtype == torch.float64
     assert float((found - wanted).abs().max()) < limit * 37 * float(wanted.abs().max())
     assert torch.equal(found[:, -1], wanted[:, -1])
     turned = v.transpose(1, 2).contiguous().transpose(1, 2)

@@ -59,7 +59,7 @@ class GrowingMoments:
         self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
         self._about = without_velocity(plane)
         self._reading = Reading.of(self._plane(round(4 * self.period)), chosen, asked, nodes, pitch)
-        self._jobs = self._reading.first_jobs(self._reading.membership())
+        self._jobs = self._reading.first_jobs()
         self._rows: dict[str, Tensor] = {}
         self._waiting = torch.empty(0, plane.probes, dtype=plane.velocity.dtype)
         self.update(plane.load().velocity)

@@ -176,7 +176,8 @@ def impedance_interval(
     # d = e^{jt} (long cos a + j short sin a), t half the angle of E[d^2].
     long, short = (quantile * ((power + sign * square.abs()).clamp(min=0) / 2).sqrt() for sign in (1, -1))
     turn = torch.exp(0.5j * square.angle())
-    axes, slope, z = torch.stack([long * turn, 1j * short * turn]), conversion.slope(middle), conversion.impedance(middle)
+    axes = torch.stack([long * turn, 1j * short * turn])
+    slope, z = conversion.slope(middle), conversion.impedance(middle)
     inside = torch.zeros_like(long, dtype=torch.bool)
     if math.isinf(abs(conversion.pole)):
         reach = axes * slope
@@ -198,11 +199,11 @@ def impedance_interval(
 
 
 def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
-    """Least and largest real part, least and largest imaginary part of k u/(1 - u), (4, N), around an ellipse u about 0.
+    """Least and largest real part, least and largest imaginary part of k u/(1 - u), (4, N), around an ellipse u.
 
     Args:
         factor: k, complex128, (N,).
-        axes: half axes of the ellipse, complex128, (2, N).
+        axes: half axes of the ellipse, whose middle is 0, complex128, (2, N).
     """
     angle = 2 * math.pi / ANGLES * torch.arange(ANGLES, dtype=torch.float32, device=axes.device)
     circle = torch.stack([angle.cos(), angle.sin()])
@@ -213,10 +214,9 @@ def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
     w_real, w_imag = u_real.sub_(power).mul_(scale), u_imag.mul_(scale)
     k = factor.sgn()
     k_real, k_imag = k.real.float()[:, None], k.imag.float()[:, None]
-    places = torch.cat([
-        _place_of_ends((k_real * w_real).addcmul_(k_imag, w_imag, value=-1)),
-        _place_of_ends((k_real * w_imag).addcmul_(k_imag, w_real)),
-    ])
+    real = (k_real * w_real).addcmul_(k_imag, w_imag, value=-1)
+    imag = (k_real * w_imag).addcmul_(k_imag, w_real)
+    places = torch.cat([_place_of_ends(real), _place_of_ends(imag)])
     # The largest real part of these times u/(1 - u) is what is looked for, but for the sign of the least.
     turned = factor * factor.new_tensor([-1, 1, 1j, -1j])[:, None]
     top = _top(turned, axes, 2 * math.pi / ANGLES * places.double())

@@ -71,6 +71,7 @@ class Moments(Summarised):
         settings: choices that went into them, by name.
         cell_pitch: L_c of the cells, m, or None.
         cells: that hold probes.
+        membership: probes by cell, on the device of the sums.
         used: probes without faults, bool, (P,).
         survey: of the probes, over S blocks.
         locked: the phase-locked drive; None in other averagings, and before the second reading.
@@ -88,6 +89,7 @@ class Moments(Summarised):
     settings: Mapping[str, Any]
     cell_pitch: float | None
     cells: Cells
+    membership: Membership
     used: Tensor
     survey: Survey
     locked: PhaseLocked | None
@@ -97,11 +99,6 @@ class Moments(Summarised):
     notes: tuple[Note, ...] = ()
     projected: Tensor | None = None
     only: tuple[int, ...] | None = field(default=None)
-
-    @functools.cached_property
-    def membership(self) -> Membership:
-        """Probes by cell, on the device of the sums."""
-        return Membership.of(self.cells.labels, self.cells.count, self.survey.sums.device)
 
     @functools.cached_property
     def counted(self) -> Tensor:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.engine.nodes import Chebyshev, Nodes, nodes_of
 from torchliner.engine.survey import Survey, gram_of
@@ -189,7 +190,21 @@ def read_moments(path: str | Path) -> Moments:
                 sums[name] = values[:, None, None] if name == SQUARES else values
                 if name != SQUARES:
                     _require_sums(values, nodes, survey.lengths, place(file, label, path))
-    return Moments(plane, settings, pitch, cells, used, survey, locked, nodes, turns, sums, said["notes"], only=only)
+    return Moments(
+        plane=plane,
+        settings=settings,
+        cell_pitch=pitch,
+        cells=cells,
+        membership=Membership.of(cells.labels, cells.count, survey.sums.device),
+        used=used,
+        survey=survey,
+        locked=locked,
+        nodes=nodes,
+        turns=turns,
+        sums=sums,
+        notes=said["notes"],
+        only=only,
+    )
 
 
 @contextmanager

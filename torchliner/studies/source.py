@@ -97,23 +97,20 @@ class Source:
             nodes=None if chosen.drive == "rms" else self.nodes,
             turns=frequency[:0] if chosen.phase == "averaged" else 2 * frequency,
         )
-        cells, seen = self._cells(further), self.known.survey
+        if further.windows is not None:
+            # They have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
+            reading = dataclasses.replace(reading, membership=cast(Membership, further.windows))
         locked = self.known.locked if "phase-locked" in chosen.averagings else None
-        jobs = reading.first_jobs(cells) | reading.second_jobs(seen, cells, locked)
+        jobs = reading.first_jobs() | reading.second_jobs(self.known.survey, locked)
         left_out = {SURVEY, *(["square of cells"] if chosen.drive != "rms" else [])}
         left_out |= set() if further.windows is None else {"admittance"}
         return reading, {name: job for name, job in jobs.items() if name not in left_out}
-
-    def _cells(self, further: Further) -> Membership:
-        # Windows have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
-        return self.known.membership if further.windows is None else cast(Membership, further.windows)
 
     def _moments(self, further: Further, reading: Reading, found: dict[str, Tensor]) -> Moments:
         locked = self.known.locked if "phase-locked" in reading.chosen.averagings else None
         made = reading.moments(self.known.survey, locked, found)
         if further.windows is not None:
             made = dataclasses.replace(made, cells=dataclasses.replace(made.cells, weight=None))
-        vars(made)["membership"] = self._cells(further)  # a cached property
         return made
 
 

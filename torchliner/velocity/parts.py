@@ -41,12 +41,11 @@ def measure_part(
         raise ValueError(f"blocks are {list(only)}; {reading.plane.name} has {count}, 0 to {count - 1}, each once")
     if reading.chosen.missing == "exclude":
         raise ValueError("a part does not know the faults of others; leave missing='exclude' out, or read all at once")
-    cells = reading.membership()
-    jobs = reading.first_jobs(cells)
+    jobs = reading.first_jobs()
     if given is not None:
         seen = given.survey
         _require_alike([given, reading.moments(seen, given.locked, {})], but=("data", "reading"))
-        jobs = reading.second_jobs(seen, cells, given.locked)
+        jobs = reading.second_jobs(seen, given.locked)
         if given.only is None or not jobs:
             raise ValueError(f"{given.plane.name} is complete: it needs no second reading")
     found = dict(zip(jobs, run(reading.record(progress), reading.blocks, list(jobs.values()), only), strict=True))

@@ -41,6 +41,7 @@ class Reading:
         nodes: whose functions of |v| are summed; None with drive ``rms``, which needs none.
         cell_pitch: L_c of the liner, m, or None.
         cells: that hold probes.
+        membership: probes by cell, on ``device``.
         used: probes that count, (P,), on the host.
         blocks: of the record.
         harmonics: H, of the tone of the data.
@@ -57,6 +58,7 @@ class Reading:
     nodes: Nodes | None
     cell_pitch: float | None
     cells: Cells
+    membership: Membership
     used: Tensor
     blocks: Blocks
     harmonics: int
@@ -91,10 +93,21 @@ class Reading:
         used = torch.ones(plane.probes, dtype=torch.bool)
         velocity = plane.velocity
         device = chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
-        projection = None if projection is None else projection.to(device)
-        count = len(harmonics)
         return cls(
-            plane, chosen, frequency, nodes, cell_pitch, cells, used, blocks, count, lines, turns, device, projection
+            plane=plane,
+            chosen=chosen,
+            frequency=frequency,
+            nodes=nodes,
+            cell_pitch=cell_pitch,
+            cells=cells,
+            membership=Membership.of(cells.labels, cells.count, device),
+            used=used,
+            blocks=blocks,
+            harmonics=len(harmonics),
+            lines=lines,
+            turns=turns,
+            device=device,
+            projection=None if projection is None else projection.to(device),
         )
 
     def record(self, progress: Progress | None = None) -> PlaneRecord:
@@ -103,18 +116,16 @@ class Reading:
         dtype = self.chosen.working_dtype(self.plane.velocity.dtype)
         return PlaneRecord(self.plane, dtype, self.device, excluded, progress)
 
-    def membership(self) -> Membership:
-        """Probes by cell, on the device."""
-        return Membership.of(self.cells.labels, self.cells.count, self.device)
-
     def without(self, faulty: Tensor) -> Reading:
         """The same without some probes, bool, (P,), on the host."""
         used = self.used & ~faulty
-        return dataclasses.replace(self, used=used, cells=self.cells.kept(used))
+        cells = self.cells.kept(used)
+        membership = Membership.of(cells.labels, cells.count, self.device)
+        return dataclasses.replace(self, used=used, cells=cells, membership=membership)
 
-    def first_jobs(self, cells: Membership) -> dict[str, Job]:
+    def first_jobs(self) -> dict[str, Job]:
         """Of the first reading: survey, and the sums of every averaging that needs no survey."""
-        lines, rate = self.lines.to(self.device), self.plane.sampling_rate
+        cells, lines, rate = self.membership, self.lines.to(self.device), self.plane.sampling_rate
         jobs = {SURVEY: survey_job(as_measured, lines, rate)}
         if self.projection is None:  # of a record that is kept, or of drive ``rms``
             jobs["square of cells"] = Job(CellMean(cells), ones(self.device), square)
@@ -126,10 +137,11 @@ class Reading:
         """From the results of ``first_jobs``, of all blocks."""
         return survey_of(found[SURVEY], self.blocks, self.lines, self.harmonics)
 
-    def second_jobs(self, seen: Survey, cells: Membership, locked: PhaseLocked | None) -> dict[str, Job]:
+    def second_jobs(self, seen: Survey, locked: PhaseLocked | None) -> dict[str, Job]:
         """Of the second reading; none where the first one was enough."""
         if self.nodes is None:
             return {}
+        cells = self.membership
         drives: dict[str, Drive] = {}
         if self.chosen.mean == "removed":
             means = {"admittance": seen.mean, "velocity": cells.mean(seen.mean)}
@@ -141,11 +153,11 @@ class Reading:
             drives["phase-locked"] = star
         return {name: self._moments(drive) for name, drive in drives.items()}
 
-    def locked(self, seen: Survey, cells: Membership) -> PhaseLocked | None:
+    def locked(self, seen: Survey) -> PhaseLocked | None:
         """The drive of phase-locked averaging, if that is asked for."""
         if "phase-locked" not in self.chosen.averagings:
             return None
-        return phase_locked(seen, cells, self.chosen.background_rms)
+        return phase_locked(seen, self.membership, self.chosen.background_rms)
 
     def moments(self, seen: Survey, locked: PhaseLocked | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
@@ -155,6 +167,7 @@ class Reading:
             | {"running_window": self.chosen.window(self.frequency)},
             cell_pitch=self.cell_pitch,
             cells=self.cells,
+            membership=self.membership,
             used=self.used,
             survey=seen,
             locked=locked,
@@ -242,21 +255,19 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
     Raises:
         ValueError: ``missing`` is ``exclude``, and no probe is without nan or inf.
     """
-    first, cells = _read(reading, reading.first_jobs, run, progress)
+    first = _run(reading.first_jobs(), reading, run, progress)
     if reading.chosen.missing == "exclude":
         faulty = faulty_probes(first[SURVEY]).cpu()
         if bool(faulty.any()):
             if bool(faulty.all()):
                 raise ValueError(f"{reading.plane.name}: every probe holds nan or inf; there is nothing left to educe")
             reading = reading.without(faulty)
-            first, cells = _read(reading, reading.first_jobs, run, progress)
+            first = _run(reading.first_jobs(), reading, run, progress)
     seen = reading.survey(first)
-    locked = reading.locked(seen, cells)
-    jobs = reading.second_jobs(seen, cells, locked)
+    locked = reading.locked(seen)
+    jobs = reading.second_jobs(seen, locked)
     second = _run(jobs, reading, run, progress) if jobs else {}
-    known = reading.moments(seen, locked, first | second)
-    vars(known)["membership"] = cells  # its cached property, not to be uploaded again
-    return known
+    return reading.moments(seen, locked, first | second)
 
 
 def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
@@ -269,16 +280,7 @@ def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | No
     found = review.review_moments(reading.plane, known) + review.review_lost_cells(
         known.plane, reading.cells, known.cells
     )
-    whole = dataclasses.replace(known, notes=(*known.notes, *found))
-    vars(whole)["membership"] = known.membership
-    return whole
-
-
-def _read(
-    reading: Reading, jobs: Callable[[Membership], dict[str, Job]], run: Reduce, progress: Progress | None
-) -> tuple[dict[str, Tensor], Membership]:
-    cells = reading.membership()
-    return _run(jobs(cells), reading, run, progress), cells
+    return dataclasses.replace(known, notes=(*known.notes, *found))
 
 
 def _run(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress | None) -> dict[str, Tensor]:
