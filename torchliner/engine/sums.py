@@ -19,7 +19,7 @@ Rows = Callable[[int, int], Tensor]  # weights of samples begin .. end - 1, (R, 
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
 
 ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
-MANY_COLUMNS = 1 << 17
+FEWEST_ROWS = 64  # of a slab, but at the end of a block
 TILE = 1 << 11  # columns that go through all jobs while they are in the cache of a CPU
 FEW_COLUMNS = 1 << 8
 
@@ -221,9 +221,8 @@ def _measured(
 
 def rows_at_once(record: Record) -> tuple[int, int]:
     """Samples that are worked on together, and of a slab: fewer where there are very many columns."""
-    at_once = ON_DEVICE if record.device.type != "cpu" else ON_CPU
-    slab = SLAB if record.columns <= MANY_COLUMNS else SLAB // 4
-    return max(slab, at_once // record.columns), slab
+    rows = max(FEWEST_ROWS, (ON_DEVICE if record.device.type != "cpu" else ON_CPU) // record.columns)
+    return rows, min(SLAB, rows)
 
 
 def linear(weights: Tensor, columns: Tensor) -> Tensor:

@@ -90,25 +90,36 @@ def average(known: Moments, asked: Asked, averaging: str) -> Averages:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """R of the columns of one averaging, part by part; ``lengths`` are those of the blocks, (S,)."""
+    """R of the columns of one averaging, part by part.
+
+    Args:
+        known, asked, averaging: what is asked of which moments.
+        lengths: samples of the blocks, (S,).
+        held: where the phase rule can be used, bool, (N, F).
+        survey: of the columns; None where neither phase rule nor drive needs one.
+    """
 
     known: Moments
     asked: Asked
     averaging: str
-    survey: Survey
     lengths: Tensor
     held: Tensor
+    survey: Survey | None
 
     @classmethod
     def of(cls, known: Moments, asked: Asked, averaging: str) -> Columns:
         """From the sums of the moments."""
-        chosen, frequency = asked.chosen, asked.frequency
-        seen = survey_of_columns(known, averaging, None if chosen.drive == "rms" else frequency)
-        if chosen.phase == "self-consistent":
+        chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, None
+        if chosen.drive == "rms":
+            seen = survey_of_columns(known, averaging)
+        elif chosen.phase == "self-consistent":
+            seen = survey_of_columns(known, averaging, frequency)
+        if seen is not None and chosen.phase == "self-consistent":
             held = seen.coherence(frequency) >= chosen.minimum_coherence
         else:
-            held = torch.ones(seen.sums.shape[2], len(frequency), dtype=torch.bool, device=seen.sums.device)
-        return cls(known, asked, averaging, seen, seen.lengths, held)
+            count = known.membership.count if averaging == "velocity" else known.plane.probes
+            held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
+        return cls(known, asked, averaging, lengths, held, seen)
 
     def averages(self) -> Averages:
         """R of probes, cells and liner."""
@@ -117,12 +128,12 @@ class Columns:
     @property
     def count(self) -> int:
         """N."""
-        return self.survey.sums.shape[2]
+        return len(self.held)
 
     def means(self, sums: Tensor) -> Tensor:
         """From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...)."""
         if self.interval is None:
-            return self.survey.mean_of(sums)
+            return self.known.survey.mean_of(sums)
         return replicates(sums, self.lengths)
 
     @property
@@ -143,8 +154,8 @@ class Columns:
 
     def reflection(self, part: slice) -> Tensor:
         """R from all blocks and without each of them, (B, n, F)."""
-        if self.asked.chosen.drive == "rms":
-            return self._of_rms(part)
+        if self.asked.chosen.drive == "rms" and self.survey is not None:
+            return self._of_rms(part, self.survey)
         sums = self.known.sums[self.averaging][..., part]
         coefficients = torch.view_as_real(self.asked.coefficients)  # (F, J, 2)
         of_all = coefficients.transpose(0, 1).flatten(1)
@@ -165,24 +176,23 @@ class Columns:
             torch.view_as_complex(self.means(sums[:, [first + i for i in place]]).transpose(2, 3) @ coefficients)
             for first in (1, 1 + count)
         )
-        waves = self.survey.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
+        waves = self.known.survey.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
         return (cosine - 1j * sine).transpose(1, 2) - self.means(waves)[:, None] * mean
 
     def _sound(self, part: slice) -> Sound:
-        chosen = self.asked.chosen
         velocity = None
-        if chosen.phase == "self-consistent":
+        if self.survey is not None:
             velocity = -tone_velocity(self.survey, self.asked.frequency, part, self.means) / 2
         phase = self.asked.phase
         if phase is not None and self.averaging == "velocity":
             phase = mean_direction(self.known.membership, phase).angle()
         return Sound(velocity, self.held[part], None if phase is None else phase[part])
 
-    def _of_rms(self, part: slice) -> Tensor:
+    def _of_rms(self, part: slice, seen: Survey) -> Tensor:
         """R at the rms of v over the record, and over the record without each block."""
-        square = self.means(self.survey.squares[:, part])
+        square = self.means(seen.squares[:, part])
         if self.asked.chosen.mean == "removed":
-            square = square - self.means(self.survey.sums[:, 0, part]) ** 2
+            square = square - self.means(seen.sums[:, 0, part]) ** 2
         speed = square.clamp(min=0).sqrt()
         return reflection_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None]).to(speed.device)
 

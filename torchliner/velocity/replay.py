@@ -22,7 +22,7 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
-from torchliner.velocity.averages import Asked, Averages, Columns, survey_of_columns
+from torchliner.velocity.averages import Asked, Averages, Columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress, Reading, take_moments
 
@@ -143,8 +143,7 @@ def replay(
     averages: dict[str, Averages] = {}
     for name, part in zip(AVERAGED, values.split([plane.probes, known.cells.count], 1), strict=True):
         held = torch.ones(part.shape[1:], dtype=torch.bool, device=reading.device)
-        seen = survey_of_columns(known, name, tones)
-        averages[name] = _Replayed(known, about, name, seen, lengths.double(), held, part).averages()
+        averages[name] = _Replayed(known, about, name, lengths.double(), held, None, part).averages()
     notes += replay_checks.review_replay(kernels, wave, sent, table["signal_error"], averages[averaging].liner)
     if segment is not None and interval is not None:
         notes += replay_checks.review_segments(len(lengths), segment, averages[averaging].liner)
