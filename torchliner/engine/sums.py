@@ -142,22 +142,13 @@ class _Blocks:
         for end, slab in enumerate(batch, 1):
             if not slab.last and end < len(batch):
                 continue
-            parts = [self._joined(tile[begin:end].double()) for tile in tiles]
+            parts = [joined(self.job, tile[begin:end].double()) for tile in tiles]
             if not batch[begin].first:
                 pairs = zip(self.opened, parts, strict=True)
-                parts = [self._joined(torch.stack(pair)) for pair in pairs]
+                parts = [joined(self.job, torch.stack(pair)) for pair in pairs]
             self.opened, begin = parts, end
             if slab.last:
                 self._close(parts)
-
-    def _joined(self, parts: Tensor) -> Tensor:
-        """Of several parts of a block, (n, R, J, N)."""
-        if len(parts) == 1:
-            return parts[0]
-        found, keep = parts.sum(0), self.job.largest
-        if keep:
-            found[-keep:] = parts[:, -keep:].amax(0)
-        return found
 
     def _close(self, parts: Sequence[Tensor]) -> None:
         """A block is complete."""
@@ -169,6 +160,16 @@ class _Blocks:
             self.rows[self.done, ..., left : left + part.shape[2]] = part
             left += part.shape[2]
         self.done += 1
+
+
+def joined(job: Job, parts: Tensor) -> Tensor:
+    """What a job finds of several parts of a block together, from what it finds of each, (n, R, J, N)."""
+    if len(parts) == 1:
+        return parts[0]
+    found, keep = parts.sum(0), job.largest
+    if keep:
+        found[-keep:] = parts[:, -keep:].amax(0)
+    return found
 
 
 def _padding(batch: Sequence[Slab], device: torch.device) -> tuple[Tensor, Tensor] | None:
