@@ -43,6 +43,8 @@ _HOMES = {
     "list_stations": "torchliner.io.burst_sources",
     "read_line": "torchliner.io.line_file",
     "read_points": "torchliner.io.point_file",
+    "fit_multipole": "torchliner.liners.multipole",
+    "Multipole": "torchliner.liners.multipole",
     "educe": "torchliner.velocity.educe",
     "moments": "torchliner.velocity.educe",
     "replay": "torchliner.velocity.replay",

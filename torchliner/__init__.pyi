@@ -60,6 +60,8 @@ from torchliner.liners.grazing import goodrich_resistance as goodrich_resistance
 from torchliner.liners.layered import Cavity as Cavity
 from torchliner.liners.layered import LayeredLiner as LayeredLiner
 from torchliner.liners.layered import sheet as sheet
+from torchliner.liners.multipole import Multipole as Multipole
+from torchliner.liners.multipole import fit_multipole as fit_multipole
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.records import BurstRecord as BurstRecord

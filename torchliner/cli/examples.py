@@ -46,6 +46,7 @@ EXAMPLES = {
     "info": ("plane.h5",),
     "convert": ("'run_*.nc' -o plane.h5 --normal y",),
     "reduce": ("plane.h5 -o plane.moments.h5",),
+    "export": ("map.h5 --poles 6 --band 500 3000 -o liner.json",),
     "report": (
         "map.h5 -o report.html --data plane.h5",
         "kt.h5 -o report.html",

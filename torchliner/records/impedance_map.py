@@ -12,6 +12,7 @@ from torch import Tensor
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.fluid import Fluid
+from torchliner.names import resolve
 from torchliner.records.averaged import Educed
 from torchliner.records.holes import Holes
 from torchliner.records.level_check import LevelCheck, words_of
@@ -171,6 +172,28 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
     def level_check_words(self) -> str:
         """What the whole plane is compared with, or why it is not."""
         return words_of(self.level_check, self.choices)
+
+    def time_domain(
+        self, poles: int = 8, *, band: tuple[float, float] | None = None, averaging: str | None = None
+    ) -> Any:
+        """The liner's R as poles and residues, stable and passive, for solvers in the time domain.
+
+        Args:
+            poles: how many, fewer than frequencies of the map.
+            band: lowest and highest frequency to fit, Hz; default all.
+            averaging: default that of the answer.
+        Returns:
+            ``Multipole``.
+        Raises:
+            ValueError: as ``fit_multipole``.
+        """
+        name = self.averaging if averaging is None else require_choice("averaging", averaging, self.averagings)
+        low, high = (0.0, float("inf")) if band is None else band
+        order = self.frequency.argsort()
+        order = order[(self.frequency[order] >= low) & (self.frequency[order] <= high)]
+        source = {"source": self.title or self.choices.get("source", ""), "averaging": name}
+        z = self.liner[name].impedance[order]
+        return resolve("torchliner.liners.multipole:fit_multipole")(self.frequency[order], z, poles, **source)
 
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""

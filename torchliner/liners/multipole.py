@@ -1,0 +1,285 @@
+r"""Impedance as poles and residues: stable, passive, ready for solvers in the time domain.
+
+The reflection coefficient of a wall that rests on a rigid back tends to 1 at high frequencies, so that
+
+.. math:: R(s) = 1 + \sum_k \frac{r_k}{s - p_k}, \qquad s = j\omega,
+
+with real poles and conjugate pairs. All :math:`\operatorname{Re} p_k < 0` makes it stable and causal, :math:`|R| \le 1`
+at every frequency passive. In time each pole is one number that is carried on from step to step. The admittance
+:math:`y = (1 - R)/(1 + R)` of such an R has as many poles, which follow from it without another fit.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.interpolate import AAA
+from scipy.optimize import least_squares, minimize
+from scipy.signal import lfilter
+from torch import Tensor
+
+from torchliner.checks import frequency_tensor, one_number, real_tensor, whole_number
+from torchliner.conversions import impedance_from_reflection, reflection_from_impedance
+from torchliner.names import resolve
+
+MOST_POLES = 40
+DAMPING = (0.01, 50.0)  # of two poles: less would be a resonance between two frequencies; above 1 they are real
+BEYOND = 4.0  # times the band that |p| may lie outside of it
+EVALUATIONS = 200  # of the search for poles
+RIDGE = 1e-4  # weight of a multiple against an error in R
+ROOM = 1e-9  # by which |R|^2 stays below 1
+ROUNDS = 30  # of adding frequencies at which |R| exceeded 1
+
+
+@dataclass(frozen=True, eq=False)
+class Multipole:
+    """A passive reflection coefficient; as ``impedance(frequency, speed)`` a liner that does not know |v|.
+
+    Args:
+        poles: p, 1/s, complex128, (N,), Re p < 0, conjugates side by side.
+        residues: r, 1/s, complex128, (N,).
+        band: lowest and highest frequency of the fit, Hz. Beyond it R is stable and passive, and not known.
+        error: largest error in R at the frequencies of the fit.
+        correction: largest change in R there that made it passive everywhere.
+        about: where it comes from, plain values.
+    """
+
+    poles: Tensor
+    residues: Tensor
+    band: tuple[float, float]
+    error: float
+    correction: float
+    about: dict[str, Any] = field(default_factory=dict)
+
+    def reflection(self, frequency: Any) -> Tensor:
+        """R at frequencies in Hz, complex128, of their shape."""
+        s = 2j * torch.pi * real_tensor(frequency, name="frequency (Hz)")[..., None]
+        return 1 + (self.residues / (s - self.poles)).sum(-1)
+
+    def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
+        """Z, normalised, of the broadcast shape of frequency (Hz) and |v| (m/s), on which it does not depend."""
+        return impedance_from_reflection(self.reflection(frequency)) + 0 * real_tensor(speed, name="speed (m/s)")
+
+    def admittance(self) -> tuple[Tensor, Tensor]:
+        r"""Poles and residues of :math:`y = \sum_k r_k/(s - p_k)`, (N,) each: those of (1 - R)/(1 + R)."""
+        ones = torch.ones_like(self.poles)
+        closed = torch.diag(self.poles) - ones[:, None] * self.residues / 2
+        poles, modes = torch.linalg.eig(closed)
+        return poles, -(self.residues @ modes) * torch.linalg.solve(modes, ones) / 2
+
+    def recursion(self, sampling_rate: float) -> dict[str, Tensor]:
+        r"""Coefficients of :math:`\psi_n = e\,\psi_{n-1} + a\,x_n + b\,x_{n-1}`, the reflected signal being
+        :math:`x_n + \sum_k r_k \psi_{k,n}`; exact where x is linear between samples.
+
+        Args:
+            sampling_rate: Hz.
+        Returns:
+            ``decay`` e, ``now`` a, ``before`` b, complex128, (N,).
+        """
+        step = 1 / one_number("sampling_rate (Hz)", sampling_rate)
+        decay = torch.exp(self.poles * step)
+        whole = torch.expm1(self.poles * step) / self.poles
+        now = (whole - step) / (self.poles * step)
+        return {"decay": decay, "now": now, "before": whole - now}
+
+    def reflect(self, signal: Any, sampling_rate: float) -> Tensor:
+        """The reflected signal of an incident one, by ``recursion``, from rest.
+
+        Args:
+            signal: x, real, (..., T).
+            sampling_rate: Hz.
+        """
+        sent = real_tensor(signal, name="signal").numpy()
+        found = sent.astype(np.complex128)
+        rows = zip(
+            self.residues.tolist(), *(each.tolist() for each in self.recursion(sampling_rate).values()), strict=True
+        )
+        for residue, decay, now, before in rows:
+            found += residue * lfilter([now, before], [1, -decay], sent)
+        return torch.from_numpy(found.real.copy())
+
+    def write(self, path: str | Path) -> None:
+        """Write ``.json``, or the coefficient lists of solvers as ``.txt`` (docs/results.md)."""
+        resolve("torchliner.io.multipole_file:write_multipole")(self, path)
+
+    def __repr__(self) -> str:
+        low, high = self.band
+        return f"Multipole({len(self.poles)} poles, {low:g} to {high:g} Hz, R within {self.error:.2g})"
+
+
+def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) -> Multipole:
+    """A stable and passive reflection coefficient through known impedances.
+
+    Args:
+        frequency: Hz, rising, (F,).
+        impedance: Z, normalised by rho c, exp(+j omega t), complex, (F,).
+        poles: N, an odd number has one real pole; fewer than F.
+        about: plain values to keep with it.
+    Raises:
+        ValueError: too many poles for the frequencies; Z with nan or inf, or with a negative resistance throughout.
+    Source: poles start from the AAA algorithm (Nakatsukasa, Sete and Trefethen, SIAM J. Sci. Comput. 40, 2018, A1494),
+        which are then moved into the left half plane and fitted by least squares in R. Where |R| exceeds 1, between
+        0 Hz and a thousand times the band, the residues are those of least error with |R| <= 1 there.
+
+    >>> liner, frequency = tl.load_liner("onera"), torch.linspace(500.0, 4000.0, 36, dtype=torch.float64)
+    >>> model = tl.fit_multipole(frequency, liner.impedance(frequency, 3.0), poles=4)
+    >>> model.error < 2e-3
+    True
+    """
+    f, count = frequency_tensor(frequency), whole_number("poles", poles)
+    z = torch.as_tensor(impedance).detach().cpu().to(torch.complex128)
+    if z.shape != f.shape:
+        raise ValueError(f"impedance has shape {tuple(z.shape)}; of {len(f)} frequencies ({len(f)},) is needed")
+    wrong = ~torch.isfinite(torch.view_as_real(z).sum(-1))
+    if bool(wrong.any()):
+        raise ValueError(f"impedance is nan or inf at {float(f[wrong][0]):g} Hz; leave that frequency out")
+    if not 1 <= count <= MOST_POLES or len(f) <= count:
+        raise ValueError(
+            f"{count} poles are asked for, and Z is known at {len(f)} frequencies; take 1 to {MOST_POLES} poles, fewer "
+            "than frequencies, or educe at more of them"
+        )
+    if bool((z.real < 0).all()):
+        raise ValueError(
+            "the resistance is negative at every frequency; Z is meant for exp(+j omega t), v into the liner"
+        )
+    wanted = reflection_from_impedance(z).numpy() - 1
+    unit = 2 * math.pi * math.sqrt(float(f[0]) * float(f[-1]))  # rad/s, in which poles are of order 1
+    s = 2j * np.pi * f.numpy() / unit
+    found = _fitted_factors(s, wanted, count)
+    basis = _basis(s, found)
+    free = _real_solution(basis, wanted)
+    passive = _passive(free, basis, wanted, found, abs(s[-1]))
+    p, r = (torch.from_numpy(each * unit) for each in _poles_and_residues(found, passive))
+    return Multipole(
+        poles=p,
+        residues=r,
+        band=(float(f[0]), float(f[-1])),
+        error=float(np.abs(basis @ passive - wanted).max()),
+        correction=float(np.abs(basis @ (passive - free)).max()),
+        about=about,
+    )
+
+
+def _fitted_factors(s: np.ndarray, wanted: np.ndarray, count: int) -> np.ndarray:
+    """Sizes w and dampings d of factors s^2 + 2 d w s + w^2, (N // 2, 2): two poles each, conjugate or real.
+
+    For odd N a last row with d = inf: one pole at -w.
+    """
+    pairs, real = count // 2, count % 2
+    ends = np.log(
+        [
+            [abs(s[0]) / BEYOND] * (pairs + real) + [DAMPING[0]] * pairs,
+            [abs(s[-1]) * BEYOND] * (pairs + real) + [DAMPING[1]] * pairs,
+        ]
+    )
+    outside = _grid(abs(s[-1]), 300, np.zeros(0))
+
+    def factors(x: np.ndarray) -> np.ndarray:
+        return np.stack([np.exp(x[: pairs + real]), np.concatenate([np.exp(x[pairs + real :]), [np.inf] * real])], 1)
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        """Errors in R, and by how much |R| exceeds 1 anywhere."""
+        basis = _basis(s, factors(x))
+        solved = _real_solution(basis, wanted)
+        off = basis @ solved - wanted
+        excess = np.abs(1 + _basis(outside, factors(x)) @ solved) - 1
+        return np.concatenate([off.real, off.imag, excess.clip(min=0)])
+
+    tried = []
+    for first in _starting_factors(s, wanted, count):
+        start = np.clip(np.log(np.concatenate([first[:, 0], first[:pairs, 1]])), ends[0] + 1e-6, ends[1] - 1e-6)
+        tried.append(least_squares(misfit, start, bounds=(ends[0], ends[1]), x_scale="jac", max_nfev=EVALUATIONS))
+    return factors(min(tried, key=lambda found: float(found.cost)).x)
+
+
+def _starting_factors(s: np.ndarray, wanted: np.ndarray, count: int) -> list[np.ndarray]:
+    """From the poles of the AAA algorithm, with others where it finds too few, and spread over the band."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # that it has not converged with so few terms
+        found = AAA(np.concatenate([s, s.conj()]), np.concatenate([wanted, wanted.conj()]), max_terms=count + 1).poles()
+    above = found[found.imag > 1e-6 * np.abs(found)]
+    above = above[np.argsort(np.abs(above))]
+    known = np.stack([np.abs(above), np.abs(above.real) / np.abs(above)], 1)
+    spread = np.geomspace(abs(s[0]), abs(s[-1]), count // 2 + 2)[1:-1]
+    others, last = np.stack([spread, np.full_like(spread, 0.5)], 1), np.full((count % 2, 2), [1.0, np.inf])
+    return [np.concatenate([pairs[: count // 2], last]) for pairs in (np.concatenate([known, others]), others)]
+
+
+def _basis(s: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Functions whose real multiples make up R - 1, (F, N): w^2 and w s over each factor, w/(s + w) of a real pole."""
+    double, single = factors[np.isfinite(factors[:, 1])], factors[~np.isfinite(factors[:, 1])][:, 0]
+    w, d = double.T
+    over = w / (s[:, None] ** 2 + 2 * d * w * s[:, None] + w**2)
+    return np.concatenate([w * over, s[:, None] * over, single / (s[:, None] + single)], 1)
+
+
+def _real_solution(basis: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Real multiples of least error; large ones of poles that nearly coincide are held down (Tikhonov)."""
+    count = basis.shape[1]
+    rows = np.concatenate([basis.real, basis.imag, RIDGE * np.eye(count)])
+    return np.asarray(np.linalg.lstsq(rows, np.concatenate([wanted.real, wanted.imag, np.zeros(count)]), rcond=None)[0])
+
+
+def _passive(x: np.ndarray, basis: np.ndarray, wanted: np.ndarray, factors: np.ndarray, top: float) -> np.ndarray:
+    """The real multiples of least error with |R| <= 1: a convex problem, with one bound for each peak of |R|."""
+    grid = _grid(top, 30_000, _poles_and_residues(factors, x)[0])
+    dense = _basis(grid, factors)
+    held = np.zeros(len(grid), dtype=bool)
+    scale = 1 / np.linalg.norm(basis, axis=0)
+    rows, bounded, y = basis * scale, dense * scale, x / scale
+
+    def cost(y: np.ndarray) -> tuple[float, np.ndarray]:
+        off = rows @ y - wanted
+        return float(np.vdot(off, off).real), 2 * (rows.conj().T @ off).real
+
+    def room(y: np.ndarray) -> np.ndarray:
+        return np.asarray(1 - ROOM - np.abs(1 + bounded[held] @ y) ** 2)
+
+    def slope(y: np.ndarray) -> np.ndarray:
+        return np.asarray(-2 * ((1 + bounded[held] @ y).conj()[:, None] * bounded[held]).real)
+
+    for _ in range(ROUNDS):
+        size = np.abs(1 + bounded @ y) ** 2
+        peaks = np.concatenate([[True], size[1:] >= size[:-1]]) & np.concatenate([size[:-1] >= size[1:], [True]])
+        over = peaks & (size > 1)
+        if not over.any():
+            return np.asarray(y * scale)
+        held |= over
+        found = minimize(  # type: ignore[call-overload]
+            cost,
+            y,
+            jac=True,
+            method="SLSQP",
+            constraints={"type": "ineq", "fun": room, "jac": slope},
+            options={"maxiter": 300, "ftol": 1e-14},
+        )
+        y = found.x
+    raise ValueError(
+        f"R could not be made passive: |R| still exceeds 1 by {math.sqrt(size.max()) - 1:.2g}; take fewer poles, or a "
+        "band in which Z is better known"
+    )
+
+
+def _grid(top: float, count: int, poles: np.ndarray) -> np.ndarray:
+    """s from 0 to a thousand times the band, rising, most of them up to three times it, and many around each pole."""
+    near = np.linspace(0, 3 * top, count)
+    around = poles.imag - poles.real * np.tan(np.linspace(-1.55, 1.55, 401))[:, None]
+    return 1j * np.unique(np.concatenate([near, np.geomspace(3 * top, 1000 * top, count // 4), np.abs(around).ravel()]))
+
+
+def _poles_and_residues(factors: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From the real multiples of ``_basis``: the two poles of a factor side by side, a single one last."""
+    double, single = factors[np.isfinite(factors[:, 1])], factors[~np.isfinite(factors[:, 1])][:, 0]
+    w, d = double.T
+    count = len(w)
+    root = w * np.sqrt(d.astype(complex) ** 2 - 1)
+    both = np.stack([-d * w + root, -d * w - root], 1)
+    by_s, constant = (w * x[count : 2 * count])[:, None], (w**2 * x[:count])[:, None]
+    residues = (by_s * both + constant) / np.stack([2 * root, -2 * root], 1)
+    return np.concatenate([both.ravel(), -single]), np.concatenate([residues.ravel(), single * x[2 * count :]])
