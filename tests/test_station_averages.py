@@ -10,13 +10,12 @@ import pytest
 import torch
 from test_stations import educed, station
 
-from torchliner.conversions import admittance_from_reflection
-from torchliner.ldv.line_average import (
+from torchliner.bursts.averages import (
     monte_carlo,
     segment_admittances,
     station_interval,
 )
-from torchliner.velocity.choices import Choices
+from torchliner.conversions import admittance_from_reflection
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -70,7 +69,7 @@ def test_the_spread_of_the_draws_shrinks_with_stations_and_the_others_do_not():
 
 def test_monte_carlo_in_parts_is_the_whole(monkeypatch, line):
     whole = monte_carlo(segment_admittances(line), line.segments, 500, 3)
-    monkeypatch.setattr("torchliner.ldv.line_average.DRAWN", 30)
+    monkeypatch.setattr("torchliner.bursts.averages.DRAWN", 30)
     assert torch.equal(whole, monte_carlo(segment_admittances(line), line.segments, 500, 3))
 
 
@@ -99,7 +98,7 @@ def test_intervals_cover_with_overlapping_segments():
     errors (2.7 %); scripts/coverage_stations.py runs the whole chain 2000 times."""
     generator = np.random.default_rng(0)
     trials = np.stack([segment_means(generator, 19) for _ in range(600)], axis=1)
-    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), Choices())
+    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), 0.95)
     true = (1 + (0.3 + 0.1j)) / (1 - (0.3 + 0.1j))
     low, high = found.low.numpy(), found.high.numpy()
     for part in (np.real, np.imag):
@@ -112,7 +111,7 @@ def test_the_bias_of_short_segments_is_taken_off_the_bounds():
     generator = np.random.default_rng(1)
     true = (1 + 0.5) / (1 - 0.5)
     noisy = 0.5 + 0.15 * generator.standard_normal((300, 40)).T
-    found = station_interval(torch.from_numpy(noisy.astype(complex)), Choices())
+    found = station_interval(torch.from_numpy(noisy.astype(complex)), 0.95)
     off = float(found.bias.real.mean())
     middle = float(0.5 * (found.low + found.high).real.mean())
     second_order = 0.5 * 4 / (1 - 0.5) ** 3 * 0.15**2

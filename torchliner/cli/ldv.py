@@ -43,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
+    from torchliner.bursts.stations import inspect_stations
     from torchliner.report.station_report import (
         draw_stations,
         format_stations,
@@ -50,7 +51,6 @@ def _info(options: argparse.Namespace) -> int:
         plain_station,
         station_table,
     )
-    from torchliner.signals.inspected_station import inspect_stations
 
     records = [source.read() for source in ldv.stations_from(options)]
     stations = inspect_stations(records, ldv.filters_from(options))
