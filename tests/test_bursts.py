@@ -21,7 +21,7 @@ from torchliner.bursts.filters import (
     validate_bursts,
     weighted_median,
 )
-from torchliner.bursts.stations import Station, burst_moments, inspect_stations
+from torchliner.bursts.stations import Station, burst_moments
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.dantec import pair_coincident
@@ -278,7 +278,7 @@ def test_stations_near_the_wall_are_flagged(folder):
     """Up to 95 % of v is exactly 0 at the two stations nearest to the wall."""
     records = read_bursts(REAL / folder, columns=LAYOUT)
     assert [record.bursts for record in records] == [2000] * 15
-    stations = inspect_stations(records)
+    stations = [*map(Station.of, records)]
     assert [bool(station.flags) for station in stations] == [True] * 2 + [False] * 13
     assert all("exactly 0" in station.flags[0] for station in stations[:2])
     for station in stations[2:]:
@@ -358,6 +358,6 @@ def test_the_command_converts(tmp_path, capsys):
 
 
 def test_a_figure_of_stations_without_positions(tmp_path):
-    stations = inspect_stations([gaussian_record(seed=i) for i in range(2)])
+    stations = [Station.of(gaussian_record(seed=i)) for i in range(2)]
     figure = draw_stations(stations, tmp_path / "f.png")
     assert figure.axes[0].get_xlabel() == "station"

@@ -8,8 +8,9 @@ import math
 import numpy as np
 import pytest
 import torch
-from test_stations import educed, station
+from test_stations import FREQUENCY, educed, station
 
+import torchliner as tl
 from torchliner.bursts.averages import (
     monte_carlo,
     segment_admittances,
@@ -18,6 +19,7 @@ from torchliner.bursts.averages import (
 from torchliner.conversions import admittance_from_reflection
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+REPLAYED = 5e-5  # in R: the kernels of the replay end
 
 
 @pytest.fixture(scope="module")
@@ -158,3 +160,30 @@ def test_admittance_at_walls_is_zero_in_the_draws(line):
 
 def test_one_station_has_no_spread_along_the_line(onera):
     assert torch.isnan(educed([station(0)], onera).average.spatial_spread.real).all()
+
+
+def test_the_paper_is_one_call(onera):
+    """Straight lines, Hann's segments that overlap by half, replayed sample by sample in a second engine; mean of Z
+    over segments, mean of admittances over stations, and the draws about it."""
+    records = [station(seed, seconds=0.3) for seed in range(3)]
+    found = educed(records, onera, correction="none", window="hann", flagged="use", grid_rate=60e3)
+    means, admittances = [], []
+    for n, record in enumerate(records):
+        times = record.arrival_time.numpy()
+        grid = np.arange(times[0], times[-1], 1 / 60e3)
+        velocity = np.interp(grid, times, record.wall_normal.numpy())
+        pieces = [velocity[i : i + 2400] for i in range(0, len(velocity) - 2399, 1200)]
+        plane = tl.VelocityPlane(np.stack(pieces), sampling_rate=60e3, frequency=FREQUENCY)
+        replayed = tl.replay(plane, onera, FREQUENCY, window="hann", interval=None)
+        own = replayed.probes["admittance"].reflection[:, 0]
+        assert found.segments[n] == len(pieces)
+        assert float((own - found.reflection[n, : len(pieces), 0]).abs().max()) < REPLAYED
+        z = (1 + found.reflection[n, : len(pieces), 0]) / (1 - found.reflection[n, : len(pieces), 0])
+        means.append(complex(z.mean()))
+        admittances.append(complex((1 / z).mean()))
+    assert found.impedance[:, 0].tolist() == pytest.approx(means, rel=1e-12)
+    average = found.average
+    assert complex(average.impedance[0]) == pytest.approx(1 / np.mean(admittances), rel=1e-12)
+    off, spread = complex(average.monte_carlo[0] - average.impedance[0]), complex(average.monte_carlo_spread[0])
+    assert abs(off.real) < 4 * spread.real / math.sqrt(5000)
+    assert abs(off.imag) < 4 * spread.imag / math.sqrt(5000)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -95,25 +96,27 @@ class Station:
     Args:
         raw, kept: bursts as read, and those that pass the filters.
         moments: of those kept.
-        flags: why it cannot be trusted, in words: no average takes it unless asked to.
     """
 
     raw: BurstRecord
     kept: BurstRecord
     moments: BurstMoments
-    flags: tuple[str, ...]
 
     @classmethod
     def of(cls, raw: BurstRecord, filters: BurstFilters | None = None) -> Station:
-        """Validate bursts as read, take their moments and judge them."""
+        """Validate bursts as read and take their moments."""
         kept = validate_bursts(raw, filters)
-        found = burst_moments(kept)
-        return cls(raw, kept, found, tuple(_flags(raw, kept, found)))
+        return cls(raw, kept, burst_moments(kept))
+
+    @functools.cached_property
+    def flags(self) -> tuple[str, ...]:
+        """Why it cannot be trusted, in words: no average takes it unless asked to."""
+        return tuple(_flags(self.raw, self.kept, self.moments, self.zero_shares))
 
     @property
     def zero_shares(self) -> dict[str, float]:
         """Share of velocities that are exactly 0, 0 to 1, by component, of those read."""
-        return _zero_shares(self.raw)
+        return {name: float((v == 0).sum()) / self.raw.bursts for name, v in self.raw.components.items()}
 
     @property
     def name(self) -> str:
@@ -125,18 +128,9 @@ class Station:
         return self.moments.components.get(name)
 
 
-def inspect_stations(records: Sequence[BurstRecord], filters: BurstFilters | None = None) -> list[Station]:
-    """``Station.of`` each."""
-    return [Station.of(raw, filters) for raw in records]
-
-
-def _zero_shares(record: BurstRecord) -> dict[str, float]:
-    return {name: float((values == 0).sum()) / record.bursts for name, values in record.components.items()}
-
-
-def _flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments) -> Iterator[str]:
+def _flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments, zeros: dict[str, float]) -> Iterator[str]:
     """Each with its number and limit; zeros are counted before any are dropped."""
-    for name, share in _zero_shares(raw).items():
+    for name, share in zeros.items():
         if share > MOST_ZEROS:
             yield (
                 f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated, or the "

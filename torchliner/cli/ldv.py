@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from torchliner.bursts.stations import inspect_stations
+    from torchliner.bursts.stations import Station
     from torchliner.report.station_report import (
         draw_stations,
         format_stations,
@@ -53,7 +53,8 @@ def _info(options: argparse.Namespace) -> int:
     )
 
     records = [source.read() for source in ldv.stations_from(options)]
-    stations = inspect_stations(records, ldv.filters_from(options))
+    filters = ldv.filters_from(options)
+    stations = [Station.of(record, filters) for record in records]
     if options.intervals is not None:
         intervals_of(stations).write_csv(options.intervals)
     show_results(
