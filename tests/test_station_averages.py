@@ -69,12 +69,6 @@ def test_the_spread_of_the_draws_shrinks_with_stations_and_the_others_do_not():
     assert torch.isfinite(monte_carlo(padded, counts, 2000, 0).real).all()
 
 
-def test_monte_carlo_in_parts_is_the_whole(monkeypatch, line):
-    whole = monte_carlo(segment_admittances(line), line.segments, 500, 3)
-    monkeypatch.setattr("torchliner.bursts.averages.DRAWN", 30)
-    assert torch.equal(whole, monte_carlo(segment_admittances(line), line.segments, 500, 3))
-
-
 def deviation_of_draws(admittance: torch.Tensor, counts: torch.Tensor) -> complex:
     """sqrt(sum of the stations' variances)/N of (5.2), real and imaginary, for one frequency."""
     parts = []

@@ -76,16 +76,6 @@ class ArrivalGrid:
         length, place = self.arrival_times.diff().max(0)
         return float(length), float(self.arrival_times[place])
 
-    def doubts(self, name: str) -> Iterator[str]:
-        """A gap longer than 20 mean intervals."""
-        length, begin = self.longest_gap
-        if length * self.mean_rate > LONG_GAP:
-            yield (
-                f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
-                f"{length * self.mean_rate:.3g} mean intervals (limit {1e3 * LONG_GAP / self.mean_rate:.3g} ms); what "
-                "lies in it is made up"
-            )
-
     def __call__(self, values: Tensor) -> Tensor:
         """Values at the arrivals on the grid: (..., N) to (..., T)."""
         if self.method == "band-limited":
@@ -136,21 +126,26 @@ def onto_grid(
         DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
     """
-    times, numbers = checked_bursts(arrival_times, values, name)
-    grid = arrival_grid(times, rate, method, frequency, band, name)
-    notes = tuple(grid.doubts(name))
-    tell(notes)
-    return GridSignal(grid(numbers), grid, notes)
+    found = gridded(arrival_times, values, rate, method, frequency, band, name)
+    tell(found.notes)
+    return found
 
 
-def arrival_grid(
-    times: Tensor, rate: float | None, method: str, frequency: float | None, band: float | None, name: str = "arrivals"
-) -> ArrivalGrid:
-    """The grid of ``onto_grid`` for checked times."""
+def gridded(
+    arrival_times: Any,
+    values: Any,
+    rate: float | None,
+    method: str,
+    frequency: float | None,
+    band: float | None,
+    name: str,
+) -> GridSignal:
+    """``onto_grid`` without a warning."""
     require_choice("method", method, GRID_METHODS)
+    times, numbers = checked_bursts(arrival_times, values, name)
     if frequency is not None:
         require_positive("frequency (Hz)", frequency)
-    own = mean_rate(times)
+    own, seconds = mean_rate(times), float(times[-1] - times[0])
     if rate is None:
         rate = STEPS_AN_ARRIVAL * own
         if frequency is not None:
@@ -158,7 +153,6 @@ def arrival_grid(
     require_positive("rate of the grid (Hz)", rate)
     band = BAND_SHARE * own if band is None else band
     require_positive("band (Hz)", band)
-    seconds = float(times[-1] - times[0])
     if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
         raise ValueError(
             f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
@@ -170,7 +164,17 @@ def arrival_grid(
             f"{name}: {seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, take a "
             "longer record or a higher rate"
         )
-    return grid
+    return GridSignal(grid(numbers), grid, tuple(_gap(grid, name)))
+
+
+def _gap(grid: ArrivalGrid, name: str) -> Iterator[str]:
+    length, begin = grid.longest_gap
+    if length * grid.mean_rate > LONG_GAP:
+        yield (
+            f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
+            f"{length * grid.mean_rate:.3g} mean intervals (limit {1e3 * LONG_GAP / grid.mean_rate:.3g} ms); what lies "
+            "in it is made up"
+        )
 
 
 def mean_rate(arrival_times: Tensor) -> float:

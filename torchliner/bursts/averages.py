@@ -31,7 +31,6 @@ from torchliner.records.impedance_line import mean_over_segments
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 SEED = 0  # of the Monte Carlo
-DRAWN = 1 << 22  # complex values of the Monte Carlo at once, 64 MB
 
 
 def station_interval(reflection: Tensor, level: float | None) -> Interval | None:
@@ -80,17 +79,18 @@ def segment_admittances(line: ImpedanceLine) -> Tensor:
 
 
 def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Tensor:
-    """Mean over the stations of one drawn segment each: (M, F), batched over the draws.
+    """Mean over the stations of one drawn segment each: (M, F).
 
     From admittances (N, S, F), ``counts`` (N,) segments of each station.
     Source: Roncen et al. (2026), eq. (5.2a), before its outer sum.
     """
-    stations, _, lines = admittance.shape
     generator = torch.Generator().manual_seed(seed)
-    uniform = torch.rand(draws, stations, generator=generator, dtype=torch.float64)
+    uniform = torch.rand(draws, len(admittance), generator=generator, dtype=torch.float64)
     pick = (uniform * counts).to(torch.int64).minimum(counts - 1)
-    step = max(1, DRAWN // (stations * lines))
-    return torch.cat([admittance[torch.arange(stations), part].mean(1) for part in pick.split(step)])
+    total = torch.zeros(draws, admittance.shape[2], dtype=admittance.dtype)
+    for station, drawn in zip(admittance, pick.T, strict=True):  # one after another, in little memory
+        total += station[drawn]
+    return total / len(admittance)
 
 
 def _deviation(values: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, arrival_grid, checked_bursts
+from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, gridded
 from torchliner.bursts.choices import StationChoices
 from torchliner.bursts.tone_damping import DAMPED, ToneAttenuation, attenuation_on, corrected_coherent_part
 from torchliner.checks import SAME_FREQUENCY
@@ -52,23 +52,23 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
             f"{name} holds no wall-normal velocity, only streamwise; say which channel measures it, e.g. components = "
             "-wall_normal"
         )
-    times, values = checked_bursts(record.arrival_time, record.wall_normal, name)
-    tone = record.frequency or float(frequency.max())
-    grid = arrival_grid(times, choices.grid_rate, choices.method, tone, choices.band_limit, name)
+    method, tone = choices.method, record.frequency or float(frequency.max())
+    bursts = record.arrival_time, record.wall_normal
+    signal = gridded(*bursts, choices.grid_rate, method, tone, choices.band_limit, name)
+    grid = signal.grid
     length = round(choices.segment * grid.rate)
     hop = max(1, int((1 - choices.overlap) * length + 1e-9))
     count = 1 + (grid.samples - length) // hop
     _require_segments(grid, count, choices, name)
-    signal = GridSignal(grid(values), grid)
     damping, corrected = _damping(record, grid, frequency, choices)
-    notes = [*record.notes, *grid.doubts(name), *damping.doubts(name, corrected)]
+    notes = [*record.notes, *signal.notes, *damping.doubts(name, corrected)]
     if bool(corrected.any()):
         noise = choices.correction == "tone-and-noise"
         signal = corrected_coherent_part(signal, damping.select(corrected), noise=noise, name=name)
     left = float(damping.factor[-1].abs())
     if len(corrected) > len(frequency) and left < DAMPED:
         notes.append(
-            f"the stated tone of {record.frequency:g} Hz, of which {choices.method} reconstruction leaves {left:.3f}, "
+            f"the stated tone of {record.frequency:g} Hz, of which {method} reconstruction leaves {left:.3f}, "
             "is corrected: it drives |v| at all frequencies"
         )
     plane = VelocityPlane(
@@ -121,15 +121,13 @@ def _damping(
     them it stands behind them. Without a stated tone a single frequency asked for is one.
     """
     tone, tones = record.frequency, frequency
-    corrected = torch.full_like(frequency, len(frequency) == 1, dtype=torch.bool)
-    if tone is not None:
-        corrected = (frequency / tone - 1).abs() < SAME_FREQUENCY
-        if choices.correction != "none" and not bool(corrected.any()):
-            tones, corrected = (
-                torch.cat([each, each.new_tensor([new])]) for each, new in ((frequency, tone), (corrected, 1))
-            )
-    if choices.correction == "none":
-        corrected = torch.zeros_like(corrected)
+    if tone is None and len(frequency) == 1:
+        tone = float(frequency)
+    corrected = torch.zeros_like(frequency, dtype=torch.bool)
+    if tone is not None and choices.correction != "none":
+        if not bool(((frequency / tone - 1).abs() < SAME_FREQUENCY).any()):
+            tones = torch.cat([frequency, frequency.new_tensor([tone])])
+        corrected = (tones / tone - 1).abs() < SAME_FREQUENCY
     try:
         return attenuation_on(grid, tones, "hann", record.name), corrected
     except ValueError as error:

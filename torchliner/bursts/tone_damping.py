@@ -19,7 +19,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, arrival_grid, checked_bursts
+from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, gridded
 from torchliner.checks import frequency_tensor, tell
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.windows import make_window
@@ -107,8 +107,7 @@ def tone_attenuation(
     if isinstance(arrivals, GridSignal):
         grid = arrivals.grid
     else:
-        times, _ = checked_bursts(arrivals, arrivals, name)
-        grid = arrival_grid(times, rate, method, float(wanted.max()), band, name)
+        grid = gridded(arrivals, arrivals, rate, method, float(wanted.max()), band, name).grid
     found = attenuation_on(grid, wanted, window, name)
     notes = tuple(found.doubts(name))
     tell(notes)
