@@ -23,12 +23,12 @@ from torch import Tensor
 import torchliner as tl
 from common import RESULTS, options_of, parser_of
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
+from studies.poisson import CLOSED_FORMS, poisson_attenuation
 from studies.slotting import slotted_correlation, slotted_spectrum
+from torchliner.bursts.arrivals import GridSignal, onto_grid
+from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
 from torchliner.names import GRID_METHODS
 from torchliner.report.numbers import Array, Curves
-from torchliner.signals.arrivals import GridSignal, onto_grid
-from torchliner.signals.attenuation import CLOSED_FORMS, poisson_attenuation, tone_attenuation
-from torchliner.signals.coherent_part import corrected_coherent_part
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
 KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the record that is truth
@@ -105,10 +105,10 @@ def amplitude_errors(draws: int) -> Curves:
             times = flow.arrivals(rate)
             values = flow.velocity(times)
             signal = onto_grid(times, values, GRID)
-            factors = tone_attenuation(times, FREQUENCY, window="boxcar", grid=signal.grid)
-            back = corrected_coherent_part(signal, factors)
+            factors = tone_attenuation(signal, FREQUENCY, window="boxcar")
+            line = factors.line(signal)
             turn = np.exp(-2j * np.pi * FREQUENCY * signal.grid.start)
-            lines = [complex(each[0]) * turn for each in (back.line, back.amplitude)]
+            lines = [complex(each[0]) * turn for each in (line, factors.true_amplitude(line))]
             found.append([*lines, fit_at_arrivals(times, values)])
         errors = np.array(found) / (PEAK / 2) - 1
         for i, name in enumerate(names):
@@ -149,7 +149,7 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
         times = flow.arrivals(rate)
         values = flow.velocity(times)
         signals = {method: onto_grid(times, values, GRID, method) for method in GRID_METHODS}
-        signals |= _corrections(times, signals["linear"])
+        signals |= _corrections(signals["linear"])
         true = flow.velocity(signals["linear"].grid.times)
         rows.append(_effects_of({"true": true} | {n: s.values for n, s in signals.items()}))
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
@@ -163,10 +163,10 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
     return panels, Curves(np.array(RATES), numbers, "effects", VARIABLE)
 
 
-def _corrections(times: Tensor, signal: GridSignal) -> dict[str, GridSignal]:
-    factors = tone_attenuation(times, FREQUENCY, grid=signal.grid)
-    pairs = zip(CORRECTED, (None, times), strict=True)
-    return {n: corrected_coherent_part(signal, factors, arrivals).signal for n, arrivals in pairs}
+def _corrections(signal: GridSignal) -> dict[str, GridSignal]:
+    factors = tone_attenuation(signal, FREQUENCY)
+    pairs = zip(CORRECTED, (False, True), strict=True)
+    return {name: corrected_coherent_part(signal, factors, noise=noise) for name, noise in pairs}
 
 
 def _effects_of(signals: dict[str, Tensor]) -> dict[str, list[float]]:

@@ -13,11 +13,11 @@ from scipy.integrate import dblquad
 from scipy.signal import lombscargle
 
 import torchliner as tl
+from studies.poisson import poisson_attenuation
 from studies.slotting import slotted_correlation
+from torchliner.bursts.arrivals import onto_grid
+from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
 from torchliner.names import GRID_METHODS
-from torchliner.signals.arrivals import UniformGrid, interpolate, onto_grid
-from torchliner.signals.attenuation import poisson_attenuation, tone_attenuation
-from torchliner.signals.coherent_part import corrected_coherent_part
 
 FREQUENCY, RATE = 1500.0, 15e3
 quiet = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -97,24 +97,6 @@ def test_linear_is_numpys():
     assert found.values.numpy() == pytest.approx(wanted, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", GRID_METHODS)
-@quiet
-def test_stations_do_not_know_each_other(method):
-    """A ragged batch equals the loop over its stations, values and factors."""
-    times = [poisson(RATE * (1 + i), 0.05, i) for i in range(3)]
-    values = [normal(len(each), i) for i, each in enumerate(times)]
-    batch = onto_grid(times, values, 40e3, method)
-    factors = tone_attenuation(times, [500.0, FREQUENCY], grid=batch.grid, method=method)
-    assert batch.values.shape == (3, batch.grid.samples)
-    for i, (each, row) in enumerate(zip(times, values, strict=True)):
-        assert torch.equal(batch.values[i], interpolate(each, row, batch.grid, method))
-        alone = tone_attenuation(each, [500.0, FREQUENCY], grid=batch.grid, method=method)
-        assert torch.equal(factors.factor[i], alone.factor)
-        assert torch.equal(factors.mean_rate[i], alone.mean_rate)
-    corrected = corrected_coherent_part(batch, factors, times)
-    assert corrected.signal.values.shape == batch.values.shape
-
-
 def test_published_attenuation():
     """0.84, 0.94, 0.98 for 1500 Hz at 15, 25, 50 kHz: numbers of the project's notes."""
     found = poisson_attenuation(FREQUENCY, [15e3, 25e3, 50e3])
@@ -142,7 +124,7 @@ def test_actual_arrivals_average_to_the_closed_form(method, rate):
     for seed in range(80):
         times = poisson(rate, 0.05, seed)
         found = tone_attenuation(times, FREQUENCY, 60e3, method, "boxcar")
-        factors.append(complex(found.factor[0, 0]))
+        factors.append(complex(found.factor[0]))
     closed = complex(poisson_attenuation(FREQUENCY, rate, method))
     for drawn, wanted in (
         (np.real(factors), closed.real),
@@ -172,18 +154,17 @@ def test_factor_and_image_say_what_becomes_of_any_tone(method, window):
     times = poisson(RATE, 75.4 / FREQUENCY)
     amplitude = 0.8 - 0.3j
     found = onto_grid(times, 2.5 + tone(times, amplitude), 47e3, method)
-    factors = tone_attenuation(times, FREQUENCY, method=method, window=window, grid=found.grid)
+    factors = tone_attenuation(found, FREQUENCY, window=window)
     phase = np.exp(2j * np.pi * FREQUENCY * found.grid.start)
-    for arrivals in (None, times):
-        back = corrected_coherent_part(found, factors, arrivals)
-        assert complex(back.amplitude[0]) == pytest.approx(amplitude * phase, abs=1e-12)
-        again = corrected_coherent_part(back.signal, factors).line
-        if arrivals is None:
-            assert complex(again[0]) == pytest.approx(amplitude * phase, abs=1e-12)
+    line = factors.line(found)
+    assert complex(factors.true_amplitude(line)[0]) == pytest.approx(amplitude * phase, abs=1e-12)
+    again = factors.line(corrected_coherent_part(found, factors))
+    assert complex(again[0]) == pytest.approx(amplitude * phase, abs=1e-12)
+    back = corrected_coherent_part(found, factors, noise=True)
     wanted = 2.5 + tone(found.grid.times, amplitude)
-    assert float((back.signal.values - wanted).abs().max()) < 1e-10
+    assert float((back.values - wanted).abs().max()) < 1e-10
     limit = 0.1 if method != GRID_METHODS[2] else 1e-3
-    assert abs(complex(back.line[0]) - amplitude * phase) > limit
+    assert abs(complex(line[0]) - amplitude * phase) > limit
 
 
 @pytest.mark.parametrize("method", GRID_METHODS)
@@ -194,11 +175,11 @@ def test_corrected_tone_has_no_bias(method):
     for seed in range(60):
         times = poisson(RATE, 0.05, seed)
         found = onto_grid(times, tone(times, amplitude) + normal(len(times), seed), 30e3, method)
-        factors = tone_attenuation(times, FREQUENCY, grid=found.grid, method=method)
-        back = corrected_coherent_part(found, factors)
+        factors = tone_attenuation(found, FREQUENCY)
+        line = factors.line(found)
         turn = np.exp(-2j * np.pi * FREQUENCY * found.grid.start)
-        drawn.append(complex(back.amplitude[0]) * turn)
-        raw.append(complex(back.line[0]) * turn)
+        drawn.append(complex(factors.true_amplitude(line)[0]) * turn)
+        raw.append(complex(line[0]) * turn)
     for values, biased in ((np.array(drawn), False), (np.array(raw), method != "band-limited")):
         error = values.std(ddof=1) / math.sqrt(len(values))
         assert (abs(values.mean() - amplitude) > 4 * error) == biased
@@ -211,7 +192,8 @@ def test_corrected_line_is_lomb_and_scargles():
     times = poisson(RATE, 0.1)
     signal = tone(times, 0.7 - 0.2j) + 1.0
     found = onto_grid(times, signal, 30e3)
-    back = corrected_coherent_part(found, tone_attenuation(times, FREQUENCY, grid=found.grid)).amplitude
+    factors = tone_attenuation(found, FREQUENCY)
+    back = factors.true_amplitude(factors.line(found))
     seen = lombscargle(
         times.numpy(), signal.numpy(), [2 * np.pi * FREQUENCY], floating_mean=True,
         normalize="amplitude",
@@ -219,19 +201,9 @@ def test_corrected_line_is_lomb_and_scargles():
     assert abs(complex(back[0])) == pytest.approx(abs(complex(seen)) / 2, rel=1e-9)
 
 
-def test_segments_scatter_about_the_record():
-    times = poisson(50e3, 1.0)
-    whole = tone_attenuation(times, [FREQUENCY, 700.0])
-    parts = tone_attenuation(times, [FREQUENCY, 700.0], segment=0.2)
-    assert (whole.factor.shape, parts.factor.shape) == ((1, 2), (8, 2))
-    assert float((parts.factor.mean(0) - whole.factor[0]).abs().max()) < 1e-3
-    assert float(parts.factor.abs().std(0).min()) > 0
-
-
 def test_derived_rate():
-    """Twice the fastest station, 16 steps a period at least, whole steps a period."""
-    times = [torch.arange(1000.0) / 5e3, torch.arange(1000.0) / 15e3]
-    values = [torch.zeros(1000)] * 2
+    """Twice the mean rate, 16 steps a period at least, whole steps a period."""
+    times, values = torch.arange(1000.0) / 15e3, torch.zeros(1000)
     assert onto_grid(times, values).grid.rate == pytest.approx(30e3)
     assert onto_grid(times, values, frequency=1400.0).grid.rate == pytest.approx(22 * 1400.0)
     assert onto_grid(times, values, frequency=4000.0).grid.rate == pytest.approx(16 * 4000.0)
@@ -246,11 +218,9 @@ def test_long_gaps_are_warned_of():
     times = gapped()
     with pytest.warns(tl.DataWarning, match=r"longest gap between arrivals is 30.1 ms at 0.0399 s"):
         found = onto_grid(times, torch.zeros(1000), 10e3)
-    assert float(found.longest_gap) == pytest.approx(0.0301)
+    assert found.grid.longest_gap == pytest.approx((0.0301, 0.0399))
     assert "made up" in found.notes[0]
-    with pytest.raises(ValueError, match=r"longest gap .* 30.1 ms .*cut the record"):
-        onto_grid(times, torch.zeros(1000), 10e3, gaps="refuse")
-    assert onto_grid(times, torch.zeros(1000), 10e3, longest_gap=0.05).notes == ()
+    assert onto_grid(gapped()[:400], torch.zeros(400), 10e3).notes == ()
 
 
 def test_damping_is_warned_of():
@@ -276,27 +246,19 @@ ZEROS = torch.zeros(100)
         (lambda: onto_grid(TIMES, ZEROS, 0.0), "rate of the grid .* is 0"),
         (lambda: onto_grid(TIMES, ZEROS, -5.0), "rate of the grid .* is -5"),
         (lambda: onto_grid(TIMES, ZEROS, 50.0), "1 grid points"),
+        (lambda: onto_grid(TIMES, ZEROS, math.nan), "rate of the grid"),
+        (lambda: onto_grid([TIMES, TIMES], [ZEROS, ZEROS]), r"shape \(2, 100\)"),
         (lambda: onto_grid(TIMES, ZEROS + math.nan), "100 values are nan or inf"),
         (lambda: onto_grid(TIMES + math.inf, ZEROS), "times are nan or inf"),
         (lambda: onto_grid(TIMES, ZEROS[1:]), r"\(100,\), values \(99,\)"),
-        (lambda: onto_grid([TIMES, TIMES], [ZEROS]), "2 stations of times, 1 of values"),
-        (lambda: onto_grid([TIMES, TIMES + 1], [ZEROS, ZEROS]), "share no time"),
-        (lambda: onto_grid([TIMES, TIMES.flip(0)], [ZEROS, ZEROS]), "station 1: 99 times"),
         (lambda: onto_grid(TIMES, ZEROS, method="lineal"), "did you mean 'linear'"),
         (lambda: onto_grid(TIMES, ZEROS, method="band-limited", band=-1.0), "band .* is -1"),
-        (lambda: onto_grid(TIMES, ZEROS, longest_gap=-1.0), "longest_gap .* is -1"),
         (lambda: tone_attenuation(TIMES, 5001.0), "fewer than two a period of 5001 Hz"),
         (lambda: tone_attenuation(TIMES, 3000.0, 30e3, "band-limited"), "band of the fit, 2500"),
-        (lambda: tone_attenuation(TIMES, 500.0, segment=9.0), "segment is 9 s"),
         (lambda: tone_attenuation(TIMES, 1500.0, 2e3), "at or above Nyquist, 1000 Hz"),
-        (
-            lambda: tone_attenuation(TIMES, 500.0, grid=UniformGrid(0.0, 20e3, 300)),
-            "the grid runs from 0 to 0.01495 s, the arrivals from 0 to 0.0099 s",
-        ),
         (lambda: poisson_attenuation(1.0, 10.0, "band-limited"), "closed form"),
         (lambda: slotted_correlation(TIMES, ZEROS, 0.0, 1e-3), "slot .* is 0"),
         (lambda: slotted_correlation(TIMES, ZEROS, 1e-4, 1.0), "longest_lag is 1 s"),
-        (lambda: UniformGrid(0.0, math.nan, 5), "rate of the grid"),
     ],
 )
 def test_bad_input(call, message):
@@ -308,15 +270,11 @@ def test_bad_input(call, message):
 def test_corrections_that_are_refused():
     times = poisson(8e3, 0.1)
     found = onto_grid(times, normal(len(times)), 32e3)
-    several = tone_attenuation(times, FREQUENCY, grid=found.grid, segment=0.02)
-    with pytest.raises(ValueError, match="is that of 8 segments"):
-        corrected_coherent_part(found, several)
-    with pytest.raises(ValueError, match=r"the signal is linear .* the attenuation hold"):
+    with pytest.raises(ValueError, match=r"grids of their own; use tone_attenuation\(signal, frequency\)"):
         corrected_coherent_part(found, tone_attenuation(times, FREQUENCY, 32e3, "hold"))
-    small = tone_attenuation(poisson(3.2e3, 0.1), FREQUENCY, 32e3)
     weak = onto_grid(poisson(3.2e3, 0.1), normal(len(poisson(3.2e3, 0.1))), 32e3)
-    with pytest.raises(ValueError, match=r"the factor is 0.2\d+; a correction would raise noise"):
-        corrected_coherent_part(weak, small)
+    with pytest.raises(ValueError, match=r"leaves 0.2\d+ of the tone; a correction would raise noise"):
+        corrected_coherent_part(weak, tone_attenuation(weak, FREQUENCY))
 
 
 @pytest.mark.slow

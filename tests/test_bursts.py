@@ -11,25 +11,21 @@ from conftest import SHARED
 from scipy import stats
 
 import torchliner as tl
-from torchliner.cli.main import main
-from torchliner.io.burst_sources import read_bursts
-from torchliner.report.station_report import draw_stations, intervals_of
-from torchliner.signals.burst_moments import burst_moments, interval_histogram
-from torchliner.signals.burst_validation import (
+from torchliner.bursts.filters import (
     BACKWARDS,
     OUTLIER,
     REPEATED,
     ZERO_RUN,
     BurstFilters,
-    outlier_filter,
-    pair_coincident,
     run_lengths,
-    time_filter,
     validate_bursts,
     weighted_median,
-    zero_run_filter,
 )
-from torchliner.signals.inspected_station import inspect_stations, station_flags
+from torchliner.bursts.stations import Station, burst_moments
+from torchliner.cli.main import main
+from torchliner.io.burst_sources import read_bursts
+from torchliner.io.dantec import pair_coincident
+from torchliner.report.station_report import draw_stations, intervals_of
 
 REAL = SHARED / "data" / "lda_bursts"
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
@@ -90,16 +86,15 @@ def test_weights_are_repetitions():
 
 def test_intervals_of_a_poisson_process_follow_the_exponential_law():
     record = gaussian_record(40_000, wall_normal=np.zeros(40_000))
-    edges, density = interval_histogram(record)
-    steps = record.arrival_time.diff()
-    mean, share = float(steps.mean()), density * edges.diff()
-    assert float(share.sum()) == pytest.approx(float((steps < 8 * mean).double().mean()), abs=1e-12)
-    law = stats.expon(scale=mean)
-    inside = np.diff(law.cdf(edges.numpy()))
-    drawn = intervals_of([]).values["exponential"]  # in units of the mean interval
-    assert np.allclose(drawn / mean * edges.diff().numpy(), inside, rtol=1e-10)
-    counts = np.append(share.numpy(), 1 - float(share.sum())) * 39_999
-    wanted = np.append(inside, law.sf(8 * mean)) * 39_999
+    curves = intervals_of([Station.of(record, BurstFilters(zero_runs=None))])
+    drawn, density = curves.values.values()  # in units of the mean interval
+    edges, steps = np.linspace(0, 8, 33), record.arrival_time.diff()
+    share, law = density * 0.25, stats.expon()
+    assert share.sum() == pytest.approx(float((steps < 8 * steps.mean()).double().mean()), abs=1e-12)
+    inside = np.diff(law.cdf(edges))
+    assert np.allclose(drawn * 0.25, inside, rtol=1e-10)
+    counts = np.append(share, 1 - share.sum()) * 39_999
+    wanted = np.append(inside, law.sf(8)) * 39_999
     assert stats.chisquare(counts, wanted * counts.sum() / wanted.sum()).pvalue > 1e-3
     seen = burst_moments(record)
     assert seen.irregularity == pytest.approx(1, abs=0.02)
@@ -112,8 +107,6 @@ def test_arrival_statistics_by_hand():
     assert (found.duration, found.rate, found.longest_gap) == (5.0, 3 / 5, 3.0)
     alone = burst_moments(tl.BurstRecord(np.array([1.0]), np.ones(1)))
     assert np.isnan(alone.rate)
-    with pytest.raises(ValueError, match="at least two bursts"):
-        interval_histogram(tl.BurstRecord(np.array([1.0]), np.ones(1)))
 
 
 # Validation
@@ -130,10 +123,9 @@ def test_times_that_repeat_or_step_back_are_dropped_and_counted():
     """Of equal times the first stays; after a step back all until the old time is passed."""
     time = np.array([0.0, 1.0, 1.0, 3.0, 2.0, 2.5, 4.0])
     record = tl.BurstRecord(time, np.arange(7.0))
-    keep, _ = time_filter(record)
-    assert keep.tolist() == [True, True, False, True, False, False, True]
     kept = validate_bursts(record, BurstFilters(outliers=None))
     assert kept.dropped == {BACKWARDS: 2, REPEATED: 1}
+    assert kept.arrival_time.tolist() == [0, 1, 3, 4]
     assert kept.wall_normal.tolist() == [0, 1, 3, 6]
     assert kept.received == 7
     assert validate_bursts(record, BurstFilters(times=False)).bursts == 7
@@ -151,7 +143,6 @@ def test_runs_of_zeros_are_dropped_and_single_zeros_stay():
     values = np.array([1.0, 0, 2, 0, 0, 0, 3, 0, 0])
     record = tl.BurstRecord(np.arange(9.0), values, streamwise=np.ones(9))
     assert run_lengths(torch.as_tensor(values) == 0).tolist() == [0, 1, 0, 3, 3, 3, 0, 2, 2]
-    assert zero_run_filter(record, 3)[1] == {ZERO_RUN: 3}
     kept = validate_bursts(record, BurstFilters(zero_runs=3, outliers=None))
     assert kept.wall_normal.tolist() == [1, 0, 2, 3, 0, 0]
     assert len(kept.streamwise) == 6
@@ -178,9 +169,9 @@ def test_outliers_are_judged_by_the_time_and_not_by_the_number_of_bursts():
     v = torch.cat([torch.full((60,), 20.0), torch.linspace(0.9, 1.1, 40)]).double()
     transit = torch.cat([torch.full((60,), 1e-6), torch.full((40,), 5e-5)]).double()
     record = tl.BurstRecord(np.arange(100.0), v, transit_time=transit)
-    assert outlier_filter(record, 6.0)[0].tolist() == [False] * 60 + [True] * 40
+    assert torch.equal(validate_bursts(record).wall_normal, v[60:])
     plain = tl.BurstRecord(np.arange(100.0), v)
-    assert bool(outlier_filter(plain, 6.0)[0][:60].all())
+    assert validate_bursts(plain).wall_normal[:60].tolist() == [20.0] * 60
 
 
 def test_a_median_deviation_of_zero_does_not_drop_neighbours():
@@ -210,8 +201,7 @@ def test_faulty_filters_are_refused():
 
 def test_coincident_bursts_are_paired_once_and_mutually():
     """Worked by hand: 1.2 is nearer to 1.3 than to 1.0; 9 has nobody; 5 is just at the window."""
-    first = torch.tensor([1.0, 1.2, 5.0, 9.0]).double()
-    second = torch.tensor([0.1, 1.3, 5.5, 20.0]).double()
+    first, second = np.array([1.0, 1.2, 5.0, 9.0]), np.array([0.1, 1.3, 5.5, 20.0])
     mine, theirs = pair_coincident(first, second, 0.5)
     assert (mine.tolist(), theirs.tolist()) == ([1, 2], [1, 2])
     again = pair_coincident(second, first, 0.5)
@@ -255,13 +245,12 @@ def test_counts_must_be_those_of_the_mask():
 # Flags
 
 
-def flags_of(record: tl.BurstRecord) -> list[str]:
-    kept = validate_bursts(record)
-    return station_flags(record, kept, burst_moments(kept))
+def flags_of(record: tl.BurstRecord) -> tuple[str, ...]:
+    return Station.of(record).flags
 
 
 def test_a_good_station_has_no_flag():
-    assert flags_of(gaussian_record(frequency=400.0)) == []
+    assert flags_of(gaussian_record(frequency=400.0)) == ()
 
 
 def test_each_fault_is_flagged():
@@ -289,7 +278,7 @@ def test_stations_near_the_wall_are_flagged(folder):
     """Up to 95 % of v is exactly 0 at the two stations nearest to the wall."""
     records = read_bursts(REAL / folder, columns=LAYOUT)
     assert [record.bursts for record in records] == [2000] * 15
-    stations = inspect_stations(records)
+    stations = [*map(Station.of, records)]
     assert [bool(station.flags) for station in stations] == [True] * 2 + [False] * 13
     assert all("exactly 0" in station.flags[0] for station in stations[:2])
     for station in stations[2:]:
@@ -369,6 +358,6 @@ def test_the_command_converts(tmp_path, capsys):
 
 
 def test_a_figure_of_stations_without_positions(tmp_path):
-    stations = inspect_stations([gaussian_record(seed=i) for i in range(2)])
+    stations = [Station.of(gaussian_record(seed=i)) for i in range(2)]
     figure = draw_stations(stations, tmp_path / "f.png")
     assert figure.axes[0].get_xlabel() == "station"

@@ -20,6 +20,7 @@ from conftest import DATA, RATE, plane_of, turbulence
 
 import torchliner as tl
 from torchliner import names
+from torchliner.bursts.filters import BurstFilters
 from torchliner.cli.choice_options import CHOICES, EDUCED, SHOWN
 from torchliner.cli.examples import EXAMPLES
 from torchliner.cli.main import (
@@ -33,7 +34,6 @@ from torchliner.cli.main import (
     main,
 )
 from torchliner.cli.plane_options import SELECTION, STATED
-from torchliner.signals.burst_validation import BurstFilters
 from torchliner.velocity.choices import Choices
 
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")

@@ -12,10 +12,10 @@ from test_station_references import drifting
 from test_stations import FREQUENCY, station
 
 import torchliner as tl
+from torchliner.bursts import line as bursts_module
 from torchliner.cli.main import main
 from torchliner.io.burst_csv import write_burst_csv
 from torchliner.io.burst_file import write_bursts
-from torchliner.ldv import educe_bursts as bursts_module
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SHORT = ["--segment", "0.04", "--liner", "onera"]
@@ -283,7 +283,7 @@ def test_the_line_file_has_units_and_a_title_and_other_files_stay(folder, tmp_pa
 
 def test_a_table_that_changed_is_another_liner(tmp_path):
     """The numbers of a table count, not its name."""
-    from torchliner.ldv.educe_bursts import liner_fingerprint
+    from torchliner.bursts.line import liner_fingerprint
 
     found = []
     for factor in (1.0, 2.0):

@@ -8,17 +8,18 @@ import math
 import numpy as np
 import pytest
 import torch
-from test_stations import educed, station
+from test_stations import FREQUENCY, educed, station
 
-from torchliner.conversions import admittance_from_reflection
-from torchliner.ldv.line_average import (
+import torchliner as tl
+from torchliner.bursts.averages import (
     monte_carlo,
     segment_admittances,
     station_interval,
 )
-from torchliner.velocity.choices import Choices
+from torchliner.conversions import admittance_from_reflection
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+REPLAYED = 5e-5  # in R: the kernels of the replay end
 
 
 @pytest.fixture(scope="module")
@@ -68,12 +69,6 @@ def test_the_spread_of_the_draws_shrinks_with_stations_and_the_others_do_not():
     assert torch.isfinite(monte_carlo(padded, counts, 2000, 0).real).all()
 
 
-def test_monte_carlo_in_parts_is_the_whole(monkeypatch, line):
-    whole = monte_carlo(segment_admittances(line), line.segments, 500, 3)
-    monkeypatch.setattr("torchliner.ldv.line_average.DRAWN", 30)
-    assert torch.equal(whole, monte_carlo(segment_admittances(line), line.segments, 500, 3))
-
-
 def deviation_of_draws(admittance: torch.Tensor, counts: torch.Tensor) -> complex:
     """sqrt(sum of the stations' variances)/N of (5.2), real and imaginary, for one frequency."""
     parts = []
@@ -99,7 +94,7 @@ def test_intervals_cover_with_overlapping_segments():
     errors (2.7 %); scripts/coverage_stations.py runs the whole chain 2000 times."""
     generator = np.random.default_rng(0)
     trials = np.stack([segment_means(generator, 19) for _ in range(600)], axis=1)
-    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), Choices())
+    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), 0.95)
     true = (1 + (0.3 + 0.1j)) / (1 - (0.3 + 0.1j))
     low, high = found.low.numpy(), found.high.numpy()
     for part in (np.real, np.imag):
@@ -112,7 +107,7 @@ def test_the_bias_of_short_segments_is_taken_off_the_bounds():
     generator = np.random.default_rng(1)
     true = (1 + 0.5) / (1 - 0.5)
     noisy = 0.5 + 0.15 * generator.standard_normal((300, 40)).T
-    found = station_interval(torch.from_numpy(noisy.astype(complex)), Choices())
+    found = station_interval(torch.from_numpy(noisy.astype(complex)), 0.95)
     off = float(found.bias.real.mean())
     middle = float(0.5 * (found.low + found.high).real.mean())
     second_order = 0.5 * 4 / (1 - 0.5) ** 3 * 0.15**2
@@ -159,3 +154,30 @@ def test_admittance_at_walls_is_zero_in_the_draws(line):
 
 def test_one_station_has_no_spread_along_the_line(onera):
     assert torch.isnan(educed([station(0)], onera).average.spatial_spread.real).all()
+
+
+def test_the_paper_is_one_call(onera):
+    """Straight lines, Hann's segments that overlap by half, replayed sample by sample in a second engine; mean of Z
+    over segments, mean of admittances over stations, and the draws about it."""
+    records = [station(seed, seconds=0.3) for seed in range(3)]
+    found = educed(records, onera, correction="none", window="hann", flagged="use", grid_rate=60e3)
+    means, admittances = [], []
+    for n, record in enumerate(records):
+        times = record.arrival_time.numpy()
+        grid = np.arange(times[0], times[-1], 1 / 60e3)
+        velocity = np.interp(grid, times, record.wall_normal.numpy())
+        pieces = [velocity[i : i + 2400] for i in range(0, len(velocity) - 2399, 1200)]
+        plane = tl.VelocityPlane(np.stack(pieces), sampling_rate=60e3, frequency=FREQUENCY)
+        replayed = tl.replay(plane, onera, FREQUENCY, window="hann", interval=None)
+        own = replayed.probes["admittance"].reflection[:, 0]
+        assert found.segments[n] == len(pieces)
+        assert float((own - found.reflection[n, : len(pieces), 0]).abs().max()) < REPLAYED
+        z = (1 + found.reflection[n, : len(pieces), 0]) / (1 - found.reflection[n, : len(pieces), 0])
+        means.append(complex(z.mean()))
+        admittances.append(complex((1 / z).mean()))
+    assert found.impedance[:, 0].tolist() == pytest.approx(means, rel=1e-12)
+    average = found.average
+    assert complex(average.impedance[0]) == pytest.approx(1 / np.mean(admittances), rel=1e-12)
+    off, spread = complex(average.monte_carlo[0] - average.impedance[0]), complex(average.monte_carlo_spread[0])
+    assert abs(off.real) < 4 * spread.real / math.sqrt(5000)
+    assert abs(off.imag) < 4 * spread.imag / math.sqrt(5000)

@@ -59,7 +59,6 @@ VELOCITY_READINGS = ("as_measured", "conserved")
 
 # Bursts and lines of stations.
 GRID_METHODS = ("linear", "hold", "band-limited")
-GAPS = ("report", "refuse")
 STATION_WINDOWS = ("whole-periods", "hann")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
 FILTERS = ("times", "zero-runs", "outliers")

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchliner.bursts.arrivals import checked_bursts
 from torchliner.checks import require_positive
-from torchliner.signals.arrivals import checked_stations
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,7 @@ def slotted_correlation(
     Raises:
         ValueError: slot or lag is not above 0, or the lag is below the slot or above the record.
     """
-    (pair,), _ = checked_stations([arrival_times], [values], name)
-    times, signal = pair[0].numpy(), pair[1].cpu().numpy()
+    times, signal = (each.numpy() for each in checked_bursts(arrival_times, values, name))
     require_positive("slot (s)", slot)
     require_positive("longest_lag (s)", longest_lag)
     if not slot <= longest_lag <= times[-1] - times[0]:

@@ -43,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
+    from torchliner.bursts.stations import Station
     from torchliner.report.station_report import (
         draw_stations,
         format_stations,
@@ -50,10 +51,10 @@ def _info(options: argparse.Namespace) -> int:
         plain_station,
         station_table,
     )
-    from torchliner.signals.inspected_station import inspect_stations
 
     records = [source.read() for source in ldv.stations_from(options)]
-    stations = inspect_stations(records, ldv.filters_from(options))
+    filters = ldv.filters_from(options)
+    stations = [Station.of(record, filters) for record in records]
     if options.intervals is not None:
         intervals_of(stations).write_csv(options.intervals)
     show_results(

@@ -67,11 +67,11 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Educe every station, print a row each and the averages, write what was asked for."""
+    from torchliner.bursts.line import educe_bursts
     from torchliner.campaign.cluster import open_cluster
     from torchliner.io.line_parts import LineParts
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable_folder
-    from torchliner.ldv.educe_bursts import educe_bursts
     from torchliner.records.origin import input_file, with_choices
     from torchliner.report.line_table import format_line, plain_line
 

@@ -9,8 +9,8 @@ from torchliner import names
 from torchliner.cli.options import CASE, dest, stated
 
 if TYPE_CHECKING:
+    from torchliner.bursts.filters import BurstFilters
     from torchliner.io.burst_sources import StationSource
-    from torchliner.signals.burst_validation import BurstFilters
 
 READING: dict[str, Any] = {
     "source SOURCE": "file of bursts, or folder of stations",
@@ -51,7 +51,7 @@ def stations_from(options: argparse.Namespace, *left_out: str) -> list[StationSo
 
 def filters_from(options: argparse.Namespace) -> BurstFilters:
     """Which bursts count."""
-    from torchliner.signals.burst_validation import BurstFilters
+    from torchliner.bursts.filters import BurstFilters
 
     chosen = stated(options, ("zero_runs", "outliers"))
     for name in options.without:

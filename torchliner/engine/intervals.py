@@ -101,18 +101,29 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
     """
     shape, count = values.shape[1:], len(shares)
     value, left = values[0].flatten(), values[1 : 1 + count].flatten(1)
-    kept = (1 - shares)[:, None]
+    power, square, lengths = scatter(left, shares)
+    quantile = _student(count, level).to(value.device)[lengths - SHORTEST_RUN]
+    weight = torch.stack([1 - quarter.sum() for quarter in shares.tensor_split(QUARTERS)])
+    bias = (weight[:, None] * (values[1 + count :].flatten(1) - value)).sum(0)
+    found = impedance_interval(value, bias, power, square, quantile, count / lengths.double(), conversion)
+    return found.map(lambda each: each.reshape(shape))
+
+
+def scatter(left: Tensor, shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """E|d|^2 and E[d^2] of the deviation d of results, and the blocks of a run, (N,) each.
+
+    Args:
+        left: the results without each block, complex128, (S, N).
+        shares: of each block in the whole record, (S,).
+    """
+    kept, count = (1 - shares)[:, None], len(shares)
     centre = (kept * left).sum(0) / (count - 1)  # of a linear result its value, whatever the shares
     own = (centre - left) * kept
     rho = correlation(_product(own, own), _product(own[1:], own[:-1]), count, -MOST_CORRELATED)
     lengths = run_lengths(rho, count)
     beyond = _beyond_runs(rho, lengths)
     power, square = (beyond * each for each in _of_runs(own, lengths))
-    quantile = _student(count, level).to(value.device)[lengths - SHORTEST_RUN]
-    weight = torch.stack([1 - quarter.sum() for quarter in shares.tensor_split(QUARTERS)])
-    bias = (weight[:, None] * (values[1 + count :].flatten(1) - value)).sum(0)
-    found = impedance_interval(value, bias, power, square, quantile, count / lengths.double(), conversion)
-    return found.map(lambda each: each.reshape(shape))
+    return power, square, lengths
 
 
 def _product(first: Tensor, second: Tensor) -> Tensor:

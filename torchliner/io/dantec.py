@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
+from torchliner.checks import require_positive
 from torchliner.io.burst_format import BurstFormat, read_head
 from torchliner.io.burst_text import QUANTITIES, read_bursts_of, record_of
 from torchliner.names import did_you_mean
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import COMPONENTS
-from torchliner.signals.burst_validation import pair_coincident
 from torchliner.text_columns import Array, Column, read_lines
 from torchliner.units import si_factor
 
@@ -229,16 +228,42 @@ def _joined(
                 f"{path}: the arrival times of a channel run backwards; coincidence needs them in "
                 "order. Read without a window, or sort the export"
             )
-    times = [torch.as_tensor(columns["arrival_time"]) for columns in (wall, other)]
-    mine, partner = pair_coincident(times[0], times[1], window)
+    mine, partner = pair_coincident(wall["arrival_time"], other["arrival_time"], window)
     if len(mine) == 0:
         raise ValueError(
             f"{path}: no two bursts of the channels are within {1e6 * window:g} us; widen the coincidence window"
         )
-    joined = {name: values[mine.numpy()] for name, values in wall.items()}
-    joined |= {n: v[partner.numpy()] for n, v in other.items() if n in COMPONENTS}
+    joined = {name: values[mine] for name, values in wall.items()}
+    joined |= {n: v[partner] for n, v in other.items() if n in COMPONENTS}
     # The wall-normal channel is the record; what it misses is what was dropped.
     return joined, (), {NO_PARTNER: len(wall["arrival_time"]) - len(mine)}
+
+
+def pair_coincident(first: Array, second: Array, window: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bursts of two channels that belong to the same particle.
+
+    Each burst takes the nearest of the other channel; a pair counts where the choice is mutual and no further apart
+    than the window, so that no burst is used twice.
+
+    Args:
+        first, second: arrival times, s, increasing, (N,), (M,).  window: s, largest difference.
+    Returns:
+        Indices of the pairs into ``first`` and ``second``, each (P,).
+    Raises:
+        ValueError: the window is not above 0.
+    """
+    require_positive("coincidence window (s)", window)
+    there, back = _nearest(first, second), _nearest(second, first)
+    mine = np.arange(len(first))
+    mutual = (back[there] == mine) & (np.abs(second[there] - first) <= window)
+    return mine[mutual], there[mutual]
+
+
+def _nearest(times: Array, others: Array) -> np.ndarray:
+    """Index of the nearest of ``others``, increasing, to each of ``times``."""
+    right = np.searchsorted(others, times).clip(max=len(others) - 1)
+    left = (right - 1).clip(min=0)
+    return np.where(np.abs(times - others[left]) <= np.abs(times - others[right]), left, right)
 
 
 FORMAT = BurstFormat(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from torchliner.bursts.stations import Station
 from torchliner.report.figure import (
     COLOURS,
     Figure,
@@ -19,9 +20,8 @@ from torchliner.report.figure import (
 )
 from torchliner.report.numbers import Curves
 from torchliner.report.table import Column, Table
-from torchliner.signals.burst_moments import HISTOGRAM_BINS, HISTOGRAM_REACH, interval_histogram
-from torchliner.signals.inspected_station import Station
 
+HISTOGRAM_REACH, HISTOGRAM_BINS = 8.0, 32  # of the intervals, in mean intervals
 FEWEST_IN_BIN = 5  # intervals the law expects in a bin that is drawn: fewer only scatter
 WEIGHTINGS = (
     ("", COLOURS[0], "o", "arithmetic"),
@@ -151,8 +151,9 @@ def intervals_of(stations: Sequence[Station]) -> Curves:
     values["exponential"] = (survival[:-1] - survival[1:]) / np.diff(edges)
     for i, station in enumerate(stations, 1):
         density = np.full(HISTOGRAM_BINS, np.nan)
-        if station.moments.rate > 0 and bool((station.kept.arrival_time.diff() >= 0).all()):
-            density = interval_histogram(station.kept)[1].numpy() / station.moments.rate
+        steps = station.kept.arrival_time.diff().numpy() * station.moments.rate
+        if station.moments.rate > 0 and (steps >= 0).all():
+            density = np.histogram(steps[steps < HISTOGRAM_REACH], edges)[0] / (len(steps) * np.diff(edges))
         values[f"{i} {station.name}"] = density
     return Curves((edges[1:] + edges[:-1]) / 2, values, "", "interval times rate")
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
+from torchliner.bursts.filters import BurstFilters
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS
-from torchliner.signals.burst_validation import BurstFilters
 
+NAMED = {"method": GRID_METHODS, "correction": CORRECTIONS, "window": STATION_WINDOWS, "flagged": FLAGGED}
 MOST_DRAWS = 1_000_000
 
 
@@ -17,20 +17,19 @@ class StationChoices:
     """From bursts to segments and from segments to averages.
 
     Args:
-        method: of the reconstruction between arrivals: ``linear`` (the paper), ``hold`` or
-            ``band-limited``; see ``torchliner.signals.arrivals``.
-        grid_rate: Hz; default ``derived_rate`` of each station.
+        method: of the reconstruction between arrivals: ``linear`` (the paper), ``hold`` or ``band-limited``.
+        grid_rate: Hz; default as for ``onto_grid``.
         band_limit: of ``band-limited``, Hz; default a quarter of the station's mean rate.
-        correction: what is put back of what the reconstruction took from the stated tone, whatever
-            is asked for, else from a single frequency asked for: ``tone``, its line;
-            ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the paper).
+        correction: what is put back of what the reconstruction took from the stated tone, whatever is asked for, else
+            from a single frequency asked for: ``tone``, its line; ``tone-and-noise``, also the noise made of it is
+            taken out; ``none`` (the paper).
         segment: s (the paper: 1).
         overlap: share of a segment that the next one covers too (the paper: 0.5).
         window: of a segment: ``whole-periods``, each of which weighs alike, or ``hann`` on the reflected signal (the
             paper).
-        flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or
-            ``refuse`` them.
-        monte_carlo: draws of (5.2) (the paper: 5000).  filters: which bursts count.
+        flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or ``refuse`` them.
+        monte_carlo: draws of (5.2) (the paper: 5000).
+        filters: which bursts count.
     """
 
     method: str = "linear"
@@ -46,10 +45,8 @@ class StationChoices:
 
     def __post_init__(self) -> None:
         make_plain(self)
-        require_choice("method", self.method, GRID_METHODS)
-        require_choice("correction", self.correction, CORRECTIONS)
-        require_choice("window", self.window, STATION_WINDOWS)
-        require_choice("flagged", self.flagged, FLAGGED)
+        for name, known in NAMED.items():
+            require_choice(name, getattr(self, name), known)
         require_positive("segment (s)", self.segment)
         for name in ("grid_rate", "band_limit"):
             if getattr(self, name) is not None:
@@ -60,7 +57,3 @@ class StationChoices:
             raise ValueError(f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1")
         if not 2 <= self.monte_carlo <= MOST_DRAWS:
             raise ValueError(f"monte_carlo is {self.monte_carlo}; it is 2 to {MOST_DRAWS} draws")
-
-    def describe(self) -> dict[str, Any]:
-        """Plain values for a file."""
-        return asdict(self)

@@ -1,0 +1,158 @@
+"""DIR-TDIBC of one station of bursts, its segments side by side like probes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.bursts.averages import station_interval
+from torchliner.bursts.choices import StationChoices
+from torchliner.bursts.reference import follow_reference
+from torchliner.bursts.segment_means import SegmentMeans, segment_means
+from torchliner.bursts.segments import Segments, cut_into_segments
+from torchliner.bursts.stations import Station
+from torchliner.checks import stated_frequency
+from torchliner.engine.phase import PHASE_RULES, Sound
+from torchliner.liners.model import LinerModel
+from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
+from torchliner.velocity.answer import goodrich_of
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.review import texts
+from torchliner.velocity.review_answer import review_rule
+from torchliner.version import __version__
+
+CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
+NO_TONE = 0.05  # squared coherence with v below which a reference knows no phase
+WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole record
+
+
+def educe_station(
+    record: BurstRecord,
+    liner: LinerModel,
+    frequency: Any,
+    station_choices: StationChoices,
+    choices: Choices,
+    reference: ReferenceChannel | None = None,
+    reference_phase: float | None = None,
+) -> ImpedanceLine:
+    """One station, which depends on no other: a line of N = 1 without an average.
+
+    Args:
+        record: bursts as read.  liner: its model.
+        frequency: Hz, one or several; None takes the record's tone.
+        station_choices, choices: from bursts to segments; of the eduction.
+        reference: channel that carries the phase of the sound.
+        reference_phase: psi in rad for ``given``, see ``educe_bursts``.
+    Raises:
+        ValueError: see ``educe_bursts``.
+    """
+    station = Station.of(record, station_choices.filters)
+    kept, flags = station.kept, station.flags
+    if flags and station_choices.flagged == "refuse":
+        raise ValueError(
+            f"{record.name} is flagged: {'; '.join(flags)}. Leave it out of the averages with flagged='exclude', or "
+            "take it as it is with flagged='use'"
+        )
+    wanted = stated_frequency(frequency, record.frequency, record.name)
+    if len(wanted.unique()) < len(wanted):
+        raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
+    cut = cut_into_segments(kept, wanted, station_choices)
+    known = segment_means(cut.plane, liner, wanted, choices, station_choices.window)
+    clock = 2 * torch.pi * torch.outer(cut.start, wanted)  # phase of a steady tone at each segment's first sample
+    phases, velocity, coherence, referred = clock, known.velocity, known.coherence, reference is not None
+    if reference is not None:
+        phases, velocity, coherence = follow_reference(cut, reference, wanted, known)
+    elif choices.phase == "given" and reference_phase is None:
+        raise ValueError(
+            "phase='given' needs a reference channel, or reference_phase in rad on the clock of the arrivals"
+        )
+    held = (coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")
+    held = held.expand(velocity.shape)
+    sound = Sound(velocity, held, phases + (reference_phase or 0.0))
+    reflection = PHASE_RULES[choices.phase](known.a, known.b, sound)
+    coherence = coherence if referred else coherence.mean(0)
+    notes = [*cut.notes, *known.notes, *texts(review_rule(held, known.blocks, choices))]
+    notes += [*_wandering(known, cut, wanted, _mean_amplitude(known, clock), choices)]
+    if referred:
+        notes += [*_unrelated(coherence, wanted)]
+    vertical = station.moments.components["wall_normal"]
+    interval = station_interval(reflection, choices.interval)
+    grid, nodes = cut.signal.grid, known.moments.nodes
+    return ImpedanceLine(
+        frequency=wanted,
+        reflection=reflection[None],
+        segment_start=cut.start[None],
+        x=_one(record.x),
+        y=_one(record.y),
+        z=_one(record.z),
+        mean_velocity=_one(vertical.weighted_mean),
+        velocity_rms=_one(vertical.weighted_rms),
+        velocity_amplitude=_mean_amplitude(known, phases)[None],
+        coherence=coherence[None],
+        attenuation=cut.attenuation[None],
+        corrected=cut.corrected[None],
+        phase_held=held.to(torch.float64).mean(0)[None],
+        rate=_one(grid.mean_rate),
+        grid_rate=_one(grid.rate),
+        longest_gap=_one(grid.longest_gap[0]),
+        received=torch.tensor([record.received]),
+        bursts=torch.tensor([kept.bursts]),
+        used=torch.tensor([not flags or station_choices.flagged == "use"]),
+        wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
+        interval=None if interval is None else interval.map(lambda value: value[None]),
+        names=(record.title or record.name,),
+        flags=(flags,),
+        dropped=(dict(kept.dropped),),
+        station_notes=(tuple(notes),),
+        goodrich=goodrich_of(cut.plane, liner, wanted),
+        choices={
+            "version": __version__,
+            **choices.describe(),
+            "liner": liner.describe(),
+            "tone": record.frequency,
+            "surface": record.liner,
+            "blocks": known.blocks,
+            "referred": referred,
+            "nodes": None if nodes is None else nodes.describe(),
+            "model_error": known.model_error,
+            **asdict(station_choices),
+        },
+        **{key: getattr(record, key) for key in CASE},
+    )
+
+
+def _one(value: float | None) -> Tensor:
+    """A number of the station as (1,), nan where unknown."""
+    return torch.tensor([math.nan if value is None else float(value)], dtype=torch.float64)
+
+
+def _mean_amplitude(known: SegmentMeans, phases: Tensor) -> Tensor:
+    """Complex peak amplitude of v into the liner, (F,): over the segments, less their phases, (S, F)."""
+    return 2 * (known.velocity * torch.exp(-1j * phases)).mean(0)
+
+
+def _wandering(
+    known: SegmentMeans, cut: Segments, frequency: Tensor, steady: Tensor, choices: Choices
+) -> Iterator[str]:
+    """A tone that wanders past the correction, by its amplitude over the record."""
+    left = steady.abs() / (2 * known.velocity.abs().mean(0)).clamp(min=1e-300)
+    has_tone = known.coherence.mean(0) > choices.minimum_coherence / 2
+    for i in (cut.corrected & (left < WANDERS) & has_tone).nonzero().flatten().tolist():
+        yield (
+            f"the tone of {float(frequency[i]):g} Hz wanders: over the whole record {float(left[i]):.2f} of its "
+            "amplitude in the segments is left, and the correction, made over the record, misses the rest"
+        )
+
+
+def _unrelated(coherence: Tensor, frequency: Tensor) -> Iterator[str]:
+    """A reference that v does not follow."""
+    for f, found in zip(frequency[coherence < NO_TONE], coherence[coherence < NO_TONE], strict=True):
+        yield (
+            f"the squared coherence of v with the reference is {float(found):.2g} at {float(f):g} Hz: "
+            "it tells nothing of the phase of the sound there"
+        )

@@ -1,0 +1,182 @@
+r"""What a reconstruction from random samples does to a tone, and the tone put back to its amplitude.
+
+Each method of ``arrivals`` is linear in the values. A tone :math:`v = A e^{j\omega t} + A^* e^{-j\omega t}` known at
+the arrivals alone therefore has, on the grid, the windowed line
+
+.. math:: \hat A = G A + H A^*,
+
+where G is the line of the reconstruction of :math:`e^{j\omega t_i}` and H that of its conjugate: two numbers of the
+arrival times, of the window and of the method, known exactly. G is the attenuation; H, which has no mean over arrivals,
+lets :math:`\hat A` depend on the phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, gridded
+from torchliner.checks import frequency_tensor, tell
+from torchliner.signals.tones import tone_amplitudes
+from torchliner.signals.windows import make_window
+
+DAMPED = 0.95  # warned of below
+ARRIVALS_A_PERIOD = 8.0  # warned of below
+LEAST_FACTOR = 0.3  # below, a correction would raise noise by more than a factor 3
+
+
+@dataclass(frozen=True, eq=False)
+class ToneAttenuation:
+    """The factors of a tone's line for given arrivals: line = factor A + image A*.
+
+    Args:
+        factor, image: G and H, complex128, (F,).
+        frequency: Hz, (F,).
+        grid: with the arrivals and the method that they hold for.
+        weights: of the window, (T,).
+        notes: what was warned of.
+    """
+
+    factor: Tensor
+    image: Tensor
+    frequency: Tensor
+    grid: ArrivalGrid
+    weights: Tensor
+    notes: tuple[str, ...] = ()
+
+    def line(self, signal: GridSignal) -> Tensor:
+        """Of the tones as they stand in a gridded signal, phase at the grid's start, complex128, (F,)."""
+        return tone_amplitudes(signal.values, self.frequency, self.grid.rate, self.weights)
+
+    def select(self, chosen: Tensor) -> ToneAttenuation:
+        """Some of the tones, bool, (F,)."""
+        return replace(self, **{key: getattr(self, key)[chosen] for key in ("factor", "image", "frequency")})
+
+    def true_amplitude(self, line: Tensor) -> Tensor:
+        """A from the windowed lines GA + HA* of the gridded signal, (F,), exactly."""
+        determinant = self.factor.abs() ** 2 - self.image.abs() ** 2
+        return (self.factor.conj() * line - self.image * line.conj()) / determinant
+
+    def doubts(self, name: str, corrected: Tensor | None = None) -> Iterator[str]:
+        """Tones that are damped below 0.95, but for those corrected, bool, (F,); few arrivals a period."""
+        grid = self.grid
+        for i, frequency in enumerate(self.frequency.tolist()):
+            size = float(self.factor[i].abs())
+            if size < DAMPED and not (corrected is not None and bool(corrected[i])):
+                yield (
+                    f"{name}: {grid.method} reconstruction from {grid.mean_rate:.6g} arrivals a second damps the tone "
+                    f"of {frequency:g} Hz to {size:.3f}, and |v|, which varies at {2 * frequency:g} Hz, more; correct "
+                    "the tone with corrected_coherent_part"
+                )
+            if grid.mean_rate < ARRIVALS_A_PERIOD * frequency:
+                yield (
+                    f"{name}: {grid.mean_rate / frequency:.3g} arrivals a period of {frequency:g} Hz, fewer than "
+                    f"{ARRIVALS_A_PERIOD:g}: |v(t)| between them is guessed"
+                )
+
+
+def tone_attenuation(
+    arrivals: Any,
+    frequency: Any,
+    rate: float | None = None,
+    method: str = "linear",
+    window: Any = "hann",
+    *,
+    band: float | None = None,
+    name: str = "arrivals",
+) -> ToneAttenuation:
+    """The complex factors on a tone's windowed line for these very arrivals.
+
+    Args:
+        arrivals: times, s, (N,); or a ``GridSignal``, whose arrivals, grid and method are meant.
+        frequency: Hz, one or several.
+        rate, method, band: of the grid, as for ``onto_grid``.
+        window: any window of scipy, over the record.
+        name: how messages call the data.
+    Raises:
+        ValueError: the mean rate is below twice a frequency, a frequency is outside ``band`` or not below half the
+            grid's rate, or as ``onto_grid``.
+    Warns:
+        DataWarning: a factor below 0.95, with the number; fewer than 8 arrivals a period.
+    """
+    wanted = frequency_tensor(frequency)
+    if isinstance(arrivals, GridSignal):
+        grid = arrivals.grid
+    else:
+        grid = gridded(arrivals, arrivals, rate, method, float(wanted.max()), band, name).grid
+    found = attenuation_on(grid, wanted, window, name)
+    notes = tuple(found.doubts(name))
+    tell(notes)
+    return replace(found, notes=notes)
+
+
+def attenuation_on(grid: ArrivalGrid, frequency: Tensor, window: Any, name: str) -> ToneAttenuation:
+    """``tone_attenuation`` without warnings."""
+    highest = float(frequency.max())
+    if grid.mean_rate < 2 * highest:
+        raise ValueError(
+            f"{name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of {highest:g} "
+            "Hz; a tone above half the mean rate cannot be put on a grid"
+        )
+    if grid.method == "band-limited" and highest >= grid.band:
+        raise ValueError(
+            f"{name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; a quarter of the mean rate, "
+            f"{0.25 * grid.mean_rate:g} Hz, is what these arrivals carry"
+        )
+    frequency_tensor(frequency, grid.rate)
+    weights, lines = make_window(window, grid.samples).weights, []
+    for f, turns in zip(frequency, 2 * torch.pi * torch.outer(frequency, grid.arrival_times - grid.start), strict=True):
+        both = grid(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
+        lines.append(tone_amplitudes(both, f[None], grid.rate, weights)[:, 0])
+    # The fit of a line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line
+    # 2aC - 2bS equals GA + HA* for all a, b with G = C + jS, H = C - jS.
+    cosine, sine = torch.stack(lines, 1)
+    return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, frequency, grid, weights)
+
+
+def corrected_coherent_part(
+    signal: GridSignal, attenuation: ToneAttenuation, *, noise: bool = False, name: str = "the signal"
+) -> GridSignal:
+    """The signal with each tone's own part put back to its amplitude, all else untouched.
+
+    The line of the tone is read off by an exact fit over the whole record, A follows from G and H, and replaces it.
+    Noise at the line is raised by 1/G with it. What the reconstruction took from the turbulence stays lost. Several
+    tones are treated one by one.
+
+    Args:
+        signal: from ``onto_grid``.
+        attenuation: from ``tone_attenuation`` of that signal.
+        noise: take out the whole reconstruction of the tone, the noise that it made of it too.
+        name: how messages call the data.
+    Raises:
+        ValueError: the attenuation is that of another signal; a factor below 0.3 (the correction would raise noise by
+            more than 3).
+    """
+    if attenuation.grid is not signal.grid:
+        raise ValueError(f"{name} and the attenuation have grids of their own; use tone_attenuation(signal, frequency)")
+    smallest = float(attenuation.factor.abs().min())
+    if smallest < LEAST_FACTOR:
+        raise ValueError(
+            f"{name}: {signal.grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise "
+            f"noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}). More arrivals are needed, or no "
+            "correction (correction='none')"
+        )
+    grid, frequency = signal.grid, attenuation.frequency
+    line = attenuation.line(signal)
+    amplitude = attenuation.true_amplitude(line)
+    seconds = grid.times - grid.start
+    if noise:
+        made = grid(_tones(amplitude, frequency, grid.arrival_times - grid.start))
+    else:
+        made = _tones(line, frequency, seconds)
+    return replace(signal, values=signal.values + _tones(amplitude, frequency, seconds) - made)
+
+
+def _tones(amplitude: Tensor, frequency: Tensor, seconds: Tensor) -> Tensor:
+    """Sum over f of A e^{j omega t} + A* e^{-j omega t}: (F,) to (t,)."""
+    turns = 2 * torch.pi * torch.outer(frequency, seconds)
+    return 2 * (amplitude.real @ turns.cos() - amplitude.imag @ turns.sin())
