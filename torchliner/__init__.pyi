@@ -15,6 +15,12 @@ from torchliner.velocity.reading import Progress
 from torchliner.audits.audit import audit as audit
 from torchliner.audits.compare import compare as compare
 from torchliner.audits.compare_models import compare_models as compare_models
+from torchliner.bursts.arrivals import onto_grid as onto_grid
+from torchliner.bursts.filters import BurstFilters as BurstFilters
+from torchliner.bursts.filters import validate_bursts as validate_bursts
+from torchliner.bursts.line import educe_bursts as educe_bursts
+from torchliner.bursts.stations import burst_moments as burst_moments
+from torchliner.bursts.tone_damping import tone_attenuation as tone_attenuation
 from torchliner.calibration.calibrate import calibrate as calibrate
 from torchliner.campaign.growing import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning
@@ -49,7 +55,6 @@ from torchliner.io.signal_file import read_signal as read_signal
 from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
-from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
 from torchliner.lee.settled import solve_settled as solve_settled
 from torchliner.lee.solver import DuctSolver as DuctSolver
 from torchliner.liners.adjusted import AdjustedSDoFLiner as AdjustedSDoFLiner
@@ -80,11 +85,6 @@ from torchliner.records.incident import Recorded as Recorded
 from torchliner.records.incident import Sweep as Sweep
 from torchliner.records.incident import Tones as Tones
 from torchliner.report.figure import figure_style as figure_style
-from torchliner.signals.arrivals import onto_grid as onto_grid
-from torchliner.signals.attenuation import tone_attenuation as tone_attenuation
-from torchliner.signals.burst_moments import burst_moments as burst_moments
-from torchliner.signals.burst_validation import BurstFilters as BurstFilters
-from torchliner.signals.burst_validation import validate_bursts as validate_bursts
 from torchliner.velocity.replay import replay as replay
 from torchliner.wall_field.fit_field import fit_field as fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
