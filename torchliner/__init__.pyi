@@ -12,9 +12,9 @@ from torchliner.calibration.sensitivities import Sensitivities
 from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 
-from torchliner.audits.audit import audit as audit
-from torchliner.audits.compare import compare as compare
-from torchliner.audits.compare_models import compare_models as compare_models
+from torchliner.studies.audit import audit as audit
+from torchliner.studies.compare import compare as compare
+from torchliner.studies.compare_models import compare_models as compare_models
 from torchliner.calibration.calibrate import calibrate as calibrate
 from torchliner.campaign.growing import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -69,9 +71,10 @@ class Comparison:
         """What the intervals are."""
         if self.level is None:
             return "no intervals: one of the maps has none"
-        how = "an upper bound: both rest on one run, half-widths added"
-        return f"{100 * self.level:g} % statistical interval, " + (
-            how if self.same_run else "of independent records: variances added")  # fmt: skip
+        how = "of independent records: variances added"
+        if self.same_run:
+            how = "an upper bound: both rest on one run, half-widths added"
+        return f"{100 * self.level:g} % statistical interval, {how}"
 
 
 def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Comparison:
@@ -88,50 +91,50 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
     Raises:
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
+    both = (first, second)
     if averaging is None:
         averaging = first.averaging
         if second.averaging != averaging:
-            both = ", ".join(each for each in first.averagings if each in second.averagings)
+            held = ", ".join(each for each in first.averagings if each in second.averagings)
             raise ValueError(
                 f"the maps answer by averaging {averaging!r} and {second.averaging!r}; name one that both hold with "
-                f"averaging= ({both})"
+                f"averaging= ({held})"
             )
-    for each in (first, second):
+    for each in both:
         require_choice("averaging", averaging, each.averagings)
-    at = _frequencies(first, second)
+    order = _frequencies(first, second)
     _require_same_cells(first, second)
-    seen = [_both(each, averaging) for each in (first, second)]
-    here, there = seen[0][0], seen[1][0][:, at]
     level, same = _level(first, second), _same_run(first, second)
+    (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
+    there, other = there[:, order], [end[:, order] for end in other]
     low = high = None
     if level is not None:
-        (a_low, a_high), (b_low, b_high) = seen[0][1], [end[:, at] for end in seen[1][1]]
-        widths = torch.stack([(a_high - a_low) / 2, (b_high - b_low) / 2])
+        widths = torch.stack([(ends[1] - ends[0]) / 2 for ends in (own, other)])
         half = widths.sum(0) if same else widths.square().sum(0).sqrt()
         # An unbounded interval has no middle.
-        middle = torch.where(half.isinf(), 0, (b_low + b_high - a_low - a_high) / 2)
+        middle = torch.where(half.isinf(), 0, (other[0] + other[1] - own[0] - own[1]) / 2)
         low, high = (torch.view_as_complex(each) for each in (middle - half, middle + half))
     nowhere = torch.tensor([torch.nan], dtype=torch.float64)
     x, z = (torch.cat([nowhere, value]).tolist() for value in (first.cell_x, first.cell_z))
+    frequency = first.frequency.tolist()
     rows = tuple(
         DifferenceRow(
-            f"cell {i - 1}" if i else "liner",
-            x[i],
-            z[i],
-            f,
-            complex(here[i, k]),
-            complex(there[i, k]),
-            complex(there[i, k] - here[i, k]),
-            None if low is None else complex(low[i, k]),
-            None if high is None else complex(high[i, k]),
+            place=f"cell {i - 1}" if i else "liner",
+            x=x[i],
+            z=z[i],
+            frequency=frequency[k],
+            first=complex(here[i, k]),
+            second=complex(there[i, k]),
+            difference=complex(there[i, k] - here[i, k]),
+            low=None if low is None else complex(low[i, k]),
+            high=None if high is None else complex(high[i, k]),
         )
-        for i in range(len(x))
-        for k, f in enumerate(first.frequency.tolist())
+        for i, k in itertools.product(range(len(x)), range(len(frequency)))
     )
     return Comparison(averaging, rows, level, same)
 
 
-def _both(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
+def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
     """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval in real parts, (1 + C, F, 2):
     complex differences of infinite ends are nan."""
     liner, cells = one.liner[averaging], one.cells[averaging]
@@ -156,12 +159,11 @@ def _frequencies(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
 
 def _require_same_cells(first: ImpedanceMap, second: ImpedanceMap) -> None:
     counts = [len(each.cell_x) for each in (first, second)]
+    where = f"{counts[0]} each, elsewhere" if counts[0] == counts[1] else f"{counts[0]} and {counts[1]}"
     pairs = ((first.cell_x, second.cell_x), (first.cell_z, second.cell_z))
     if counts[0] != counts[1] or not all(
         torch.allclose(a, b, rtol=0, atol=SAME_PLACE, equal_nan=True) for a, b in pairs
     ):
-        where = f"{counts[0]} and {counts[1]}" if counts[0] != counts[1] else (
-            f"{counts[0]} each, elsewhere")  # fmt: skip
         raise ValueError(
             f"the maps have other cells ({where}); educe planes of the same extent with liners of one cell_pitch"
         )
@@ -170,13 +172,11 @@ def _require_same_cells(first: ImpedanceMap, second: ImpedanceMap) -> None:
 def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
     """That both intervals have; None without one."""
     one, other = first.level, second.level
-    if one is None or other is None:
-        return None
-    if one != other:
+    if one is not None and other is not None and one != other:
         raise ValueError(
             f"the maps have intervals of {100 * one:g} % and {100 * other:g} %; educe both with the same --interval"
         )
-    return one
+    return None if other is None else one
 
 
 def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
@@ -204,7 +204,7 @@ def _files(one: ImpedanceMap) -> set[tuple[str, str]]:
     return {(each["hash"], place) for each in inputs if each["what"] == "velocity"}
 
 
-def _case(one: ImpedanceMap) -> tuple[str | None, float | None]:
+def _case(one: ImpedanceMap) -> tuple[Any, float | None]:
     """The case that is stated, and the rate at which its samples were stored, Hz."""
     data, rate = dict(one.choices.get("data") or {}), one.choices.get("sampling_rate")
     every = dict(data.get("selected") or {}).get("every", 1)

@@ -1,4 +1,4 @@
-"""torchliner truth."""
+"""torchliner validate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the table of all rules."""
-    from torchliner.audits.truth_rows import truth_table
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.truth_table import (
         format_rules,
@@ -23,12 +22,13 @@ def run(options: argparse.Namespace) -> int:
         format_truth,
         plain_truth,
     )
+    from torchliner.studies.validate import validation_table
 
     planes = read_planes(options.planes, options, lazy=False)
     names = liner_names(options.liner, planes, options.planes)
     liners = {id(plane): load_liner(name) for plane, name in zip(planes, names, strict=True)}
-    with progress_bar(len(planes), "truth table", options, "plane") as step:
-        rows = truth_table(planes, lambda plane: liners[id(plane)], step)
+    with progress_bar(len(planes), "validation", options, "plane") as step:
+        rows = validation_table(planes, lambda plane: liners[id(plane)], step)
     tables = (format_truth, format_rules, format_summary)
     plain = plain_truth(rows)
     show_results(

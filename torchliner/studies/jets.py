@@ -20,14 +20,15 @@ LOWEST = 1e-12  # of half the duct height: below any jet
 
 
 def jet_velocity(
-    level: float, porosity: float, impedance: complex, fluid: Fluid | None = None, *,
-    reading: str = "rms",
-) -> float:  # fmt: skip
+    level: float, porosity: float, impedance: complex, fluid: Fluid | None = None, *, reading: str = "rms"
+) -> float:
     r"""Velocity in the holes of a liner under a tone, :math:`U_j = p_{rms}/(\rho c \phi |Z|)`.
 
     Args:
-        level: SPL, dB re 20 uPa rms.  porosity: phi, open area over the whole surface, 0 to 1.
-        impedance: Z, normalised; its size counts.  fluid: gas; default air at 20 C.
+        level: SPL, dB re 20 uPa rms.
+        porosity: phi, open area over the whole surface, 0 to 1.
+        impedance: Z, normalised; its size counts.
+        fluid: gas; default air at 20 C.
         reading: ``rms``, p_rms = p_0 10^(SPL/20) with p_0 = 20 uPa rms, the definition of the SPL;
             ``printed``, the paper's further 1/sqrt(2).
     Returns:
@@ -59,7 +60,8 @@ def penetration_height(velocity: ArrayLike, diameter: float, profile: FlowProfil
     Brent's method on ln H, where the paper repeats the formula until it stays.
 
     Args:
-        velocity: U_j, m/s, above 0, any shape.  diameter: d of the hole, m.
+        velocity: U_j, m/s, above 0, any shape.
+        diameter: d of the hole, m.
         profile: cross-flow; read from the wall to the middle of the duct.
     Returns:
         H_j, m, of the shape of ``velocity``. Divided by d it is the paper's H_j/d.

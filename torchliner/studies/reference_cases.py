@@ -12,7 +12,8 @@ import torch
 
 from torchliner.records import ImpedanceMap
 
-TABLE = "known_truths.csv"  # the default rules of docs/truth.md, by scripts/truth_page.py --write
+TABLE = "reference_cases.csv"  # the default rules of docs/truth.md, by scripts/truth_page.py --write
+WORDS = ("case", "hole", "averaging")  # columns of the table that are no numbers
 MACH = 0.1  # that counts as much as a factor e in |v|, or as another kind of hole
 HEIGHT = 0.1  # weight of a factor e in the height over the hole
 NEAR = math.log(2)
@@ -23,10 +24,13 @@ class Setting:
     """What decides how well a rule does.
 
     Args:
-        hole: ``slit`` or ``round hole``.  diameter: of the hole (width of the slit), m.
-        porosity: of the surface, 0 to 1.  mach: None where it is not stated.
+        hole: ``slit`` or ``round hole``.
+        diameter: of the hole (width of the slit), m.
+        porosity: of the surface, 0 to 1.
+        mach: None where it is not stated.
         speed: rms of the velocity in step with the tone, averaged over the plane, m/s.
-        velocity_rms: v'_rms over the probes, m/s.  height: m.
+        velocity_rms: v'_rms over the probes, m/s.
+        height: m.
     """
 
     hole: str
@@ -55,33 +59,30 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class KnownTruth:
-    """One plane of a shipped case: what the default rules gave, by averaging, and its own impedance."""
+class ReferenceCase:
+    """One plane of a shipped case: its reference impedance, and what the default rules gave, by averaging."""
 
     case: str
     level: float
     setting: Setting
-    true: complex
+    reference: complex
     educed: dict[str, complex]
 
 
 @functools.cache
-def known_truths() -> tuple[KnownTruth, ...]:
+def reference_cases() -> tuple[ReferenceCase, ...]:
     """The shipped table, a plane each."""
-    text = (resources.files("torchliner.audits") / TABLE).read_text(encoding="utf-8")
-    found: dict[tuple[str, str], KnownTruth] = {}
+    text = (resources.files("torchliner.studies") / TABLE).read_text(encoding="utf-8")
+    found: dict[tuple[str, str], ReferenceCase] = {}
     for row in csv.DictReader(text.splitlines()):
         number = {key: float(value) for key, value in row.items() if key not in WORDS}
-        setting = Setting(row["hole"], number["hole_diameter"], number["porosity"], number["mach"],
-                          number["speed"], number["velocity_rms"], number["height"])  # fmt: skip
-        true = complex(number["true_resistance"], number["true_reactance"])
-        new = KnownTruth(row["case"], number["incident_level"], setting, true, {})
+        names = ("hole_diameter", "porosity", "mach", "speed", "velocity_rms", "height")
+        setting = Setting(row["hole"], *(number[name] for name in names))
+        reference = complex(number["true_resistance"], number["true_reactance"])
+        new = ReferenceCase(row["case"], number["incident_level"], setting, reference, {})
         plane = found.setdefault((row["case"], row["height"]), new)
         plane.educed[row["averaging"]] = complex(number["resistance"], number["reactance"])
     return tuple(found.values())
-
-
-WORDS = ("case", "hole", "averaging")
 
 
 def hole_kind(name: str) -> str:
@@ -119,7 +120,7 @@ def setting_of(found: ImpedanceMap, index: int = 0) -> Setting | None:
     )
 
 
-def nearest_truth(found: ImpedanceMap, index: int = 0) -> str:
+def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
     """One line: the shipped case most like this one, what came out there and what it is.
 
     Args:
@@ -129,30 +130,28 @@ def nearest_truth(found: ImpedanceMap, index: int = 0) -> str:
         The sentence; "" for a hard wall or a liner without holes.
     """
     here = setting_of(found, index)
-    if here is None or found.choices.get("surface") == "hard wall":
+    if here is None or found.choices.get("surface") == "hard wall" or not math.isfinite(here.speed + here.velocity_rms):
         return ""
-    if not math.isfinite(here.speed + here.velocity_rms):
-        return ""
-    known = min(known_truths(), key=lambda each: here.distance(each.setting))
+    known = min(reference_cases(), key=lambda each: here.distance(each.setting))
     there = known.setting
-    resistance, reactance = (
-        f"{', '.join(f'{getattr(z, part):.2f}' for z in known.educed.values())} for {getattr(known.true, part):.2f}"
-        for part in ("real", "imag")
-    )
+    parts = []
+    for part in ("real", "imag"):
+        educed = ", ".join(f"{getattr(z, part):.2f}" for z in known.educed.values())
+        parts.append(f"{educed} for {getattr(known.reference, part):.2f}")
     return (
-        f"nearest reference case{_far(here, there)}: in {known.case} ({there.speed:.2f} m/s at the "
+        f"nearest reference case{_differences(here, there)}: in {known.case} ({there.speed:.2f} m/s at the "
         f"tone, v' {there.velocity_rms:.2f} m/s at {1e3 * (there.height or 0):g} mm, "
         f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {known.level:g} dB) "
-        f"R came out {resistance}, X {reactance} ({', '.join(known.educed)})"
+        f"R came out {parts[0]}, X {parts[1]} ({', '.join(known.educed)})"
     )
 
 
-def _far(here: Setting, there: Setting) -> str:
+def _differences(here: Setting, there: Setting) -> str:
     """' (not near: ...)' where it differs by a factor 2, by M 0.1 or in its holes."""
-    tone, whole = here.factors(there)
+    names = ("|v| at the tone", "v'")
     off = [
         f"{name} over porosity is {factor:.2g} times that"
-        for name, factor in (("|v| at the tone", tone), ("v'", whole))
+        for name, factor in zip(names, here.factors(there), strict=True)
         if abs(math.log(factor)) > NEAR
     ]
     if here.mach is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,11 +13,10 @@ import torch
 
 from torchliner.checks import require_positive, tell
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import choose_nodes
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.source import Source
+from torchliner.records import ImpedanceMap
+from torchliner.studies.variants import Records, Source, plane_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress
@@ -30,7 +30,8 @@ class ModelRow:
     """One model at one frequency.
 
     Args:
-        model: its name.  frequency: Hz.
+        model: its name.
+        frequency: Hz.
         impedance: whole liner, normalised, in the averaging of the comparison.
         low, high: of its statistical interval (real part: R, imaginary: X); None without one.
         averagings: the same in all averagings, by name.
@@ -79,7 +80,7 @@ class ModelComparison:
 
 
 def compare_models(
-    plane: VelocityPlane | Moments,
+    plane: Records,
     liners: Mapping[str, Liner],
     frequency: Any = None,
     *,
@@ -105,61 +106,54 @@ def compare_models(
     Warns:
         DataWarning: as ``educe``; models that give the same Z to the last digit.
     """
-    if not isinstance(plane, VelocityPlane | Moments):
+    if not isinstance(plane, Records):
         raise TypeError(f"plane is {type(plane).__name__}; a VelocityPlane or Moments is needed")
     if len(liners) < 2:
         raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
     models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
-    data = plane.plane if isinstance(plane, Moments) else plane
-    asked = data.asked(frequency)
     chosen = Choices(**choices)
-    if isinstance(plane, Moments):
-        known = plane
-    else:
-        nodes = choose_nodes([*models.values()], asked, chosen.tolerance(data.velocity.dtype))
-        known = Source(data, next(iter(models.values())), asked, nodes, chosen, progress=progress).known
-    said = list(dict.fromkeys([*known.notes, *review_record(data, asked, chosen)]))
+    source = Source(plane, [*models.values()], frequency, chosen, progress=progress)
     maps: dict[str, ImpedanceMap] = {}
     for name, model in models.items():
         try:
             with torch.no_grad():
-                maps[name] = answer(known, model, asked, chosen, reference_phase, pressure)
+                maps[name] = answer(source.known, model, source.frequency, chosen, reference_phase, pressure)
         except ValueError as error:
             raise ValueError(f"model {name}: {error}") from error
-    shared = [note.text for note in said]
+    of_data = [*source.known.notes, *review_record(source.plane, source.frequency, chosen)]
+    shared = list(dict.fromkeys(note.text for note in of_data))
     notes += [*_notes_of(maps, shared), *_alike(maps)]
     tell([*shared, *notes])
-    return _sorted(data, maps, (*shared, *notes))
+    return _sorted(source.plane.name, maps, (*shared, *notes))
 
 
 def _of_one_pitch(
-    plane: VelocityPlane | Moments, models: dict[str, LinerModel], pitch: float | None
+    plane: Records, models: dict[str, LinerModel], pitch: float | None
 ) -> tuple[dict[str, LinerModel], list[str]]:
     """The models with the cells of the data, and whose cells they are where a model has others."""
     stated = {model.cell_pitch for model in models.values() if model.cell_pitch is not None}
-    whose = "cell_pitch"
+    whose, facts = "cell_pitch", plane_of(plane)
+    each = {name: f"{name} {_millimetres(model.cell_pitch)}" for name, model in models.items()}
     if isinstance(plane, Moments):
         if pitch is not None and pitch != plane.cell_pitch:
             raise ValueError(
-                f"{plane.plane.name} holds moments over cells of {_millimetres(plane.cell_pitch)}, "
+                f"{facts.name} holds moments over cells of {_millimetres(plane.cell_pitch)}, "
                 f"not {_millimetres(pitch)}; leave cell_pitch out, or reduce the data again"
             )
         pitch, whose = plane.cell_pitch, "the moments"
     elif pitch is not None:
         require_positive("cell_pitch (m)", pitch)
-    elif plane.liner in preset_names():
-        pitch, whose = load_liner(plane.liner).cell_pitch, f"{plane.liner}, which the plane names"
+    elif facts.liner in preset_names():
+        pitch, whose = load_liner(facts.liner).cell_pitch, f"{facts.liner}, which the plane names"
     elif len(stated) > 1:
-        each = ", ".join(f"{n} {_millimetres(m.cell_pitch)}" for n, m in models.items())
         raise ValueError(
-            f"the models state different cells: {each}; state cell_pitch, that of the liner below {plane.name}"
+            f"the models state different cells: {', '.join(each.values())}; state cell_pitch, that of the liner below "
+            f"{facts.name}"
         )
     else:
         pitch = next(iter(stated), None)
-    others = [f"{n} {_millimetres(m.cell_pitch)}" for n, m in models.items()
-              if m.cell_pitch not in (None, pitch)]  # fmt: skip
-    notes = [f"cells are of {_millimetres(pitch)} ({whose}) for all models; as files: "
-             f"{', '.join(others)}"] if others else []  # fmt: skip
+    others = ", ".join(each[name] for name, model in models.items() if model.cell_pitch not in (None, pitch))
+    notes = [f"cells are of {_millimetres(pitch)} ({whose}) for all models; as files: {others}"] if others else []
     return {name: _with_pitch(model, pitch) for name, model in models.items()}, notes
 
 
@@ -191,51 +185,45 @@ def _notes_of(maps: Mapping[str, ImpedanceMap], said: list[str]) -> list[str]:
 
 def _alike(maps: Mapping[str, ImpedanceMap]) -> list[str]:
     """Models under two names."""
-    names = list(maps)
     return [
         f"{one} and {other} give the same Z to the last digit: one model under two names?"
-        for i, one in enumerate(names)
-        for other in names[i + 1 :]
+        for one, other in itertools.combinations(maps, 2)
         if bool((maps[one].answer == maps[other].answer).all())
     ]
 
 
-def _sorted(plane: VelocityPlane, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -> ModelComparison:
+def _sorted(title: str, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -> ModelComparison:
     first = next(iter(maps.values()))
-    tone = first.tone
+    tone, frequencies = first.tone, range(len(first.frequency))
     references = {} if tone is None else first.reference_at(tone)
-    rows = {
-        name: [_row(name, found, i, found.reference_at(i)) for i in range(len(found.frequency))]
-        for name, found in maps.items()
-    }
+    rows = {name: [_row(name, found, i) for i in frequencies] for name, found in maps.items()}
     key = next((name for name in (*FIRST, *references) if name in references), None)
     sorted_by = "as given" if first.level_check is None else "|level check|"
 
     def size(name: str) -> float:
         if key is not None and tone is not None:
             return rows[name][tone].distance[key]
-        off = [abs(row.level_check) for row in rows[name] if row.level_check is not None]
-        return max(off, default=0.0)
+        return max((abs(row.level_check) for row in rows[name] if row.level_check is not None), default=0.0)
 
     nearest = sorted(maps, key=size)
     return ModelComparison(
-        title=first.title or plane.name,
+        title=first.title or title,
         averaging=first.averaging,
         level=first.level,
         sorted_by=sorted_by if key is None else f"|Z - {key}|",
         references=references,
-        rows=tuple(rows[name][i] for i in range(len(first.frequency)) for name in nearest),
+        rows=tuple(rows[name][i] for i in frequencies for name in nearest),
         maps={name: maps[name] for name in nearest},
         level_check_words=first.level_check_words,
         notes=notes,
     )
 
 
-def _row(name: str, found: ImpedanceMap, i: int, references: Mapping[str, complex]) -> ModelRow:
+def _row(name: str, found: ImpedanceMap, i: int) -> ModelRow:
     check, off, verdict = found.level_check, None, ""
     if check is not None:
-        level = float(check.liner.level[check.averagings.index(found.averaging), i])
-        off, verdict = None if math.isnan(level) else level, check.verdict(found.averaging, i)
+        off = check.liner.at(check.averagings.index(found.averaging), i)["level"]
+        verdict = check.verdict(found.averaging, i)
     z = complex(found.answer[i])
     low, high = found.bounds_of_liner(found.averaging, i) or (None, None)
     return ModelRow(
@@ -247,6 +235,6 @@ def _row(name: str, found: ImpedanceMap, i: int, references: Mapping[str, comple
         averagings={each: complex(found.liner[each].impedance[i]) for each in found.averagings},
         level_check=off,
         verdict=verdict,
-        distance={reference: abs(z - value) for reference, value in references.items()},
+        distance={reference: abs(z - value) for reference, value in found.reference_at(i).items()},
         model_error=float(found.choices.get("model_error", math.nan)),
     )

@@ -9,9 +9,9 @@ import torch
 from conftest import DATA, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.audits.known_truths import Setting, known_truths, nearest_truth, setting_of
 from torchliner.cli.main import main
 from torchliner.names import AVERAGINGS
+from torchliner.studies.reference_cases import Setting, nearest_case, reference_cases, setting_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 HOLE = Setting("round hole", 1.2e-3, 0.058, 0.0, 0.8, 2.6, 1e-3)
@@ -28,12 +28,12 @@ def map_like(**about):
 
 def test_the_shipped_table_has_every_case_and_averaging():
     """Eleven cases, three heights or four, every averaging; numbers as the page has them."""
-    cases = [known.case for known in known_truths()]
+    cases = [known.case for known in reference_cases()]
     assert len(set(cases)) == 11
     assert len(cases) == 37
-    assert all(tuple(known.educed) == tuple(AVERAGINGS) for known in known_truths())
-    (one,) = [k for k in known_truths() if k.case == "o145" and k.setting.height == 5e-4]
-    assert one.true == 1.099 - 0.511j
+    assert all(tuple(known.educed) == tuple(AVERAGINGS) for known in reference_cases())
+    (one,) = [k for k in reference_cases() if k.case == "o145" and k.setting.height == 5e-4]
+    assert one.reference == 1.099 - 0.511j
     assert one.educed["velocity"] == pytest.approx(0.528 - 0.396j, abs=2e-3)
 
 
@@ -48,7 +48,7 @@ def test_the_shipped_table_has_every_case_and_averaging():
     ],
 )
 def test_the_nearest_is_by_speed_mach_and_hole(change, case):
-    assert f"in {case} (" in nearest_truth(map_like(**change))
+    assert f"in {case} (" in nearest_case(map_like(**change))
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_the_nearest_is_by_speed_mach_and_hole(change, case):
     ],
 )
 def test_what_is_not_near_says_by_how_much(change, words):
-    assert words in nearest_truth(map_like(**change))
+    assert words in nearest_case(map_like(**change))
 
 
 def test_porosity_counts_as_the_speed_does():
@@ -73,7 +73,7 @@ def test_porosity_counts_as_the_speed_does():
 
 def test_nothing_is_said_where_there_are_no_holes(liner):
     plane = plane_of(turbulence((2, 480)), liner="hard wall")
-    assert nearest_truth(tl.educe(plane, liner, interval=None)) == ""
+    assert nearest_case(tl.educe(plane, liner, interval=None)) == ""
 
     class Plain:
         def impedance(self, frequency, speed=0.0):
@@ -81,7 +81,7 @@ def test_nothing_is_said_where_there_are_no_holes(liner):
 
     found = tl.educe(plane_of(turbulence((2, 480))), Plain(), interval=None)
     assert setting_of(found) is None
-    assert nearest_truth(found) == ""
+    assert nearest_case(found) == ""
 
 
 def test_a_grazing_tone_is_not_averaged_away(liner):
