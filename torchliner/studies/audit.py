@@ -11,7 +11,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
+from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
+from torchliner.records import VelocityPlane
 from torchliner.records.same_case import planes_by_height
 from torchliner.studies.factors import FACTORS, Base, models_of
 from torchliner.studies.reference_cases import nearest_case
@@ -83,7 +85,7 @@ class Audit:
 
 
 def audit(
-    planes: Records | Sequence[Records],
+    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
     liner: Liner,
     frequency: float | None = None,
     *,

@@ -15,7 +15,7 @@ from torchliner.checks import require_positive, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.records import ImpedanceMap
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.variants import Records, Source, plane_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
@@ -80,7 +80,7 @@ class ModelComparison:
 
 
 def compare_models(
-    plane: Records,
+    plane: VelocityPlane | Moments,
     liners: Mapping[str, Liner],
     frequency: Any = None,
     *,
@@ -128,7 +128,7 @@ def compare_models(
 
 
 def _of_one_pitch(
-    plane: Records, models: dict[str, LinerModel], pitch: float | None
+    plane: VelocityPlane | Moments, models: dict[str, LinerModel], pitch: float | None
 ) -> tuple[dict[str, LinerModel], list[str]]:
     """The models with the cells of the data, and whose cells they are where a model has others."""
     stated = {model.cell_pitch for model in models.values() if model.cell_pitch is not None}

@@ -12,13 +12,14 @@ from torch import Tensor
 
 from torchliner.checks import require_positive, stated_frequency, tell
 from torchliner.conversions import impedance_from_admittance, mean_impedance
+from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import Grid, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
 from torchliner.studies.height_facts import HeightFacts, JetFlow, facts_of_plane
 from torchliner.studies.modulation import Decay, fit_decay
-from torchliner.studies.variants import Records, Source, Variant, plane_of
+from torchliner.studies.variants import Source, Variant, plane_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 
@@ -92,7 +93,7 @@ class HeightStudy:
 
 
 def study_heights(
-    planes: Sequence[Records],
+    planes: Sequence[VelocityPlane | Moments],
     liner: Liner,
     frequency: float | None = None,
     *,

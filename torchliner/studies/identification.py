@@ -1,7 +1,8 @@
-"""What was identified: the models beside each other, the best one's curve, table, predictions."""
+"""What was identified: the models beside each other, the best one's curve, table, predictions, and what is doubtful."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import Any
@@ -9,28 +10,24 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.calibration.budget import standard_of
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
-from torchliner.engine.moments import Moments
-from torchliner.identification.curve_model import FittedCurves
-from torchliner.identification.leave_out import (
-    OUTSIDE,
-    SEEN,
-    Candidate,
-    outside_of,
-    seen_by,
-)
-from torchliner.identification.parameter_model import FittedParameters
-from torchliner.identification.runs import Run, read_weights, with_flow
-from torchliner.identification.speed_curve import Knots
+from torchliner.engine.nodes import interpolation_error
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.tabulated import TabulatedLiner
-from torchliner.records import VelocityPlane
+from torchliner.studies.budget import standard_of
+from torchliner.studies.calibrate import LARGEST_MODEL_ERROR
+from torchliner.studies.curves import Knots
+from torchliner.studies.fit import FAR, Fit
+from torchliner.studies.leave_out import SEEN, Candidate, Fitted, outside_of, seen_by
+from torchliner.studies.runs import Run, read_for_any, with_flow
+from torchliner.studies.variants import Records
 from torchliner.velocity.choices import Choices
 
 MARGIN = 1.25  # times the last knot, to which a table reaches
 ROWS = 120  # speeds of a table, uniform in sqrt |v|
+OUTSIDE = 0.1  # of a plane's weight, at speeds that no other run saw, that is warned of
+WIDE = 3.0  # standard deviations, beyond which a prediction is not covered
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +35,8 @@ class PlanePrediction:
     """Z of a plane by what was identified.
 
     Args:
-        frequency: Hz, (F,).  impedance: complex, (F,).
+        frequency: Hz, (F,).
+        impedance: complex, (F,).
         standard: u(R) + j u(X) from the fit, (F,).
         outside: share of the plane's weight at speeds that no run saw, (F,).
         notes: warnings.
@@ -90,28 +88,23 @@ class Identification:
     @property
     def frequencies(self) -> list[float]:
         """Hz, of all runs."""
-        fitted = self.best.fitted
-        if isinstance(fitted, FittedCurves):
-            return [fit.frequency for fit in fitted.fits]
-        return sorted({f for run in self.runs for f in run.frequency.tolist()})
+        return self.best.fitted.frequencies or sorted({f for run in self.runs for f in run.frequency.tolist()})
 
     @property
     def doubtful(self) -> bool:
         """Whether a parameter ends on a bound or is not seen."""
         fitted = self.best.fitted
-        if isinstance(fitted, FittedCurves):
-            return any(fit.on_bound for fit in fitted.fits)
-        assert isinstance(fitted, FittedParameters)
-        return bool(fitted.found.on_bound or fitted.found.unseen)
+        return any(fit.on_bound or (not fitted.is_curve and fit.unseen) for fit in fitted.fits)
 
     def curve(self, frequency: float, speed: Any) -> Tensor:
         """Z at |v|, and the ends of the 95 % bands of R and of X, complex, (3, V).
 
         Args:
-            frequency: Hz; for a curve one of the runs.  speed: m/s, (V,).
+            frequency: Hz; for a curve one of the runs.
+            speed: m/s, (V,).
         """
         at = torch.as_tensor(speed, dtype=torch.float64)
-        return self.best.fitted.band(self.runs[0].liner, frequency, at)
+        return self.best.fitted.at(frequency).band(self.runs[0].liner, frequency, at)
 
     def table(self, reach: float | None = None) -> TabulatedLiner:
         """The curve as a liner, linear between ``ROWS`` speeds.
@@ -128,33 +121,28 @@ class Identification:
                 f"largest |v| of the runs ({self.knots.top:.4g} m/s): R goes on along its tangent "
                 "there and X stays, which no data support"
             )
-        end = max(usual, reach or 0.0)
-        speed = torch.linspace(0, end**0.5, ROWS, dtype=torch.float64).square()
-        values = torch.stack([fit.curve(speed) for fit in self._curves().fits])
-        base = self.runs[0].liner
+        speed = torch.linspace(0, max(usual, reach or 0.0) ** 0.5, ROWS, dtype=torch.float64).square()
+        base, fitted = self.runs[0].liner, self._curves()
+        values = torch.stack([fitted.curve(base, f, speed) for f in self.frequencies])
         return TabulatedLiner(self.frequencies, values, speed, base.cell_pitch, self._name)
 
     @functools.cached_property
     def table_error(self) -> float:
         """Largest error in R of the table's lines between its speeds, up to the runs' |v|."""
         speed = torch.linspace(0, self.knots.top**0.5, 4 * ROWS, dtype=torch.float64).square()
-        drawn, worst = self.table(), 0.0
-        for fit in self._curves().fits:
-            values = torch.stack([fit.curve(speed), drawn.impedance(fit.frequency, speed)])
-            worst = max(worst, float(reflection_from_impedance(values).diff(dim=0).abs().max()))
-        return worst
+        drawn, fitted, base = self.table(), self._curves(), self.runs[0].liner
+        pairs = [torch.stack([fitted.curve(base, f, speed), drawn.impedance(f, speed)]) for f in self.frequencies]
+        return max(float(reflection_from_impedance(each).diff(dim=0).abs().max()) for each in pairs)
 
     @property
     def liner(self) -> LinerModel:
         """A table, or the law with the parameters found and the flow of the first plane."""
-        fitted = self.best.fitted
-        if isinstance(fitted, FittedParameters):
-            return fitted.liner_of(self.runs[0].liner).replace(name=self._name)
-        return self.table()
+        if self.best.fitted.is_curve:
+            return self.table()
+        found: LinerModel = self.runs[0].liner.with_numbers(self.best.fitted.values).replace(name=self._name)  # type: ignore[attr-defined]
+        return found
 
-    def predict(
-        self, plane: VelocityPlane | Moments, liner: Liner | None = None, frequency: Any = None
-    ) -> PlanePrediction:
+    def predict(self, plane: Records, liner: Liner | None = None, frequency: Any = None) -> PlanePrediction:
         """Z of another plane, and how much of it rests on speeds that no run saw.
 
         Args:
@@ -167,16 +155,13 @@ class Identification:
             DataWarning: more than 10 % of its weight lies at speeds that no run saw.
         """
         base = self.runs[0].liner if liner is None else as_liner(liner)
-        weights = read_weights(plane, base, frequency, self.choices)
-        facts = weights.plane
-        unknown = torch.full_like(weights.frequency, torch.nan).to(torch.complex128)
-        run = Run(weights, with_flow(base, facts.mach), facts.name, unknown, unknown)
+        run = read_for_any(plane, base, frequency, self.choices)
+        run = dataclasses.replace(run, liner=with_flow(base, run.plane.mach))
         fitted = self.best.fitted
         found, spread = fitted.predict(run)
-        weight = seen_by([run], fitted, self.knots)
-        outside = torch.tensor([outside_of(row, self.seen) for row in weight])
-        notes = beyond(facts.name, float(outside.max()), self.seen_speeds)
-        tell(notes, depth=2)
+        outside = torch.tensor([outside_of(row, self.seen) for row in seen_by([run], fitted, self.knots)])
+        notes = beyond(run.plane.name, float(outside.max()), self.seen_speeds)
+        tell(notes)
         return PlanePrediction(run.frequency, found, standard_of(spread), outside, notes)
 
     @property
@@ -184,14 +169,13 @@ class Identification:
         base = self.runs[0].liner
         return f"{getattr(base, 'name', type(base).__name__)} identified"
 
-    def _curves(self) -> FittedCurves:
-        fitted = self.best.fitted
-        if not isinstance(fitted, FittedCurves):
+    def _curves(self) -> Fitted:
+        if not self.best.fitted.is_curve:
             raise TypeError(
                 f"parameters were found ({self.best.label}), not a curve; take the liner, whose "
                 "impedance(frequency, speed) holds at any frequency"
             )
-        return fitted
+        return self.best.fitted
 
 
 def beyond(name: str, outside: float, seen: tuple[float, ...]) -> tuple[str, ...]:
@@ -203,3 +187,56 @@ def beyond(name: str, outside: float, seen: tuple[float, ...]) -> tuple[str, ...
         f"about {seen[0]:.3g} to {seen[1]:.3g} m/s); the prediction rests on the prior there: add "
         "a run at its level",
     )
+
+
+def warnings_of(found: Identification) -> list[str]:
+    """Of the best model, and of those that were not chosen because they are not passive."""
+    best, fitted = found.best, found.best.fitted
+    own = [note for fit in fitted.fits for note in fit.warnings() if "times the stated" not in note]
+    notes = own if fitted.is_curve else [f"{best.label}: {note}" for note in own]
+    for row in best.rows:
+        notes += [f"without it, {text}" for text in beyond(row.label, row.outside, found.seen_speeds)]
+    if fitted.misfit > FAR:
+        notes.append(
+            f"{best.label}: the misfit is {fitted.misfit:.3g} times the noise: no such law gives "
+            "all references, and uncertainties are widened by that factor"
+        )
+    pairs = [(row.label, row.misses) for row in best.rows if row.misses is not None]
+    far = [label for label, away in pairs if max(abs(away.real), abs(away.imag)) > WIDE]
+    if far:
+        notes.append(
+            f"{', '.join(dict.fromkeys(far))}: predicted by the other runs, off by more than "
+            f"{WIDE:g} standard deviations; the uncertainty of the fit does not cover what its law "
+            "misses"
+        )
+    notes += [
+        f"{each.label} is not passive: R falls to {each.lowest:.3g}; it was not chosen"
+        for each in found.candidates
+        if each.lowest < 0
+    ]
+    if fitted.is_curve and (error := _model_error(found)) > LARGEST_MODEL_ERROR:
+        notes.append(
+            f"R of the curve is known to {error:.2g} only (limit {LARGEST_MODEL_ERROR:g}) "
+            "between the speeds at which the moments read it; compare with educe of the table"
+        )
+    return notes
+
+
+def _model_error(found: Identification) -> float:
+    """Largest error in R of the interpolation over |v|, at any |v| of the runs."""
+    nodes, fitted, worst = {run.nodes for run in found.runs}, found.best.fitted, 0.0
+    for frequency, fit in zip(fitted.frequencies, fitted.fits, strict=True):
+        lines, curve = torch.tensor([frequency], dtype=torch.float64), _Curve(fit, found.runs[0].liner, frequency)
+        worst = max(worst, *(interpolation_error(each, curve, lines, found.knots.top)[0] for each in nodes))
+    return worst
+
+
+class _Curve(LinerModel):
+    """A fitted curve as a liner, at its own frequency."""
+
+    def __init__(self, fit: Fit, liner: LinerModel, at: float) -> None:
+        self.fit, self.liner, self.at = fit, liner, at
+
+    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
+        """Z of the curve, whatever the frequency."""
+        return self.fit.curve(self.liner, self.at, speed).expand(frequency.shape[0], -1)

@@ -15,8 +15,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.calibration.budget import standard_of
-
 # Degrees of freedom of the t: tails heavier than those of a posterior with stated noise, or with
 # five data more than parameters; the uniform draws cover heavier ones.
 HEAVY = 4.0
@@ -29,7 +27,8 @@ class Posterior:
     """Weighted draws.
 
     Args:
-        draws: values, SI, (M, n), all inside the bounds.  weights: sum to 1, (M,).
+        draws: values, SI, (M, n), all inside the bounds.
+        weights: sum to 1, (M,).
     """
 
     draws: Tensor
@@ -92,51 +91,3 @@ def sample_posterior(
     proposed = torch.logaddexp(log_heavy + math.log(1 - UNIFORM), torch.tensor(math.log(UNIFORM)))
     weights = torch.softmax(log_density(proposals) - proposed, dim=0)
     return Posterior(proposals, weights)
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Whole-liner impedance with its posterior spread.
-
-    Args:
-        frequency: Hz, (F,).  impedance: at the best values, complex, (F,).
-        before: with the liner's own numbers, (F,).
-        draws: at each draw of the posterior, (M, F); None without one.
-        posterior: the weights of the draws.  notes: warnings, with numbers.
-    """
-
-    frequency: Tensor
-    impedance: Tensor
-    before: Tensor
-    draws: Tensor | None
-    posterior: Posterior | None
-    notes: tuple[str, ...] = ()
-
-    @property
-    def mean(self) -> Tensor:
-        """Posterior mean of Z, (F,)."""
-        if self.draws is None or self.posterior is None:
-            return torch.full_like(self.impedance, complex(torch.nan, torch.nan))
-        return self.posterior.mean(self.draws)
-
-    @property
-    def covariance(self) -> Tensor:
-        """Of R and X, (F, 2, 2); nan without a posterior."""
-        if self.draws is None or self.posterior is None:
-            return torch.full((len(self.frequency), 2, 2), torch.nan, dtype=torch.float64)
-        parts = torch.view_as_real(self.draws)
-        return torch.stack([self.posterior.covariance(parts[:, i]) for i in range(parts.shape[1])])
-
-    @property
-    def standard(self) -> Tensor:
-        """u(R) + j u(X) from the parameters' spread, (F,)."""
-        return standard_of(self.covariance)
-
-    def misses(self, truth: complex, noise: complex = 0j, index: int = 0) -> complex:
-        """By how many standard deviations R and X lie off a known impedance, signed; its own
-        uncertainty ``noise``, u(R) + j u(X), is added in quadrature."""
-        away, spread = complex(self.impedance[index]) - truth, complex(self.standard[index])
-        parts = ((away.real, spread.real, noise.real), (away.imag, spread.imag, noise.imag))
-        first, second = (d / max((s * s + u * u) ** 0.5, 1e-300) if s == s else s
-                         for d, s, u in parts)  # fmt: skip
-        return complex(first, second)

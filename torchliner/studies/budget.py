@@ -28,40 +28,22 @@ class Contribution:
 
 
 @dataclass(frozen=True, eq=False)
-class OfParameters:
-    """Something that hangs on parameters of a liner.
-
-    Args:
-        numbers: parameters by name, n of them.
-    """
-
-    numbers: Mapping[str, Number]
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names."""
-        return tuple(self.numbers)
-
-    @property
-    def values(self) -> Tensor:
-        """At which derivatives hold, SI, float64, (n,)."""
-        return values_of(self.numbers)
-
-
-@dataclass(frozen=True, eq=False)
-class Budget(OfParameters):
+class Budget:
     """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
 
     Args:
-        numbers: as of ``OfParameters``.  half_widths, standard: SI, (n,).
-        limits: how a half-width was read.  correlation: (n, n).
-        contributions: signed change of the liner's Z for one standard uncertainty of each
-            parameter, by averaging, complex, (n, F).
+        numbers: parameters by name, n of them.
+        half_widths, standard: SI, (n,).
+        limits: how a half-width was read.
+        correlation: (n, n).
+        contributions: signed change of the liner's Z for one standard uncertainty of each parameter, by averaging,
+            complex, (n, F).
         covariance: of R and X of the liner, by averaging, (F, 2, 2).
         places: standard uncertainty u(R) + j u(X) of the probes and of the cells, (..., F), by "probes" and by
             averaging.
     """
 
+    numbers: Mapping[str, Number]
     half_widths: Tensor
     standard: Tensor
     limits: str
@@ -76,14 +58,13 @@ class Budget(OfParameters):
 
     def sorted(self, averaging: str, frequency_index: int = 0) -> list[Contribution]:
         """Contributions, the largest |dZ| first."""
-        amounts = self.contributions[averaging][:, frequency_index]
+        amounts = self.contributions[averaging][:, frequency_index].tolist()
+        widths, spreads = self.half_widths.tolist(), self.standard.tolist()
         rows = [
-            Contribution(name, number.value, number.unit, float(half), float(u), complex(change))
-            for (name, number), half, u, change in zip(
-                self.numbers.items(), self.half_widths, self.standard, amounts, strict=True
-            )
+            Contribution(name, number.value, number.unit, *each)
+            for (name, number), *each in zip(self.numbers.items(), widths, spreads, amounts, strict=True)
         ]
-        return [rows[i] for i in amounts.abs().argsort(descending=True).tolist()]
+        return sorted(rows, key=lambda row: -abs(row.impedance))
 
 
 def values_of(numbers: Mapping[str, Number]) -> Tensor:
@@ -110,9 +91,13 @@ def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
 
 
 def budget_of(
-    numbers: Mapping[str, Number], liner: Mapping[str, Tensor], places: Mapping[str, Tensor],
-    tolerances: Mapping[str, Any], limits: str, correlation: Mapping[tuple[str, str], float] | None = None,
-) -> Budget:  # fmt: skip
+    numbers: Mapping[str, Number],
+    liner: Mapping[str, Tensor],
+    places: Mapping[str, Tensor],
+    tolerances: Mapping[str, Any],
+    limits: str,
+    correlation: Mapping[tuple[str, str], float],
+) -> Budget:
     """First-order budget of anything whose slopes in some parameters are known.
 
     Args:
@@ -129,25 +114,25 @@ def budget_of(
         require_choice("parameter of a tolerance", name, numbers)
     kept = [i for i, name in enumerate(numbers) if name in tolerances]
     stated = {name: number for name, number in numbers.items() if name in tolerances}
-    widths = [parse_tolerance(tolerances[name], name, number.quantity, number.value)
-              for name, number in stated.items()]  # fmt: skip
-    for (name, number), width in zip(stated.items(), widths, strict=True):
+    widths = []
+    for name, number in stated.items():
+        width = parse_tolerance(tolerances[name], name, number.quantity, number.value)
         if number.low >= 0 and width > abs(number.value) > 0:
             raise ValueError(
                 f"tolerance of {name} is {tolerances[name]!r}, a half-width of {width:g}, more "
                 f"than its value, {number.value:.6g}, which is never below {number.low:g}; write "
                 "'2 %' where per cent are meant"
             )
+        widths.append(width)
     half_widths = torch.tensor(widths, dtype=torch.float64)
-    standard = factor * half_widths
-    matrix = _correlation_matrix(tuple(stated), correlation or {})
+    standard, matrix = factor * half_widths, _correlation_matrix(tuple(stated), correlation)
 
-    def changes(slopes: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        return {name: slope[kept] * standard.reshape(-1, *(1,) * (slope.ndim - 1)) for name, slope in slopes.items()}
+    def changes(slopes: Tensor) -> Tensor:
+        return slopes[kept] * standard.reshape(-1, *(1,) * (slopes.ndim - 1))
 
-    of_liner = changes(liner)
+    of_liner = {name: changes(slopes) for name, slopes in liner.items()}
     covariance = {name: covariance_of(change, matrix) for name, change in of_liner.items()}
-    of_places = {name: standard_of(covariance_of(change, matrix)) for name, change in changes(places).items()}
+    of_places = {name: standard_of(covariance_of(changes(slopes), matrix)) for name, slopes in places.items()}
     return Budget(stated, half_widths, standard, limits, matrix, of_liner, covariance, of_places)
 
 
@@ -158,15 +143,15 @@ def _correlation_matrix(names: tuple[str, ...], pairs: Mapping[tuple[str, str], 
             require_choice("parameter of a correlation", name, names)
         if first == second or not -1 <= coefficient <= 1:
             raise ValueError(
-                f"correlation of {first} and {second} is {coefficient:g}; it is -1 to 1, between "
-                "two different parameters"
+                f"correlation of {first} and {second} is {coefficient:g}; it is -1 to 1, between two different "
+                "parameters"
             )
         i, j = names.index(first), names.index(second)
         matrix[i, j] = matrix[j, i] = coefficient
     lowest = float(torch.linalg.eigvalsh(matrix)[0])
     if lowest < -1e-12:
         raise ValueError(
-            f"these correlations contradict each other: their matrix has the eigenvalue "
-            f"{lowest:.3g}, and none may be negative"
+            f"these correlations contradict each other: their matrix has the eigenvalue {lowest:.3g}, and none may be "
+            "negative"
         )
     return matrix

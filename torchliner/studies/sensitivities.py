@@ -1,9 +1,8 @@
 r"""Derivatives of the educed impedance in every parameter of a liner, from one reading of the data.
 
-The educed reflection is linear in the response R(f, |v|) of the liner, which is read at a few
-speeds alone. So dR/dp there, by forward differentiation of the liner's formula, and the moments of
-|v| that R is read with give its derivative; averages and phase rules follow by forward
-differentiation too.
+The educed reflection is linear in the response R(f, |v|) of the liner, which is read at a few speeds alone. So dR/dp
+there, by differentiation of the liner's formula, and the moments of |v| that R is read with give its derivative;
+averages and phase rules follow by forward differentiation.
 """
 
 from __future__ import annotations
@@ -17,12 +16,13 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from torchliner.calibration.budget import Budget, OfParameters, budget_of
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import checked_speeds, response
 from torchliner.forward_mode import dual_level, slopes_of
 from torchliner.liners.model import Liner, LinerModel, Number, as_liner, named_numbers
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.studies.budget import Budget, budget_of, values_of
+from torchliner.studies.variants import Records
 from torchliner.velocity.answer import averages_of
 from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
@@ -31,7 +31,7 @@ from torchliner.velocity.reading import Progress
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivities(OfParameters):
+class Sensitivities:
     """dZ/dp of everything that ``educe`` gives, normalised by rho c per SI unit of p.
 
     Args:
@@ -44,11 +44,22 @@ class Sensitivities(OfParameters):
         found: the map itself.
     """
 
+    numbers: Mapping[str, Number]
     probes: Tensor
     cells: Mapping[str, Tensor]
     liner: Mapping[str, Tensor]
     level_error: Tensor
     found: ImpedanceMap
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names."""
+        return tuple(self.numbers)
+
+    @property
+    def values(self) -> Tensor:
+        """At which the derivatives hold, SI, float64, (n,)."""
+        return values_of(self.numbers)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -74,9 +85,8 @@ class Sensitivities(OfParameters):
         return self.scaled(0.01 * self.values)
 
     def propagate(
-        self, tolerances: Mapping[str, Any], *, limits: str,
-        correlation: Mapping[tuple[str, str], float] | None = None,
-    ) -> Budget:  # fmt: skip
+        self, tolerances: Mapping[str, Any], *, limits: str, correlation: Mapping[tuple[str, str], float] | None = None
+    ) -> Budget:
         """First-order standard uncertainty of R and X from stated tolerances.
 
         Args:
@@ -94,14 +104,19 @@ class Sensitivities(OfParameters):
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (13).
         """
         places = {"probes": self.probes, **self.cells}
-        return budget_of(self.numbers, self.liner, places, tolerances, limits, correlation)
+        return budget_of(self.numbers, self.liner, places, tolerances, limits, correlation or {})
 
 
 def sensitivities(
-    plane: VelocityPlane | Moments, liner: Liner, frequency: Any = None,
-    parameters: Sequence[str] | None = None, *, reference_phase: Any = None,
-    progress: Progress | None = None, **choices: Any,
-) -> Sensitivities:  # fmt: skip
+    plane: VelocityPlane | Moments,
+    liner: Liner,
+    frequency: Any = None,
+    parameters: Sequence[str] | None = None,
+    *,
+    reference_phase: Any = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Sensitivities:
     """dZ/dp of the liner, its cells and every probe, for all parameters from one reading.
 
     Args:
@@ -121,7 +136,7 @@ def sensitivities(
         DataWarning: as ``educe``.
     Source: Roncen et al. (2026), section 3, differentiated.
     """
-    if not isinstance(plane, (VelocityPlane, Moments)):
+    if not isinstance(plane, Records):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
     model = as_liner(liner)
     numbers = named_numbers(model, parameters)
@@ -134,29 +149,26 @@ def sensitivities(
     if isinstance(plane, VelocityPlane):
         known = moments(plane, model, frequency, progress=progress, **vars(chosen))
     assert isinstance(known, Moments)
+    assert known.nodes is not None
     nominal: ImpedanceMap = known.educe(model, frequency, reference_phase=reference_phase, **vars(chosen))
     slopes, errors = _model_slopes(known, model, nominal.frequency, numbers)
-    assert known.nodes is not None
     asked, _ = averages_of(known, model, nominal.frequency, chosen, reference_phase)
-    rows: dict[str, list[Tensor]] = {"probes": [], **{f"{a} {p}": [] for a in chosen.averagings for p in PLACES}}
+    probes: list[Tensor] = []
+    cells, whole = ({name: list[Tensor]() for name in chosen.averagings} for _ in range(2))
     for slope in slopes:
         # Sums are linear in R, averages and phase rules are not.
         with dual_level():
             moved = forward_ad.make_dual(asked.coefficients, known.nodes.coefficients(slope).to(asked.coefficients))
             along = dataclasses.replace(asked, coefficients=moved)
-            for averaging in chosen.averagings:
-                found = average(known, along, averaging)
-                for place, each in zip(PLACES, (found.cells, found.liner), strict=True):
-                    rows[f"{averaging} {place}"].append(_tangent(each.impedance))
-                if averaging == "admittance" and found.probes is not None:
+            for name in chosen.averagings:
+                found = average(known, along, name)
+                cells[name].append(_tangent(found.cells.impedance))
+                whole[name].append(_tangent(found.liner.impedance))
+                if name == "admittance" and found.probes is not None:
                     of_probes = _tangent(found.probes.impedance)
-                    rows["probes"].append(of_probes.reshape(known.plane.probe_shape + of_probes.shape[1:]))
-    stacked = {name: torch.stack(each).cpu() for name, each in rows.items()}
-    of_cells, of_liner = ({a: stacked[f"{a} {place}"] for a in chosen.averagings} for place in PLACES)
-    return Sensitivities(numbers, stacked["probes"], of_cells, of_liner, errors, nominal)
-
-
-PLACES = ("cells", "liner")
+                    probes.append(of_probes.reshape(known.plane.probe_shape + of_probes.shape[1:]))
+    of_cells, of_liner = ({name: torch.stack(each).cpu() for name, each in part.items()} for part in (cells, whole))
+    return Sensitivities(numbers, torch.stack(probes).cpu(), of_cells, of_liner, errors, nominal)
 
 
 def _tangent(value: Tensor) -> Tensor:
