@@ -83,10 +83,6 @@ class Evaluated:
         z = impedance_from_admittance(_known(self.found.cells.admittance.cpu()))
         return torch.complex(z.real.std(0), z.imag.std(0)) if len(z) > 1 else torch.full_like(self.impedance, torch.nan)
 
-    def distance(self, reference: complex) -> Tensor:
-        """|Z - reference|, normalised by rho c, (F,)."""
-        return (self.impedance - reference).abs()
-
 
 class Source:
     """A plane that is read for many variants, or the moments of one.
