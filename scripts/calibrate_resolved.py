@@ -17,7 +17,6 @@ from typing import Any
 
 import torchliner as tl
 from common import RESULTS, case_files, options_of, parser_of
-from torchliner.calibration.predicted_planes import PredictionRow, prediction_rows
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
 from torchliner.report.calibration_report import (
@@ -26,6 +25,7 @@ from torchliner.report.calibration_report import (
     parameter_table,
     prediction_table,
 )
+from torchliner.studies.calibration import PredictionRow
 
 FOLDER = RESULTS / "calibration"
 OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}
@@ -61,7 +61,7 @@ def predicted(
     rows = []
     for target in targets:
         for plane in planes_of(target, variant):
-            more = prediction_rows(found, plane, liner, label=target, noise=SCATTER[target])
+            more = found.rows(plane, liner, label=target, noise=SCATTER[target])
             rows += more
     return found, rows
 

@@ -21,7 +21,6 @@ from typing import Any
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.without_flow import PredictedRow, draw_without_flow
-from torchliner.audits.truth_rows import level_check_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
@@ -81,6 +80,12 @@ def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
                     )
                 )  # fmt: skip
     return rows
+
+
+def level_check_of(found: tl.ImpedanceMap, averaging: str) -> float:
+    """dB, of the whole plane; nan where it was not checked."""
+    check = found.level_check
+    return float("nan") if check is None else float(check.liner.level[check.averagings.index(averaging), 0])
 
 
 def read_rows(path: Path) -> list[PredictedRow]:

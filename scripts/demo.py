@@ -46,7 +46,7 @@ def main() -> None:
         run("educe", *plane_files(pattern), *model, *where, "--quiet")
     print("\n== Every rule beside the reference impedance")
     resolved = [path for case in ("slit_*", "orifice_*") for path in plane_files(f"{case}.h5")]
-    run("truth", *resolved, "-o", RESULTS / "truth.csv")
+    run("validate", *resolved, "-o", RESULTS / "truth.csv")
     print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {RESULTS}")
 
 

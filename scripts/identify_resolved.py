@@ -17,9 +17,8 @@ from typing import Any
 
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from torchliner.identification.leave_out import Candidate
-from torchliner.identification.parameter_model import FittedParameters
 from torchliner.report.identification_report import draw_identification
+from torchliner.studies.leave_out import Candidate
 from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "identify.md", RESULTS / "identify_resolved"
@@ -69,7 +68,7 @@ def identified(study: Study) -> Any:
 def values_of(candidate: Candidate) -> str:
     """Parameters found, or nothing."""
     fitted = candidate.fitted
-    if not isinstance(fitted, FittedParameters):
+    if fitted.is_curve:
         return ""
     both = zip(fitted.values.values(), fitted.standard.values(), strict=True)
     return ", ".join(f"{value:.3g}±{spread:.1g}" for value, spread in both)
@@ -89,7 +88,7 @@ def model_table(found: Any) -> str:
 
 def is_curve(candidate: Candidate) -> bool:
     """Of some freedom."""
-    return candidate.label.startswith("curve")
+    return candidate.fitted.is_curve
 
 
 def percent(row: Any) -> int:

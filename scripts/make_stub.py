@@ -27,7 +27,7 @@ from typing import Any, TypedDict, Unpack
 
 import torch
 
-from torchliner.calibration.sensitivities import Sensitivities
+from torchliner.studies.sensitivities import Sensitivities
 from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 '''

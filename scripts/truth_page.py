@@ -29,21 +29,21 @@ from studies.truth_reasons import (
     plain_motion,
     reason_row,
 )
-from torchliner.audits.known_truths import TABLE, hole_kind
-from torchliner.audits.truth_rows import (
-    DEFAULT,
-    TruthRow,
-    errors_by_rule,
-    truth_table,
-)
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
 from torchliner.report.truth_table import plain_truth
+from torchliner.studies.reference_cases import TABLE, hole_kind
+from torchliner.studies.validate import (
+    DEFAULT,
+    ValidationRow,
+    errors_by_rule,
+    validation_table,
+)
 
 PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"
-KNOWN = ROOT / "torchliner" / "audits" / TABLE
+KNOWN = ROOT / "torchliner" / "studies" / TABLE
 QUIET = ("n115", "n130", "o115", "o130", "t00_130")  # up to 130 dB without flow
 LOUD, FLOW = ("n145", "o145"), ("g01_145", "g03_145", "t03_130", "t015_145")
 GROUPS = {"to 130 dB": QUIET, "145 dB": LOUD, "flow": FLOW}
@@ -77,15 +77,15 @@ def pressures_of(case: str) -> tl.PressureRecord:
     return tl.read_pressure(DATA / f"pressure_{case}.h5")
 
 
-def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[TruthRow]:
+def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[ValidationRow]:
     """All rules of a case beside its reference and the in situ value (Dean, pressure first)."""
-    rows = truth_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
+    rows = validation_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
     found = tl.in_situ(pressures_of(case), allow_short=True)
     dean = complex(found.liner_impedance_pressure_first[0])
     return [dataclasses.replace(row, in_situ=dean) for row in rows]
 
 
-def truth_row_of(row: dict[str, str]) -> TruthRow:
+def truth_row_of(row: dict[str, str]) -> ValidationRow:
     """The row of such a CSV again."""
 
     def pair(key: str) -> complex:
@@ -94,19 +94,19 @@ def truth_row_of(row: dict[str, str]) -> TruthRow:
     names = ("educed", "true", "in_situ", "low", "high")
     rest = ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods")
     educed, true, in_situ, low, high = map(pair, names)
-    return TruthRow(
+    return ValidationRow(
         row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"], row["averaging"],
         educed, true, in_situ, low, high, *(float(row[key]) for key in rest),
     )  # fmt: skip
 
 
-def read_rows(path: Path) -> list[TruthRow]:
+def read_rows(path: Path) -> list[ValidationRow]:
     """Rows of an earlier run."""
     with path.open(newline="") as file:
         return [truth_row_of(row) for row in csv.DictReader(file)]
 
 
-def write_truth_rows(rows: Sequence[TruthRow], path: Path) -> None:
+def write_truth_rows(rows: Sequence[ValidationRow], path: Path) -> None:
     """As CSV, to ``PRINTED`` digits."""
     write_rows(
         [
@@ -140,7 +140,7 @@ def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
     return re.sub(r"-(?=\d)", "−", table(header, lines))
 
 
-def interval_table(rows: Sequence[TruthRow]) -> str:
+def interval_table(rows: Sequence[ValidationRow]) -> str:
     """Per case: the in situ value, and of each averaging the widest interval and what they hold."""
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
@@ -150,7 +150,7 @@ def interval_table(rows: Sequence[TruthRow]) -> str:
     return page_table(f"case | in situ | {' | '.join(AVERAGINGS)}", lines)
 
 
-def interval_words(rows: Sequence[TruthRow]) -> str:
+def interval_words(rows: Sequence[ValidationRow]) -> str:
     """Largest half-width in R and X, and at how many heights each interval holds the reference."""
     halves, held = [], []
     for part in ("real", "imag"):
@@ -163,7 +163,7 @@ def interval_words(rows: Sequence[TruthRow]) -> str:
     return f"{halves[0]:.3f}, {halves[1]:.3f} ({held[0]}, {held[1]})"
 
 
-def rule_table(rows: Sequence[TruthRow]) -> str:
+def rule_table(rows: Sequence[ValidationRow]) -> str:
     """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
     found = [{(e.drive, e.mean, e.phase, e.averaging): e for e in errors_by_rule(g)} for g in groups]
@@ -178,7 +178,7 @@ def rule_table(rows: Sequence[TruthRow]) -> str:
     return page_table(" | ".join(["drive, phase", "averaging", *GROUPS]), lines)
 
 
-def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
+def default_table(rows: Sequence[ValidationRow], ends: bool = False) -> str:
     """Z and level check of the default rules by case, height and averaging.
 
     Args:
@@ -202,7 +202,7 @@ def default_table(rows: Sequence[TruthRow], ends: bool = False) -> str:
     return made(f"case | reference Z | y (mm) | {' | '.join(AVERAGINGS)}{level}", lines)
 
 
-def known_rows(rows: Sequence[TruthRow]) -> list[dict[str, Any]]:
+def known_rows(rows: Sequence[ValidationRow]) -> list[dict[str, Any]]:
     """The table of the package: what the default rules gave, and where."""
     found = []
     for row in rows:
@@ -284,7 +284,7 @@ def write_tables(page: Path, tables: dict[str, str]) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -> None:
+def draw(rows: Sequence[ValidationRow], reasons: Sequence[ReasonRow], folder: Path) -> None:
     """Both pictures and the numbers behind them."""
     draw_truth_errors(rows, folder / "truth_errors.png")
     write_truth_rows(rows, folder / "truth_errors.csv")
@@ -300,7 +300,7 @@ def draw(rows: Sequence[TruthRow], reasons: Sequence[ReasonRow], folder: Path) -
     write_rows([row.plain() for row in reasons], folder / "truth_reach.csv")
 
 
-def everything(rows: Sequence[TruthRow] | None, say: Callable[[str], None]) -> dict[str, str]:
+def everything(rows: Sequence[ValidationRow] | None, say: Callable[[str], None]) -> dict[str, str]:
     """Tables by name; numbers and pictures in results/truth."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     if rows is None:

@@ -17,8 +17,8 @@ FLOORS = {
     "fluid": 1, "conversions": 1, "least_squares": 2,
     "text_columns": 2, "flow_profiles": 2, "toml_files": 2, "records": 3, "liners": 4,
     "signals": 4, "duct": 4, "lee": 5, "engine": 5, "in_situ_method": 5,
-    "wall_waves": 5, "wall_field": 6, "io": 6, "pressure": 6, "velocity": 7, "studies": 7.5, "audits": 8, "heights": 8,
-    "ir_tdibc_method": 6, "calibration": 8, "bursts": 8, "identification": 8.5, "report": 9,
+    "wall_waves": 5, "wall_field": 6, "io": 6, "pressure": 6, "velocity": 7, "studies": 8,
+    "ir_tdibc_method": 6, "bursts": 8, "report": 9,
     "campaign": 9.2, "cli": 10,
     "__main__": 11,
 }  # fmt: skip

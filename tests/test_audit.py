@@ -13,12 +13,12 @@ import torch
 from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.audits.audit import audit
 from torchliner.cli.main import main
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.levels import interpolate
 from torchliner.liners.readings import porosity_readings
 from torchliner.records.boxes import grid_of, windows_of
+from torchliner.studies.audit import audit
 
 SLIT = DATA / "slit_n130_y2.5mm.h5"
 SPACING = 12.44e-3 / 16

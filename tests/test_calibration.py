@@ -12,14 +12,16 @@ import torch
 from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.calibration.calibrate import calibrate
-from torchliner.calibration.misfit import FreeLiners, Misfit, responses_of, speed_weights
-from torchliner.calibration.posterior import Posterior, sample_posterior
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.engine.nodes import Chebyshev, Levels
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
 from torchliner.report.calibration_report import parameter_table
+from torchliner.studies.calibrate import calibrate
+from torchliner.studies.fit import curves_at_nodes, drawn_impedances, impedances, residuals_of
+from torchliner.studies.laws import parameter_law
+from torchliner.studies.posterior import Posterior, sample_posterior
+from torchliner.studies.runs import held_to_references, read_run
 from torchliner.velocity import reading
 from torchliner.velocity.choices import Choices
 
@@ -126,7 +128,7 @@ def test_models_with_kinks_are_fitted():
 
 
 def test_what_the_interpolation_leaves_is_noted(monkeypatch):
-    monkeypatch.setattr("torchliner.calibration.calibrate.LARGEST_MODEL_ERROR", 1e-12)
+    monkeypatch.setattr("torchliner.studies.calibrate.LARGEST_MODEL_ERROR", 1e-12)
     with pytest.warns(tl.DataWarning, match=r"known to \S+ only \(limit 1e-12\)"):
         calibrate(planes(), start(), references(), BOUNDS, draws=0)
 
@@ -143,17 +145,17 @@ def test_any_model_that_states_numbers_is_fitted():
     assert parameter_table(found).as_rows()[0]["unit"] == "s/m"
 
 
-def weights_of(averaging="velocity", **choices):
-    chosen = Choices(dtype="float64", averaging=averaging, interval=None, **choices)
-    return speed_weights(plane(3.0), start(), None, chosen)
+def run_of(averaging="velocity", liner=None):
+    chosen = Choices(dtype="float64", averaging=averaging, interval=None)
+    return read_run(plane(3.0), liner or start(), None, chosen)
 
 
 @pytest.mark.parametrize("averaging", AVERAGINGS)
 def test_the_sum_over_speeds_is_the_eduction(averaging):
     """For every liner, one that had no part in the choice of the speeds included."""
-    weights = weights_of(averaging)
+    run = run_of(averaging)
     for liner in (start(), true_liner(), tl.load_liner("onera").replace(cell_pitch=5e-3)):
-        found = weights.impedance(*responses_of(liner, [weights]))[0]
+        found = run.impedance(liner.impedance(run.frequency[:, None], run.nodes.speeds))[0]
         wanted = impedance(plane(3.0), liner, averaging)
         assert abs(complex(found - wanted)) < 1e-7 * abs(complex(wanted))
 
@@ -164,46 +166,50 @@ def test_coefficients_of_one_sample_interpolate(nodes):
     assert float(nodes.coefficients(1 / (1 + nodes.speeds)) @ one) == pytest.approx(1 / 1.9, rel=1e-3)
 
 
-@pytest.mark.parametrize("liners", [1, 2])
-def test_many_draws_are_one_by_one(monkeypatch, liners):
-    """A draw's impedances do not depend on its neighbours, nor on the blocks they come in."""
-    planes = [weights_of(), weights_of("admittance")]
-    models = [start(), start()] if liners == 2 else [start()] * 2
-    free = FreeLiners(planes, models, ("vena_contracta",))
-    values = torch.tensor([[0.6], [0.8], [0.9]], dtype=torch.float64)
-    wanted = torch.stack([free.impedance(value) for value in values])
-    for work in (1, 1 << 22):
-        monkeypatch.setattr("torchliner.calibration.misfit.WORK_NUMBERS", work)
-        assert torch.allclose(free.impedances(values), wanted, rtol=1e-13, atol=0)
+@pytest.mark.parametrize("shared", [True, False])
+def test_many_draws_are_one_by_one(shared):
+    """A draw's impedances do not depend on its neighbours, nor on whether runs share one liner."""
+    own = start()
+    runs = [run_of("velocity", own), run_of("admittance", own if shared else start())]
+    law = parameter_law({"vena_contracta": (0.5, 1.0)}, own)
+    draws = torch.tensor([[0.6], [0.8], [0.9]], dtype=torch.float64)
+    found = drawn_impedances(law, draws, runs)
+    for i, values in enumerate(draws):
+        alone = [z for z, _ in impedances(law, values, runs)]
+        for many, one in zip(found, alone, strict=True):
+            assert torch.allclose(many[i], one, rtol=1e-13, atol=0)
+    (z, by), _ = curves_at_nodes(law, draws[0], runs)
+    assert by.shape == (*z.shape, 1)
 
 
-def misfit(**choices):
-    wanted = torch.tensor([1 + 0.2j], dtype=torch.complex128)
-    low = torch.tensor([0.5, 0.01], dtype=torch.float64)
-    high = torch.tensor([1.0, 0.05], dtype=torch.float64)
-    noise = torch.tensor([0.01 + 0.02j], dtype=torch.complex128)
-    return Misfit([weights_of(**choices)], [start()], ("vena_contracta", "cavity_depth"),
-                  low, high, wanted, noise, {"vena_contracta": (0.8, 0.1)})  # fmt: skip
+def held():
+    """A law with a prior, and one run with its reference."""
+    law = parameter_law(
+        {"vena_contracta": (0.5, 1.0), "cavity_depth": (0.01, 0.05)}, start(), {"vena_contracta": (0.8, 0.1)}
+    )
+    return law, held_to_references([run_of()], [1 + 0.2j], 0.01 + 0.02j)
 
 
 def test_gradient_equals_differences():
     """The Jacobian of the least squares, prior included."""
-    each, share, step = misfit(), torch.tensor([0.4, 0.7], dtype=torch.float64), 1e-6
-    residuals, slopes = each.slopes(share)
+    (law, runs), at = held(), torch.tensor([0.7, 0.038], dtype=torch.float64)
+    left, slopes = residuals_of(law, at, runs)
     assert slopes.shape == (3, 2)
-    for i in range(2):
+    for i, step in enumerate((1e-6, 1e-8)):
         along = torch.zeros(2, dtype=torch.float64)
         along[i] = step
-        above, below = each.slopes(share + along)[0], each.slopes(share - along)[0]
+        above, below = (residuals_of(law, at + sign * along, runs)[0] for sign in (1, -1))
         difference = (above - below) / (2 * step)
-        assert float((slopes[:, i] - difference).abs().max()) < 1e-6 * float(residuals.abs().max())
+        assert float((slopes[:, i] - difference).abs().max()) < 1e-6 * float(slopes[:, i].abs().max())
+    assert float(left.abs().max()) > 0.1
 
 
 def test_residuals_by_hand():
     """R over u(R), X over u(X), the prior over its spread."""
+    law, (run,) = held()
+    assert run.residuals(torch.tensor([1.03 + 0.3j], dtype=torch.complex128)).tolist() == pytest.approx([3.0, 5.0])
     values = torch.tensor([0.9, 0.02], dtype=torch.float64)
-    found = misfit().residuals(values, torch.tensor([1.03 + 0.3j], dtype=torch.complex128))
-    assert found.tolist() == pytest.approx([3.0, 5.0, 1.0])
+    assert (law.prior @ (values - law.centre)).tolist() == pytest.approx([1.0])
 
 
 def linear_toy(seed, count=8):

@@ -247,7 +247,7 @@ MISTAKES = [
     (["info", str(DATA)], "is a folder"),
     (["liner", "polyto"], "did you mean 'polito'"),
     (["convert", SLIT, "--layout", "array", "-o", "y.h5"], "--axes is needed"),
-    (["truth", CHANNEL, "--liner", "polito"], "states no"),
+    (["validate", CHANNEL, "--liner", "polito"], "states no"),
 ]
 
 
@@ -397,7 +397,7 @@ def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch, where, wo
 def test_truth_table(capsys, tmp_path, small):
     """Every drive x phase x averaging, as text, CSV and JSON, with the reference beside."""
     target = tmp_path / "truth.csv"
-    code, out, _ = run(capsys, "truth", str(small / "y0.5mm.h5"), "-o", str(target))
+    code, out, _ = run(capsys, "validate", str(small / "y0.5mm.h5"), "-o", str(target))
     assert code == DONE
     assert "case small: reference Z = 0.200-0.100j" in out
     rows = list(csv.DictReader((target).read_text().splitlines()))

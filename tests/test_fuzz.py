@@ -87,10 +87,10 @@ def make(name: str, folder: Path) -> Case:
     path = folder / f"input{name[name.index('.') : name.index(' ')]}"
     told, tail = [str(path)], ["--json", "--quiet"]
     kind = name.partition(" ")[2]
-    if kind in ("educe", "info", "truth", "height"):
+    if kind in ("educe", "info", "validate", "height"):
         plane_file(path)
         words = [kind, *told, "--no-intervals"] if kind == "educe" else [kind, *told]
-        if kind == "truth":
+        if kind == "validate":
             words, tail = [*words, "-o", str(folder / "rows.csv")], ["--json", "--quiet"]
     elif kind == "educe moments":
         plane, liner = tl.read_plane(plane_file(path)), tl.load_liner("polito")
@@ -155,13 +155,13 @@ def python_record(kind: str, path: Path):
 
 
 NAMES = [
-    ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 truth", ".csv kt", ".h5 kt", ".h5 insitu",
+    ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 validate", ".csv kt", ".h5 kt", ".h5 insitu",
     ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner",
     ".toml liner layers",
     ".toml duct modes", ".npy convert", ".mat convert", ".h5 convert", ".wav incident",
     ".h5 read_map", ".h5 read_line", ".h5 read_points", ".h5 read_wall",
 ]  # fmt: skip
-HEAVY = {".h5 truth": 0.2}  # of the usual share
+HEAVY = {".h5 validate": 0.2}  # of the usual share
 SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))
 
 
@@ -210,7 +210,7 @@ VALUES = (
     "nothing/x.png", "/", ".",
 )  # fmt: skip
 COMMANDS = {
-    "educe": ["plane.h5", "--no-intervals"], "info": ["plane.h5"], "truth": ["plane.h5"],
+    "educe": ["plane.h5", "--no-intervals"], "info": ["plane.h5"], "validate": ["plane.h5"],
     "sensitivity": ["plane.h5"], "kt": ["line.csv"], "liner": ["onera"], "ldv info": ["bursts.csv"],
     "ldv educe": ["bursts.csv", "--segment", "0.04", "--liner", "onera"],
     "duct modes": ["b2a", "--count", "1"], "insitu": ["record.h5"],

@@ -52,7 +52,7 @@ OVER_INPUTS = {
     "array": ([*ARRAY, "-o", "over.h5"], "v.npy"),
     "coordinates": ([*ARRAY, "--x", "x.npy", "-o", "over.h5"], "x.npy"),
     "plane by educe": (["educe", "plane.h5", "-o", "over.h5"], "plane.h5"),
-    "plane by truth": (["truth", "plane.h5", "-o", "over.csv"], "plane.h5"),
+    "plane by truth": (["validate", "plane.h5", "-o", "over.csv"], "plane.h5"),
     "picture of a plane": (["info", "plane.h5", "--figure", "over.png"], "plane.h5"),
     "a table named in a toml": (["educe", "plane.h5", "--liner", "lt.toml", "-o", "over.csv"],
                                 "table.csv"),
@@ -77,7 +77,7 @@ def test_no_command_writes_over_an_input(capsys, folder, case, way):
 def test_one_file_is_not_two_measurements(capsys, folder, second):
     """Named twice it would count twice: three times halved the uncertainty of a calibration."""
     (folder / "link.h5").symlink_to("plane.h5")
-    for words in (["educe"], ["calibrate", "--free", "porosity"], ["truth"], ["height"]):
+    for words in (["educe"], ["calibrate", "--free", "porosity"], ["validate"], ["height"]):
         code, _, err = run(capsys, words[0], "plane.h5", second, *words[1:])
         assert (code, "is named twice" in err) == (BAD_INPUT, True), err
     code, _, err = run(capsys, "calibrate", "plane.h5", "--free", "porosity", "--draws", "0",
@@ -136,7 +136,7 @@ def test_an_ending_that_cannot_be_written_is_refused(capsys, folder, ending):
     """By every command, before the work, and by ``write()``."""
     name = f"m{ending}"
     for words in (["educe", "plane.h5", "-o", name], [*ARRAY, "-o", name],
-                  ["truth", "plane.h5", "-o", name], ["info", "plane.h5", "--figure", name],
+                  ["validate", "plane.h5", "-o", name], ["info", "plane.h5", "--figure", name],
                   ["duct", "modes", "ufsc", "-o", name]):  # fmt: skip
         code, out, err = run(capsys, *words)
         assert (code, "it must be one of" in err, out) == (BAD_INPUT, True, ""), err

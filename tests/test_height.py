@@ -15,11 +15,11 @@ from test_audit import Counted
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.heights.facts import cell_imprint, fit_decay
-from torchliner.heights.jets import jet_velocity
-from torchliner.heights.recommend import Limits, recommend_height
-from torchliner.heights.study import study_heights
 from torchliner.records.boxes import grid_of, windows_of
+from torchliner.studies.heights import study_heights
+from torchliner.studies.jets import jet_velocity
+from torchliner.studies.modulation import cell_modulation, fit_decay
+from torchliner.studies.recommend import Limits, recommend_height
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PITCH, SPACING = 12.44e-3, 1e-3
@@ -150,7 +150,7 @@ def test_imprint_finds_harmonics_on_any_grid(count, spacing):
     turn = 2 * np.pi * x / PITCH
     growth = 3.0 * x if count > 12 else 0.0
     profile = 2.0 + 0.5 * np.cos(turn - 1) + 0.2 * np.sin(3 * turn) + growth
-    found = cell_imprint(x, profile, PITCH)
+    found = cell_modulation(x, profile, PITCH)
     assert found.cells == int(count * spacing / PITCH + 0.01)
     assert found.first == pytest.approx(0.5, abs=1e-10)
     assert found.harmonics[1:3] == pytest.approx((0.0, 0.2), abs=1e-10)
@@ -162,7 +162,7 @@ def test_imprint_is_the_fourier_sum_on_whole_cells():
     """An independent transform, 24 probes to each of three cells."""
     profile = np.tile(np.random.default_rng(1).random(24), 3) + 1
     lines = np.abs(np.fft.rfft(profile)) / 36
-    found = cell_imprint(PITCH / 24 * np.arange(72), profile, PITCH)
+    found = cell_modulation(PITCH / 24 * np.arange(72), profile, PITCH)
     # The random cell has more harmonics than are fitted; they do not leak but for the growth.
     assert found.harmonics == pytest.approx(lines[3:25:3], abs=0.02)
     assert found.cells == 3
@@ -171,16 +171,16 @@ def test_imprint_is_the_fourier_sum_on_whole_cells():
 def test_what_is_not_periodic_lies_between():
     """A wave of 2.5 to a cell shows in ``between`` and not in the imprint."""
     x = 1e-3 * np.arange(50)
-    found = cell_imprint(x, 1 + 0.3 * np.cos(5 * np.pi * x / PITCH), PITCH)
+    found = cell_modulation(x, 1 + 0.3 * np.cos(5 * np.pi * x / PITCH), PITCH)
     assert found.relative < 1e-10
     assert found.between == pytest.approx(0.3 / math.sqrt(2), abs=1e-10)
 
 
 def test_imprint_refuses():
     with pytest.raises(ValueError, match=r"span 10 mm, less than one cell of 12\.44 mm"):
-        cell_imprint(1e-3 * np.arange(10), np.ones(10), PITCH)
+        cell_modulation(1e-3 * np.arange(10), np.ones(10), PITCH)
     with pytest.raises(ValueError, match="do not resolve it; at least 4"):
-        cell_imprint(5e-3 * np.arange(10), np.ones(10), PITCH)
+        cell_modulation(5e-3 * np.arange(10), np.ones(10), PITCH)
 
 
 def test_decay_returns_its_own_law():
@@ -215,7 +215,7 @@ def test_a_sound_field_qualifies_where_its_imprint_has_died(liner):
     found = recommend_height(study)
     apart = {j.height: j.value for j in found.judgements if j.name == "averagings"}
     assert apart[1e-3] > 0.02 > apart[6e-3]
-    assert study.facts[0].imprint.relative > 0.1  # which refuses nothing
+    assert study.facts[0].modulation.relative > 0.1  # which refuses nothing
     assert found.heights["velocity"] == 1e-3
     strict = recommend_height(study, Limits(averagings=0.02, change=0.02))
     wanted = next(y for y in heights if apart[y] < 0.02)
@@ -442,7 +442,7 @@ def test_command_json(capsys):
         ([G03[0], str(DATA / "orifice_o145_y1.0mm.h5")], "different liners, lbm_orifice, lbm_slit"),
         ([G03[0], "-o", G03[0]], "is an input; name another file"),
         ([G03[0], "--lengths", "0.01"], "below the spacing of the probes"),
-        ([G03[0], "--limits", "0", "1", "1"], "limit on imprint is 0"),
+        ([G03[0], "--limits", "0", "1", "1"], "limit on modulation is 0"),
         ([G03[0], "--shear", "0.01"], "shear is 0.01, below 0.03"),
         ([str(DATA / "channel_y1.04mm.h5")], "names 'hard wall'"),
         ([str(DATA / "channel_y1.04mm.h5"), "--liner", "polito"], "states no frequency"),
@@ -471,7 +471,7 @@ def test_moments_stand_for_planes(planes, study, liner):
     for mine, wanted in zip(found.facts, study.facts, strict=True):
         for order, value in wanted.impedance.items():
             assert mine.impedance[order] == pytest.approx(value, rel=1e-6)
-        assert mine.imprint == wanted.imprint
+        assert mine.modulation == wanted.modulation
     assert recommend_height(found).heights == recommend_height(study).heights
 
 

@@ -14,15 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.calibration.calibrate import calibrate
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
-from torchliner.identification.curve_model import CurveModel
-from torchliner.identification.curve_problem import BOUNDS
-from torchliner.identification.leave_out import candidate_of, error_of
-from torchliner.identification.speed_curve import Knots, prior_shape
 from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.catalogue import liner_text
 from torchliner.liners.parameters import parameters_of
+from torchliner.studies.calibrate import calibrate
+from torchliner.studies.curves import BOUNDS, CurveShape, Knots
+from torchliner.studies.fit import residuals_of
+from torchliner.studies.leave_out import CurveModel, candidate_of, error_of
 
 FACTORS = [each.name for each in parameters_of(AdjustedSDoFLiner)]
 
@@ -111,10 +110,10 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
 def test_curves_are_monotone_and_passive(parameters, top, direction, shape):
     """Whatever their parameters, and beyond the last knot too."""
     knots = Knots(top)
-    made = prior_shape(shape, base(), FREQUENCY, knots, direction, None)
+    made = CurveShape(base(), FREQUENCY, knots, shape, direction, 1.0)
     at = torch.tensor(parameters, dtype=torch.float64)
     speed = torch.linspace(0, 2 * top**0.5, 500, dtype=torch.float64).square()
-    found = made.curve(at, knots.rising(speed))
+    found = made.values(at, knots.rising(speed))
     tiny = 1e-9 * found.abs().max()
     sign = {"falling": -1, "rising": 1}[direction]
     assert float(found.real.min()) > 0
@@ -129,12 +128,12 @@ def test_curves_are_monotone_and_passive(parameters, top, direction, shape):
 
 def test_slopes_of_a_curve_are_its_derivatives():
     knots = Knots(3.0)
-    shape = prior_shape("law", base(), FREQUENCY, knots, "falling", None)
+    shape = CurveShape(base(), FREQUENCY, knots, "law", "falling", 1.0)
     generator = torch.Generator().manual_seed(1)
     at = torch.randn(shape.count, generator=generator, dtype=torch.float64)
     rising = knots.rising(torch.tensor([0.0, 0.4, 2.0, 5.0], dtype=torch.float64))
     step = 1e-6 * torch.eye(shape.count, dtype=torch.float64)
-    central = (shape.curve(at + step, rising) - shape.curve(at - step, rising)).T / 2e-6
+    central = (shape.values(at + step, rising) - shape.values(at - step, rising)).T / 2e-6
     torch.testing.assert_close(shape.slopes(at, rising), central, rtol=1e-6, atol=1e-6)
 
 
@@ -148,13 +147,14 @@ def test_the_jacobian_of_a_fit_is_exact(references):
         options = {"references": "level-check"}
     found = tl.identify(runs, base(), freedom=1.0, averaging=ORDER, **options)
     fit = found.best.fitted.fits[0]
-    at = fit.parameters
-    left, slopes = fit.problem.slopes(at)
-    assert len(left) == (6 if references == "values" else 3)
+    at = fit.values
+    left, slopes = residuals_of(fit.law, at, fit.runs)
+    assert fit.data == (6 if references == "values" else 3)
+    assert len(left) == fit.data + len(fit.law.prior)
     for i in (0, 1, 5, 12, 30):
         step = torch.zeros_like(at)
         step[i] = 1e-5
-        moved = [fit.problem.slopes(at + sign * step)[0] for sign in (1, -1)]
+        moved = [residuals_of(fit.law, at + sign * step, fit.runs)[0] for sign in (1, -1)]
         central = (moved[0] - moved[1]) / 2e-5
         assert slopes[:, i].tolist() == pytest.approx(central.tolist(), rel=1e-4, abs=1e-6)
 
@@ -584,22 +584,20 @@ def test_bands_cover_the_truth():
     first = curve_of(freedom=0.5)
     model = first.best.model
     assert isinstance(model, CurveModel)
-    problem = first.best.fitted.fits[0].problem
-    factor = torch.linalg.cholesky(torch.linalg.inv(problem.prior.T @ problem.prior))
+    shape = model.shape_at(FREQUENCY)
+    factor = torch.linalg.cholesky(torch.linalg.inv(shape.prior.T @ shape.prior))
     speed = torch.tensor([0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)
     for _ in range(60):
-        normal = torch.randn(problem.shape.count, generator=generator, dtype=torch.float64)
+        normal = torch.randn(shape.count, generator=generator, dtype=torch.float64)
         drawn = factor @ normal
         noise = torch.randn(len(runs), 2, generator=generator, dtype=torch.float64)
         made = []
         for run, away in zip(first.runs, noise, strict=True):
-            datum = model.datum(run, 0)
-            values = problem.shape.curve(drawn, problem.knots.rising(datum.speeds))
-            z = datum.impedance(values)[0] + 0.01 * torch.complex(*away)
-            made.append(dataclasses.replace(run, wanted=z[None], noise=torch.full_like(
-                run.noise, 0.01 + 0.01j)))  # fmt: skip
-        _best, low, high = model.fit(made).fits[0].band(speed)
-        wanted = problem.shape.curve(drawn, problem.knots.rising(speed))
+            values = shape.values(drawn, shape.knots.rising(run.nodes.speeds))
+            z = run.impedance(values[None]) + 0.01 * torch.complex(*away)
+            made.append(dataclasses.replace(run, wanted=z, noise=torch.full_like(run.noise, 0.01 + 0.01j)))
+        _best, low, high = model.fit(made).fits[0].band(model.base, FREQUENCY, speed)
+        wanted = shape.values(drawn, shape.knots.rising(speed))
         held = [(low.real <= wanted.real) & (wanted.real <= high.real),
                 (low.imag <= wanted.imag) & (wanted.imag <= high.imag)]  # fmt: skip
         inside += int(torch.stack(held).sum())

@@ -127,7 +127,7 @@ def test_pictures_without_velocity(capsys, files, tmp_path, unrendered):
         (["reduce", "{plane}", "-o", "{folder}/m.h5", "--liner", "polito", "--cell-pitch", "0.01"],
          "name it only where no liner is given"),
         (["reduce", "{moments}", "-o", "{folder}/m.h5"], "name the plane file that was reduced"),
-        (["truth", "{moments}"], "moments.h5 holds moments"),
+        (["validate", "{moments}"], "moments.h5 holds moments"),
         (["educe", "{moments}", "--liner", "lbm_slit"], "cells of 12.44 mm"),
         (["educe", "{moments}", "--phase", "self-consistent"], "choose --phase averaged"),
         (["replay", "{moments}"], "time samples are gone, which this needs"),

@@ -11,7 +11,6 @@ from conftest import FREQUENCY, RATE, plane_of, turbulence
 from matplotlib.collections import LineCollection
 
 import torchliner as tl
-from torchliner.audits.truth_rows import DEFAULT, TruthRow, true_wave_phase, truth_table
 from torchliner.names import AVERAGINGS
 from torchliner.report import figures
 from torchliner.report.figures import draw_spectrum
@@ -24,6 +23,7 @@ from torchliner.report.numbers import (
 )
 from torchliner.report.pictures import draw_pictures
 from torchliner.report.truth_table import format_summary, format_truth
+from torchliner.studies.validate import DEFAULT, ValidationRow, reference_wave_phase, validation_table
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -148,11 +148,11 @@ def test_the_style_stays_ours(maps):
 def test_truth_table_covers_every_rule_once(liner):
     """4 drives x 3 phase rules x 3 averagings a plane; 'given' uses the true wave's phase."""
     plane = plane_of(turbulence((3, 480)), height=1e-3, reference={"true": 1 - 0.2j})
-    rows = truth_table([plane], lambda _: liner)
+    rows = validation_table([plane], lambda _: liner)
     keys = {(r.drive, r.mean, r.phase, r.averaging) for r in rows}
     assert len(rows) == len(keys) == 36
     averaged = tl.educe(plane, liner)
-    psi = true_wave_phase(plane, averaged)
+    psi = reference_wave_phase(plane, averaged)
     stated = tl.educe(plane, liner, phase="given", reference_phase=psi)
     row = next(r for r in rows if (r.drive, r.mean, r.phase, r.averaging)
                == ("instantaneous", "kept", "given", "admittance"))  # fmt: skip
@@ -167,7 +167,7 @@ def test_truth_table_covers_every_rule_once(liner):
 def closing(**cases):
     """The closing lines for rows of the default rule: per case (true, level check, educed ...)."""
     rows = [
-        TruthRow(case, 1e-3 * (1 + i), *DEFAULT, averaging, z, true, level_check=gap, periods=periods)
+        ValidationRow(case, 1e-3 * (1 + i), *DEFAULT, averaging, z, true, level_check=gap, periods=periods)
         for case, (true, gap, periods, *values) in cases.items()
         for i, z in enumerate(values)
         for averaging in AVERAGINGS
@@ -195,18 +195,18 @@ def test_closing_sentences_follow_from_the_rows():
     assert "short records" not in other
 
 
-def test_true_wave_phase_by_hand(liner):
+def test_reference_wave_phase_by_hand(liner):
     """v_in = c (X - Y): with Z = 1 there is no reflection and x has the phase of v_in = -v."""
     t = torch.arange(480, dtype=torch.float64) / 42000.0
     plane = plane_of(-torch.cos(2 * torch.pi * 1400 * t + 0.8)[None], reference={"true": 1 + 0j})
     found = tl.educe(plane, liner)
-    assert true_wave_phase(plane, found) == pytest.approx(0.8, abs=1e-9)
+    assert reference_wave_phase(plane, found) == pytest.approx(0.8, abs=1e-9)
 
 
 def test_truth_needs_a_truth(liner):
     """A plane without a reference impedance is refused."""
     with pytest.raises(ValueError, match="states no reference impedance"):
-        truth_table([plane_of(turbulence((2, 480)))], lambda _: liner)
+        validation_table([plane_of(turbulence((2, 480)))], lambda _: liner)
 
 
 def test_spectrum_of_every_plane(liner, tmp_path):

@@ -11,10 +11,10 @@ from conftest import DATA, FREQUENCY, Resistive, frozen_plane, plane_of, turbule
 from torch.autograd import forward_ad
 
 import torchliner as tl
-from torchliner.calibration.budget import covariance_of
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.conversions import impedance_from_reflection
 from torchliner.liners.cell import air_state
+from torchliner.studies.budget import covariance_of
 from torchliner.units import parse_tolerance
 
 pytestmark = [

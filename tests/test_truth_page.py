@@ -18,8 +18,8 @@ from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from torchliner.audits.truth_rows import TruthRow, errors_by_rule, truth_rows
 from torchliner.report.truth_table import format_rules, plain_truth
+from torchliner.studies.validate import ValidationRow, errors_by_rule, validate
 
 page = load_script("truth_page")
 MORE_CASES = load_script("make_data").MORE_CASES
@@ -225,7 +225,7 @@ def test_rows_survive_their_csv(tmp_path):
 def test_errors_by_rule_by_hand():
     """Median and largest of |dR| and |dX|, each by itself."""
     rule = ("rms", "kept", "averaged", "admittance")
-    rows = [TruthRow("c", 0.0, *rule, 1 + e, 1 + 0j) for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)]
+    rows = [ValidationRow("c", 0.0, *rule, 1 + e, 1 + 0j) for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)]
     (found,) = errors_by_rule(rows)
     assert found.planes == 3
     assert found.median == pytest.approx(0.2 + 0.2j)
@@ -238,7 +238,7 @@ def test_rows_are_educed_in_two_readings(liner):
     velocity = turbulence((6, 600), seed=7)
     stored = Counted(velocity)
     about = {"reference": {"true": 1 - 0.3j}, "x": 1e-3 * np.arange(6)}
-    rows = {(*row.rule, row.averaging): row for row in truth_rows(plane_of(stored, **about), liner)}
+    rows = {(*row.rule, row.averaging): row for row in validate(plane_of(stored, **about), liner)}
     assert len(rows) == 36
     assert stored.passes == 2
     for drive, mean in (("instantaneous", "removed"), ("rms", "kept"), ("running-rms", "kept")):

@@ -8,20 +8,16 @@ from typing import Any, TypedDict, Unpack
 
 import torch
 
-from torchliner.calibration.sensitivities import Sensitivities
+from torchliner.studies.sensitivities import Sensitivities
 from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 
-from torchliner.audits.audit import audit as audit
-from torchliner.audits.compare import compare as compare
-from torchliner.audits.compare_models import compare_models as compare_models
 from torchliner.bursts.arrivals import onto_grid as onto_grid
 from torchliner.bursts.filters import BurstFilters as BurstFilters
 from torchliner.bursts.filters import validate_bursts as validate_bursts
 from torchliner.bursts.line import educe_bursts as educe_bursts
 from torchliner.bursts.stations import burst_moments as burst_moments
 from torchliner.bursts.tone_damping import tone_attenuation as tone_attenuation
-from torchliner.calibration.calibrate import calibrate as calibrate
 from torchliner.campaign.growing import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning
 from torchliner.conversions import absorption_from_reflection as absorption_from_reflection
@@ -38,7 +34,6 @@ from torchliner.engine.moments import Moments as Moments
 from torchliner.flow_profiles import TanhProfile as TanhProfile
 from torchliner.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.fluid import Fluid as Fluid
-from torchliner.identification.identify import identify as identify
 from torchliner.in_situ_method.dean import in_situ as in_situ
 from torchliner.in_situ_method.plane_wave_fit import decompose_waves as decompose_waves
 from torchliner.io.burst_sources import list_stations as list_stations
@@ -85,6 +80,11 @@ from torchliner.records.incident import Recorded as Recorded
 from torchliner.records.incident import Sweep as Sweep
 from torchliner.records.incident import Tones as Tones
 from torchliner.report.figure import figure_style as figure_style
+from torchliner.studies.audit import audit as audit
+from torchliner.studies.calibrate import calibrate as calibrate
+from torchliner.studies.compare import compare as compare
+from torchliner.studies.compare_models import compare_models as compare_models
+from torchliner.studies.identify import identify as identify
 from torchliner.velocity.replay import replay as replay
 from torchliner.wall_field.fit_field import fit_field as fit_field
 from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import torchliner as tl
-from torchliner.heights.jets import penetration_height
+from torchliner.studies.jets import penetration_height
 
 diameter, duct = 1e-3, 0.05
 speed, machs = np.geomspace(1, 120, 25), np.geomspace(0.1, 0.4, 12)

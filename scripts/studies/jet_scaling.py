@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torchliner.flow_profiles import TanhProfile
-from torchliner.heights.jets import penetration_height
+from torchliner.studies.jets import penetration_height
 
 
 def fit_exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float]:

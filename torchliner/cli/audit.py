@@ -30,9 +30,9 @@ OPTIONS = (
 
 def run(options: argparse.Namespace) -> int:
     """Print the table, sorted by what moves Z most."""
-    from torchliner.audits.audit import audit
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.audit_report import draw_audit, format_audit, plain_audit, write_audit
+    from torchliner.studies.audit import audit
 
     records = read_records(options.planes, options)
     planes = planes_of(records)

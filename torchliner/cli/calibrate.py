@@ -49,9 +49,8 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
-    from torchliner.calibration.calibrate import calibrate
-    from torchliner.calibration.predicted_planes import prediction_rows
     from torchliner.report import calibration_report as report
+    from torchliner.studies.calibrate import calibrate
 
     paths = [*options.planes, *options.predict]
     if options.draws and options.draws < FEWEST_DRAWS:
@@ -76,8 +75,8 @@ def run(options: argparse.Namespace) -> int:
     rows = [
         row
         for path, plane in zip(options.predict, predicted, strict=True)
-        for row in prediction_rows(
-            found, plane, liner, label=path.stem,
+        for row in found.rows(
+            plane, liner, label=path.stem,
             reference=names[0], noise=complex(noise, noise),
         )
     ]  # fmt: skip

@@ -24,13 +24,13 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print how far the second is off the first, for the liner and each cell."""
-    from torchliner.audits.compare import compare
     from torchliner.io.moments_file import holds_moments
     from torchliner.report.comparison_table import (
         comparison_table,
         format_comparison,
         plain_comparison,
     )
+    from torchliner.studies.compare import compare
 
     given = [f"--{name}" for name in ("frequency", "liner") if getattr(options, name) is not None]
     if given and not any(holds_moments(path) for path in (options.first, options.second)):

@@ -32,7 +32,6 @@ OPTIONS = (
 
 def run(options: argparse.Namespace) -> int:
     """Print a row a model, the nearest to what is known first."""
-    from torchliner.audits.compare_models import compare_models
     from torchliner.liners.catalogue import load_liner
     from torchliner.report.models_report import (
         draw_models,
@@ -40,6 +39,7 @@ def run(options: argparse.Namespace) -> int:
         plain_models,
         write_models,
     )
+    from torchliner.studies.compare_models import compare_models
 
     twice = next((name for name in options.liner if options.liner.count(name) > 1), None)
     if twice is not None:

@@ -17,7 +17,7 @@ EXAMPLES = {
     "audit": ("plane.h5 --figure audit.png",),
     "height": ("plane_y*.h5 -o rows.csv --figure pictures",),
     "compare": ("first.h5 second.h5",),
-    "truth": ("data/slit_n130_y*.h5 -o rules.csv",),
+    "validate": ("data/slit_n130_y*.h5 -o rules.csv",),
     "compare-models": ("plane.h5 --liner onera --liner mine.toml --figure models.png",),
     "insitu": ("pressure.h5 -o z.csv --figure z.png",),
     "kt": (

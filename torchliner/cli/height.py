@@ -12,7 +12,7 @@ from torchliner.cli.options import progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
 if TYPE_CHECKING:
-    from torchliner.heights.study import HeightStudy
+    from torchliner.studies.heights import HeightStudy
 
 CHOICES = (
     "averaging", "phase", "drive", "mean", "missing", "allow_short", "wall_filter",
@@ -26,7 +26,7 @@ OPTIONS = {
         "--cell-pitch MM": "mm; default: the liner's",
         "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
         "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
-        "--limits IMPRINT AVERAGINGS CHANGE": "where the level is not checked, relative; default 0.1 "
+        "--limits MODULATION AVERAGINGS CHANGE": "where the level is not checked, relative; default 0.1 "
                                           "0.1 0.1",
     }
     | shared("--liner", "--output", "--figure", "--json", "--quiet"),
@@ -35,10 +35,10 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Study the heights, print rows, facts and the recommendation."""
-    from torchliner.heights.facts import JetFlow
-    from torchliner.heights.recommend import Limits, recommend_height
-    from torchliner.heights.study import study_heights
     from torchliner.report.height_table import format_study, height_table, plain_study
+    from torchliner.studies.height_facts import JetFlow
+    from torchliner.studies.heights import study_heights
+    from torchliner.studies.recommend import Limits, recommend_height
 
     limits = Limits(*options.limits) if options.limits else Limits()
     flow = JetFlow(1e-3 * options.duct_height, options.shear)

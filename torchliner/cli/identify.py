@@ -53,9 +53,9 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print what was found and what it predicts; 1 if a parameter is on a bound or unseen, or a
     prediction leaves the speeds of the runs."""
-    from torchliner.identification.identify import identify
     from torchliner.io.pressure_file import read_pressure
     from torchliner.report import identification_report as report
+    from torchliner.studies.identify import identify
 
     if options.reach is not None and options.output is None:
         raise ValueError("--reach is of the table that is written; name --output as well")
@@ -99,8 +99,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _bounds(text: str, liner: Any) -> dict[str, tuple[float, float]]:
     """NAME, NAME=LOW:HIGH and commas."""
-    from torchliner.identification.parameter_model import bounds_for
-    from torchliner.identification.runs import with_flow
+    from torchliner.studies.leave_out import bounds_for
+    from torchliner.studies.runs import with_flow
 
     with_factors = with_flow(liner)
     found: dict[str, tuple[float, float]] = {}
@@ -115,11 +115,10 @@ def _bounds(text: str, liner: Any) -> dict[str, tuple[float, float]]:
 
 def _write(found: Any, path: Path, options: argparse.Namespace) -> None:
     """A table as .csv, or a .toml that names one beside it; a law as .toml."""
-    from torchliner.identification.curve_model import FittedCurves
     from torchliner.liners.catalogue import liner_text
     from torchliner.report.identification_report import write_table
 
-    if isinstance(found.best.fitted, FittedCurves):
+    if found.best.fitted.is_curve:
         write_table(found, path.with_suffix(".csv"), options.reach)
         if path.suffix.lower() == ".csv":
             return

@@ -37,7 +37,7 @@ GROUPS = {
         "height": "impedance over height, and which height to take",
         "compare": "difference of two maps, by cell and for the liner",
         "compare-models": "several models of the liner on one plane, in one pass",
-        "truth": "every rule beside the reference impedance of resolved cases",
+        "validate": "every rule beside the reference impedance of resolved cases",
     },
     "measure an impedance from pressure": {
         "insitu": "facesheet and backplate pressure, microphones in the duct",

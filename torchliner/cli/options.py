@@ -50,7 +50,7 @@ class Joined(argparse.Action):
 
 
 KINDS = {
-    number: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR IMPRINT AVERAGINGS CHANGE".split(),
+    number: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR MODULATION AVERAGINGS CHANGE".split(),
     whole_number: "N I".split(),
     Path: "FILE PICTURE FOLDER PATH PLANE LINE SOURCE RECORD".split(),
 }

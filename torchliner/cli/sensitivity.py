@@ -34,14 +34,14 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the sensitivities, or the budget of the tolerances."""
-    from torchliner.calibration.budget import correlation_of
-    from torchliner.calibration.sensitivities import sensitivities
     from torchliner.report.sensitivity_report import (
         budget_table,
         draw_contributions,
         format_budget,
         sensitivity_table,
     )
+    from torchliner.studies.budget import correlation_of
+    from torchliner.studies.sensitivities import sensitivities
 
     tolerances, correlation = _tolerances(options)
     (plane,) = planes = read_records([options.plane], options)

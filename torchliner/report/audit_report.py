@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchliner.audits.rows import Audit, AuditRow
 from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
 from torchliner.report.numbers import part_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex, real_and_imaginary
+from torchliner.studies.audit import Audit, AuditRow
 
 ROW_HEIGHT = 0.17  # inches
 SHOWN = (
@@ -48,7 +48,7 @@ def plain_audit(found: Audit) -> dict[str, Any]:
         "rows": [vars(row) for row in found.rows],
         "not_applicable": dict(found.skipped),
         "notes": list(found.notes),
-        "nearest_truth": found.nearest_truth or None,
+        "nearest_case": found.nearest_case or None,
     }
 
 
@@ -78,7 +78,7 @@ def format_audit(found: Audit) -> str:
         f"level check{level or ':'} {found.level_check_words}\n",
         Table(found.rows, (*SHOWN, LEVEL_CHECK) if level else SHOWN).as_text(),
         *(["\ndoes not apply to these data:", *skipped] if skipped else []),
-        *([f"\n{found.nearest_truth}"] if found.nearest_truth else []),
+        *([f"\n{found.nearest_case}"] if found.nearest_case else []),
         f"\nthe velocity was read through {found.readings} times for {len(found.rows)} variants",
     ])  # fmt: skip
 

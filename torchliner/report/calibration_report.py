@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.calibration.calibrate import Calibration
-from torchliner.calibration.predicted_planes import PredictionRow
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, head_panel, styled, subplots
 from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
+from torchliner.studies.calibration import Calibration, PredictionRow
 
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 
@@ -48,9 +47,9 @@ def parameter_table(found: Calibration) -> Table:
             Column("upper_95", lambda i: float(found.interval[1, i])),
             Column("", lambda i: found.interval[:, i].tolist(), "95 % of the posterior",
                    lambda ends: f"{ends[0]:.5g} to {ends[1]:.5g}"),
-            Column("low", lambda i: float(found.low[i])),
-            Column("high", lambda i: float(found.high[i])),
-            Column("", lambda i: (found.low[i], found.high[i]), "bounds",
+            Column("low", lambda i: float(found.law.low[i])),
+            Column("high", lambda i: float(found.law.high[i])),
+            Column("", lambda i: (found.law.low[i], found.law.high[i]), "bounds",
                    lambda ends: f"{ends[0]:.4g} to {ends[1]:.4g}"),
             Column("on_bound", lambda i: found.parameters[i] in found.on_bound),
         ),
@@ -70,7 +69,7 @@ def plain_calibration(found: Calibration, rows: Sequence[PredictionRow]) -> dict
         "singular_values": found.singular_values.tolist(),
         "unseen": [list(group) for group in found.unseen],
         "sum_of_squares": found.chi_square,
-        "degrees_of_freedom": found.degrees_of_freedom,
+        "degrees_of_freedom": found.freedom,
         "scaling": found.scaling,
         "averaging": found.averaging,
         "reference": [complex(z) for z in found.wanted] if found.level_check is None else None,

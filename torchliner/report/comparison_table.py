@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from torchliner.audits.compare import Comparison, DifferenceRow
 from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns
+from torchliner.studies.compare import Comparison, DifferenceRow
 
 
 def _bounds(row: DifferenceRow) -> Any:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.heights.study import HeightStudy
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -21,6 +20,7 @@ from torchliner.report.figure import (
     subplots,
 )
 from torchliner.report.numbers import COMPLEX_PART, Array, Curves, part_of
+from torchliner.studies.heights import HeightStudy
 
 AVERAGINGS = {"admittance": "admittance over probes", "velocity": "velocity averaged"}
 MOST_LENGTHS = 5  # curves a reader can tell apart
@@ -53,9 +53,9 @@ def impedance_over_height(study: HeightStudy) -> Curves:
 
 def imprint_over_height(study: HeightStudy) -> Curves:
     """Cell-periodic parts, rms, relative to the mean of the profile (of v_0: to that of v'); nan: unknown."""
-    known = [facts.imprint for facts in study.facts]
-    steady = [facts.mean_imprint for facts in study.facts]
-    stream = [facts.streamwise_imprint for facts in study.facts]
+    known = [facts.modulation for facts in study.facts]
+    steady = [facts.mean_modulation for facts in study.facts]
+    stream = [facts.streamwise_modulation for facts in study.facts]
     columns = {
         "v' rms": [i and i.relative for i in known],
         "v' rms, first harmonic": [i and i.first / 2**0.5 / i.mean for i in known],

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from torchliner.heights.facts import HeightFacts
-from torchliner.heights.recommend import Recommendation
-from torchliner.heights.study import HeightStudy
 from torchliner.report.height_figures import AVERAGINGS, imprint_over_height, length_label
 from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
+from torchliner.studies.height_facts import HeightFacts
+from torchliner.studies.heights import HeightStudy
+from torchliner.studies.recommend import Recommendation
 
 FACTS = (
     Column("", "coherence", "coherence", ".2f"),
     Column("", "velocity_rms", "v_rms m/s", ".3f"),
-    Column("", lambda one: one.imprint and one.imprint.relative, "modulation v_rms", ".4f"),
-    Column("", lambda one: (i := one.imprint) and i.between and i.between / i.mean, "between",
+    Column("", lambda one: one.modulation and one.modulation.relative, "modulation v_rms", ".4f"),
+    Column("", lambda one: (i := one.modulation) and i.between and i.between / i.mean, "between",
            ".4f"),
-    Column("", lambda one: one.streamwise_imprint and one.streamwise_imprint.relative,
+    Column("", lambda one: one.streamwise_modulation and one.streamwise_modulation.relative,
            "modulation u_rms", ".4f"),
     Column("", "jet_velocity", "U_j m/s", ".1f"),
     Column("", "jet_height", "H_j mm", ".2f", 1e3),
@@ -60,7 +60,7 @@ def height_table(study: HeightStudy) -> Table:
     columns += [
         Column("coherence"),
         Column("v' rms (m/s)", "velocity_rms"),
-        Column("modulation of v'", lambda row: row["imprint"] and row["imprint"].relative),
+        Column("modulation of v'", lambda row: row["modulation"] and row["modulation"].relative),
         Column("jet velocity (m/s)", "jet_velocity"),
         Column("jet height (m)", "jet_height"),
     ]

@@ -9,11 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.identification.curve_model import FittedCurves
-from torchliner.identification.found import Identification
-from torchliner.identification.leave_out import Candidate, RunRow
-from torchliner.identification.parameter_model import FittedParameters
-from torchliner.identification.speed_curve import law_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.figure import (
     COLOURS,
@@ -28,6 +23,9 @@ from torchliner.report.figure import (
 )
 from torchliner.report.numbers import part_of
 from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
+from torchliner.studies.curves import law_of
+from torchliner.studies.identification import Identification
+from torchliner.studies.leave_out import Candidate, RunRow
 
 SHOWN = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, in text
 DRAWN = 200  # speeds of a picture
@@ -38,7 +36,7 @@ def candidate_table(found: Identification) -> Table:
     """Models, the one that predicts best first."""
 
     def values(each: Candidate) -> str:
-        if not isinstance(each.fitted, FittedParameters):
+        if each.fitted.is_curve:
             return ""
         both = zip(each.fitted.values.items(), each.fitted.standard.values(), strict=True)
         return ", ".join(f"{name} {value:.4g} +- {u:.2g}" for (name, value), u in both)
@@ -160,10 +158,10 @@ def format_identification(found: Identification) -> str:
         seen_table(found).as_text(),
         f"seen: |v| of about {low_high[0]:.3g} to {low_high[1]:.3g} m/s",
     ]
-    if isinstance(fitted, FittedCurves):
+    if fitted.is_curve:
         parts[-1] += "".join(
-            f"; at {fit.frequency:g} Hz the data determine {fit.determined:.1f} of "
-            f"{len(fit.parameters)} parameters" for fit in fitted.fits
+            f"; at {frequency:g} Hz the data determine {fit.determined:.1f} of {len(fit.values)} parameters"
+            for frequency, fit in zip(fitted.frequencies, fitted.fits, strict=True)
         )  # fmt: skip
         parts[-1] += f"; lines of the table add {found.table_error:.1e} to R"
     parts.append(run_table(found.best.rows).as_text())
@@ -174,16 +172,14 @@ def plain_identification(found: Identification) -> dict[str, Any]:
     """For JSON."""
     fitted = found.best.fitted
     singular = (
-        {f"{fit.frequency:g}": fit.singular_values.tolist() for fit in fitted.fits}
-        if isinstance(fitted, FittedCurves)
-        else {"all": fitted.found.singular_values.tolist()}
-        if isinstance(fitted, FittedParameters)
-        else {}
+        {f"{f:g}": fit.singular_values.tolist() for f, fit in zip(fitted.frequencies, fitted.fits, strict=True)}
+        if fitted.is_curve
+        else {"all": fitted.fits[0].singular_values.tolist()}
     )
     return {
         "model": found.best.label,
         "models": candidate_table(found).as_rows(),
-        "parameters": fitted.values if isinstance(fitted, FittedParameters) else None,
+        "parameters": None if fitted.is_curve else fitted.values,
         "curve": curve_table(found).as_rows(),
         "seen_speeds": list(found.seen_speeds),
         "seen": seen_table(found).as_rows(),
@@ -222,14 +218,13 @@ def draw_identification(
     speed = torch.linspace(0, found.knots.top**0.5, DRAWN, dtype=torch.float64).square()
     figure, axes = subplots(1, 3, 3.0)
     across = "$|v|$ (m s$^{-1}$)"
-    law = torch.as_tensor(found.runs[0].liner.impedance(at, speed)).detach()
-    kind, liner = type(found.best.fitted), found.runs[0].liner
-    rival = next((each for each in found.candidates if not isinstance(each.fitted, kind)), None)
+    liner, curve = found.runs[0].liner, found.best.fitted.is_curve
+    rival = next((each for each in found.candidates if each.fitted.is_curve != curve), None)
     law = law_of(liner, at, speed)
     for axis, (part, label) in zip(axes[0], PARTS, strict=False):
         for each, colour in zip((found.best, rival), COLOURS, strict=False):
             if each is not None:
-                best, low, high = (part_of(z, part) for z in each.fitted.band(liner, at, speed))
+                best, low, high = (part_of(z, part) for z in each.fitted.at(at).band(liner, at, speed))
                 draw_band(axis, speed, low, high, colour)
                 axis.plot(speed, best, color=colour, label=each.label.replace("_", " "))
         axis.plot(speed, part_of(law, part), "--", color="k", linewidth=0.9, label="the law as it was")

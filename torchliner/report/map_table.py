@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from torchliner.audits.known_truths import nearest_truth
 from torchliner.records import ImpedanceMap
 from torchliner.report.alongside import alongside_surfaces, difference_lines, differences
 from torchliner.report.level_check_report import level_check_lines, plain_level_check
@@ -18,6 +17,7 @@ from torchliner.report.table import (
     format_pair,
     format_references,
 )
+from torchliner.studies.reference_cases import nearest_case
 
 NULL_TEST = (
     "NULL TEST, the wall below these data is hard and has no liner; the values only show how this "
@@ -72,7 +72,7 @@ def _beside(results: Sequence[ImpedanceMap]) -> list[str]:
 
 def _nearest(results: Sequence[ImpedanceMap]) -> list[str]:
     """How good the default was in the shipped cases most like these."""
-    return [line for line in dict.fromkeys(map(nearest_truth, results)) if line]
+    return [line for line in dict.fromkeys(map(nearest_case, results)) if line]
 
 
 def _choices(result: ImpedanceMap) -> str:
@@ -99,7 +99,7 @@ def plain_map(result: ImpedanceMap) -> dict[str, Any]:
             if result.alongside
         ],
         "level_check": plain_level_check(result),
-        "nearest_truth": nearest_truth(result) or None,
+        "nearest_case": nearest_case(result) or None,
         "choices": dict(result.choices),
         "notes": [vars(note) for note in result.notes],
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchliner.audits.compare_models import ModelComparison, ModelRow
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -28,6 +27,7 @@ from torchliner.report.table import (
     format_references,
     plain_columns,
 )
+from torchliner.studies.compare_models import ModelComparison, ModelRow
 
 STYLES = ("-", "--", ":", "-.") * 99
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.calibration.budget import Budget, correlation_of
-from torchliner.calibration.sensitivities import Sensitivities
 from torchliner.report.figure import COLOURS, Figure, finish, place_legend, styled, subplots
 from torchliner.report.table import Column, Table, format_complex
+from torchliner.studies.budget import Budget, correlation_of
+from torchliner.studies.sensitivities import Sensitivities
 
 SIGNS = {
     "facesheet_thickness": "thickness $L_p$",

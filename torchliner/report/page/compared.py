@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from torchliner.audits.known_truths import nearest_truth
 from torchliner.report.alongside import differences
 from torchliner.report.page.blocks import Block, Grid, Text, shown
 from torchliner.report.page.columns import FREQUENCY, bounded, impedance_columns
@@ -13,6 +12,7 @@ from torchliner.report.page.complex_plane import known_of
 from torchliner.report.page.subject import MapSubject
 from torchliner.report.table import Column, Table, format_complex, plain_columns
 from torchliner.report.typesetting import typeset
+from torchliner.studies.reference_cases import nearest_case
 
 COLUMNS = (
     FREQUENCY,
@@ -60,7 +60,7 @@ def compared(subject: MapSubject) -> list[Block]:
                 "and no frequency of the map is known to be that."
             )
         blocks.append(Text(text))
-    line = nearest_truth(result, subject.main)
+    line = nearest_case(result, subject.main)
     return [*blocks, Text(typeset(shown(line[:1].upper() + line[1:])))] if line else blocks
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 
-from torchliner.audits.audit import AUDITED, audit
 from torchliner.checks import DataWarning
 from torchliner.report.audit_report import draw_audit, plain_audit
 from torchliner.report.page.blocks import Block, Bullets, Figure, Folded, Grid, Text, shown
@@ -12,6 +11,8 @@ from torchliner.report.page.columns import impedance_columns
 from torchliner.report.page.subject import MapSubject, base_choices
 from torchliner.report.table import Column, Table, format_complex
 from torchliner.report.typesetting import typeset
+from torchliner.studies.audit import audit
+from torchliner.studies.factors import AUDITED
 
 NOT_BASE = (*AUDITED, "averaging", "device")
 COLUMNS = (

@@ -1,0 +1,211 @@
+"""Two maps of the same cells: how far Z of one is off the other, with an interval."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import index_of_frequency, require_choice
+from torchliner.records import ImpedanceMap
+from torchliner.records.uncertainty import Interval
+
+SAME_PLACE = 1e-6  # m
+SAME_RECORD = 1e-4  # of the rms: two records of a flow never share mean and rms of all probes
+ROUNDED = 1e-6  # relative, of float32
+
+
+@dataclass(frozen=True)
+class DifferenceRow:
+    """Z of the whole liner, or of a cell, at one frequency.
+
+    Args:
+        place: ``liner`` or ``cell 0``, ...
+        x, z: centre of the cell, m; nan for the liner and where unknown.
+        frequency: Hz.
+        first, second, difference: Z, and second - first.
+        low, high: of the statistical interval of the difference (real part: R, imaginary: X); None
+            without intervals.
+    """
+
+    place: str
+    x: float
+    z: float
+    frequency: float
+    first: complex
+    second: complex
+    difference: complex
+    low: complex | None = None
+    high: complex | None = None
+
+    @property
+    def clear(self) -> str:
+        """Which parts have an interval without 0: "R", "X", "R, X"; "" for none, or unknown."""
+        if self.low is None or self.high is None:
+            return ""
+        ends = {"R": (self.low.real, self.high.real), "X": (self.low.imag, self.high.imag)}
+        return ", ".join(part for part, (low, high) in ends.items() if low > 0 or high < 0)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Differences of two maps.
+
+    Args:
+        averaging: of both.
+        rows: whole liner first, then cells, by frequency.
+        level: of the intervals; None without any.
+        same_run: whether both rest on one run, which then move together.
+    """
+
+    averaging: str
+    rows: tuple[DifferenceRow, ...]
+    level: float | None
+    same_run: bool
+
+    @property
+    def words(self) -> str:
+        """What the intervals are."""
+        if self.level is None:
+            return "no intervals: one of the maps has none"
+        how = "of independent records: variances added"
+        if self.same_run:
+            how = "an upper bound: both rest on one run, half-widths added"
+        return f"{100 * self.level:g} % statistical interval, {how}"
+
+
+def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Comparison:
+    """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
+
+    The errors of independent records are independent, so squares of half-widths add. Those of one run are not (the
+    same file of velocity; else mean and rms of v that agree at all probes to 1e-4 of the rms; two heights: one case in
+    the provenance and one rate, before samples were left out), and by how much is not in a map: half-widths add, which
+    no correlation exceeds.
+
+    Args:
+        first, second: of the same cells and frequencies, in any order of these.
+        averaging: default that of both.
+    Raises:
+        ValueError: other cells, frequencies, averagings or levels of the interval.
+    """
+    both = (first, second)
+    if averaging is None:
+        averaging = first.averaging
+        if second.averaging != averaging:
+            held = ", ".join(each for each in first.averagings if each in second.averagings)
+            raise ValueError(
+                f"the maps answer by averaging {averaging!r} and {second.averaging!r}; name one that both hold with "
+                f"averaging= ({held})"
+            )
+    for each in both:
+        require_choice("averaging", averaging, each.averagings)
+    order = _frequencies(first, second)
+    _require_same_cells(first, second)
+    level, same = _level(first, second), _same_run(first, second)
+    (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
+    there, other = there[:, order], [end[:, order] for end in other]
+    low = high = None
+    if level is not None:
+        widths = torch.stack([(ends[1] - ends[0]) / 2 for ends in (own, other)])
+        half = widths.sum(0) if same else widths.square().sum(0).sqrt()
+        # An unbounded interval has no middle.
+        middle = torch.where(half.isinf(), 0, (other[0] + other[1] - own[0] - own[1]) / 2)
+        low, high = (torch.view_as_complex(each) for each in (middle - half, middle + half))
+    nowhere = torch.tensor([torch.nan], dtype=torch.float64)
+    x, z = (torch.cat([nowhere, value]).tolist() for value in (first.cell_x, first.cell_z))
+    frequency = first.frequency.tolist()
+    rows = tuple(
+        DifferenceRow(
+            place=f"cell {i - 1}" if i else "liner",
+            x=x[i],
+            z=z[i],
+            frequency=frequency[k],
+            first=complex(here[i, k]),
+            second=complex(there[i, k]),
+            difference=complex(there[i, k] - here[i, k]),
+            low=None if low is None else complex(low[i, k]),
+            high=None if high is None else complex(high[i, k]),
+        )
+        for i, k in itertools.product(range(len(x)), range(len(frequency)))
+    )
+    return Comparison(averaging, rows, level, same)
+
+
+def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
+    """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval in real parts, (1 + C, F, 2):
+    complex differences of infinite ends are nan."""
+    liner, cells = one.liner[averaging], one.cells[averaging]
+    value = torch.cat([liner.impedance[None], cells.impedance])
+    if liner.interval is None or cells.interval is None:
+        return value, []
+    every = Interval.joined([liner.interval.map(lambda end: end[None]), cells.interval])
+    return value, [torch.view_as_real(end) for end in (every.low, every.high)]
+
+
+def _frequencies(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
+    """Where the frequencies of the first map are in the second."""
+    found = [index_of_frequency(second.frequency, f) for f in first.frequency.tolist()]
+    if None in found or len(found) != len(second.frequency):
+        lists = [", ".join(f"{f:g}" for f in each.frequency.tolist()) for each in (first, second)]
+        raise ValueError(
+            f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the "
+            "same ones (--frequency)"
+        )
+    return [i for i in found if i is not None]
+
+
+def _require_same_cells(first: ImpedanceMap, second: ImpedanceMap) -> None:
+    counts = [len(each.cell_x) for each in (first, second)]
+    where = f"{counts[0]} each, elsewhere" if counts[0] == counts[1] else f"{counts[0]} and {counts[1]}"
+    pairs = ((first.cell_x, second.cell_x), (first.cell_z, second.cell_z))
+    if counts[0] != counts[1] or not all(
+        torch.allclose(a, b, rtol=0, atol=SAME_PLACE, equal_nan=True) for a, b in pairs
+    ):
+        raise ValueError(
+            f"the maps have other cells ({where}); educe planes of the same extent with liners of one cell_pitch"
+        )
+
+
+def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
+    """That both intervals have; None without one."""
+    one, other = first.level, second.level
+    if one is not None and other is not None and one != other:
+        raise ValueError(
+            f"the maps have intervals of {100 * one:g} % and {100 * other:g} %; educe both with the same --interval"
+        )
+    return None if other is None else one
+
+
+def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
+    """By their files and what they state, or by their velocities."""
+    if _files(first) & _files(second):
+        return True
+    stated = [_case(each) for each in (first, second)]
+    if stated[0][0] is not None and stated[0] == stated[1]:
+        return True
+    if first.mean_velocity.shape != second.mean_velocity.shape:
+        return False
+    means, rms = (
+        [getattr(each, name).double().cpu() for each in (first, second)] for name in ("mean_velocity", "velocity_rms")
+    )
+    # Probes that one of them left out say nothing. A mean of next to 0 is rounding by itself.
+    known = torch.stack([*means, *rms]).isfinite().all(0)
+    near = SAME_RECORD * rms[0] + ROUNDED * means[0].abs()
+    return bool(known.any()) and all(bool(((one - other).abs() <= near)[known].all()) for one, other in (means, rms))
+
+
+def _files(one: ImpedanceMap) -> set[tuple[str, str]]:
+    """Hashes of the files of velocity, with the place within that the record was read from."""
+    place = str(one.choices.get("source", "")).partition(":/")[2]
+    inputs = one.choices.get("inputs") or []
+    return {(each["hash"], place) for each in inputs if each["what"] == "velocity"}
+
+
+def _case(one: ImpedanceMap) -> tuple[Any, float | None]:
+    """The case that is stated, and the rate at which its samples were stored, Hz."""
+    data, rate = dict(one.choices.get("data") or {}), one.choices.get("sampling_rate")
+    every = dict(data.get("selected") or {}).get("every", 1)
+    return data.get("case"), None if rate is None else round(rate * every, 6)

@@ -1,0 +1,228 @@
+"""Which height? For each averaging the lowest plane where it holds. No reference impedance is used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from torchliner.checks import require_positive
+from torchliner.studies.height_facts import HeightFacts
+from torchliner.studies.heights import HeightStudy
+
+ACOUSTIC_DRIFT = 0.025 + 0.03j  # per mm, eq. (A1), for sound at grazing incidence
+GRAZING = ("upstream", "downstream")
+CRITERIA = {
+    "level check": "level check off by",
+    "change": "to the next height Z changes by",
+    "turbulence": "out of step with the tone",
+    "averagings": "admittance and velocity differ by",
+    "modulation": "cell-periodic modulation of v'",
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a height must keep to; each above 0.
+
+    Args:
+        modulation: rms of the cell-periodic part of v'_rms over its mean.
+        averagings: |Z, admittance - Z, velocity| over the latter's |Z|.
+        change: of Z to the next height, over |Z|.
+        turbulence: share of v'^2 at the tone's frequency that keeps no step with it, 1 - coherence.
+    """
+
+    modulation: float = 0.1
+    averagings: float = 0.1
+    change: float = 0.1
+    turbulence: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require_positive(f"limit on {name}", value)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One height and averaging against one limit; ``value`` None where it could not be judged.
+
+    Shares of 1, for ``level check`` dB.
+    """
+
+    height: float
+    name: str
+    value: float | None
+    limit: float
+    averaging: str
+
+    @property
+    def passed(self) -> bool:
+        """Judged, and within the limit."""
+        return self.value is not None and self.value <= self.limit
+
+    @property
+    def words(self) -> str:
+        """What is judged, the value and the limit."""
+        if self.value is None:
+            return f"{CRITERIA[self.name]}: not known"
+        unit, scale = ("dB", 1) if self.name == "level check" else ("%", 100)
+        side = "within" if self.passed else "ABOVE"
+        return f"{CRITERIA[self.name]} {scale * self.value:.3g} {unit} ({side} {scale * self.limit:g} {unit})"
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The answer.
+
+    Args:
+        height: m, for the averaging of the answer; None if no height of these qualifies.
+        judgements: every height and averaging against what that averaging needs, lowest first.
+        reasons: in words, with numbers.
+        unknown: what could not be judged, and why.
+        heights: by averaging.
+    """
+
+    height: float | None
+    judgements: tuple[Judgement, ...]
+    reasons: tuple[str, ...]
+    unknown: tuple[str, ...]
+    heights: dict[str, float | None]
+
+
+def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recommendation:
+    """For each averaging, the lowest height where what it rests on holds.
+
+    Where the level check was made it decides alone. Else Z of that averaging must have settled, so that the highest
+    plane, which has no next one, never qualifies, and besides:
+
+    - ``velocity`` needs a velocity in step with the tone: turbulence averages out of it, and the resistance that it
+      makes with it. Cell-periodic modulation does not matter to it: what passes the cell passes the holes.
+    - ``phase-locked`` needs no more;
+    - ``admittance`` must agree with ``velocity`` where v is in step (else a probe sees a jet and not the cell), and
+      needs little cell-periodic modulation where it is not.
+
+    None of this says that Z is right.
+
+    Args:
+        study: of ``study_heights``.
+        limits: default 10 % each, a choice of this program (the paper gives none).
+    Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
+    """
+    limits = limits or Limits()
+    judgements: list[Judgement] = []
+    reasons: list[str] = []
+    heights: dict[str, float | None] = {}
+    for averaging in study.facts[0].impedance:
+        mine = [_judge(study.facts, i, averaging, limits) for i in range(len(study.facts))]
+        heights[averaging] = next((one[0].height for one in mine if all(each.passed for each in one)), None)
+        reasons.append(_answer(study.facts, averaging, heights[averaging]))
+        for one in mine:
+            judgements += one
+            reasons.append(f"  {_mm(one[0].height)}: " + "; ".join(each.words for each in one))
+    chosen = heights[study.averaging]
+    reasons += [*_context(study, chosen), *_extrapolated(study, limits)]
+    return Recommendation(chosen, tuple(judgements), tuple(reasons), tuple(_unknown(study, judgements)), heights)
+
+
+def _judge(facts: Sequence[HeightFacts], i: int, averaging: str, limits: Limits) -> list[Judgement]:
+    """What one averaging needs at one height."""
+    here, gap = facts[i], facts[i].level_check.get(averaging, math.nan)
+    if math.isfinite(gap):
+        return [Judgement(here.height, "level check", abs(gap), here.level_limit, averaging)]
+    values: dict[str, float | None] = {"change": None}
+    if i + 1 < len(facts):
+        values["change"] = _relative(facts[i + 1].impedance[averaging], here.impedance[averaging])
+    if averaging == "velocity":
+        values["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
+    elif averaging == "admittance" and here.coherence >= 1 - limits.turbulence:
+        values["averagings"] = _relative(here.impedance["admittance"], here.impedance["velocity"])
+    elif averaging == "admittance":
+        values["modulation"] = None if here.modulation is None else here.modulation.relative
+    return [Judgement(here.height, name, value, getattr(limits, name), averaging) for name, value in values.items()]
+
+
+def _relative(found: complex, wanted: complex) -> float:
+    """|found - wanted| over |wanted|; infinite where one of them is."""
+    if not abs(found) < math.inf or not 0 < abs(wanted) < math.inf:
+        return math.inf
+    return abs(found - wanted) / abs(wanted)
+
+
+def _answer(facts: Sequence[HeightFacts], averaging: str, height: float | None) -> str:
+    """Where one averaging holds, and how far it moves over all heights."""
+    values = [one.impedance[averaging] for one in facts]
+    moves = max(_relative(value, values[0]) for value in values)
+    where = "no height of these qualifies"
+    if height is not None:
+        where = f"{_mm(height)} is the lowest height where it holds"
+    known = "by the level check" if facts[0].level_check else "level not checked"
+    spread = f"; from {_mm(facts[0].height)} Z moves by up to {100 * moves:.3g} %"
+    return f"{averaging}: {where} ({known}{spread if len(facts) > 1 else ''})"
+
+
+def _context(study: HeightStudy, chosen: float | None) -> list[str]:
+    """Drift of A.1, for sound that grazes, and jets of A.2, at the chosen height, else at all."""
+    lines = []
+    if study.source_side == "normal":
+        lines.append("(A1) is the drift of grazing sound; this sound comes at normal incidence")
+    elif study.source_side not in GRAZING:
+        lines.append("(A1) is not applied: no side that grazing sound comes from is stated")
+    for facts in study.facts:
+        parts = []
+        if study.source_side in GRAZING:
+            drift = ACOUSTIC_DRIFT * 1e3 * facts.height
+            share = 100 * abs(drift) / abs(facts.impedance[study.averaging])
+            parts.append(
+                f"acoustic drift of (A1), of the order of {drift.real:.3f} + {drift.imag:.3f}j, {share:.3g} % of |Z|"
+            )
+        if facts.jet_height is not None:
+            side = "above" if facts.height > facts.jet_height else "BELOW"
+            reach, speed = f"{1e3 * facts.jet_height:.3g} mm", f"U_j {facts.jet_velocity:.3g} m/s"
+            parts.append(f"{side} the jets' height, {reach} (A.2, {speed})")
+        if parts and chosen in (None, facts.height):
+            lines.append(f"{_mm(facts.height)}: {'; '.join(parts)}")
+    return lines
+
+
+def _extrapolated(study: HeightStudy, limits: Limits) -> list[str]:
+    """Where the fitted decay of the modulation would meet its limit."""
+    decay = study.decay
+    if decay is None:
+        return []
+    length, sound = 1e3 * decay.length, 1e3 * decay.evanescent
+    fitted = f"{length:.3g} mm (the first harmonic of sound: {sound:.3g} mm)"
+    if not decay.follows:
+        return [
+            f"the cell-periodic modulation does not follow a decay with height: fitted l = {fitted}, from which the "
+            f"heights stray by a factor {decay.scatter:.3g}"
+        ]
+    reached = math.log(decay.amplitude / limits.modulation) / decay.rate
+    beyond = "beyond the planes: an extrapolation" if reached > study.facts[-1].height else "fitted"
+    return [
+        f"the cell-periodic modulation falls as exp(-y/l) with l = {fitted}; it meets {100 * limits.modulation:g} % at "
+        f"{_mm(max(reached, 0.0))} ({beyond})"
+    ]
+
+
+def _unknown(study: HeightStudy, judgements: Sequence[Judgement]) -> list[str]:
+    lines = []
+    if any(one.name != "level check" for one in judgements):
+        lines.append(
+            f"{_mm(study.facts[-1].height)} has no plane above it: whether Z has settled there is not known"
+            if len(study.facts) > 1
+            else "with one height, whether Z has settled cannot be judged; give several planes"
+        )
+    if any(one.name == "modulation" and one.value is None for one in judgements):
+        lines.append("the cell-periodic modulation: no cell pitch, or no whole cell under the probes")
+    if all(facts.jet_height is None for facts in study.facts):
+        lines.append("the jets' height: see the notes")
+    if study.decay is None:
+        lines.append("a decay of the modulation with height needs three heights and whole cells")
+    known = [facts.modulation for facts in study.facts if facts.modulation is not None]
+    if known and known[0].between is None:
+        lines.append("whether the modulation repeats from cell to cell: there is one cell")
+    return lines
+
+
+def _mm(height: float) -> str:
+    return f"y = {1e3 * height:.3g} mm"

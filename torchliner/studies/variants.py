@@ -1,0 +1,276 @@
+"""Many ways of asking one plane for its impedance: each is a variant, and all share the readings of the data.
+
+Moments of |v| serve every liner, frequency and phase rule, half of the record and half of the sampling rate. Other
+|v|, which are another drive, mean or averaging length, share one more reading.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+from torch import Tensor
+
+from torchliner.conversions import impedance_from_admittance, mean_impedance
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.membership import Membership
+from torchliner.engine.moments import Moments, projection_of
+from torchliner.engine.nodes import choose_nodes
+from torchliner.engine.sums import Job, Record, reduce
+from torchliner.liners.model import LinerModel
+from torchliner.pressure.known_pressure import Case, known_pressure
+from torchliner.records import VelocityPlane
+from torchliner.records.boxes import Windows
+from torchliner.velocity.answer import require_fitting
+from torchliner.velocity.averages import Asked, Averages, average
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.level_check import ratio_of_pressures
+from torchliner.velocity.parts import with_rows
+from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
+
+Records = VelocityPlane | Moments
+DRIVING = ("drive", "mean", "running_window")  # choices that make another |v|
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One way of asking for Z.
+
+    Args:
+        factor, name: what differs from the base, and how.
+        averaging: of the value.
+        chosen: all choices.
+        liner: default that of the plane.
+        moments: that are asked; default those of the plane, with the drive and mean of ``chosen``.
+        psi: rad, phase of the incident sound at all probes, for phase ``given``.
+        windows: over which v is averaged in place of the cells, with averaging ``velocity``.
+    """
+
+    factor: str
+    name: str
+    averaging: str
+    chosen: Choices
+    liner: LinerModel | None = None
+    moments: Moments | None = None
+    psi: float | None = None
+    windows: Windows | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """Z of the whole liner for one variant.
+
+    Args:
+        variant: what was asked.
+        found: R of cells and liner, with intervals where ``chosen.interval`` asks for them.
+        impedance: Z, complex128, (F,); over windows 1/<Y> of those that hold a probe.
+        level_check: dB by which Z and the velocity are off the known pressure, (F,); nan where none is known.
+    """
+
+    variant: Variant
+    found: Averages
+    impedance: Tensor
+    level_check: Tensor
+
+    @property
+    def spread(self) -> Tensor:
+        """Standard deviation of R + that of X times j over the cells or windows, (F,); nan for fewer than two."""
+        z = impedance_from_admittance(_known(self.found.cells.admittance.cpu()))
+        return torch.complex(z.real.std(0), z.imag.std(0)) if len(z) > 1 else torch.full_like(self.impedance, torch.nan)
+
+
+class Source:
+    """A plane that is read for many variants, or the moments of one.
+
+    Args:
+        record: wall-normal velocity, or moments.
+        liners: that will be asked for; the first is the plane's own, whose cells are averaged over.
+        frequency: Hz, one or several; default the tone.
+        chosen: all choices of the base.
+        more_turns: of the frequencies (F,), waves in Hz that the sums are weighed with beside those of the phase rule.
+        progress: called with numbers of samples read.
+    Raises:
+        ValueError: as ``educe``.
+    """
+
+    def __init__(
+        self,
+        record: Records,
+        liners: Sequence[LinerModel],
+        frequency: Tensor | float | None,
+        chosen: Choices,
+        *,
+        more_turns: Callable[[Tensor], Iterable[float]] = lambda _: (),
+        progress: Progress | None = None,
+    ) -> None:
+        self.plane, self.liner, self.chosen = plane_of(record), liners[0], chosen
+        self.frequency = self.plane.asked(frequency)
+        self.progress, self.readings = progress, 0
+        self.reading: Reading | None = None
+        if isinstance(record, Moments):
+            require_fitting(record, self.liner, self.frequency, chosen)
+            self.known = record
+            return
+        self.nodes = choose_nodes(liners, self.frequency, chosen.tolerance(record.velocity.dtype))
+        reading = reading_of(record, [], self.frequency, chosen, cell_pitch=self.liner.cell_pitch, nodes=self.nodes)
+        turns = torch.cat([reading.turns, torch.tensor([*more_turns(self.frequency)], dtype=torch.float64)])
+        reading = dataclasses.replace(reading, turns=turns)
+        self.known = take_moments(reading, self._reduce, progress)
+        used = self.known.used
+        self.reading = reading if bool(used.all()) else reading.without(~used)
+
+    def require_samples(self) -> None:
+        """Refuse another |v| of moments.
+
+        Raises:
+            ValueError: the samples are not there.
+        """
+        if self.reading is None:
+            raise ValueError("the time samples are gone: the plane was reduced to moments")
+
+    def evaluate(self, variants: Sequence[Variant]) -> list[Evaluated]:
+        """Z of each variant; those of another |v| share one more reading.
+
+        Raises:
+            ValueError: another |v| is asked of moments.
+        """
+        return [self._evaluated(*each) for each in zip(variants, self.moments_of(variants), strict=True)]
+
+    def level_of(self, impedance: Tensor) -> Tensor:
+        """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; nan if none is."""
+        if self._ratio is None:
+            return torch.full_like(self.frequency, torch.nan)
+        return 20 * self._ratio(impedance).abs().log10()
+
+    @functools.cached_property
+    def _ratio(self) -> Callable[[Tensor], Tensor] | None:
+        known = self.known
+        case = Case(known.plane, self.frequency, known.cells, known.cell_pitch, known.survey.blocks)
+        pressure = known_pressure(case)
+        return None if isinstance(pressure, str) else ratio_of_pressures(known, case, pressure)
+
+    def moments_of(self, variants: Sequence[Variant]) -> list[Moments]:
+        """Moments that each variant asks, as ``evaluate`` reads them."""
+        others = [each for each in variants if self._is_read(each)]
+        made = dict(zip(map(id, others), self._read(others), strict=True))
+        return [each.moments or made.get(id(each), self.known) for each in variants]
+
+    def _is_read(self, variant: Variant) -> bool:
+        if variant.moments is not None:
+            return False
+        same = variant.chosen.drive == "rms" or all(
+            getattr(variant.chosen, name) == getattr(self.chosen, name) for name in DRIVING
+        )
+        return variant.windows is not None or not same
+
+    def _evaluated(self, variant: Variant, known: Moments) -> Evaluated:
+        found = average_of(known, variant.liner or self.liner, self.frequency, variant)
+        z = found.liner.impedance.cpu()
+        if variant.windows is not None:
+            z = mean_impedance(_known(found.cells.admittance.cpu()))
+        return Evaluated(variant, found, z, self.level_of(z))
+
+    def _reduce(
+        self, record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None
+    ) -> list[Tensor]:
+        self.readings += 1
+        return reduce(record, blocks, jobs, only)
+
+    def _read(self, variants: Sequence[Variant]) -> list[Moments]:
+        if not variants:
+            return []
+        self.require_samples()
+        assert self.reading is not None
+        ways = [self._way(each) for each in variants]
+        jobs = [job for _, each in ways for job in each.values()]
+        found = iter(self._reduce(self.reading.record(self.progress), self.reading.blocks, jobs) if jobs else [])
+        made = []
+        for variant, (reading, own) in zip(variants, ways, strict=True):
+            sums = dict(zip(own, found, strict=False))
+            one = reading.moments(self.known.survey, self._locked(variant), sums)
+            if variant.windows is not None:
+                one = dataclasses.replace(one, cells=dataclasses.replace(one.cells, weight=None))
+            made.append(one)
+        return made
+
+    def _way(self, variant: Variant) -> tuple[Reading, dict[str, Job]]:
+        """How a variant is read, and what is summed."""
+        assert self.reading is not None
+        chosen = variant.chosen
+        reading = dataclasses.replace(
+            self.reading,
+            chosen=chosen,
+            nodes=None if chosen.drive == "rms" else self.nodes,
+            turns=self.frequency[:0] if chosen.phase == "averaged" else 2 * self.frequency,
+        )
+        if variant.windows is not None:
+            # They have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
+            reading = dataclasses.replace(reading, membership=cast(Membership, variant.windows))
+        jobs = reading.first_jobs() | reading.second_jobs(self.known.survey, self._locked(variant))
+        left_out = {SURVEY, *(["square of cells"] if chosen.drive != "rms" else [])}
+        left_out |= set() if variant.windows is None else {"admittance"}
+        return reading, {name: job for name, job in jobs.items() if name not in left_out}
+
+    def _locked(self, variant: Variant) -> PhaseLocked | None:
+        return self.known.locked if "phase-locked" in variant.chosen.averagings else None
+
+
+def plane_of(record: Records) -> VelocityPlane:
+    """What is stated of a plane, or of that which was reduced."""
+    return record.plane if isinstance(record, Moments) else record
+
+
+def average_of(known: Moments, liner: LinerModel, frequency: Tensor, variant: Variant) -> Averages:
+    """R of cells and liner under the averaging of a variant."""
+    psi = variant.psi
+    phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64)
+    with torch.no_grad():
+        return average(known, Asked.of(known, liner, frequency, variant.chosen, phase), variant.averaging)
+
+
+def _known(admittance: Tensor) -> Tensor:
+    return admittance[torch.isfinite(admittance.real).all(1)]
+
+
+def of_blocks(known: Moments, part: slice) -> Moments:
+    """Moments of some consecutive blocks, with the phase-locked velocity of the whole record."""
+    blocks = known.survey.blocks
+    first, last = (blocks.periods * i // blocks.count for i in (part.start, part.stop))
+    borders = blocks.borders[part.start : part.stop + 1]
+    fewer = with_rows(known, lambda rows: rows[part])
+    own = dataclasses.replace(blocks, borders=borders, periods=last - first)
+    return dataclasses.replace(fewer, survey=dataclasses.replace(fewer.survey, blocks=own))
+
+
+def every_second(known: Moments) -> Moments:
+    """Moments of the samples 0, 2, ... alone, whose weight is (1 + (-1)^n)/2: of |v| as it is, for phase ``averaged``.
+
+    Args:
+        known: with half the sampling rate among its ``turns``.
+    """
+    seen, rate = known.survey, known.plane.sampling_rate / 2
+    row = 1 + int((known.turns == rate).nonzero()[0])
+    gram = seen.gram.clone()
+    signs = seen.blocks.wave_sums(torch.tensor([rate]))[:, 0].real
+    gram[:, 0, 0] = (gram[:, 0, 0] + signs.to(gram)) / 2
+    return dataclasses.replace(
+        known,
+        survey=dataclasses.replace(seen, gram=gram),
+        turns=known.turns[:0],
+        sums={n: (v[:, :1] + v[:, row : row + 1]) / 2 for n, v in known.sums.items() if v.shape[1] > 1},
+    )
+
+
+def of_liner(known: Moments, liner: LinerModel, frequency: Tensor) -> Moments:
+    """Moments of R of one liner at some frequencies, Hz, (F,): many phases are quicker asked of them."""
+    projection = None if known.nodes is None else projection_of(known.nodes, liner, frequency)
+    if projection is None:
+        return known
+    count = projection.shape[1]
+    sums = {name: projection.to(each) @ each for name, each in known.sums.items() if each.shape[2] == count}
+    return dataclasses.replace(known, sums=sums, projected=frequency)
