@@ -11,12 +11,12 @@ import pytest
 import torch
 
 import torchliner as tl
+from torchliner.duct import sweep as lee_sweep
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
+from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.rigid_spectrum import cut_on_frequency
-from torchliner.flow_profiles import TanhProfile, UniformProfile
-from torchliner.lee import sweep as lee_sweep
-from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.solver import DuctSolver, solve_duct
+from torchliner.duct.solver import DuctSolver, solve_duct
 
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
 STILL, PLUG = UniformProfile(0.0, HEIGHT, SPEED), UniformProfile(0.3, HEIGHT, SPEED)

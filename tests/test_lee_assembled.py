@@ -16,13 +16,13 @@ from scipy.sparse.linalg import spsolve
 
 from oracles.lee_assembled import solve_assembled
 from torchliner.duct.case import DuctCase
-from torchliner.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
-from torchliner.lee.ends import EndModes
-from torchliner.lee.field import DuctField
-from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.solver import solve_duct
-from torchliner.lee.sweep import sweep_duct
-from torchliner.lee.verification import node_places
+from torchliner.duct.ends import EndModes
+from torchliner.duct.field import DuctField
+from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
+from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.solver import solve_duct
+from torchliner.duct.sweep import sweep_duct
+from verify_duct import node_places
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0

@@ -22,15 +22,13 @@ from test_lee import (
     solve,
 )
 
+from torchliner.duct import solver as lee
+from torchliner.duct import sweep as lee_sweep
+from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
+from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
-from torchliner.flow_profiles import (
-    LawOfTheWallProfile,
-    TabulatedProfile,
-)
-from torchliner.lee import solver as lee
-from torchliner.lee import sweep as lee_sweep
-from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.solver import DuctSolver, solve_duct
+from torchliner.duct.solver import DuctSolver, solve_duct
+from torchliner.duct.tabulated_profile import TabulatedProfile
 
 # Soft walls under this flow: a wave grows, which does not matter to the claim.
 GROWS = pytest.mark.filterwarnings("ignore:at .* times the energy that comes in goes out")

@@ -10,14 +10,14 @@ import torch
 from scipy.integrate import solve_ivp
 
 from torchliner.duct.chebyshev import chebyshev_points, derivative_matrix, integral_matrix
-from torchliner.duct.modes import duct_modes
-from torchliner.flow_profiles import (
-    LawOfTheWallProfile,
+from torchliner.duct.flow_profiles import (
     ParabolicProfile,
-    TabulatedProfile,
     TanhProfile,
     UniformProfile,
 )
+from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
+from torchliner.duct.modes import duct_modes
+from torchliner.duct.tabulated_profile import TabulatedProfile
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED = 50e-3, 343.0

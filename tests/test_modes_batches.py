@@ -10,11 +10,11 @@ from test_modes import B2A, BOTH, HEIGHT, SHEARED, SPEED, TANH, UNIFORM, VELOCIT
 
 import torchliner as tl
 from torchliner.duct import modes as modes_module
-from torchliner.duct.modes import duct_modes
-from torchliner.duct.rigid_spectrum import cut_on_frequency
-from torchliner.flow_profiles import (
+from torchliner.duct.flow_profiles import (
     UniformProfile,
 )
+from torchliner.duct.modes import duct_modes
+from torchliner.duct.rigid_spectrum import cut_on_frequency
 
 # --- walls at the ends of the range -------------------------------------------------------------
 

@@ -50,8 +50,8 @@ from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
 from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
-from torchliner.lee.settled import solve_settled as solve_settled
-from torchliner.lee.solver import DuctSolver as DuctSolver
+from torchliner.duct.settled import solve_settled as solve_settled
+from torchliner.duct.solver import DuctSolver as DuctSolver
 from torchliner.liners.adjusted import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names

@@ -11,12 +11,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
+from torchliner.duct.basis import Basis, Rows
 from torchliner.duct.case import DuctCase
-from torchliner.lee.basis import Basis, Rows
-from torchliner.lee.columns import element_operator, element_ports
-from torchliner.lee.ends import EndModes, plane_modes
-from torchliner.lee.mesh import DuctMesh
-from torchliner.lee.walls import wall_of
+from torchliner.duct.columns import element_operator, element_ports
+from torchliner.duct.ends import EndModes, plane_modes
+from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.walls import wall_of
 
 Complex = NDArray[np.complex128]
 

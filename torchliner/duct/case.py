@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive, tell
-from torchliner.flow_profiles import MeanFlow
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.names import CONDITIONS, SOURCES
 
 GAINS = 1 + 1e-9  # of an end's reflection; nearer to 1 it is rounding

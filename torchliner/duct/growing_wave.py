@@ -17,9 +17,9 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
 from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
-from torchliner.flow_profiles import MeanFlow
 
 POINTS = 12  # Chebyshev points of a panel
 # Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.

@@ -13,12 +13,12 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, whole_number
 from torchliner.duct.chebyshev import interpolation_matrix
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.homotopy import follow, polish
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
 from torchliner.duct.relation import DIRECTIONS
 from torchliner.duct.rigid_spectrum import rigid_wavenumbers
 from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
-from torchliner.flow_profiles import MeanFlow
 
 CHUNK = 256  # modes solved at once: some 40 MB of matrices
 

@@ -13,11 +13,14 @@ import torch
 from pydantic import Field, field_validator
 from torch import Tensor
 
-from torchliner import flow_profiles, toml_files
+from torchliner import toml_files
 from torchliner.checks import noted
 from torchliner.conversions import pressure_amplitude_from_spl
+from torchliner.duct import flow_profiles
 from torchliner.duct.case import DuctCase, doubt_sound
+from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
 from torchliner.duct.tables import Z, tabulated_wall, velocity_table
+from torchliner.duct.tabulated_profile import TabulatedProfile
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
@@ -143,7 +146,7 @@ PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
     "tanh": flow_profiles.TanhProfile,
-    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
+    "law-of-the-wall": LawOfTheWallProfile,
 }
 
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
@@ -264,7 +267,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
         raise ValueError("flow profile 'table' needs file, a CSV of y [m] and U (any unit)")
     y, speed = velocity_table(path.parent / flow.file)
     try:
-        return flow_profiles.TabulatedProfile(y, speed, height, bulk_mach=flow.bulk_mach, **about)
+        return TabulatedProfile(y, speed, height, bulk_mach=flow.bulk_mach, **about)
     except ValueError as error:
         raise ValueError(f"{flow.file}: {error}") from error
 

@@ -28,7 +28,7 @@ import torch
 from torch import Tensor
 
 from torchliner.duct.chebyshev import chebyshev_points, integral_matrix
-from torchliner.flow_profiles import MeanFlow
+from torchliner.duct.flow_profiles import MeanFlow
 
 WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height
 

@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.duct.chebyshev import chebyshev_points, derivative_matrix
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.relation import DIRECTIONS
-from torchliner.flow_profiles import MeanFlow
 
 CAUSAL = 1e-5  # imaginary part lent to the frequency, which sends every mode to its side
 CONVECTED = 0.98  # of k/M_max: the continuous spectrum and what discretisation makes of it

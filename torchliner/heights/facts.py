@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchliner.checks import DataWarning, plain_number
-from torchliner.flow_profiles import TanhProfile
-from torchliner.flow_profiles.mean_flow import Array
+from torchliner.duct.flow_profiles import Array, TanhProfile
 from torchliner.heights.jets import jet_velocity, penetration_height
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane

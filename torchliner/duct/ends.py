@@ -18,9 +18,9 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.rigid_spectrum import cut_on_frequency, rigid_wavenumbers
-from torchliner.flow_profiles import MeanFlow
 
 GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H
 RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency

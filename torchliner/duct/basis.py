@@ -9,7 +9,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from torchliner.flow_profiles import MeanFlow
+from torchliner.duct.flow_profiles import MeanFlow
 
 EXTRA_POINTS = 3  # of quadrature, over degree + 1: M(y) is no polynomial
 

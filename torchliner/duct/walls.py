@@ -25,10 +25,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.duct.basis import Basis
+from torchliner.duct.columns import diagonal_blocks
+from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.wall_impedance import wall_reflection
-from torchliner.lee.basis import Basis
-from torchliner.lee.columns import diagonal_blocks
-from torchliner.lee.mesh import DuctMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,12 +24,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.duct.basis import Basis, Rows
 from torchliner.duct.case import DuctCase
-from torchliner.lee.basis import Basis, Rows
-from torchliner.lee.columns import Column, condense_column
-from torchliner.lee.ends import EndModes, plane_modes
-from torchliner.lee.mesh import DuctMesh
-from torchliner.lee.ports import Response
+from torchliner.duct.columns import Column, condense_column
+from torchliner.duct.ends import EndModes, plane_modes
+from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.ports import Response
 
 AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
 

@@ -9,10 +9,10 @@ import torch
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
+from torchliner.duct.settled import SettledField
 from torchliner.fluid import Fluid
-from torchliner.lee.field import DuctField
-from torchliner.lee.settled import SettledField
 from torchliner.records import MicrophoneLine
 from torchliner.version import __version__
 

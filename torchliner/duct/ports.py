@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.lee.walls import Wall
+from torchliner.duct.walls import Wall
 
 SINGULAR = 1e-6  # residual over right-hand side
 CHUNK = 64 * 2**20  # bytes of matrices solved at once

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchliner.lee.basis import Basis, Rows
+from torchliner.duct.basis import Basis, Rows
 
 
 @dataclass(frozen=True, eq=False)

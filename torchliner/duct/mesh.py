@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from torchliner.checks import require_positive, tell
 from torchliner.duct.case import DuctCase
-from torchliner.flow_profiles.mean_flow import Array
+from torchliner.duct.flow_profiles import Array
 
 SAME = 1e-9  # of the duct's length or height
 # Points per wavelength, by degree, that keep the error of a wave below 2e-3 of it per wavelength

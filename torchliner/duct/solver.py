@@ -11,14 +11,14 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice
 from torchliner.duct.case import DuctCase
+from torchliner.duct.ends import warn_of_mode_1
+from torchliner.duct.energy import warn_of_gain
+from torchliner.duct.field import DuctField
+from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.ports import CHUNK, solve_ports
+from torchliner.duct.sweep import SweptDuct, sweep_duct
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
-from torchliner.lee.ends import warn_of_mode_1
-from torchliner.lee.energy import warn_of_gain
-from torchliner.lee.field import DuctField
-from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.ports import CHUNK, solve_ports
-from torchliner.lee.sweep import SweptDuct, sweep_duct
-from torchliner.lee.walls import Wall, wall_of
+from torchliner.duct.walls import Wall, wall_of
 from torchliner.names import SOURCES
 
 MEMORY = 2 * 2**30  # bytes that the waves may take

@@ -13,11 +13,11 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
-from torchliner.flow_profiles.mean_flow import Array
-from torchliner.lee.columns import Column
-from torchliner.lee.energy import EnergyBalance, energy_balance
-from torchliner.lee.sweep import Kept, SweptDuct
-from torchliner.lee.walls import Wall
+from torchliner.duct.columns import Column
+from torchliner.duct.energy import EnergyBalance, energy_balance
+from torchliner.duct.flow_profiles import Array
+from torchliner.duct.sweep import Kept, SweptDuct
+from torchliner.duct.walls import Wall
 from torchliner.names import SOURCES, WALLS
 from torchliner.records.outlets import Reported
 

@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
-from torchliner.lee.sweep import SweptDuct
-from torchliner.lee.walls import Wall
+from torchliner.duct.sweep import SweptDuct
+from torchliner.duct.walls import Wall
 
 GAIN, FED = 1.01, 2.0  # energy out, and out or absorbed, over that in: limits of a warning
 PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
