@@ -23,17 +23,16 @@ from torch import Tensor
 from common import options_of, parser_of
 from oracles.mode_matching import match_modes
 from torchliner.duct.basis import Basis
+from torchliner.duct.boundaries import solve_boundaries, wall_of
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.duct.ends import EndModes, end_modes
-from torchliner.duct.field import DuctField
+from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
-from torchliner.duct.ports import solve_ports
 from torchliner.duct.solver import DuctSolver
 from torchliner.duct.sweep import sweep_duct
-from torchliner.duct.walls import wall_of
 
 CONDITION = "continuous-velocity"  # no flow slips here: either would do
 HEIGHT, LENGTH, FREQUENCY, TRUE = 50e-3, 0.15, 1500.0, 2.33 - 0.30j
@@ -83,10 +82,10 @@ def exact_mode_error(
 
     swept = sweep_duct(case, mesh, frequency, True, math.inf, lined_modes)
     wall = wall_of(TRUE, mesh, swept.basis, case.wavenumber(frequency), frequency, 0.0)
-    sent = torch.tensor([[1.0, 0.0]] if source == "upstream" else [[0.0, 1.0]]).to(wall.send)
-    waves = solve_ports(swept.response, wall, sent, torch.zeros_like(sent))
+    sent = torch.tensor([[1.0, 0.0]] if source == "upstream" else [[0.0, 1.0]]).to(wall.reflection)
+    waves, _ = solve_boundaries(swept.reading, wall, sent, torch.zeros_like(sent))
     x, y = (places.ravel() for places in node_places(mesh))
-    found = DuctField(case, frequency, source, waves, swept).at(x, y)[0][0]
+    found = fields_at(swept, waves, x, y)[0, :, 0]
     mode, start = (down, 0.0) if source == "upstream" else (up, LENGTH)
     phase = torch.exp(-1j * mode.wavenumber[0, 0] * torch.as_tensor(x - start))
     wanted = mode.at(y)[0][0, 0] * phase

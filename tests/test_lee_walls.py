@@ -22,7 +22,7 @@ from test_lee import (
     solve,
 )
 
-from torchliner.duct import solver as lee
+from torchliner.duct import boundaries
 from torchliner.duct import sweep as lee_sweep
 from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
@@ -155,10 +155,9 @@ def test_batch_is_the_loop(monkeypatch):
     generator = torch.Generator().manual_seed(0)
     walls = torch.rand(4, 3, 2, generator=generator, dtype=torch.float64) * (1 + 0.5j) + 0.2
     wanted = DuctSolver(case, frequency, mesh).solve(walls)
-    monkeypatch.setattr(lee, "CHUNK", 1)
+    monkeypatch.setattr(boundaries, "CHUNK", 1)
     monkeypatch.setattr(lee_sweep, "AT_ONCE", 1)
     parts = DuctSolver(case, frequency, mesh).solve(walls)
-    assert len(parts.swept.parts) == 3
     assert torch.allclose(parts.waves, wanted.waves, rtol=0, atol=1e-13)
     walls_only = DuctSolver(case, frequency, mesh, keep="walls").solve(walls)
     for i, f in ((0, 0), (3, 2), (2, 1)):

@@ -32,57 +32,31 @@ from torch import Tensor
 from torchliner.duct.basis import Basis, Rows
 
 
-@dataclass(frozen=True, eq=False)
-class Elements:
-    """All elements of a column for a batch of frequencies; n = degree + 1, 3 n^2 unknowns each.
-
-    Incoming and outgoing waves are counted along the edges, in this order: along the flow (left to
-    right) w and, with flow, v; against it (right to left) w; upwards w; downwards w; each n.
-
-    Args:
-        interior: unknowns (field, y, x) of unit incoming waves, (F, E, 3 n^2, I).
-        scattering: outgoing waves of unit incoming ones, (F, E, I, I).
-        along: how many waves run along the flow, 2 n or n.
-    """
-
-    interior: Tensor
-    scattering: Tensor
-    along: int
-
-
-def condense_elements(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool) -> Elements:
-    """Elements of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
-    steady, mass = element_operator(width, basis, rows)
-    incoming, outgoing = element_ports(width, basis, rows, flow)
-    system = 1j * k[:, None, None, None] * mass + steady
-    interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
-    scattering = outgoing.to(system.dtype) @ interior
-    return Elements(interior, scattering, basis.count * (2 if flow else 1))
-
-
 def element_operator(width: float, basis: Basis, rows: Rows) -> tuple[Tensor, Tensor]:
     """What does not depend on k, and the mass matrix which j k multiplies; (E, 3 n^2, 3 n^2)."""
     first, last = (torch.outer(end, end) for end in (basis.first, basis.last))
     mass_x = width * torch.diag(basis.weights)
-    ahead, against = (rows.mass + rows.flow) / 2, (rows.mass - rows.flow) / 2
-    out = _kron(ahead, last)  # through the right edge, of (p + u)
-    back = _kron(against, first)  # through the left edge, of (p - u)
+    out = _kron((rows.mass + rows.flow) / 2, last)  # through the right edge, of (p + u)
+    back = _kron((rows.mass - rows.flow) / 2, first)  # through the left edge, of (p - u)
     convected = -_kron(rows.flow, basis.convection)
     acoustic_x = -_kron(rows.mass, basis.convection) + out - back
     acoustic_y = _kron((last - first) / 2 - basis.convection, mass_x).expand_as(out)
     vertical = _kron((last + first) / 2, mass_x).expand_as(out)
-    still = torch.zeros_like(out)
-    steady = _blocks([
+    still, mass = torch.zeros_like(out), _kron(rows.mass, mass_x)
+    steady = [
         [convected + out + back + vertical, acoustic_x, acoustic_y],
         [acoustic_x, convected + out + back, _kron(rows.shear, mass_x)],
         [acoustic_y, still, convected + _kron(rows.flow, last) + vertical],
-    ])  # fmt: skip
-    mass = _kron(rows.mass, mass_x)
-    return steady, _blocks([[mass, still, still], [still, mass, still], [still, still, mass]])
+    ]
+    return blocks_of(steady), blocks_of([[mass, still, still], [still, mass, still], [still, still, mass]])
 
 
 def element_ports(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[Tensor, Tensor]:
-    """Right-hand sides of unit incoming waves (E, 3 n^2, I) and outgoing waves (E, I, 3 n^2)."""
+    """Right-hand sides of unit incoming waves (E, 3 n^2, I) and outgoing waves (E, I, 3 n^2).
+
+    Waves are counted by kind, n of each: along the flow (left to right) w and, with flow, v; against it w; upwards w;
+    downwards w.
+    """
     count = len(rows.mass)
     first, last = basis.first[:, None], basis.last[:, None]
     mass_x = (width * torch.diag(basis.weights)).expand(count, -1, -1)
@@ -92,17 +66,24 @@ def element_ports(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[T
     right, left = _kron(one, last.T) / 2, _kron(one, first.T) / 2
     top, bottom = (_kron(end.T.expand(count, -1, -1), one[0]) / 2 for end in (last, first))
     still, none = torch.zeros_like(ahead), torch.zeros_like(right)
-    incoming = [[ahead, ahead, still], [against, -against, still], [up, still, up],
-                [down, still, -down]]  # fmt: skip
-    outgoing = [[right, right, none], [left, -left, none], [top, none, top],
-                [bottom, none, -bottom]]  # fmt: skip
+    incoming = [[ahead, ahead, still], [against, -against, still], [up, still, up], [down, still, -down]]
+    outgoing = [[right, right, none], [left, -left, none], [top, none, top], [bottom, none, -bottom]]
     if flow:
         incoming.insert(1, [still, still, _kron(rows.flow, first)])
         outgoing.insert(1, [none, none, 2 * right])
-    return (
-        torch.cat([torch.cat(part, -2) for part in incoming], -1),
-        torch.cat([torch.cat(part, -1) for part in outgoing], -2),
-    )
+    return torch.cat([torch.cat(part, -2) for part in incoming], -1), blocks_of(outgoing)
+
+
+def _kron(across: Tensor, along: Tensor) -> Tensor:
+    """Kronecker products of (E, a, b) or (a, b) with (c, d): (E, a c, b d)."""
+    across = across if across.ndim == 3 else across[None]
+    product = across[:, :, None, :, None] * along[:, None, :]
+    return product.flatten(3).flatten(1, 2)
+
+
+def blocks_of(rows: list[list[Tensor]]) -> Tensor:
+    """One matrix of rows of blocks."""
+    return torch.cat([torch.cat(row, -1) for row in rows], -2)
 
 
 def diagonal_blocks(blocks: Tensor) -> Tensor:
@@ -113,102 +94,75 @@ def diagonal_blocks(blocks: Tensor) -> Tensor:
     return whole.reshape(*lead, count * a, count * b)
 
 
-def _kron(across: Tensor, along: Tensor) -> Tensor:
-    """Kronecker products of (E, a, b) or (a, b) with (c, d): (E, a c, b d)."""
-    across = across if across.ndim == 3 else across[None]
-    product = across[:, :, None, :, None] * along[:, None, :]
-    return product.flatten(3).flatten(1, 2)
-
-
-def _blocks(rows: list[list[Tensor]]) -> Tensor:
-    return torch.cat([torch.cat(row, -1) for row in rows], -2)
-
-
 @dataclass(frozen=True, eq=False)
 class Column:
-    """Waves of a column for a batch of frequencies; N = E n points across the duct.
+    """A column of E elements for F frequencies; N = E n points across the duct.
 
-    A wave vector along the flow holds w = (p + u)/2 over all points and, with flow, v over all
-    points: (2 N) or (N). One against it holds (p - u)/2: (N). The wall's holds n.
+    Waves into it are counted (left, right, wall): along the flow w and, with flow, v, 2 N or N; against it N; from a
+    lined wall n, else none.
 
     Args:
-        lined: whether the lower wall is a port.  elements: of the column.
-        vertical: waves (E, up and down, n) that go into elements through horizontal edges, of unit
-            waves into the column from the left, from the right and from the wall, (F, 2 N, I).
-        out: waves out to the ``right``, the ``left`` and the ``wall``, of the same waves in.
+        interior: unknowns (field, y, x) of each element for unit waves into it, (F, E, 3 n^2, kinds n).
+        vertical: waves up and down into the elements for unit waves into the column, (F, 2 N, I).
+        out: waves out to the ``right``, the ``left`` and the ``wall``, for the same waves in.
         blocks: the same by (out, in).
+        lined: how many waves come from the wall, n or 0.
     """
 
-    lined: bool
-    elements: Elements
+    interior: Tensor
     vertical: Tensor
     out: dict[str, Tensor]
     blocks: dict[tuple[str, str], Tensor]
+    lined: int
 
-    @property
-    def points(self) -> int:
-        """n; waves against the flow, up and down are n each."""
-        return (self.elements.interior.shape[-1] - self.elements.along) // 3
-
-    @property
-    def open_waves(self) -> int:
-        """How many come from the wall: n of a lined column, else none."""
-        return self.points if self.lined else 0
+    def nodal(self, incoming: Tensor) -> Tensor:
+        """p, u and v at the elements' nodes for waves into the column (..., F, I), (..., F, E, 3, n, n)."""
+        n = round((self.interior.shape[-2] // 3) ** 0.5)
+        elements = self.interior.shape[1]
+        vertical = (self.vertical @ incoming[..., None])[..., 0]
+        sides = incoming[..., : self.interior.shape[-1] * elements - vertical.shape[-1]]
+        kinds = torch.cat([sides, vertical], -1).unflatten(-1, (-1, elements, n))
+        waves = kinds.movedim(-3, -2).flatten(-2)  # (..., F, E, kinds n)
+        return (self.interior @ waves[..., None])[..., 0].unflatten(-1, (3, n, n))
 
 
 def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> Column:
-    """One column of a given width; see ``condense_elements``."""
-    elements = condense_elements(k, width, basis, rows, flow)
-    n, count = basis.count, len(rows.mass)
-    along = elements.along
-    sides = along + n  # waves of one element through its left and right edges
-    scattering = elements.scattering
-    # Vertical waves out of every element, by vertical waves in and by waves in through the sides.
-    to_vertical = diagonal_blocks(scattering[..., sides:, sides:])
-    from_sides = diagonal_blocks(scattering[..., sides:, :sides])
-    source, closed = _neighbours(count, n, lined, k.device)
-    one = torch.eye(2 * n * count, dtype=scattering.dtype, device=k.device)
-    arriving = torch.where(closed[:, None], to_vertical[:, source], 0)
-    right = torch.where(closed[:, None], from_sides[:, source], 0)
+    """The column of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
+    n, points = basis.count, basis.count * len(rows.mass)
+    steady, mass = element_operator(width, basis, rows)
+    incoming, outgoing = element_ports(width, basis, rows, flow)
+    system = 1j * k[:, None, None, None] * mass + steady
+    interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
+    across = _by_kind(outgoing.to(system.dtype) @ interior, n)
+    sides = across.shape[-1] - 2 * points
+    # Up into an element is up out of the one below, down into it is down out of the one above; at a wall they turn.
+    up, down = torch.arange(2 * points, device=k.device).split(points)
+    source = sides + torch.cat([down[:n], up[:-n], down[n:], up[-n:]])
+    passed = across[:, source]
+    right = passed[..., :sides]
+    one = torch.eye(2 * points, dtype=across.dtype, device=k.device)
     if lined:
+        passed[:, :n] = 0
         right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
-    vertical = torch.linalg.solve(one - arriving, right)
-    out = diagonal_blocks(scattering[..., :sides, sides:]) @ vertical
-    direct = diagonal_blocks(scattering[..., :sides, :sides])
-    out[..., : direct.shape[-1]] += direct
-    parts = [out]
-    if lined:
-        down = to_vertical[:, n : 2 * n] @ vertical
-        down[..., : direct.shape[-1]] += from_sides[:, n : 2 * n]
-        parts.append(down)
-    # From (element, w, v, w back) to (w, v over all elements; w back over all elements; wall).
-    order = torch.arange(count * sides, device=k.device).reshape(count, -1, n)
-    order = order.transpose(0, 1).flatten()
-    order = torch.cat([order, torch.arange(n if lined else 0, device=k.device) + order.numel()])
-    whole = torch.cat(parts, -2)[:, order][..., order]
-    sizes = {"right": count * along, "left": count * n, "wall": n if lined else 0}
-    names_in = ("left", "right", "wall")
-    rows_out = dict(zip(sizes, whole.split(list(sizes.values()), -2), strict=True))
+    vertical = torch.linalg.solve(one - passed[..., sides:], right)
+    leaving = torch.cat([across[:, :sides], across[:, sides + points : sides + points + (n if lined else 0)]], 1)
+    out = leaving[..., sides:] @ vertical
+    out[..., :sides] += leaving[..., :sides]
+    along = sides - points
+    rest = out.shape[-2] - sides
+    parts = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
     blocks = {
-        (to, source_side): block
-        for to, row in rows_out.items()
-        for source_side, block in zip(names_in, row.split(list(sizes.values()), -1), strict=True)
+        (to, side): block
+        for to, row in parts.items()
+        for side, block in zip(("left", "right", "wall"), row.split([along, points, rest], -1), strict=True)
     }
-    return Column(lined, elements, vertical[..., order], rows_out, blocks)
+    return Column(interior, vertical, parts, blocks, rest)
 
 
-def _neighbours(count: int, n: int, lined: bool, device: torch.device) -> tuple[Tensor, Tensor]:
-    """For every vertical wave into an element, the wave out that it is, and whether it is one.
-
-    Waves are counted (E, up and down, n). Up into an element is up out of the one below, down into
-    it is down out of the one above; at a rigid wall they turn. The lowest n are a lined wall's.
-    """
-    index = torch.arange(2 * n * count, device=device).reshape(count, 2, n)
-    source = torch.empty_like(index)
-    source[1:, 0] = index[:-1, 0]
-    source[:-1, 1] = index[1:, 1]
-    source[-1, 1] = index[-1, 0]
-    source[0, 0] = index[0, 1]
-    closed = torch.ones_like(index, dtype=torch.bool)
-    closed[0, 0] = not lined
-    return source.flatten(), closed.flatten()
+def _by_kind(scattering: Tensor, n: int) -> Tensor:
+    """Scattering of each element (F, E, kinds n, kinds n) as one matrix, by (kind, element, node)."""
+    split = scattering.unflatten(-1, (-1, n)).unflatten(-3, (-1, n))  # (F, E, kind, n, kind, n)
+    count, elements, kinds = split.shape[:3]
+    whole = split.new_zeros(count, kinds, elements, n, kinds, elements, n)
+    whole.diagonal(dim1=2, dim2=5).copy_(split.movedim(1, -1))
+    return whole.reshape(count, kinds * elements * n, kinds * elements * n)

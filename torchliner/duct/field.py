@@ -13,15 +13,11 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase, other_side
-from torchliner.duct.columns import Column
-from torchliner.duct.energy import EnergyBalance, energy_balance
+from torchliner.duct.energy import EnergyBalance
 from torchliner.duct.flow_profiles import Array
-from torchliner.duct.sweep import Kept, SweptDuct
-from torchliner.duct.walls import Wall
+from torchliner.duct.sweep import SweptDuct
 from torchliner.names import SOURCES, WALLS
 from torchliner.records.outlets import Reported
-
-POINTS_AT_ONCE = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +26,10 @@ class DuctField(Reported):
 
     Args:
         case: the duct.  frequency: Hz, (F,).  source: its side.
-        waves: X of ``ports.py``, Pa, (..., F, D).  swept: the duct's answers to unit waves.
+        waves: X of ``sweep.py``, Pa, (..., F, D).  swept: the duct's answers to unit waves.
+        energy: out and absorbed over that which comes in, (..., F).
         dtype: of what is read from the field; the sums are done in complex128.
-        lining: the wall that it was solved with, or None where there is no liner.
-        impedance: Z of it as it was asked for; None where that is not known.
+        impedance: Z of the wall as it was asked for.
     """
 
     case: DuctCase
@@ -41,8 +37,8 @@ class DuctField(Reported):
     source: str
     waves: Tensor
     swept: SweptDuct
+    energy: EnergyBalance
     dtype: torch.dtype = torch.complex128
-    lining: Wall | None = None
     impedance: Any = None
 
     def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
@@ -53,22 +49,7 @@ class DuctField(Reported):
         Raises:
             ValueError: a point outside the duct, or the solver kept the walls only.
         """
-        if not self.swept.parts[0].incoming:
-            raise ValueError(
-                "the solver kept what the walls need (keep='walls'); build it with keep='all' to read fields inside"
-            )
-        places, heights = np.broadcast_arrays(_places(x), _places(y))
-        _require_inside("x", places, self.case.start, self.case.end)
-        _require_inside("y", heights, 0.0, self.case.height)
-        blocks = []
-        for first in range(0, len(places), POINTS_AT_ONCE):
-            some = slice(first, first + POINTS_AT_ONCE)
-            parts = []
-            for part, waves in zip(self.swept.parts, self._waves_of_parts(), strict=True):
-                rows = _point_rows(self.swept, part, places[some], heights[some])
-                parts.append(torch.einsum("fpqd,...fd->...fpq", rows, waves))
-            blocks.append(torch.cat(parts, -3))
-        p, u, v = torch.cat(blocks, -2).to(self.dtype).unbind(-1)
+        p, u, v = fields_at(self.swept, self.waves, x, y).to(self.dtype).unbind(-1)
         speed = self.case.density * self.case.profile.sound_speed
         return p, u / speed, v / speed
 
@@ -80,7 +61,7 @@ class DuctField(Reported):
             x: m, (P,) or a number.
             wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
         """
-        arriving, leaving = self._wall_waves(_places(x), wall)
+        arriving, leaving = self._wall_waves(x, wall)
         return (arriving + leaving).to(self.dtype)
 
     def wall_velocity(self, x: Any) -> Tensor:
@@ -90,7 +71,7 @@ class DuctField(Reported):
         Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
         slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
         """
-        arriving, leaving = self._wall_waves(_places(x), "lined")
+        arriving, leaving = self._wall_waves(x, "lined")
         velocity = (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
         return velocity.to(self.dtype)
 
@@ -108,27 +89,29 @@ class DuctField(Reported):
 
         Both at that end, as wall pressures; what the end sends back in counts as sent.
         """
-        return self._end_ratio(back=True)
+        sent, returned = self.end_waves(self.source)
+        return (returned / sent).to(self.dtype)
 
     @property
     def transmission(self) -> Tensor:
         """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
-        return self._end_ratio(back=False)
-
-    @property
-    def energy(self) -> EnergyBalance:
-        """Energy out and absorbed over that which comes in, (..., F)."""
-        return energy_balance(self.swept, self.waves, self.lining)
+        sent, _ = self.end_waves(self.source)
+        return (self.end_waves(other_side(self.source))[1] / sent).to(self.dtype)
 
     def rows(self) -> list[dict[str, float | None]]:
         """One a frequency, of a field without leading axes: reflection, transmission, energy."""
         reflection, transmission = (part.detach().abs() for part in (self.reflection, self.transmission))
+        each = zip(self.frequency.tolist(), reflection, transmission, self.energy.rows(), strict=True)
         return [
-            {"frequency (Hz)": frequency, "reflection": float(back), "transmission": float(through),
-             "transmission loss (dB)": -20 * float(through.log10()), **energy}
-            for frequency, back, through, energy in zip(
-                self.frequency.tolist(), reflection, transmission, self.energy.rows(), strict=True)
-        ]  # fmt: skip
+            {
+                "frequency (Hz)": frequency,
+                "reflection": float(back),
+                "transmission": float(through),
+                "transmission loss (dB)": -20 * float(through.log10()),
+                **energy,
+            }
+            for frequency, back, through, energy in each
+        ]
 
     def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
         """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).
@@ -139,81 +122,56 @@ class DuctField(Reported):
         first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
         return self.waves[..., first], self.waves[..., first + 1]
 
-    def _end_ratio(self, back: bool) -> Tensor:
-        sent, returned = self.end_waves(self.source)
-        out = returned if back else self.end_waves(other_side(self.source))[1]
-        return (out / sent).to(self.dtype)
-
-    def _waves_of_parts(self) -> tuple[Tensor, ...]:
-        sizes = [len(part.upper) for part in self.swept.parts]
-        return self.waves.split(sizes, -2)
-
-    def _wall_waves(self, x: Array, wall: str) -> tuple[Tensor, Tensor]:
+    def _wall_waves(self, x: Any, wall: str) -> tuple[Tensor, Tensor]:
         """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
         require_choice("wall", wall, WALLS)
-        _require_inside("x", x, self.case.start, self.case.end)
         mesh, basis = self.swept.mesh, self.swept.basis
-        column, inside = _cells(mesh.x, x)
+        column, inside = _cells("x", x, mesh.x)
         values = basis.values(inside).to(self.waves)
-        which = torch.as_tensor(column).to(values.device)
-        parts = []
-        for part, waves in zip(self.swept.parts, self._waves_of_parts(), strict=True):
-            kept = part.upper if wall == "opposite" else part.lower
-            rows = torch.einsum("pn,fpnd->fpd", values, kept[:, which])
-            parts.append(torch.einsum("fpd,...fd->...fp", rows, waves))
-        arriving = torch.cat(parts, -2)
-        if wall == "opposite" or not mesh.lined.any():
-            return arriving, arriving
-        number = torch.as_tensor(np.cumsum(mesh.lined) - 1).to(which)[which].clamp(min=0)
-        from_wall = self.waves[..., 2:-2].unflatten(-1, (-1, basis.count))[..., number, :]
-        leaving = (from_wall * values).sum(-1)
-        return arriving, torch.where(torch.as_tensor(mesh.lined).to(which.device)[which], leaving, arriving)
+        kept = self.swept.upper if wall == "opposite" else self.swept.lower
+        rows = torch.einsum("pn,fpnd->fpd", values, kept[:, torch.as_tensor(column).to(values.device)])
+        arriving = torch.einsum("fpd,...fd->...fp", rows, self.waves)
+        lined = torch.as_tensor(mesh.lined[column]).to(values.device)
+        if wall == "opposite" or not bool(lined.any()):
+            return arriving, arriving  # rigid
+        first = 2 + basis.count * (np.cumsum(mesh.lined) - 1).clip(0)[column]
+        own = torch.as_tensor(first[:, None] + np.arange(basis.count)).to(values.device)
+        return arriving, torch.where(lined, (self.waves[..., own] * values).sum(-1), arriving)
 
 
-def _places(values: Any) -> Array:
-    if isinstance(values, Tensor):
-        values = values.detach().cpu().numpy()
-    return np.atleast_1d(np.asarray(values, np.float64)).ravel()
+def fields_at(swept: SweptDuct, waves: Tensor, x: Any, y: Any) -> Tensor:
+    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3).
 
-
-def _require_inside(name: str, values: Array, low: float, high: float) -> None:
-    outside = ~((values >= low) & (values <= high))
-    if outside.any():
-        raise ValueError(f"{name} = {values[outside][0]:g} m lies outside the duct, {low:g} to {high:g} m")
-
-
-def _cells(edges: Array, places: Array) -> tuple[NDArray[np.int64], Array]:
-    """The cell between edges that each place lies in, and where in it, 0 to 1."""
-    cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
-    return cell, (places - edges[cell]) / np.diff(edges)[cell]
-
-
-def _point_rows(swept: SweptDuct, part: Kept, x: Array, y: Array) -> Tensor:
-    """p, u and v at points for unit waves in, (F, P, 3, D), by the elements' own polynomials."""
-    mesh, basis = swept.mesh, swept.basis
-    column, inside = _cells(mesh.x, x)
-    element, above = _cells(mesh.y, y)
-    along, across = basis.values(inside), basis.values(above)
-    incoming = part.incoming[0]
-    found = incoming.new_zeros(len(incoming), len(x), 3, incoming.shape[-1])
+    Raises:
+        ValueError: a point outside the duct, or the duct was swept for its walls only.
+    """
+    if not swept.incoming:
+        raise ValueError(
+            "the solver kept what the walls need (keep='walls'); build it with keep='all' to read fields inside"
+        )
+    places, heights = np.broadcast_arrays(_places(x), _places(y))
+    column, inside = _cells("x", places, swept.mesh.x)
+    element, above = _cells("y", heights, swept.mesh.y)
+    along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
+    found = waves.new_zeros(*waves.shape[:-1], len(places), 3)
     for number in np.unique(column):
-        here = np.flatnonzero(column == number)
-        rows = _column_rows(part.columns[number], element[here], along[here], across[here])
-        found[:, torch.as_tensor(here).to(found.device)] = rows @ part.incoming[number][:, None]
+        here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
+        incoming = torch.einsum("fid,...fd->...fi", swept.incoming[number], waves)
+        nodes = swept.columns[number].nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
+        found[..., here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
     return found
 
 
-def _column_rows(column: Column, element: NDArray[np.int64], along: Tensor, across: Tensor) -> Tensor:
-    """p, u and v at points of one column for unit waves into it, (F, P, 3, I)."""
-    elements, n = column.elements, along.shape[-1]
-    which = torch.as_tensor(element).to(along.device)
-    interior = elements.interior[:, which].unflatten(2, (3, n, n))
-    values = torch.einsum("py,px,fpqyxi->fpqi", across.to(interior), along.to(interior), interior)
-    sides = elements.along + n
-    count = elements.interior.shape[1]
-    vertical = column.vertical.unflatten(1, (count, 2 * n))[:, which]
-    rows = values[..., sides:] @ vertical
-    kinds = torch.arange(sides // n, device=which.device)[:, None] * (count * n)
-    places = kinds + which[:, None, None] * n + torch.arange(n, device=which.device)
-    places = places.flatten(1)[:, None].expand(-1, 3, -1)
-    return rows.scatter_add(-1, places.expand(len(rows), -1, -1, -1), values[..., :sides])
+def _places(values: Any) -> Array:
+    plain = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
+    return np.atleast_1d(np.asarray(plain, np.float64)).ravel()
+
+
+def _cells(name: str, values: Any, edges: Array) -> tuple[NDArray[np.int64], Array]:
+    """The cell between edges that each place lies in, and where in it, 0 to 1."""
+    places = _places(values)
+    outside = ~((places >= edges[0]) & (places <= edges[-1]))
+    if outside.any():
+        raise ValueError(f"{name} = {places[outside][0]:g} m lies outside the duct, {edges[0]:g} to {edges[-1]:g} m")
+    cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
+    return cell, (places - edges[cell]) / np.diff(edges)[cell]

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, whole_number
-from torchliner.duct.chebyshev import interpolation_matrix
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.homotopy import follow, polish
+from torchliner.duct.polynomials import chebyshev_points, interpolation_matrix
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
 from torchliner.duct.relation import DIRECTIONS
 from torchliner.duct.rigid_spectrum import rigid_wavenumbers
@@ -58,9 +58,10 @@ class DuctModes:
             raise ValueError(f"heights of modes run from 0 to {top:g} m")
         panel = (places < panels[:-1, -1, None]).sum(0)
         start, end = panels[panel, 0], panels[panel, -1]
-        matrix = interpolation_matrix(self.points, (start - places) / (start - end))
+        inside = ((start - places) / (start - end)).cpu().numpy()
+        matrix = torch.as_tensor(interpolation_matrix(chebyshev_points(self.points), inside))
         columns = panel[:, None] * self.points + torch.arange(self.points, device=places.device)
-        matrix = matrix.to(self.pressure.dtype)
+        matrix = matrix.to(self.pressure)
         fields = (self.pressure, self.axial, self.normal)
         p, u, v = ((field[..., columns] * matrix).sum(-1) for field in fields)
         return p, u, v

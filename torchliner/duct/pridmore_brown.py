@@ -27,8 +27,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from torchliner.duct.chebyshev import chebyshev_points, integral_matrix
 from torchliner.duct.flow_profiles import MeanFlow
+from torchliner.duct.polynomials import chebyshev_points, integral_matrix
 
 WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height
 
@@ -170,7 +170,7 @@ def equations_of(
     edges = panel_edges(profiles, split)
     # From the rigid wall down: the first panel ends at eta = 1.
     widths = (edges[1:] - edges[:-1]).flip(0)
-    nodes = edges[1:].flip(0)[:, None] - widths[:, None] * chebyshev_points(points)
+    nodes = edges[1:].flip(0)[:, None] - widths[:, None] * torch.as_tensor(chebyshev_points(points))
     nodes = nodes.clamp(0, 1)  # (K, N), falling
     height = profiles[0].duct_height
     inside = (height * nodes.numpy()).clip(0, height)
@@ -178,7 +178,7 @@ def equations_of(
     slope = torch.stack([torch.as_tensor(p.mach_slope(inside)) for p in profiles]).to(kappa.device)
     if len(profiles) > 1:
         mach, slope = mach[flow], slope[flow]
-    integral = -widths[:, None, None] * integral_matrix(points)
+    integral = -widths[:, None, None] * torch.as_tensor(integral_matrix(chebyshev_points(points)))
     return PridmoreBrown(
         kappa, mach, height * slope, nodes.to(kappa.device),
         integral.to(kappa.device, torch.complex128), myers,
