@@ -140,9 +140,11 @@ def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
 
 
 def doubt_sound(
-    case: DuctCase, frequency: Sequence[float], impedance: Tensor | Callable[..., Tensor],
+    case: DuctCase,
+    frequency: Sequence[float],
+    impedance: Tensor | Callable[..., Tensor],
     width: float | None,
-) -> None:  # fmt: skip
+) -> None:
     """Warn of a frequency in kHz, an impedance in rayl, a wave across the width.
 
     Warns:

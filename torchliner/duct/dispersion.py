@@ -31,9 +31,14 @@ AT_CUT_ON = 1e-9  # of k^2
 
 
 def impedance_from_wavenumber(
-    alpha: Tensor, frequency: Any, *, height: Any, mach: Any = 0.0, sound_speed: Any = 343.2,
+    alpha: Tensor,
+    frequency: Any,
+    *,
+    height: Any,
+    mach: Any = 0.0,
+    sound_speed: Any = 343.2,
     condition: str = "ingard-myers",
-) -> Tensor:  # fmt: skip
+) -> Tensor:
     r"""Impedance of the lined wall at which a wavenumber is one of the duct's.
 
     Args:
@@ -67,9 +72,16 @@ def impedance_from_wavenumber(
 
 
 def wavenumber_from_impedance(
-    impedance: Tensor, frequency: Any, *, height: Any, mach: Any = 0.0, sound_speed: Any = 343.2,
-    condition: str = "ingard-myers", direction: str = "downstream", mode: Any = 0,
-) -> Tensor:  # fmt: skip
+    impedance: Tensor,
+    frequency: Any,
+    *,
+    height: Any,
+    mach: Any = 0.0,
+    sound_speed: Any = 343.2,
+    condition: str = "ingard-myers",
+    direction: str = "downstream",
+    mode: Any = 0,
+) -> Tensor:
     r"""Axial wavenumber of one mode, followed from the rigid wall.
 
     Args:

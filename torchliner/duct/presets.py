@@ -139,8 +139,13 @@ class DuctFile(Strict):
     fluid: FluidTable = FluidTable()
 
 
-TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound": SoundTable,
-          "microphones": MicrophoneTable, "fluid": FluidTable}  # fmt: skip
+TABLES: dict[str, type[Strict]] = {
+    "duct": DuctTable,
+    "flow": FlowTable,
+    "sound": SoundTable,
+    "microphones": MicrophoneTable,
+    "fluid": FluidTable,
+}
 
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
@@ -150,8 +155,11 @@ PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
 }
 
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
-REPLACES = {"impedance": ("impedance_file",), "impedance_file": ("impedance",),
-            "profile": ("shear", "allow_thin", "file")}  # fmt: skip
+REPLACES = {
+    "impedance": ("impedance_file",),
+    "impedance_file": ("impedance",),
+    "profile": ("shear", "allow_thin", "file"),
+}
 COMPLEX = ("impedance", "end_reflection", "source_reflection")
 
 
@@ -215,8 +223,7 @@ def _pairs(key: str, value: Any) -> Any:
     if key != "impedance":
         return _pair(value)
     many = [_pair(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
-    return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each
-            for each in many]  # fmt: skip
+    return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each for each in many]
 
 
 def _pair(value: Any) -> Any:
@@ -230,12 +237,17 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
     impedance = _impedance(sound, duct, path)
     slips = float(profile.mach(0.0)) > 0
     case = DuctCase(
-        profile, duct.start, duct.end, duct.liner, source=sound.source_side,
+        profile,
+        duct.start,
+        duct.end,
+        duct.liner,
+        source=sound.source_side,
         incident=pressure_amplitude_from_spl(sound.level),
         end_reflection=complex(*sound.end_reflection),
-        source_reflection=complex(*sound.source_reflection), density=fluid.density,
+        source_reflection=complex(*sound.source_reflection),
+        density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if slips else None),
-    )  # fmt: skip
+    )
     doubt_sound(case, sound.frequency, impedance, duct.width)
     microphones = file.microphones.places()
     outside = ((microphones < case.start) | (microphones > case.end)).nonzero()[:, 0]
@@ -246,9 +258,16 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
             f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
         )
     return DuctSetup(
-        file.name or path.stem, case, torch.tensor(sound.frequency, dtype=torch.float64),
-        sound.level, impedance, microphones, file.microphones.wall, file.model_dump(), fluid,
-    )  # fmt: skip
+        file.name or path.stem,
+        case,
+        torch.tensor(sound.frequency, dtype=torch.float64),
+        sound.level,
+        impedance,
+        microphones,
+        file.microphones.wall,
+        file.model_dump(),
+        fluid,
+    )
 
 
 def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_profiles.MeanFlow:
