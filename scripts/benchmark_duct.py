@@ -36,13 +36,13 @@ import torchliner as tl
 from common import options_of, parser_of
 from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.duct.growing_wave import growing_wave
-from torchliner.flow_profiles import TanhProfile
-from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.settled import solve_settled
-from torchliner.lee.solver import DuctSolver, solve_duct
-from torchliner.lee.verification import node_places
+from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.settled import solve_settled
+from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.signals.microphone_errors import draw_pressures
+from verify_duct import node_places
 
 HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j
 CASE = DuctCase(TanhProfile(0.3, HEIGHT, 0.1), -0.2, 0.35, (0.0, 0.15))

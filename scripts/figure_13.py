@@ -19,11 +19,11 @@ import numpy as np
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
+from torchliner.duct.solved_line import microphones_of
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
-from torchliner.lee.field import DuctField
-from torchliner.lee.solved_line import microphones_of
 from torchliner.report.duct_report import draw_walls
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}

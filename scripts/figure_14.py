@@ -21,8 +21,8 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.presets import load_duct
+from torchliner.duct.solved_line import solved_line
 from torchliner.io.csv_rows import write_rows
-from torchliner.lee.solved_line import solved_line
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.figure import (
     COLOURS,

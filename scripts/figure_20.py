@@ -21,10 +21,10 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
-from torchliner.flow_profiles import UniformProfile
+from torchliner.duct.flow_profiles import UniformProfile
+from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.solver import DuctSolver
 from torchliner.io.csv_rows import write_rows
-from torchliner.lee.mesh import DuctMesh
-from torchliner.lee.solver import DuctSolver
 from torchliner.report.figure import (
     COLOURS,
     LINES,

@@ -20,10 +20,10 @@ import numpy as np
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.presets import DuctSetup, load_duct
+from torchliner.duct.solved_line import solved_line
+from torchliner.duct.solver import DuctSolver
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
-from torchliner.lee.solved_line import solved_line
-from torchliner.lee.solver import DuctSolver
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,

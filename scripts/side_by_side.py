@@ -24,11 +24,11 @@ import torch
 import b2a_line
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
+from torchliner.duct.solved_line import solved_line
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
-from torchliner.lee.field import DuctField
-from torchliner.lee.solved_line import solved_line
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
 from torchliner.report.figure import (

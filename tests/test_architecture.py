@@ -15,8 +15,8 @@ FLOORS = {
     "version": 0, "names": 0, "ranges": 0, "file_names": 0, "forward_mode": 0, "checks": 0.5,
     "units": 0.5, "file_checks": 0.5, "rehearsal": 0.5,
     "fluid": 1, "conversions": 1, "least_squares": 2,
-    "text_columns": 2, "flow_profiles": 2, "toml_files": 2, "records": 3, "liners": 4,
-    "signals": 4, "duct": 4, "lee": 5, "engine": 5, "in_situ_method": 5,
+    "text_columns": 2, "toml_files": 2, "records": 3, "liners": 4,
+    "signals": 4, "duct": 4, "engine": 5, "in_situ_method": 5,
     "wall_waves": 5, "wall_field": 6, "io": 6, "pressure": 6, "velocity": 7, "studies": 8,
     "ir_tdibc_method": 6, "bursts": 8, "report": 9,
     "campaign": 9.2, "cli": 10,
@@ -73,7 +73,7 @@ def imported(path, names):
 def test_every_outlet_leads_somewhere(way):
     """Each row of the one table of ways up names a public record, and a function that takes it."""
     from torchliner import records
-    from torchliner.lee import field, settled
+    from torchliner.duct import field, settled
     from torchliner.records.outlets import OUTLETS, Drawn, Reported, Written, outlet
 
     known = {name: each for room in (field, settled, records) for name, each in vars(room).items()}

@@ -378,8 +378,7 @@ def test_convert_array_and_scale(capsys, tmp_path):
     ("where", "words"),
     [
         ("velocity.educe.educe", ["educe", SLIT]),
-        ("lee.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
-        ("lee.verification.order_rows", ["verify"]),
+        ("duct.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
     ],
 )
 def test_an_interrupt_is_quiet_and_exits_with_130(capsys, monkeypatch, where, words):

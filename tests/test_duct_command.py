@@ -232,7 +232,7 @@ def test_a_change_replaces_what_says_the_same(tmp_path):
 def test_a_profile_from_a_file(tmp_path):
     (tmp_path / "z.csv").write_text("x [m],R,X\n0.0,2.0,-0.3\n0.15,2.0,-0.3\n")
     path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
-    from torchliner.lee.solver import solve_duct
+    from torchliner.duct.solver import solve_duct
 
     varying = load_duct(path, profile="uniform", shear=None, frequency=[900.0])
     plain = load_duct("b2a", profile="uniform", shear=None, frequency=[900.0],

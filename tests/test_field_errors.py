@@ -12,8 +12,8 @@ import torch
 from test_field_fit import TRUE, solved, solved_setup
 
 import torchliner as tl
-from torchliner.lee.solved_line import solved_line
-from torchliner.lee.solver import DuctSolver
+from torchliner.duct.solved_line import solved_line
+from torchliner.duct.solver import DuctSolver
 from torchliner.records.drawn_impedance import deviation
 from torchliner.signals.microphone_errors import draw_pressures
 from torchliner.wall_field import fit_field as field_fit

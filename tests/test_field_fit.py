@@ -11,11 +11,11 @@ import torch
 
 import torchliner as tl
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
+from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import duct_text, load_duct
-from torchliner.flow_profiles import TanhProfile, UniformProfile
-from torchliner.lee.mesh import build_mesh
-from torchliner.lee.solved_line import solved_line
-from torchliner.lee.solver import DuctSolver
+from torchliner.duct.solved_line import solved_line
+from torchliner.duct.solver import DuctSolver
 from torchliner.records import MicrophoneLine
 from torchliner.wall_field import impedance_search as field_search
 from torchliner.wall_field.fit_field import duct_of_line, fit_field

@@ -11,13 +11,13 @@ import pytest
 from scipy.integrate import quad
 
 import torchliner as tl
-from torchliner.flow_profiles import (
-    LawOfTheWallProfile,
+from torchliner.duct.flow_profiles import (
     ParabolicProfile,
-    TabulatedProfile,
     TanhProfile,
     UniformProfile,
 )
+from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
+from torchliner.duct.tabulated_profile import TabulatedProfile
 
 HEIGHT, SPEED = 50e-3, 340.0
 TABLE_Y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 41))) / 2

@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 import torchliner as tl
 from studies.jet_scaling import fit_exponent, jet_scaling
-from torchliner.flow_profiles import TanhProfile
+from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.studies.jets import jet_velocity, penetration_height
 
 HEIGHT = 50e-3

@@ -10,14 +10,14 @@ import scipy.linalg
 import torch
 
 from oracles.mode_matching import match_modes
+from torchliner.duct.basis import Basis, Rows
 from torchliner.duct.case import DuctCase
+from torchliner.duct.columns import condense_column
+from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
+from torchliner.duct.mesh import build_mesh
 from torchliner.duct.modes import duct_modes
-from torchliner.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
-from torchliner.lee.basis import Basis, Rows
-from torchliner.lee.columns import condense_column
-from torchliner.lee.mesh import build_mesh
-from torchliner.lee.solver import solve_duct
-from torchliner.lee.verification import exact_mode_error, order_table
+from torchliner.duct.solver import solve_duct
+from verify_duct import exact_mode_error, order_table
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0

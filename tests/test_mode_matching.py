@@ -10,8 +10,8 @@ import torch
 
 import torchliner as tl
 from oracles.mode_matching import match_modes
+from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.modes import duct_modes
-from torchliner.flow_profiles import UniformProfile
 
 HEIGHT, SPEED, LINER = 50e-3, 343.0, (0.1, 0.25)
 WALLS = [2.33 - 0.30j, 0.5 + 1.0j, 0.3 - 0.6j]

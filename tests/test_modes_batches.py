@@ -6,15 +6,12 @@ import math
 
 import pytest
 import torch
-from test_modes import B2A, BOTH, HEIGHT, SHEARED, SPEED, TANH, UNIFORM, VELOCITY, WALLS
+from test_modes import B2A, HEIGHT, SPEED, TANH, UNIFORM, VELOCITY, WALLS
 
 import torchliner as tl
 from torchliner.duct import modes as modes_module
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.rigid_spectrum import cut_on_frequency
-from torchliner.flow_profiles import (
-    UniformProfile,
-)
 
 # --- walls at the ends of the range -------------------------------------------------------------
 
@@ -76,43 +73,6 @@ def test_cut_on():
 
 
 # --- bad input ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("direction", BOTH)
-def test_several_flows_are_one_batch(direction):
-    """Each as it is alone (panels of the thinnest layer resolve the others at least as well), in
-    front of the frequencies, with impedances of their own; slip and no slip side by side."""
-    flows = [TANH, UNIFORM, UniformProfile(0.0, HEIGHT, SPEED), *SHEARED.values()]
-    walls = torch.tensor([[2.33 - 0.30j, 0.8 + 0.5j]], dtype=torch.complex128) * torch.linspace(
-        0.8, 1.2, len(flows)
-    ).reshape(-1, 1)
-    about = {"count": 3, "direction": direction, "slip_condition": "ingard-myers"}
-    frequency = [800.0, 1500.0]
-    whole = duct_modes(flows, frequency, walls, **about)
-    assert whole.wavenumber.shape == (len(flows), 2, 3)
-    heights = [0.0, 0.003, 0.02, HEIGHT]
-    fields = whole.at(heights)
-    for i, flow in enumerate(flows):
-        alone = duct_modes(flow, frequency, walls[i], **about)
-        away = (whole.wavenumber[i] / alone.wavenumber - 1).abs()
-        assert float(away.max()) < 1e-8
-        for field, one in zip(fields, alone.at(heights), strict=True):
-            assert float((field[i] - one).abs().max()) < 1e-6
-
-
-def test_flows_of_one_batch_are_of_one_duct():
-    taller = UniformProfile(0.1, 2 * HEIGHT, SPEED)
-    with pytest.raises(ValueError, match=r"profiles have duct_height 0\.05, 0\.1; those of one duct"):
-        duct_modes([TANH, taller], 1500.0)
-    with pytest.raises(ValueError, match="profiles have sound_speed"):
-        duct_modes([TANH, UniformProfile(0.1, HEIGHT, 2 * SPEED)], 1500.0)
-    with pytest.raises(ValueError, match="profile is an empty list"):
-        duct_modes([], 1500.0)
-    with pytest.raises(TypeError, match="profile holds 'tanh', which is no mean flow"):
-        duct_modes(["tanh"], 1500.0)
-    walls = torch.ones(3, 1, dtype=torch.complex128)
-    with pytest.raises(ValueError, match=r"impedance has shape \(3, 1\), which .* against \(P, F\) = \(2, 1\)"):
-        duct_modes([TANH, TANH], 1500.0, walls)
 
 
 @pytest.mark.parametrize(

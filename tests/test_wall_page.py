@@ -21,7 +21,7 @@ from test_wall_pressure import FREQUENCY, line_of
 
 import torchliner as tl
 from torchliner.cli.main import DONE, main
-from torchliner.lee.solved_line import setup_of, solved_line
+from torchliner.duct.solved_line import setup_of, solved_line
 from torchliner.records.drawn_impedance import fine_places
 from torchliner.report.page.of_wall import _joint
 from torchliner.report.page.wall_subject import WallSubject

@@ -9,8 +9,8 @@ from torchliner.version import __version__
 
 _HOMES = {
     "Fluid": "torchliner.fluid",
-    "displacement_thickness": "torchliner.flow_profiles",
-    "TanhProfile": "torchliner.flow_profiles",
+    "displacement_thickness": "torchliner.duct.tabulated_profile",
+    "TanhProfile": "torchliner.duct.flow_profiles",
     "DataWarning": "torchliner.checks",
     "SDoFLiner": "torchliner.liners.sdof",
     "EndLossSDoFLiner": "torchliner.liners.end_loss",
@@ -70,10 +70,10 @@ _HOMES = {
     "onto_grid": "torchliner.bursts.arrivals",
     "tone_attenuation": "torchliner.bursts.tone_damping",
     "load_duct": "torchliner.duct.presets",
-    "DuctSolver": "torchliner.lee.solver",
+    "DuctSolver": "torchliner.duct.solver",
     "duct_modes": "torchliner.duct.modes",
     "growing_wave": "torchliner.duct.growing_wave",
-    "solve_settled": "torchliner.lee.settled",
+    "solve_settled": "torchliner.duct.settled",
     "fit_field": "torchliner.wall_field.fit_field",
     "sensitivities": "torchliner.studies.sensitivities",
     "calibrate": "torchliner.studies.calibrate",

@@ -11,12 +11,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
+from torchliner.duct.basis import Basis, Rows
+from torchliner.duct.boundaries import wall_of
 from torchliner.duct.case import DuctCase
-from torchliner.lee.basis import Basis, Rows
-from torchliner.lee.columns import element_operator, element_ports
-from torchliner.lee.ends import EndModes, plane_modes
-from torchliner.lee.mesh import DuctMesh
-from torchliner.lee.walls import wall_of
+from torchliner.duct.columns import element_operator, element_ports
+from torchliner.duct.ends import EndModes, plane_modes
+from torchliner.duct.mesh import DuctMesh
 
 Complex = NDArray[np.complex128]
 
@@ -57,7 +57,7 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
     ahead, back = slice(0, along), slice(along, along + n)
     up, down = slice(along + n, along + 2 * n), slice(along + 2 * n, along + 3 * n)
     if case.liner:
-        wall = wall_of(impedance, mesh, basis, torch.tensor([k]), hertz, 0.0).send.numpy()[0]
+        wall = wall_of(impedance, mesh, basis, torch.tensor([k]), hertz, 0.0).reflection.numpy()[0]
     ports = []
     for c, width in enumerate(mesh.widths.tolist()):
         steady, mass = element_operator(width, basis, rows)

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, require_positive
-from torchliner.duct.chebyshev import derivative_matrix
+from torchliner.duct.polynomials import chebyshev_points, derivative_matrix
 from torchliner.duct.wall_impedance import result_type, wall_reflection
 from torchliner.names import SOURCES
 
@@ -184,7 +184,7 @@ def _match(
 def _transverse_numbers(kappa: Tensor, wall: Tensor, modes: int) -> Tensor:
     """g of the lowest modes, (..., F, N): (1 + R) g sin g = j kappa (1 - R) cos g."""
     points = 2 * modes + EXTRA_POINTS
-    first = derivative_matrix(points).to(wall)
+    first = torch.as_tensor(derivative_matrix(chebyshev_points(points))).to(wall)
     second = first @ first
     # (1 + R) p' = j kappa (1 - R) p at eta = 0 and p' = 0 at eta = 1 give both ends' values.
     condition = (1 + wall)[..., None, None] * first[:1].expand(*wall.shape, 1, points)

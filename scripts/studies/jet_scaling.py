@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torchliner.flow_profiles import TanhProfile
+from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.studies.jets import penetration_height
 
 

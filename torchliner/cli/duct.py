@@ -13,8 +13,8 @@ from torchliner.cli.options import complex_number, frequency_option, shared, sta
 from torchliner.file_names import frequency_ends
 
 if TYPE_CHECKING:
+    from torchliner.duct.mesh import DuctMesh
     from torchliner.duct.presets import DuctSetup
-    from torchliner.lee.mesh import DuctMesh
 
 CHANGES = ("bulk_mach", "profile", "shear", "allow_thin", "level", "source_side", "frequency")
 
@@ -135,8 +135,8 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
 
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.lee.settled import solve_settled
-    from torchliner.lee.solved_line import microphones_of, solved_line
+    from torchliner.duct.settled import solve_settled
+    from torchliner.duct.solved_line import microphones_of, solved_line
     from torchliner.records.origin import origin_of
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
@@ -173,7 +173,7 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
 
 def _mesh(sizes: list[float] | None, setup: DuctSetup) -> DuctMesh | None:
     """Of the largest cell and the one at the walls, in mm."""
-    from torchliner.lee.mesh import build_mesh
+    from torchliner.duct.mesh import build_mesh
 
     if sizes is None:
         return None

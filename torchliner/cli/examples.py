@@ -41,7 +41,6 @@ EXAMPLES = {
         "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",
         "low.h5 high.h5 --free vena_contracta --free vena_contracta,mass_loss -o law.toml",
     ),
-    "verify": ("",),
     "demo": ("",),
     "info": ("plane.h5",),
     "convert": ("'run_*.nc' -o plane.h5 --normal y",),

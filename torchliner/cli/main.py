@@ -50,7 +50,6 @@ GROUPS = {
         "ir-tdibc": "impedance over level from the incident wave alone",
         "calibrate": "parameters of a liner fitted to known impedances",
         "identify": "response of a liner to |v| found from runs of known impedance",
-        "verify": "checks of the duct solvers; exit code 1 if one fails",
     },
     "files": {
         "demo": "educe two planes that come with the program",

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, require_positive, tell
-from torchliner.flow_profiles import MeanFlow
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.names import CONDITIONS, SOURCES
 
 GAINS = 1 + 1e-9  # of an end's reflection; nearer to 1 it is rounding
@@ -140,9 +140,11 @@ def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
 
 
 def doubt_sound(
-    case: DuctCase, frequency: Sequence[float], impedance: Tensor | Callable[..., Tensor],
+    case: DuctCase,
+    frequency: Sequence[float],
+    impedance: Tensor | Callable[..., Tensor],
     width: float | None,
-) -> None:  # fmt: skip
+) -> None:
     """Warn of a frequency in kHz, an impedance in rayl, a wave across the width.
 
     Warns:

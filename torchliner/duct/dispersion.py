@@ -22,8 +22,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEEDS, require_choice, require_complex, require_positive, tell
-from torchliner.duct.continuation import Values, follow_roots
 from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
+from torchliner.duct.roots import follow_roots
 
 STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
 DETOUR = 0.5  # rad, of the phase of Z
@@ -31,9 +31,14 @@ AT_CUT_ON = 1e-9  # of k^2
 
 
 def impedance_from_wavenumber(
-    alpha: Tensor, frequency: Any, *, height: Any, mach: Any = 0.0, sound_speed: Any = 343.2,
+    alpha: Tensor,
+    frequency: Any,
+    *,
+    height: Any,
+    mach: Any = 0.0,
+    sound_speed: Any = 343.2,
     condition: str = "ingard-myers",
-) -> Tensor:  # fmt: skip
+) -> Tensor:
     r"""Impedance of the lined wall at which a wavenumber is one of the duct's.
 
     Args:
@@ -67,9 +72,16 @@ def impedance_from_wavenumber(
 
 
 def wavenumber_from_impedance(
-    impedance: Tensor, frequency: Any, *, height: Any, mach: Any = 0.0, sound_speed: Any = 343.2,
-    condition: str = "ingard-myers", direction: str = "downstream", mode: Any = 0,
-) -> Tensor:  # fmt: skip
+    impedance: Tensor,
+    frequency: Any,
+    *,
+    height: Any,
+    mach: Any = 0.0,
+    sound_speed: Any = 343.2,
+    condition: str = "ingard-myers",
+    direction: str = "downstream",
+    mode: Any = 0,
+) -> Tensor:
     r"""Axial wavenumber of one mode, followed from the rigid wall.
 
     Args:
@@ -205,14 +217,15 @@ def carry_wavenumber(
     """
     a0, b0, a1, b1 = (*begin, *end)
 
-    def values(alpha: Tensor, t: Tensor, index: Tensor) -> Values:
+    def values(alpha: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         rigid, soft = relation(alpha, duct.at(index))
         da, db = (a1 - a0)[index], (b1 - b0)[index]
         a, b = a0[index] + t * da, b0[index] + t * db
-        both = [a * r - b * s for r, s in zip(rigid, soft, strict=True)]
-        return Values(both[0], both[1], both[2], da * rigid[0] - db * soft[0])
+        value, slope = (a * r - b * s for r, s in zip(rigid, soft, strict=True))
+        return value, slope, da * rigid[0] - db * soft[0]
 
-    return follow_roots(values, start, first_step)
+    root, place = follow_roots(values, start, first_step)
+    return root, place == 1
 
 
 def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:

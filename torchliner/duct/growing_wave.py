@@ -17,9 +17,10 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
+from torchliner.duct.roots import with_slope
 from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
-from torchliner.flow_profiles import MeanFlow
 
 POINTS = 12  # Chebyshev points of a panel
 # Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.
@@ -102,8 +103,7 @@ def _fastest(profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor
     sheared = float(profile.mach(0.0)) < fastest
     for parts, close, change in STAGES:
         split = parts if sheared else 1  # no critical layer
-        of_waves = torch.full(a.shape, kappa, dtype=torch.float64), torch.zeros(len(a)).long()
-        equation = equations_of([profile], POINTS, myers, *of_waves, split)
+        equation = equations_of(profile, POINTS, myers, torch.full(a.shape, kappa, dtype=torch.float64), split)
         start = a
         a, last = _newton(equation, start, reflection)
         held = (last < close * a.abs()) & (a.imag > LEAST) & (a.real > kappa)
@@ -118,12 +118,16 @@ def _fastest(profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor
 
 def _newton(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> tuple[Tensor, Tensor]:
     """Roots of F/p, and the size of their last step: F itself grows as exp(alpha H)."""
+
+    def relative(z: Tensor) -> Tensor:
+        pressure, flux = equation.solve(z)
+        wall, velocity = equation.at_wall(z, pressure, flux)
+        return ((1 - reflection) * wall + (1 + reflection) * velocity) / pressure[:, -1]
+
     change = torch.zeros_like(a)
     for _ in range(STEPS):
-        solution = equation.solve(a)
-        value = solution.residual(reflection)
-        relative = solution.pressure_slope[:, -1] / solution.pressure[:, -1]
-        change = value / (solution.residual_slope(reflection) - value * relative)
+        value, slope = with_slope(relative, a)
+        change = value / slope
         a = a - change * (LONGEST * a.abs() / change.abs()).clamp(max=1)
         if bool((change.abs() < SETTLED * a.abs()).all()):
             break

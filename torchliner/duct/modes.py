@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,15 +11,17 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, whole_number
-from torchliner.duct.chebyshev import interpolation_matrix
-from torchliner.duct.homotopy import follow, polish
+from torchliner.duct.flow_profiles import MeanFlow
+from torchliner.duct.polynomials import chebyshev_points, interpolation_matrix
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
 from torchliner.duct.relation import DIRECTIONS
 from torchliner.duct.rigid_spectrum import rigid_wavenumbers
+from torchliner.duct.roots import follow_roots, newton
 from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
-from torchliner.flow_profiles import MeanFlow
 
 CHUNK = 256  # modes solved at once: some 40 MB of matrices
+SETTLED = 1e-8  # of alpha H: the last correction of a mode that was found
+TWINS = 1e-6  # of alpha H: modes that are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +59,23 @@ class DuctModes:
             raise ValueError(f"heights of modes run from 0 to {top:g} m")
         panel = (places < panels[:-1, -1, None]).sum(0)
         start, end = panels[panel, 0], panels[panel, -1]
-        matrix = interpolation_matrix(self.points, (start - places) / (start - end))
+        inside = ((start - places) / (start - end)).cpu().numpy()
+        matrix = torch.as_tensor(interpolation_matrix(chebyshev_points(self.points), inside)).to(self.pressure)
         columns = panel[:, None] * self.points + torch.arange(self.points, device=places.device)
-        matrix = matrix.to(self.pressure.dtype)
-        fields = (self.pressure, self.axial, self.normal)
-        p, u, v = ((field[..., columns] * matrix).sum(-1) for field in fields)
+        p, u, v = ((field[..., columns] * matrix).sum(-1) for field in (self.pressure, self.axial, self.normal))
         return p, u, v
 
 
 def duct_modes(
-    profile: MeanFlow | Sequence[MeanFlow], frequency: Any, impedance: Any = torch.inf, *,
-    count: int = 6, direction: str = "downstream", slip_condition: str | None = None,
+    profile: MeanFlow,
+    frequency: Any,
+    impedance: Any = torch.inf,
+    *,
+    count: int = 6,
+    direction: str = "downstream",
+    slip_condition: str | None = None,
     points: int = 12,
-) -> DuctModes:  # fmt: skip
+) -> DuctModes:
     r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
 
     The rigid duct's wavenumbers come from the eigenvalues of the linearised Euler equations at
@@ -81,11 +86,9 @@ def duct_modes(
     be another. A wave that grows out of no rigid mode is not among them: see ``growing_wave``.
 
     Args:
-        profile: mean flow M(y); or several of one duct height and sound speed, which are an axis P
-            in front of the frequencies. They share the panels of the thinnest layer among them.
-        frequency: Hz, (F,).
-        impedance: Z, normalised, v into the wall; complex, broadcast against (F,) or (P, F),
-            leading axes free; infinite is rigid. First derivatives of every output by Z exist.
+        profile: mean flow M(y).  frequency: Hz, (F,).
+        impedance: Z, normalised, v into the wall; complex, broadcast against (F,), leading axes
+            free; infinite is rigid. First derivatives of every output by Z exist.
         count: modes 0 to count - 1.  direction: ``downstream`` or ``upstream``.
         slip_condition: ``ingard-myers`` (displacement is continuous) or ``continuous-velocity``;
             needed for a lined wall along which the flow slips.
@@ -95,7 +98,7 @@ def duct_modes(
         ``impedance`` is, else complex128.
     Raises:
         ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
-            unknown; a count below 1; profiles of ducts that differ.
+            unknown; a count below 1.
         RuntimeError: modes that the points do not resolve, or that meet on the way.
     Warns:
         DataWarning: negative resistance.
@@ -103,86 +106,75 @@ def duct_modes(
     require_choice("direction", direction, DIRECTIONS)
     if whole_number("count", count) < 1:
         raise ValueError(f"count is {count}; at least one mode is needed")
-    profiles, lead = _profiles(profile)
     wanted = frequency_tensor(frequency)
     wall = wall_reflection(impedance, wanted.device)
     wanted = wanted.to(wall.device)
-    lined = bool((wall != 1).any())
-    slips = [lined and require_slip_condition(flow, slip_condition) for flow in profiles]
-    height = profiles[0].duct_height
-    kappa = (2 * math.pi * height / profiles[0].sound_speed * wanted).expand(*lead, -1)
+    slips = bool((wall != 1).any()) and require_slip_condition(profile, slip_condition)
+    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
     try:
         wall = torch.broadcast_to(wall, np.broadcast_shapes(wall.shape, kappa.shape))
     except ValueError:
-        axes = "(P, F)" if lead else "(F,)"
         raise ValueError(
-            f"impedance has shape {tuple(wall.shape)}, which does not broadcast against {axes} = {tuple(kappa.shape)}"
+            f"impedance has shape {tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
         ) from None
     shape = (*wall.shape, count)
-    number = torch.arange(len(profiles), device=kappa.device)[:, None]
-    number = number.expand(-1, len(wanted)).reshape(kappa.shape)
-    flat_kappa, flow, flat_wall = (item[..., None].expand(shape).reshape(-1) for item in (kappa, number, wall))
-    equation = equations_of(profiles, points, any(slips), flat_kappa, flow)
+    equation = equations_of(profile, points, slips, kappa[:, None].expand(shape).reshape(-1))
     with torch.no_grad():
-        rigid = torch.stack([_rigid(one, points, wanted, count, direction) for one in profiles])
-    rigid = rigid.reshape(*kappa.shape, count).expand(shape).reshape(-1)
-    items = zip(equation.split(CHUNK), rigid.split(CHUNK), flat_wall.split(CHUNK), strict=True)
-    a, pressure, u, v = (
-        torch.cat(part).to(result_type(impedance)) for part in zip(*(_solve(*item) for item in items), strict=True)
-    )
-    whole = (*shape, -1)
+        rigid = _rigid(profile, points, kappa, count, direction)
+    starts, walls = rigid.expand(shape).reshape(-1), wall[..., None].expand(shape).reshape(-1)
+    parts = [
+        _lined(equation.at(at), starts[at], walls[at])
+        for at in torch.arange(len(starts), device=wall.device).split(CHUNK)
+    ]
+    a, pressure, u, v = (torch.cat(part).to(result_type(impedance)) for part in zip(*parts, strict=True))
+    pressure, u, v = (part.reshape(*shape, -1) for part in (pressure, u, v))
+    height = profile.duct_height
     return DuctModes(
-        wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(),
-        pressure.reshape(whole), u.reshape(whole), v.reshape(whole), points,
-    )  # fmt: skip
+        wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(), pressure, u, v, points
+    )
 
 
-def _profiles(profile: MeanFlow | Sequence[MeanFlow]) -> tuple[list[MeanFlow], tuple[int, ...]]:
-    """The flows, and the axis that they make."""
-    if not isinstance(profile, Sequence):
-        return [profile], ()
-    flows = list(profile)
-    for flow in flows:
-        if not hasattr(flow, "mach_slope"):
-            raise TypeError(f"profile holds {flow!r}, which is no mean flow")
-    if not flows:
-        raise ValueError("profile is an empty list; at least one mean flow is needed")
-    for name in ("duct_height", "sound_speed"):
-        values = sorted({float(getattr(flow, name)) for flow in flows})
-        if len(values) > 1:
-            raise ValueError(
-                f"the profiles have {name} {', '.join(f'{value:g}' for value in values)}; those of "
-                "one duct are solved together"
-            )
-    return flows, (len(flows),)
-
-
-def _rigid(profile: MeanFlow, points: int, frequency: Tensor, count: int, direction: str) -> Tensor:
-    """Rigid wavenumbers alpha H, (F, count), polished."""
-    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * frequency
-    rough = rigid_wavenumbers(profile, kappa, count, direction)
-    each = kappa[:, None].expand_as(rough).reshape(-1)
-    alone = torch.zeros_like(each, dtype=torch.int64)
-    equation = equations_of([profile], points, False, each, alone)
-    found = polish(equation, rough.reshape(-1), torch.ones_like(rough.reshape(-1)))
-    found = found.reshape(rough.shape)
-    twins = torch.triu((found[:, :, None] - found[:, None]).abs() < 1e-6, diagonal=1)
-    if bool(twins.any()):
-        which = [int(i) for i in torch.nonzero(twins)[0]]
+def _rigid(profile: MeanFlow, points: int, kappa: Tensor, count: int, direction: str) -> Tensor:
+    """Rigid wavenumbers alpha H, (F, count): those of the eigenvalues, polished."""
+    rough = rigid_wavenumbers(profile, kappa, count, direction).reshape(-1)
+    each = kappa.repeat_interleave(count)
+    condition = equations_of(profile, points, False, each).condition(torch.ones_like(rough))
+    found, last = newton(condition, rough, torch.ones_like(each), torch.arange(len(rough), device=each.device))
+    failed = (~(last < SETTLED)).nonzero()[:, 0]
+    if len(failed):
+        i = int(failed[0])
         raise RuntimeError(
-            f"rigid modes {which[1]} and {which[2]} at k H = {float(kappa[which[0]]):.4g} come out "
-            "the same: they are not resolved; take fewer modes"
+            f"the wavenumber near alpha H = {complex(rough[i]):.4g} at k H = {float(each[i]):.4g} does not settle "
+            f"(last correction {float(last[i]):.2g}): a mode exactly at cut-on has no single wavenumber, and too few "
+            "points resolve none"
+        )
+    found = found.reshape(-1, count)
+    twins = torch.triu((found[:, :, None] - found[:, None]).abs() < TWINS, diagonal=1).nonzero()
+    if len(twins):
+        at, one, other = twins[0].tolist()
+        raise RuntimeError(
+            f"rigid modes {one} and {other} at k H = {float(kappa[at]):.4g} come out the same: they are not resolved; "
+            "take fewer modes"
         )
     return found
 
 
-def _solve(equation: PridmoreBrown, rigid: Tensor, wall: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    with torch.no_grad():
-        found = follow(equation, rigid, wall)
-        solution = equation.solve(found)
-    # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
-    change = -solution.residual(wall) / solution.residual_slope(wall).detach()
-    a = found + change
-    pressure = solution.pressure + solution.pressure_slope * change[:, None]
-    flux = solution.flux + solution.flux_slope * change[:, None]
-    return a, pressure, *equation.velocities(a, flux=flux, pressure=pressure)
+def _lined(equation: PridmoreBrown, rigid: Tensor, wall: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R."""
+    condition = equation.condition(wall.detach())
+    a, place = follow_roots(condition, rigid)
+    stuck = (place < 1).nonzero()[:, 0]
+    if len(stuck):
+        i = int(stuck[0])
+        raise RuntimeError(
+            f"the mode at alpha H = {complex(a[i]):.5g}, k H = {float(equation.kappa[i]):.4g} cannot be followed "
+            f"beyond {float(place[i]):.4g} of the way to R = {complex(wall[i]):.4g}: another mode meets it there; a "
+            "slightly different impedance or frequency goes round"
+        )
+    if wall.requires_grad:
+        # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
+        _, slope, _ = condition(a, place, torch.arange(len(a), device=a.device))
+        at_wall, velocity = equation.at_wall(a, *equation.solve(a))
+        a = a - ((1 - wall) * at_wall + (1 + wall) * velocity) / slope
+    pressure, flux = equation.solve(a)
+    return a, pressure, *equation.velocities(a, pressure, flux)

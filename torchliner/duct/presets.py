@@ -13,11 +13,14 @@ import torch
 from pydantic import Field, field_validator
 from torch import Tensor
 
-from torchliner import flow_profiles, toml_files
+from torchliner import toml_files
 from torchliner.checks import noted
 from torchliner.conversions import pressure_amplitude_from_spl
+from torchliner.duct import flow_profiles
 from torchliner.duct.case import DuctCase, doubt_sound
+from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
 from torchliner.duct.tables import Z, tabulated_wall, velocity_table
+from torchliner.duct.tabulated_profile import TabulatedProfile
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
@@ -136,19 +139,27 @@ class DuctFile(Strict):
     fluid: FluidTable = FluidTable()
 
 
-TABLES: dict[str, type[Strict]] = {"duct": DuctTable, "flow": FlowTable, "sound": SoundTable,
-          "microphones": MicrophoneTable, "fluid": FluidTable}  # fmt: skip
+TABLES: dict[str, type[Strict]] = {
+    "duct": DuctTable,
+    "flow": FlowTable,
+    "sound": SoundTable,
+    "microphones": MicrophoneTable,
+    "fluid": FluidTable,
+}
 
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
     "tanh": flow_profiles.TanhProfile,
-    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
+    "law-of-the-wall": LawOfTheWallProfile,
 }
 
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
-REPLACES = {"impedance": ("impedance_file",), "impedance_file": ("impedance",),
-            "profile": ("shear", "allow_thin", "file")}  # fmt: skip
+REPLACES = {
+    "impedance": ("impedance_file",),
+    "impedance_file": ("impedance",),
+    "profile": ("shear", "allow_thin", "file"),
+}
 COMPLEX = ("impedance", "end_reflection", "source_reflection")
 
 
@@ -212,8 +223,7 @@ def _pairs(key: str, value: Any) -> Any:
     if key != "impedance":
         return _pair(value)
     many = [_pair(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
-    return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each
-            for each in many]  # fmt: skip
+    return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each for each in many]
 
 
 def _pair(value: Any) -> Any:
@@ -227,12 +237,17 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
     impedance = _impedance(sound, duct, path)
     slips = float(profile.mach(0.0)) > 0
     case = DuctCase(
-        profile, duct.start, duct.end, duct.liner, source=sound.source_side,
+        profile,
+        duct.start,
+        duct.end,
+        duct.liner,
+        source=sound.source_side,
         incident=pressure_amplitude_from_spl(sound.level),
         end_reflection=complex(*sound.end_reflection),
-        source_reflection=complex(*sound.source_reflection), density=fluid.density,
+        source_reflection=complex(*sound.source_reflection),
+        density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if slips else None),
-    )  # fmt: skip
+    )
     doubt_sound(case, sound.frequency, impedance, duct.width)
     microphones = file.microphones.places()
     outside = ((microphones < case.start) | (microphones > case.end)).nonzero()[:, 0]
@@ -243,9 +258,16 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
             f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
         )
     return DuctSetup(
-        file.name or path.stem, case, torch.tensor(sound.frequency, dtype=torch.float64),
-        sound.level, impedance, microphones, file.microphones.wall, file.model_dump(), fluid,
-    )  # fmt: skip
+        file.name or path.stem,
+        case,
+        torch.tensor(sound.frequency, dtype=torch.float64),
+        sound.level,
+        impedance,
+        microphones,
+        file.microphones.wall,
+        file.model_dump(),
+        fluid,
+    )
 
 
 def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_profiles.MeanFlow:
@@ -264,7 +286,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
         raise ValueError("flow profile 'table' needs file, a CSV of y [m] and U (any unit)")
     y, speed = velocity_table(path.parent / flow.file)
     try:
-        return flow_profiles.TabulatedProfile(y, speed, height, bulk_mach=flow.bulk_mach, **about)
+        return TabulatedProfile(y, speed, height, bulk_mach=flow.bulk_mach, **about)
     except ValueError as error:
         raise ValueError(f"{flow.file}: {error}") from error
 

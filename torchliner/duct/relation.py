@@ -28,8 +28,7 @@ class Duct:
     """What the relation needs besides alpha and Z, as real tensors of one shape.
 
     Args:
-        wavenumber: k = omega/c, 1/m.  height: H, m.  mach: M.
-        displaced: Ingard-Myers, else continuous velocity.
+        wavenumber: k = omega/c, 1/m.  height: H, m.  mach: M.  displaced: Ingard-Myers, else continuous velocity.
     """
 
     wavenumber: Tensor
@@ -48,10 +47,10 @@ class Duct:
 
 
 class Relation(NamedTuple):
-    """gamma sin gamma H and j s d cos gamma H, each with its first two derivatives in alpha."""
+    """gamma sin gamma H and j s d cos gamma H, each with its derivative in alpha."""
 
-    rigid: tuple[Tensor, Tensor, Tensor]
-    soft: tuple[Tensor, Tensor, Tensor]
+    rigid: tuple[Tensor, Tensor]
+    soft: tuple[Tensor, Tensor]
 
 
 def duct_of(
@@ -77,31 +76,17 @@ def duct_of(
 
 
 def relation(alpha: Tensor, duct: Duct) -> Relation:
-    r"""Both entire parts and two derivatives in alpha.
+    r"""Both entire parts and their derivatives in alpha.
 
-    With w = gamma^2 and x = gamma H: (gamma sin x)_w = H (sinc x + cos x)/2, (cos x)_w =
-    -H^2 sinc x/2, (sinc x)_w = (cos x - sinc x)/(2 w); w' = -2 (M d + alpha), w'' = -2 (1 - M^2).
+    With w = gamma^2 and x = gamma H: (gamma sin x)_w = H (sinc x + cos x)/2, (cos x)_w = -H^2 sinc x/2;
+    w' = -2 (M d + alpha).
     """
     h, m = duct.height, duct.mach
     d = duct.wavenumber - alpha * m
-    w = d * d - alpha * alpha
-    cos, sinc = _even(w, h)
-    w1, w2 = -2 * (m * d + alpha), -2 * (1 - m * m)
-    small = (w * h * h).abs() < 1e-4
-    sinc_w = torch.where(small, -h * h / 6 + 0j, (cos - sinc) / torch.where(small, 1, 2 * w))
-    rigid_w, cos_w = h * (sinc + cos) / 2, -h * h * sinc / 2
-    rigid_ww, cos_ww = h * (sinc_w + cos_w) / 2, -h * h * sinc_w / 2
-    rigid = (w * h * sinc, rigid_w * w1, rigid_ww * w1 * w1 + rigid_w * w2)
-    c1, c2 = cos_w * w1, cos_ww * w1 * w1 + cos_w * w2
-    f, f1, f2 = d, -m + 0 * d, 0 * m
-    if duct.displaced:
-        f, f1, f2 = (part / duct.wavenumber for part in (d * d, -2 * m * d, 2 * m * m))
-    soft = (1j * f * cos, 1j * (f1 * cos + f * c1), 1j * (f2 * cos + 2 * f1 * c1 + f * c2))
-    return Relation(rigid, soft)
-
-
-def _even(square: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
-    """cos(gamma H) and sin(gamma H)/(gamma H) of gamma^2."""
-    zero = square == 0
-    x = torch.sqrt(torch.where(zero, 1, square)) * height
-    return torch.where(zero, 1, torch.cos(x)), torch.where(zero, 1, torch.sin(x) / x)
+    w, w_slope = d * d - alpha * alpha, -2 * (m * d + alpha)
+    zero = w == 0
+    x = torch.sqrt(torch.where(zero, 1, w)) * h
+    cos, sinc = torch.where(zero, 1, torch.cos(x)), torch.where(zero, 1, torch.sin(x) / x)
+    rigid = (w * h * sinc, h * (sinc + cos) / 2 * w_slope)
+    f, f_slope = (d * d / duct.wavenumber, -2 * m * d / duct.wavenumber) if duct.displaced else (d, -m + 0 * d)
+    return Relation(rigid, (1j * f * cos, 1j * (f_slope * cos - f * h * h * sinc / 2 * w_slope)))

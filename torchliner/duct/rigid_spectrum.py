@@ -8,9 +8,9 @@ import torch
 from scipy.optimize import brentq
 from torch import Tensor
 
-from torchliner.duct.chebyshev import chebyshev_points, derivative_matrix
+from torchliner.duct.flow_profiles import MeanFlow
+from torchliner.duct.polynomials import chebyshev_points, derivative_matrix
 from torchliner.duct.relation import DIRECTIONS
-from torchliner.flow_profiles import MeanFlow
 
 CAUSAL = 1e-5  # imaginary part lent to the frequency, which sends every mode to its side
 CONVECTED = 0.98  # of k/M_max: the continuous spectrum and what discretisation makes of it
@@ -41,10 +41,10 @@ def rigid_wavenumbers(profile: MeanFlow, kappa: Tensor, count: int, direction: s
     """
     device, kappa = kappa.device, kappa.cpu()  # small, and no faster elsewhere
     height, n = profile.duct_height, points
-    heights = (height * chebyshev_points(n).numpy()).clip(0, height)
+    heights = (height * chebyshev_points(n)).clip(0, height)
     mach = torch.as_tensor(profile.mach(heights)).to(torch.complex128)
     slope = height * torch.as_tensor(profile.mach_slope(heights)).to(mach)
-    derivative = derivative_matrix(n).to(mach)
+    derivative = torch.as_tensor(derivative_matrix(chebyshev_points(n))).to(mach)
     still = torch.zeros(n, n, dtype=mach.dtype)
     one, flow = torch.eye(n, dtype=mach.dtype), torch.diag(mach)
     along = _blocks([[flow, one, still], [one, flow, still], [still, still, flow]])

@@ -15,8 +15,7 @@ from torchliner.text_columns import Array, read_lines, read_table
 
 VELOCITY = {"y": "length", "u": None}
 VELOCITY_EXAMPLE = "y [mm], U [m/s]"
-IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number",
-             "reactance": "number"}  # fmt: skip
+IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number", "reactance": "number"}
 IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
 NEAR = 1e-6  # m
 
@@ -53,10 +52,14 @@ def impedance_table(
         DataWarning: stations that end within a lined patch: Z is constant beyond the last.
     """
     found = read_table(
-        read_lines(path), IMPEDANCE, path, example=IMPEDANCE_EXAMPLE,
-        short={"R": "resistance", "X": "reactance"}, special=("resistance", "reactance"),
+        read_lines(path),
+        IMPEDANCE,
+        path,
+        example=IMPEDANCE_EXAMPLE,
+        short={"R": "resistance", "X": "reactance"},
+        special=("resistance", "reactance"),
         optional=("x", "frequency"),
-    )  # fmt: skip
+    )
     if ("x" in found) == ("frequency" in found):
         raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
@@ -124,9 +127,12 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
 
 
 def tabulated_wall(
-    path: Path, liner: Sequence[tuple[float, float]], start: float, end: float,
+    path: Path,
+    liner: Sequence[tuple[float, float]],
+    start: float,
+    end: float,
     frequencies: Sequence[float],
-) -> Z:  # fmt: skip
+) -> Z:
     """Z(x) of a table over x, or Z at the frequencies (Hz) of all patches, (F, S), of one over f.
 
     Between the frequencies of a table Z is linear in the admittance.

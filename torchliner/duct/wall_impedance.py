@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import FEEDS, require_choice, tell
 from torchliner.conversions import reflection_from_impedance
-from torchliner.flow_profiles import MeanFlow
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.names import CONDITIONS
 
 ACTIVE = 1e-12  # |Z + 1| from which R overflows what the sums keep

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
-from torchliner.lee.field import DuctField
-from torchliner.lee.settled import SettledField
-from torchliner.lee.solved_line import microphones_of
+from torchliner.duct.settled import SettledField
+from torchliner.duct.solved_line import microphones_of
 from torchliner.report.figure import (
     COLOURS,
     LINES,

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import DataWarning, plain_number
-from torchliner.flow_profiles import TanhProfile
-from torchliner.flow_profiles.mean_flow import Array
+from torchliner.duct.flow_profiles import Array, TanhProfile
 from torchliner.liners.model import LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.jets import jet_velocity, penetration_height

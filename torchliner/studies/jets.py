@@ -10,8 +10,7 @@ from scipy.optimize import brentq
 
 from torchliner.checks import require_choice, require_positive
 from torchliner.conversions import REFERENCE_PRESSURE
-from torchliner.flow_profiles import FlowProfile
-from torchliner.flow_profiles.mean_flow import Array
+from torchliner.duct.flow_profiles import Array, FlowProfile
 from torchliner.fluid import Fluid
 
 SPL_READINGS = ("rms", "printed")

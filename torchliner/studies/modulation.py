@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torchliner.flow_profiles.mean_flow import Array
+from torchliner.duct.flow_profiles import Array
 
 FEWEST_PROBES = 4  # to a cell
 MOST_HARMONICS = 8

@@ -24,7 +24,7 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.presets import load_duct
-from torchliner.lee.solver import DuctSolver
+from torchliner.duct.solver import DuctSolver
 from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places

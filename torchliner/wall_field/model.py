@@ -20,10 +20,10 @@ from torch import Tensor
 
 from torchliner.checks import DataWarning
 from torchliner.duct.case import other_side
+from torchliner.duct.energy import FED, GAIN, PASSIVE
+from torchliner.duct.field import DuctField
+from torchliner.duct.solver import DuctSolver
 from torchliner.forward_mode import dual_level
-from torchliner.lee.energy import FED, GAIN, PASSIVE
-from torchliner.lee.field import DuctField
-from torchliner.lee.solver import DuctSolver
 
 NEAREST = 1e-8  # 1 - rho of what counts as rigid: |Z| = 2e8
 FARTHEST = 100.0  # |rho|: Z = -1 to 2 %

@@ -129,8 +129,8 @@ def project(pressure: Tensor, distance: Tensor, weight: Tensor, wave: Tensor) ->
 
 def _slope(wave: Tensor, duct: Duct) -> Tensor:
     """d alpha-/d alpha+ at one wall."""
-    (r, r1, _), (s, s1, _) = relation(wave[:, 0], duct)
-    (far_r, far_r1, _), (far_s, far_s1, _) = relation(wave[:, 1], duct)
+    (r, r1), (s, s1) = relation(wave[:, 0], duct)
+    (far_r, far_r1), (far_s, far_s1) = relation(wave[:, 1], duct)
     return -(s1 * far_r - r1 * far_s) / (s * far_r1 - r * far_s1)
 
 

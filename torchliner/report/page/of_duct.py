@@ -12,11 +12,11 @@ from typing import Any
 import torch
 
 from torchliner.checks import SAME_FREQUENCY
+from torchliner.duct.field import DuctField
+from torchliner.duct.settled import SETTLED, SettledField
+from torchliner.duct.solved_line import setup_of, solved_line
 from torchliner.file_checks import naming
 from torchliner.io.whole_file import writable
-from torchliner.lee.field import DuctField
-from torchliner.lee.settled import SETTLED, SettledField
-from torchliner.lee.solved_line import setup_of, solved_line
 from torchliner.records import MicrophoneLine
 from torchliner.report.figure import (
     COLOURS,

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from torchliner.checks import require_positive
-from torchliner.flow_profiles.mean_flow import Array, SymmetricProfile
+from torchliner.duct.flow_profiles import Array, SymmetricProfile
 
 KARMAN, BUFFER = 0.4, 7.8  # Reichardt's; B = BUFFER + ln(KARMAN)/KARMAN = 5.5
 SUBLAYER, BUFFER_DECAY = 11.0, 3.0  # y+
 LOWEST, HIGHEST = 180.0, 1e7  # friction Reynolds number
 AIR_VISCOSITY = 1.813e-5 / 1.204  # m2/s, 20 C
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(200)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,10 @@ class LawOfTheWallProfile(SymmetricProfile):
     .. math:: u^+ = \frac1\kappa \ln\left[1 + \kappa y^+ \frac{1 + r}{1 + r^2}\right]
         + C\left[1 - e^{-y^+/11} - \frac{y^+}{11} e^{-y^+/3}\right], \quad r = |2y/H - 1|,
 
-    with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, the
-    logarithm 2.5 ln y+ + 5.5 above it. y+ (1 + r) is even in r, so the logarithm is smooth on the
-    centreline; the bracket bends there by e^(-Re_tau/11). The friction velocity is the one that
-    gives the bulk Mach number; the mean over the height is taken by 200 Gauss points over
-    ln(1 + y+), to 1e-12.
+    with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, the logarithm 2.5 ln y+ + 5.5
+    above it. y+ (1 + r) is even in r, so the logarithm is smooth on the centreline; the bracket bends there by
+    e^(-Re_tau/11). The friction velocity is the one that gives the bulk Mach number; the mean over the height is taken
+    by 200 Gauss points over ln(1 + y+), to 1e-12.
 
     Args:
         bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
@@ -38,10 +37,10 @@ class LawOfTheWallProfile(SymmetricProfile):
     Raises:
         ValueError: bulk or centreline Mach number not below 1, or a friction Reynolds number
             u_tau H/(2 nu) below 180, where a channel is not turbulent enough for the law.
-    Source: Reichardt (1951), Z. angew. Math. Mech. 31, 208. Departure from print: his factor for
-        pipes is 1.5 (1 + r)/(1 + 2 r^2), over the 1 too; it leaves a kink on the centreline and
-        puts it 1.2 wall units above the channels of Hoyas & Jimenez (2006), Re_tau 550 to 2000,
-        from which the factor here differs by at most 0.9 (y+ 150 to 250), 0.3 there.
+    Source: Reichardt (1951), Z. angew. Math. Mech. 31, 208. Departure from print: his factor for pipes is
+        1.5 (1 + r)/(1 + 2 r^2), over the 1 too; it leaves a kink on the centreline and puts it 1.2 wall units above the
+        channels of Hoyas & Jimenez (2006), Re_tau 550 to 2000, from which the factor here differs by at most 0.9 (y+
+        150 to 250), 0.3 there.
     """
 
     bulk_mach: float
@@ -55,24 +54,24 @@ class LawOfTheWallProfile(SymmetricProfile):
         lowest = self._bulk_mach_of(LOWEST)
         if self.bulk_mach < lowest:
             raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}, below {lowest:.3g}, where the friction "
-                f"Reynolds number is {LOWEST:g}, the lowest the law of the wall is taken at; use "
-                "ParabolicProfile"
+                f"profile bulk_mach is {self.bulk_mach:g}, below {lowest:.3g}, where the friction Reynolds number is "
+                f"{LOWEST:g}, the lowest the law of the wall is taken at; use ParabolicProfile"
             )
         self._check_centreline()
 
     @cached_property
     def friction_reynolds(self) -> float:
         """Re_tau = u_tau H/(2 nu)."""
-        return math.exp(float(brentq(self._excess, math.log(LOWEST) - 1e-9, math.log(HIGHEST), xtol=1e-14)))
+
+        def excess(logarithm: float) -> float:
+            return self._bulk_mach_of(math.exp(logarithm)) - self.bulk_mach
+
+        return math.exp(float(brentq(excess, math.log(LOWEST) - 1e-9, math.log(HIGHEST), xtol=1e-14)))
 
     @property
     def friction_velocity(self) -> float:
         """u_tau, m/s."""
         return 2 * self.kinematic_viscosity * self.friction_reynolds / self.duct_height
-
-    def _excess(self, log_reynolds: float) -> float:
-        return self._bulk_mach_of(math.exp(log_reynolds)) - self.bulk_mach
 
     def _bulk_mach_of(self, reynolds: float) -> float:
         friction = 2 * self.kinematic_viscosity * reynolds / self.duct_height
@@ -82,7 +81,11 @@ class LawOfTheWallProfile(SymmetricProfile):
         return _velocity_plus(t, self.friction_reynolds) / self._centre_plus
 
     def _shape_slope(self, t: Array) -> Array:
-        return _slope_plus(t, self.friction_reynolds) / self._centre_plus
+        height, r = self.friction_reynolds * t, 1 - t
+        # t * factor = (1 - r^2)/(1 + r^2), whose slope over t is 4 r/(1 + r^2)^2.
+        inner = 4 * r / (1 + r**2) ** 2 / (1 + KARMAN * height * (1 + r) / (1 + r**2))
+        near = np.exp(-height / SUBLAYER) - (1 - height / BUFFER_DECAY) * np.exp(-height / BUFFER_DECAY)
+        return self.friction_reynolds * (inner + BUFFER / SUBLAYER * near) / self._centre_plus
 
     @cached_property
     def _centre_plus(self) -> float:
@@ -101,19 +104,9 @@ def _velocity_plus(t: Array, reynolds: float) -> Array:
     return np.log1p(KARMAN * height * factor) / KARMAN + BUFFER * buffer
 
 
-def _slope_plus(t: Array, reynolds: float) -> Array:
-    """du+/dt, term by term of ``_velocity_plus``."""
-    height, r = reynolds * t, 1 - t
-    # t * factor = (1 - r^2)/(1 + r^2), whose slope over t is 4 r/(1 + r^2)^2.
-    factor = (1 + r) / (1 + r**2)
-    logarithm = reynolds * 4 * r / (1 + r**2) ** 2 / (1 + KARMAN * height * factor)
-    near = np.exp(-height / SUBLAYER) - (1 - height / BUFFER_DECAY) * np.exp(-height / BUFFER_DECAY)
-    return logarithm + BUFFER * reynolds / SUBLAYER * near
-
-
 def _bulk_plus(reynolds: float) -> float:
     """Mean of u+ over t, by Gauss over s = ln(1 + y+), in which u+ is smooth."""
     span = math.log1p(reynolds)
-    s = span * (1 + _NODES) / 2
+    s = span * (1 + NODES) / 2
     values = _velocity_plus(np.expm1(s) / reynolds, reynolds)
-    return float(np.sum(_WEIGHTS * values * np.exp(s)) * span / (2 * reynolds))
+    return float(np.sum(WEIGHTS * values * np.exp(s)) * span / (2 * reynolds))

@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
 from torchliner.checks import one_number, plain_array, require_positive
-from torchliner.flow_profiles.mean_flow import Array, inside_duct
+from torchliner.duct.flow_profiles import Array, inside_duct
 
 WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
 
@@ -24,10 +24,8 @@ def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocit
         y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
         velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
     Raises:
-        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or
-            U_0 zero or not finite.
-    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the
-        spacing.
+        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or U_0 zero or not finite.
+    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the spacing.
 
     >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
     0.005
@@ -44,8 +42,8 @@ def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocit
 
 def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) -> tuple[Array, Array]:
     """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
-    heights, speeds = (np.array(plain_array(values, label), np.float64)
-                       for label, values in (("y", y), (name, velocity)))  # fmt: skip
+    heights = np.array(plain_array(y, "y"), np.float64)
+    speeds = np.array(plain_array(velocity, name), np.float64)
     if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
         raise ValueError(
             f"y has shape {heights.shape} and {name} {speeds.shape}; two equal lists of at least "
@@ -55,7 +53,7 @@ def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) ->
         raise ValueError(f"y and {name} must be finite")
     if heights[0] != 0 or np.any(np.diff(heights) <= 0):
         raise ValueError(
-            f"y must increase from the wall to the centreline, or to the other wall, and starts at "
+            "y must increase from the wall to the centreline, or to the other wall, and starts at "
             f"{heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
         )
     return heights, speeds
@@ -65,20 +63,19 @@ def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) ->
 class TabulatedProfile:
     """U at given heights, between them monotone cubics (PCHIP), which make no new extremes.
 
-    The cubics have one continuous derivative: dM/dy is exact for them, but bends at each height of
-    the table, so spectral methods converge on it no better than their mesh meets those heights.
+    The cubics have one continuous derivative: dM/dy is exact for them, but bends at each height of the table, so
+    spectral methods converge on it no better than their mesh meets those heights.
 
     Args:
-        y: heights, m, increasing from 0 to the duct height, or to half of it for a flow symmetric
-            about the centreline, (N,) with N at least 3.
+        y: heights, m, increasing from 0 to the duct height, or to half of it for a flow symmetric about the
+            centreline, (N,) with N at least 3.
         velocity_table: U at ``y``, m/s or in any unit if ``bulk_mach`` is given; at least 0, (N,).
         duct_height: H, m.
         bulk_mach: scale the table to this mean of U/c over the height; default: as it stands, m/s.
         sound_speed: c, m/s.
     Raises:
-        ValueError: heights that do not increase or do not end at a wall or the centreline, a
-            negative or not finite velocity, unequal lengths, a Mach number not below 1, no flow
-            to scale.
+        ValueError: heights that do not increase or do not end at a wall or the centreline, a negative or not finite
+            velocity, unequal lengths, a Mach number not below 1, no flow to scale.
     Source: Fritsch & Carlson (1980) for the cubics, as in scipy.
     """
 
@@ -94,8 +91,8 @@ class TabulatedProfile:
         heights, speeds = _checked_table(self.y, self.velocity_table, "velocity_table", 3)
         if (speeds < 0).any():
             raise ValueError(
-                f"velocity_table is {speeds.min():g} at y = {heights[speeds.argmin()]:g} m; it "
-                "must be at least 0 (the flow runs along +x, with no flow back)"
+                f"velocity_table is {speeds.min():g} at y = {heights[speeds.argmin()]:g} m; it must be at least 0 (the "
+                "flow runs along +x, with no flow back)"
             )
         half = self.duct_height / 2
         if abs(heights[-1] - half) <= 2 * WHOLE * half:
@@ -103,8 +100,8 @@ class TabulatedProfile:
             speeds = np.concatenate([speeds, speeds[-2::-1]])
         elif abs(heights[-1] - self.duct_height) > WHOLE * self.duct_height:
             raise ValueError(
-                f"y ends at {heights[-1]:g} m; it must end at the other wall, "
-                f"{self.duct_height:g} m, or, for a symmetric flow, on the centreline, {half:g} m"
+                f"y ends at {heights[-1]:g} m; it must end at the other wall, {self.duct_height:g} m, or, for a "
+                f"symmetric flow, on the centreline, {half:g} m"
             )
         heights[-1] = self.duct_height
         mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
@@ -120,8 +117,8 @@ class TabulatedProfile:
             machs = speeds * (self.bulk_mach / mean)
         if machs.max() >= 1:
             raise ValueError(
-                f"the table's largest Mach number is {machs.max():.4g} at y = "
-                f"{heights[machs.argmax()]:g} m; it must be below 1"
+                f"the table's largest Mach number is {machs.max():.4g} at y = {heights[machs.argmax()]:g} m; it must "
+                "be below 1"
             )
         object.__setattr__(self, "y", heights)
         object.__setattr__(self, "velocity_table", self.sound_speed * machs)

@@ -18,10 +18,10 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, noted, tell
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase
+from torchliner.duct.field import DuctField
 from torchliner.duct.growing_wave import growth_over_liner
-from torchliner.lee.field import DuctField
-from torchliner.lee.mesh import FEWEST, DuctMesh, build_mesh
-from torchliner.lee.solver import DuctSolver
+from torchliner.duct.mesh import FEWEST, DuctMesh, build_mesh
+from torchliner.duct.solver import DuctSolver
 from torchliner.records.outlets import Reported
 
 SETTLED, REFUSED = 0.05, 1.0  # dB
@@ -31,6 +31,7 @@ NARROWEST = 6.0  # of the height over a column, for a growing wave
 TRIES = 2  # meshes beyond the first
 WEAK = 20.0  # dB below the loudest microphone: the levels of standing-wave nodes are not compared
 DEGREE = 4
+WAY_OUT = "state a mesh (--mesh, mesh=) to have its answer without this check"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,7 @@ class SettledField(Reported):
 
     Args:
         field: of the coarsest mesh that the next one confirms, else of the last but one.
-        difference: by which the next mesh moves transmission and levels, dB, (F,); nan where one
-            mesh was stated.
+        difference: by which the next mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
         finer_unknowns: of that next mesh, or None.
         growth: of the growing wave over the liner, dB, (F,); 0 where none was found.
         growing: its wavenumber, 1/m, (F,), nan where there is none.
@@ -56,19 +56,26 @@ class SettledField(Reported):
 
     def rows(self) -> list[dict[str, float | None]]:
         """Those of the field with the growing wave and the difference of the meshes."""
-        return [
-            {**known, "growing wave real (1/m)": _plain(alpha.real),
-             "growing wave imaginary (1/m)": _plain(alpha.imag),
-             "growth over the liner (dB)": float(growth), "mesh difference (dB)": _plain(moved)}
-            for known, alpha, growth, moved in zip(
-                self.field.rows(), self.growing, self.growth, self.difference, strict=True)
-        ]  # fmt: skip
+        known = {
+            "growing wave real (1/m)": self.growing.real,
+            "growing wave imaginary (1/m)": self.growing.imag,
+            "growth over the liner (dB)": self.growth,
+            "mesh difference (dB)": self.difference,
+        }
+        plain = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in known.items()}
+        return [{**row, **{name: part[f] for name, part in plain.items()}} for f, row in enumerate(self.field.rows())]
 
 
 def solve_settled(
-    case: DuctCase, frequency: Any, impedance: Any = math.inf, *, places: Any = (),
-    wall: str = "opposite", mesh: DuctMesh | None = None, keep: str = "walls",
-) -> SettledField:  # fmt: skip
+    case: DuctCase,
+    frequency: Any,
+    impedance: Any = math.inf,
+    *,
+    places: Any = (),
+    wall: str = "opposite",
+    mesh: DuctMesh | None = None,
+    keep: str = "walls",
+) -> SettledField:
     """The field of one impedance, refined until a finer mesh moves it by less than 0.05 dB.
 
     Args:
@@ -84,78 +91,67 @@ def solve_settled(
         DataWarning: meshes that still differ by more than 0.05 dB; a growing wave; as
             ``DuctSolver`` and its ``solve``.
     """
+    wanted = frequency_tensor(frequency)
     with noted() as notes:
-        found = _solve(case, frequency_tensor(frequency), impedance, places, wall, mesh, keep)
+        growth, growing = growth_over_liner(case, wanted, impedance)
+        _judge_growth(case, wanted, growth, growing, mesh is None)
+        field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
+        moved, finer_unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
+        for step in range(1, TRIES + 1) if mesh is None else ():
+            finer = finer_mesh(case, wanted, step, growing)
+            other = DuctSolver(case, wanted, finer, keep=keep).solve(impedance)
+            moved, finer_unknowns = _difference(field, other, torch.as_tensor(places), wall), finer.unknowns
+            if float(moved.max()) <= SETTLED or step == TRIES:
+                break
+            field = other
+        found = SettledField(field, moved, finer_unknowns, growth, growing)
+        _judge(found)
     return replace(found, notes=tuple(notes))
-
-
-def _solve(
-    case: DuctCase, wanted: Tensor, impedance: Any, places: Any, wall: str, mesh: DuctMesh | None,
-    keep: str,
-) -> SettledField:  # fmt: skip
-    """``solve_settled`` without its notes."""
-    growth, growing = growth_over_liner(case, wanted, impedance)
-    _judge_growth(case, wanted, growth, growing, mesh is None)
-    field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
-    unknown = torch.full(wanted.shape, math.nan, dtype=torch.float64)
-    if mesh is not None:
-        return SettledField(field, unknown, None, growth, growing)
-    for step in range(1, TRIES + 1):
-        finer = DuctSolver(case, wanted, finer_mesh(case, wanted, step, growing), keep=keep)
-        other = finer.solve(impedance)
-        moved = _difference(field, other, torch.as_tensor(places), wall)
-        if float(moved.max()) <= SETTLED or step == TRIES:
-            break
-        field = other
-    found = SettledField(field, moved, finer.mesh.unknowns, growth, growing)
-    _judge(found)
-    return found
 
 
 def finer_mesh(case: DuctCase, frequency: Tensor, step: int, growing: Tensor | None = None) -> DuctMesh:
     """The mesh ``step`` times refined, its columns fit for a growing wave alpha (1/m, (F,))."""
-    first = build_mesh(case, float(frequency.max()), degree=DEGREE)
-    columns, rows = float(first.widths.max()), first.y[1:] - first.y[:-1]
-    column = columns / FINER**step
+    highest = float(frequency.max())
+    first = build_mesh(case, highest, degree=DEGREE)
+    rows, column = first.y[1:] - first.y[:-1], float(first.widths.max()) / FINER**step
     if growing is not None and not bool(torch.isnan(growing.real).all()):
         shortest = 2 * math.pi / float(torch.nan_to_num(growing.real).max())
         needed = shortest * (DEGREE + 1) / FEWEST[DEGREE] / FINER ** (step - 1)
         column = min(column, max(needed, case.height / NARROWEST / 5))
-    return build_mesh(
-        case, float(frequency.max()), degree=DEGREE, column=column,
-        row=float(rows.max()) / FINER**step, wall_cell=float(rows[0]) / THINNER**step,
-    )  # fmt: skip
+    row, wall = float(rows.max()) / FINER**step, float(rows[0]) / THINNER**step
+    return build_mesh(case, highest, degree=DEGREE, column=column, row=row, wall_cell=wall)
 
 
 def _difference(one: DuctField, other: DuctField, places: Tensor, wall: str) -> Tensor:
     """Of transmission and, where not weak, of levels, dB, (F,)."""
-    ratio = (one.transmission.detach() / other.transmission.detach()).abs()
-    moved = 20 * ratio.log10().abs()
+    moved = 20 * (one.transmission.detach() / other.transmission.detach()).abs().log10().abs()
     if not len(places):
         return moved
     first, second = (field.wall_pressure(places, wall).detach() for field in (one, other))
-    loud = spl_from_pressure_amplitude(first) > spl_from_pressure_amplitude(
-        first.abs().amax(-1, keepdim=True)) - WEAK  # fmt: skip
+    level = spl_from_pressure_amplitude(first)
+    loud = level > level.amax(-1, keepdim=True) - WEAK
     levels = 20 * (first / second).abs().log10().abs()
     return torch.maximum(moved, torch.where(loud, levels, 0).amax(-1))
 
 
 def _judge(found: SettledField) -> None:
+    """Warn of meshes that differ, or refuse; one mesh alone is not judged."""
+    if found.finer_unknowns is None:
+        return
     worst = int(torch.nan_to_num(found.difference, nan=math.inf).argmax())
-    moved, frequency = float(found.difference[worst]), float(found.field.frequency[worst])
+    moved = float(found.difference[worst])
     if moved <= SETTLED:
         return
     text = (
-        f"at {frequency:g} Hz the answer is not settled: {found.finer_unknowns} unknowns move that "
-        f"of {found.field.swept.mesh.unknowns} by {moved:.2g} dB"
+        f"at {float(found.field.frequency[worst]):g} Hz the answer is not settled: {found.finer_unknowns} unknowns "
+        f"move that of {found.field.swept.mesh.unknowns} by {moved:.2g} dB"
     )
     if math.isnan(moved) or moved > REFUSED:
         raise RuntimeError(
-            f"{text}, above {REFUSED:g} dB: the field is noise of the mesh, as of a layer too thin "
-            "or a wave that grows along the liner; take a thicker profile, or state a mesh "
-            "(--mesh, mesh=) to have its answer without this check"
+            f"{text}, above {REFUSED:g} dB: the field is noise of the mesh, as of a layer too thin or a wave that "
+            f"grows along the liner; take a thicker profile, or {WAY_OUT}"
         )
-    tell(f"{text} (limit {SETTLED:g} dB)", depth=4)
+    tell(f"{text} (limit {SETTLED:g} dB)", depth=2)
 
 
 def _judge_growth(case: DuctCase, frequency: Tensor, growth: Tensor, growing: Tensor, refuse: bool) -> None:
@@ -163,19 +159,14 @@ def _judge_growth(case: DuctCase, frequency: Tensor, growth: Tensor, growing: Te
     if float(growth[worst]) == 0:
         return
     text = (
-        f"at {float(frequency[worst]):g} Hz ({int((growth > 0).sum())} of {len(growth)} "
-        "frequencies) a hydrodynamic wave grows along the liner, alpha = "
-        f"{complex(growing[worst]):.4g} 1/m, by {float(growth[worst]):.3g} dB over it"
+        f"at {float(frequency[worst]):g} Hz ({int((growth > 0).sum())} of {len(growth)} frequencies) a hydrodynamic "
+        f"wave grows along the liner, alpha = {complex(growing[worst]):.4g} 1/m, by {float(growth[worst]):.3g} dB "
+        "over it"
     )
     if float(case.profile.mach(0.0)) > 0:
         text += "; the field leaves it out, being integrated from the downstream edge"
     elif float(growth[worst]) > MOST_GROWTH and refuse:
         raise RuntimeError(
-            f"{text}, above {MOST_GROWTH:g} dB: no mesh gives such a field; take a thicker "
-            "profile, or state a mesh (--mesh, mesh=) to have its answer without this check"
+            f"{text}, above {MOST_GROWTH:g} dB: no mesh gives such a field; take a thicker profile, or {WAY_OUT}"
         )
-    tell(text, depth=4)
-
-
-def _plain(value: Tensor) -> float | None:
-    return float(value) if bool(torch.isfinite(value)) else None
+    tell(text, depth=2)

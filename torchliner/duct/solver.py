@@ -10,15 +10,14 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice
+from torchliner.duct.boundaries import solve_boundaries, wall_of
 from torchliner.duct.case import DuctCase
+from torchliner.duct.ends import warn_of_mode_1
+from torchliner.duct.energy import energy_balance, warn_of_gain
+from torchliner.duct.field import DuctField
+from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.sweep import SweptDuct, sweep_duct
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
-from torchliner.lee.ends import warn_of_mode_1
-from torchliner.lee.energy import warn_of_gain
-from torchliner.lee.field import DuctField
-from torchliner.lee.mesh import DuctMesh, build_mesh
-from torchliner.lee.ports import CHUNK, solve_ports
-from torchliner.lee.sweep import SweptDuct, sweep_duct
-from torchliner.lee.walls import Wall, wall_of
 from torchliner.names import SOURCES
 
 MEMORY = 2 * 2**30  # bytes that the waves may take
@@ -33,32 +32,34 @@ class DuctSolver:
     which is solved for each of them. The discrete solution is the whole system's, to rounding.
 
     Args:
-        case: the duct.  frequency: Hz, (F,).
-        mesh: default ``build_mesh`` for the highest frequency.
-        keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what
-            pressures and velocities along both walls need.
+        case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
+        keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what pressures and velocities
+            along both walls need.
         memory: bytes that the waves may take, those kept and those of the sweep in hand.
     Raises:
-        ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a
-            missing slip condition.
+        ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a missing slip
+            condition.
     Warns:
-        DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges
-            gets there.
+        DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges gets there.
     """
 
     def __init__(
-        self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all",
+        self,
+        case: DuctCase,
+        frequency: Any,
+        mesh: DuctMesh | None = None,
+        *,
+        keep: str = "all",
         memory: float = MEMORY,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.case = case
         self.frequency = frequency_tensor(frequency)
         self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
         if self.mesh.case is not case:
             raise ValueError("the mesh was built for another DuctCase; build one for this")
         self.keep = require_choice("keep", keep, ("all", "walls"))
-        self.slip_mach = 0.0
-        if case.liner and require_slip_condition(case.profile, case.slip_condition):
-            self.slip_mach = float(case.profile.mach(0.0))
+        slips = bool(case.liner) and require_slip_condition(case.profile, case.slip_condition)
+        self.slip_mach = float(case.profile.mach(0.0)) if slips else 0.0
         self.mesh.warn_if_coarse(float(self.frequency.max()))
         warn_of_mode_1(case, self.frequency)
         self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory)
@@ -80,16 +81,17 @@ class DuctSolver:
         Warns:
             DataWarning: negative resistance; more energy out than in past a wall that gives none.
         """
-        side = require_choice("source", source or self.case.source, SOURCES)
+        case, swept = self.case, self._swept
+        side = require_choice("source", source or case.source, SOURCES)
         wall = None
-        if self.case.liner:
-            k = self.case.wavenumber(self.frequency)
-            wall = wall_of(impedance, self.mesh, self._swept.basis, k, self.frequency, self.slip_mach)
-        starts, returns = self._ends(side)
-        waves = self._solve_in_parts(wall, starts, returns)
+        if case.liner:
+            k = case.wavenumber(self.frequency)
+            wall = wall_of(impedance, self.mesh, swept.basis, k, self.frequency, self.slip_mach)
+        waves, eta = solve_boundaries(swept.reading, wall, *self._ends(side))
+        energy = energy_balance(swept, waves, eta, wall)
+        warn_of_gain(energy, self.frequency)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
-        warn_of_gain(self._swept, waves, wall, self.frequency)
-        return DuctField(self.case, self.frequency, side, waves, self._swept, kind, wall, impedance)
+        return DuctField(case, self.frequency, side, waves, swept, energy, kind, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
@@ -107,42 +109,17 @@ class DuctSolver:
             tensor = torch.as_tensor(exact).to(self.frequency.device, torch.complex128)
             if tensor.ndim and tensor.shape[-1] not in (1, *shape):
                 raise ValueError(
-                    f"{name} has shape {tuple(tensor.shape)}; its last axis must be one value for "
-                    f"all frequencies or {shape[0]}, one of each"
+                    f"{name} has shape {tuple(tensor.shape)}; its last axis must be one value for all frequencies or "
+                    f"{shape[0]}, one of each"
                 )
             both.append(tensor.expand(np.broadcast_shapes(tensor.shape, shape)))
         returns = torch.stack(torch.broadcast_tensors(*both), -1)
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
 
-    def _solve_in_parts(self, wall: Wall | None, starts: Tensor, returns: Tensor) -> Tensor:
-        """X of all items; a part of them at a time, so that their matrices do not pile up."""
-        response = self._swept.response
-        batches = [starts.shape[:-1], returns.shape[:-1]]
-        size = response.wall.shape[-2] + 2
-        if wall is not None:
-            inner = 2 if wall.arrive is not None else 3
-            batches.append(wall.send.shape[:-inner])
-        shape = torch.Size(np.broadcast_shapes(*batches))
-        lead = shape[:-1]
-        count = math.prod(lead)
-        per_item = 16 * size**2 * shape[-1]
-        step = max(1, int(CHUNK // per_item))
-        if count <= step or wall is None:
-            return solve_ports(response, wall, starts, returns)
-        flat = wall.flattened(lead)
-        ends = [t.expand(*lead, *t.shape[-2:]).reshape(count, *t.shape[-2:]) for t in (starts, returns)]
-        parts = [
-            solve_ports(response, flat.select(at), *(end[at] for end in ends))
-            for at in (slice(i, i + step) for i in range(0, count, step))
-        ]
-        found = torch.cat(parts)
-        return found.reshape(*lead, *found.shape[1:])
-
 
 def solve_duct(
-    case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None, *,
-    keep: str = "all",
-) -> DuctField:  # fmt: skip
+    case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None, *, keep: str = "all"
+) -> DuctField:
     """The sound field of a lined duct with flow: ``DuctSolver`` of these and its ``solve``."""
     if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
         frequency = frequency_tensor(frequency).to(impedance.device)

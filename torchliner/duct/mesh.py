@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from torchliner.checks import require_positive, tell
 from torchliner.duct.case import DuctCase
-from torchliner.flow_profiles.mean_flow import Array
+from torchliner.duct.flow_profiles import Array
 
 SAME = 1e-9  # of the duct's length or height
 # Points per wavelength, by degree, that keep the error of a wave below 2e-3 of it per wavelength
@@ -41,8 +41,7 @@ class DuctMesh:
     def __post_init__(self) -> None:
         if self.degree < 1:
             raise ValueError(f"degree is {self.degree}; it must be at least 1")
-        spans = {"x": (self.case.start, self.case.end), "y": (0.0, self.case.height)}
-        for name, (low, high) in spans.items():
+        for name, (low, high) in {"x": (self.case.start, self.case.end), "y": (0.0, self.case.height)}.items():
             edges = np.array(getattr(self, name), np.float64)
             tolerance = SAME * (high - low)
             if edges.ndim != 1 or len(edges) < 2 or (np.diff(edges) <= tolerance).any():
@@ -52,7 +51,7 @@ class DuctMesh:
                     f"mesh {name} runs from {edges[0]:g} to {edges[-1]:g} m, the duct from {low:g} to {high:g} m"
                 )
             object.__setattr__(self, name, edges)
-        for edge in (edge for patch in self.case.liner for edge in patch):
+        for edge in itertools.chain.from_iterable(self.case.liner):
             if np.abs(self.x - edge).min() > SAME * (self.case.end - self.case.start):
                 raise ValueError(f"the liner's edge at x = {edge:g} m lies inside a column; make it an edge")
 
@@ -101,61 +100,62 @@ class DuctMesh:
 
         An element of degree p counts as p + 1 points, along its longer side.
         """
-        profile = self.case.profile
-        wavelength = (1 - profile.bulk_mach) * profile.sound_speed / frequency
         largest = max(self.widths.max(), np.diff(self.y).max())
-        return float(wavelength * (self.degree + 1) / largest)
+        return float(_shortest_wave(self.case, frequency) * (self.degree + 1) / largest)
 
     def warn_if_coarse(self, frequency: float) -> None:
         """Warn, with the number, of fewer points per wavelength than the degree needs."""
         points, fewest = self.points_per_wavelength(frequency), FEWEST.get(self.degree, 7.0)
         if points < fewest:
             tell(
-                f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of "
-                f"the wave against the flow, below {fewest:g} for degree {self.degree}; take "
-                "smaller elements or a higher degree",
+                f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of the wave against the "
+                f"flow, below {fewest:g} for degree {self.degree}; take smaller elements or a higher degree",
                 depth=3,
             )
 
 
 def build_mesh(
-    case: DuctCase, frequency: float, *, degree: int = 4, column: float | None = None,
-    row: float | None = None, wall_cell: float | None = None, edge_cell: float | None = None,
-) -> DuctMesh:  # fmt: skip
+    case: DuctCase,
+    frequency: float,
+    *,
+    degree: int = 4,
+    column: float | None = None,
+    row: float | None = None,
+    wall_cell: float | None = None,
+    edge_cell: float | None = None,
+) -> DuctMesh:
     """A mesh for one frequency and all below it.
 
     Args:
         case: the duct.  frequency: the highest, Hz.  degree: p.
-        column, row: largest elements along and across the duct, m; default: a fifth of the height
-            or 1.25 times the points per wavelength of ``FEWEST``, whichever is less.
-        wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the
-            height, whichever is less, in a sheared flow, ``row`` otherwise.
+        column, row: largest elements along and across the duct, m; default: a fifth of the height or 1.25 times the
+            points per wavelength of ``FEWEST``, whichever is less.
+        wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the height, whichever is
+            less, in a sheared flow, ``row`` otherwise.
         edge_cell: width of the columns at the edges of lined patches, m; default ``column``.
     Raises:
         ValueError: a frequency, size or degree not above 0.
     """
     require_positive("mesh frequency (Hz)", frequency)
     require_positive("mesh degree", degree)
-    sizes = {"column": column, "row": row, "wall_cell": wall_cell, "edge_cell": edge_cell}
-    for name, size in sizes.items():
+    for name, size in {"column": column, "row": row, "wall_cell": wall_cell, "edge_cell": edge_cell}.items():
         if size is not None:
             require_positive(f"mesh {name} (m)", size)
-    profile = case.profile
-    wavelength = (1 - profile.bulk_mach) * profile.sound_speed / frequency
-    needed = SPARE * FEWEST.get(degree, 7.0)
-    largest = min(case.height / 5, wavelength * (degree + 1) / needed)
-    row = row or largest
-    sheared = float(np.ptp(profile.mach([0.0, case.height / 2]))) > 0
+    largest = min(case.height / 5, _shortest_wave(case, frequency) * (degree + 1) / (SPARE * FEWEST.get(degree, 7.0)))
+    row, column = row or largest, column or largest
+    sheared = float(np.ptp(case.profile.mach([0.0, case.height / 2]))) > 0
     wall = wall_cell or (min(0.5e-3, case.height / 100) if sheared else row)
     half = _graded(case.height / 2, wall, row, both=False)
     y = np.concatenate([half, case.height - half[-2::-1]])
-    breaks = sorted({case.start, case.end, *(edge for patch in case.liner for edge in patch)})
-    column = column or largest
-    parts = [
-        low + _graded(high - low, edge_cell or column, column, both=True) for low, high in itertools.pairwise(breaks)
-    ]
-    x = np.concatenate([parts[0][:1], *(part[1:] for part in parts)])
-    return DuctMesh(case, x, y, degree)
+    x = [np.array([case.start])]
+    for low, high in itertools.pairwise(sorted({case.start, case.end, *itertools.chain(*case.liner)})):
+        x.append(low + _graded(high - low, edge_cell or column, column, both=True)[1:])
+    return DuctMesh(case, np.concatenate(x), y, degree)
+
+
+def _shortest_wave(case: DuctCase, frequency: float) -> float:
+    """Length of the plane wave against the flow, m."""
+    return (1 - case.profile.bulk_mach) * case.profile.sound_speed / frequency
 
 
 def _graded(length: float, first: float, largest: float, *, both: bool) -> Array:

@@ -9,10 +9,10 @@ import torch
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
+from torchliner.duct.settled import SettledField
 from torchliner.fluid import Fluid
-from torchliner.lee.field import DuctField
-from torchliner.lee.settled import SettledField
 from torchliner.records import MicrophoneLine
 from torchliner.version import __version__
 
@@ -29,38 +29,49 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
 
     Args:
         setup: the duct.  found: solved, with its checks or without.
-        known: what else its provenance states, by name; impedance, plane mode, energy, mesh and its
-            check are always there.
-
+        known: what else its provenance states, by name; impedance, plane mode, energy, mesh and its check are always
+            there.
     Warns:
         DataWarning: several lined patches, of which a line can name one: it names none.
     """
-    field = found.field if isinstance(found, SettledField) else found
     settled = found if isinstance(found, SettledField) else None
-    places = np.sort(microphones_of(setup))
-    pressure = field.wall_pressure(places, setup.wall).detach().movedim(-1, -2)
-    liner = setup.case.liner if len(setup.case.liner) == 1 else ()
+    field = found.field if isinstance(found, SettledField) else found
+    case, places = setup.case, np.sort(microphones_of(setup))
+    start, end = case.liner[0] if len(case.liner) == 1 else (None, None)
     notes = (*setup.notes, *(settled.notes if settled else ()))
-    if len(setup.case.liner) > 1:
+    if len(case.liner) > 1:
         several = (
-            f"{setup.name} has {len(setup.case.liner)} lined patches, a line of microphones names "
-            "one; it names none, and methods of one liner take all microphones"
+            f"{setup.name} has {len(case.liner)} lined patches, a line of microphones names one; it names none, and "
+            "methods of one liner take all microphones"
         )
         tell(several)
         notes = (*notes, several)
     provenance = {
-        "solved": setup.facts, "energy": field.energy.rows(), "plane_mode": found.rows(),
-        "impedance": _asked(field), "wall": setup.wall, "unknowns": field.swept.mesh.unknowns,
-        "finer_unknowns": settled.finer_unknowns if settled else None, "version": __version__,
+        "solved": setup.facts,
+        "energy": field.energy.rows(),
+        "plane_mode": found.rows(),
+        "impedance": _asked(field),
+        "wall": setup.wall,
+        "unknowns": field.swept.mesh.unknowns,
+        "finer_unknowns": settled.finer_unknowns if settled else None,
+        "version": __version__,
         **known,
-    }  # fmt: skip
+    }
     return MicrophoneLine(
-        places, pressure, setup.frequency, duct_height=setup.case.height,
-        mach=setup.case.profile.bulk_mach, source_side=field.source,
-        liner_start=liner[0][0] if liner else None, liner_end=liner[0][1] if liner else None,
-        fluid=setup.fluid, title=f"{setup.name}, linearised Euler equations",
-        provenance=provenance, notes=notes, name=setup.name,
-    )  # fmt: skip
+        places,
+        field.wall_pressure(places, setup.wall).detach().movedim(-1, -2),
+        setup.frequency,
+        duct_height=case.height,
+        mach=case.profile.bulk_mach,
+        source_side=field.source,
+        liner_start=start,
+        liner_end=end,
+        fluid=setup.fluid,
+        title=f"{setup.name}, linearised Euler equations",
+        provenance=provenance,
+        notes=notes,
+        name=setup.name,
+    )
 
 
 def _asked(field: DuctField) -> list[list[Any]] | None:
@@ -82,15 +93,13 @@ def setup_of(field: DuctField) -> DuctSetup:
         raise ValueError(f"the field has the leading axes {tuple(field.waves.shape[:-2])}; a page has one field")
     case, profile = field.case, field.case.profile
     level = float(spl_from_pressure_amplitude(torch.as_tensor(complex(case.incident))))
+    ends = {name: str(getattr(case, name)) for name in ("end_reflection", "source_reflection")}
+    flow = {"profile": type(profile).__name__, "bulk_mach": profile.bulk_mach, "slip_condition": case.slip_condition}
     facts = {
         "duct": {"height": case.height, "start": case.start, "end": case.end, "liner": case.liner},
-        "flow": {"profile": type(profile).__name__, "bulk_mach": profile.bulk_mach,
-                 "slip_condition": case.slip_condition},
-        "sound": {"level": level, "source_side": field.source,
-                  **{name: str(getattr(case, name))
-                     for name in ("end_reflection", "source_reflection")}},
-    }  # fmt: skip
-    return DuctSetup(
-        "duct in memory", case, field.frequency, level, field.impedance, torch.empty(0), "opposite",
-        facts, Fluid(sound_speed=profile.sound_speed, density=case.density),
-    )  # fmt: skip
+        "flow": flow,
+        "sound": {"level": level, "source_side": field.source, **ends},
+    }
+    gas = Fluid(sound_speed=profile.sound_speed, density=case.density)
+    known = (field.frequency, level, field.impedance, torch.empty(0), "opposite", facts, gas)
+    return DuctSetup("duct in memory", case, *known)

@@ -18,9 +18,9 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.rigid_spectrum import cut_on_frequency, rigid_wavenumbers
-from torchliner.flow_profiles import MeanFlow
 
 GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H
 RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency
@@ -32,13 +32,16 @@ class EndModes:
 
     Args:
         wavenumber: alpha of the mode downstream and upstream, 1/m, (F, 2), complex.
-        along: (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N).
-        against: (p - u)/2 of both, (F, 2, N).
+        along: (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N).  against: (p - u)/2 of both, (F, 2, N).
     """
 
     wavenumber: Tensor
     along: Tensor
     against: Tensor
+
+    def of_frequencies(self, at: Tensor) -> EndModes:
+        """Some frequencies, by index."""
+        return EndModes(self.wavenumber[at], self.along[at], self.against[at])
 
 
 def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
@@ -65,32 +68,29 @@ def warn_of_mode_1(case: DuctCase, frequency: Tensor) -> None:
         DataWarning: a frequency at which mode 1 runs, or hardly decays from the liner to an end.
     """
     profile = case.profile
-    kappa = case.height * case.wavenumber(frequency)
-    runs = rigid_wavenumbers(profile, kappa, 2, "downstream")[:, 1].imag.abs() < RUNS
+    runs = rigid_wavenumbers(profile, case.height * case.wavenumber(frequency), 2, "downstream")[:, 1].imag.abs() < RUNS
     if case.liner and not bool(runs.all()):
-        _warn_of_near_ends(case, float(frequency[~runs].max()))
+        _warn_of_near_ends(case, frequency[~runs].max())
     if bool(runs.any()):
-        highest = float(frequency[runs].max())
         tell(
-            f"at {highest:g} Hz mode 1 runs too: its cut-on is {cut_on_frequency(profile):.5g} Hz. "
-            "Only the plane-like mode is sent in, and the ends let only that out: they reflect "
-            "some of mode 1",
+            f"at {float(frequency[runs].max()):g} Hz mode 1 runs too: its cut-on is {cut_on_frequency(profile):.5g} "
+            "Hz. Only the plane-like mode is sent in, and the ends let only that out: they reflect some of mode 1",
             depth=2,
         )
 
 
-def _warn_of_near_ends(case: DuctCase, frequency: float) -> None:
+def _warn_of_near_ends(case: DuctCase, frequency: Tensor) -> None:
     """At the highest frequency below cut-on, where mode 1 decays least."""
-    kappa = torch.tensor([case.height * 2 * math.pi * frequency / case.profile.sound_speed])
+    kappa = case.height * case.wavenumber(frequency[None])
     ends = {"upstream": case.liner[0][0] - case.start, "downstream": case.end - case.liner[-1][1]}
     decay = {end: float(rigid_wavenumbers(case.profile, kappa, 2, end)[0, 1].imag.abs()) / case.height for end in ends}
     nearest = min(ends, key=lambda end: decay[end] * ends[end])
-    share = math.exp(-decay[nearest] * ends[nearest])
-    if decay[nearest] * ends[nearest] < GONE:
+    lost = decay[nearest] * ends[nearest]
+    if lost < GONE:
         tell(
-            f"the liner lies {1e3 * ends[nearest]:.3g} mm from the {nearest} end: at "
-            f"{frequency:g} Hz {100 * share:.2g} % of mode 1, which its edges make, reaches the "
-            f"end, which reflects some of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the "
-            f"duct there to at least {1e3 * GONE / decay[nearest]:.3g} mm beyond the liner",
+            f"the liner lies {1e3 * ends[nearest]:.3g} mm from the {nearest} end: at {float(frequency):g} Hz "
+            f"{100 * math.exp(-lost):.2g} % of mode 1, which its edges make, reaches the end, which reflects some of "
+            f"it (limit {100 * math.exp(-GONE):.2g} %); lengthen the duct there to at least "
+            f"{1e3 * GONE / decay[nearest]:.3g} mm beyond the liner",
             depth=3,
         )

@@ -1,0 +1,175 @@
+"""Verification of the duct solvers: measured errors and their limits; exit code 1 if one is not held.
+
+    python scripts/verify_duct.py [--degrees 1 2 3 4]
+
+Mode 0 of a duct of 150 x 50 mm lined throughout with Z = 2.33-0.30j, at 1500 Hz, enters at one end of the linearised
+Euler equations, leaves at the other and is known there exactly, from the collocation of the Pridmore-Brown equation.
+The error of p should fall with the element size to the power p + 1 until the modes' own 1e-11 is reached. Then the
+wavenumbers, and a liner between rigid walls against 40 matched modes.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from common import options_of, parser_of
+from oracles.mode_matching import match_modes
+from torchliner.duct.basis import Basis
+from torchliner.duct.boundaries import solve_boundaries, wall_of
+from torchliner.duct.case import DuctCase
+from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
+from torchliner.duct.ends import EndModes, end_modes
+from torchliner.duct.field import fields_at
+from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
+from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.solver import DuctSolver
+from torchliner.duct.sweep import sweep_duct
+
+CONDITION = "continuous-velocity"  # no flow slips here: either would do
+HEIGHT, LENGTH, FREQUENCY, TRUE = 50e-3, 0.15, 1500.0, 2.33 - 0.30j
+# The derivatives of a layer of shear 0.5 stay small enough for the order to be seen on coarse meshes.
+CASES: dict[str, MeanFlow] = {"no flow": UniformProfile(0.0, HEIGHT), "sheared": TanhProfile(0.3, HEIGHT, 0.5)}
+MESHES = ((4, 2), (8, 4), (16, 8), (32, 16))
+PUBLISHED = 21.45776 - 2.51104j  # c 343 m/s, M 0.3, Ingard-Myers, downstream
+FLOOR = 1e-11  # of p: the error of the exact modes
+LEAST = 0.5  # by which the last step may miss p + 1: with upwind fluxes p + 1/2 is sure
+
+
+def order_table(
+    flow: str,
+    degrees: Sequence[int] = (1, 2, 3, 4),
+    meshes: Sequence[tuple[int, int]] = MESHES,
+    direction: str = "downstream",
+) -> list[dict[str, Any]]:
+    """A row a mesh: the largest error of p over the largest p, and the order, nan on the first mesh.
+
+    Args:
+        flow: one of ``CASES``.  degrees: p.  direction: of the mode.
+        meshes: columns and rows; each next one twice as fine.
+    """
+    table = []
+    for degree in degrees:
+        last = math.nan
+        for columns, rows in meshes:
+            error, unknowns = exact_mode_error(CASES[flow], degree, columns, rows, direction)
+            row = {"flow": flow, "degree": degree, "columns": columns, "rows": rows, "unknowns": unknowns}
+            table.append({**row, "error": error, "order": math.log2(last / error)})
+            last = error
+    return table
+
+
+def exact_mode_error(
+    profile: MeanFlow, degree: int, columns: int, rows: int, direction: str = "downstream"
+) -> tuple[float, int]:
+    """Largest error of p over the elements' nodes, relative to the largest p; and the unknowns."""
+    source = "upstream" if direction == "downstream" else "downstream"
+    case = DuctCase(profile, 0.0, LENGTH, (0.0, LENGTH), source, slip_condition=CONDITION)
+    mesh = DuctMesh(case, np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1), degree)
+    frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
+    down, up = _modes_of(profile)  # type: ignore[arg-type]  # flows are frozen records
+
+    def lined_modes(_: MeanFlow, __: Tensor, y: Tensor, flow: bool) -> EndModes:
+        return end_modes(down, up, y, flow)
+
+    swept = sweep_duct(case, mesh, frequency, True, math.inf, lined_modes)
+    wall = wall_of(TRUE, mesh, swept.basis, case.wavenumber(frequency), frequency, 0.0)
+    sent = torch.tensor([[1.0, 0.0]] if source == "upstream" else [[0.0, 1.0]]).to(wall.reflection)
+    waves, _ = solve_boundaries(swept.reading, wall, sent, torch.zeros_like(sent))
+    x, y = (places.ravel() for places in node_places(mesh))
+    found = fields_at(swept, waves, x, y)[0, :, 0]
+    mode, start = (down, 0.0) if source == "upstream" else (up, LENGTH)
+    phase = torch.exp(-1j * mode.wavenumber[0, 0] * torch.as_tensor(x - start))
+    wanted = mode.at(y)[0][0, 0] * phase
+    return float((found - wanted).abs().max() / wanted.abs().max()), mesh.unknowns
+
+
+@functools.lru_cache(maxsize=4)  # all meshes are compared with the same two
+def _modes_of(profile: MeanFlow) -> tuple[DuctModes, DuctModes]:
+    """Mode 0 of the lined duct, downstream and upstream."""
+    down, up = (
+        duct_modes(profile, FREQUENCY, TRUE, count=1, direction=d, slip_condition=CONDITION)
+        for d in ("downstream", "upstream")
+    )
+    return down, up
+
+
+def node_places(mesh: DuctMesh) -> tuple[Array, Array]:
+    """x and y of the elements' nodes, m, each (columns, E, n, n) with y before x."""
+    nodes = Basis.of_degree(mesh.degree).nodes.numpy()
+    x = mesh.x[:-1, None] + np.diff(mesh.x)[:, None] * nodes
+    y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * nodes
+    shape = (*x.shape[:1], *y.shape, len(nodes))
+    return np.broadcast_to(x[:, None, None, :], shape), np.broadcast_to(y[None, :, :, None], shape)
+
+
+def checks(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Name, measured figure, limit, and whether it is held; ``rows`` are those of ``order_table``."""
+    found = []
+    for flow in CASES:
+        for degree in sorted({row["degree"] for row in rows}):
+            mine = [row for row in rows if (row["flow"], row["degree"]) == (flow, degree)]
+            # The finest mesh of those above the modes' own error; the coarsest has no order.
+            steps = [row["order"] for row in mine if row["error"] > FLOOR]
+            missed = degree + 1 - (steps[-1] if steps else math.nan)
+            found.append(_check(f"order {degree + 1} with degree {degree}, {flow}: misses by", missed, LEAST))
+    finest = [row["error"] for row in rows if row["flow"] == "no flow" and row["degree"] == 4]
+    if finest:
+        found.append(_check("no flow, degree 4, 32 x 16: relative error of p", finest[-1], 1e-9))
+    return [*found, *_wavenumbers(), _matched()]
+
+
+def _check(name: str, value: float, limit: float) -> dict[str, Any]:
+    return {"check": name, "value": value, "limit": limit, "passed": bool(value <= limit)}
+
+
+def _wavenumbers() -> list[dict[str, Any]]:
+    about: dict[str, Any] = {"height": HEIGHT, "mach": 0.3, "sound_speed": 343.0}
+    z = torch.tensor(TRUE, dtype=torch.complex128)
+    alpha = wavenumber_from_impedance(z, FREQUENCY, **about)
+    back = impedance_from_wavenumber(alpha, FREQUENCY, **about)
+    flow = UniformProfile(0.3, HEIGHT, sound_speed=343.0)
+    solved = duct_modes(flow, FREQUENCY, TRUE, count=1, slip_condition="ingard-myers").wavenumber
+    away = abs(complex(solved.reshape(-1)[0]) / complex(alpha) - 1)
+    return [
+        _check("dispersion relation against its published value (1/m)", abs(complex(alpha) - PUBLISHED), 1e-5),
+        _check("impedance to wavenumber and back", abs(complex(back) - TRUE), 1e-12),
+        _check("eigen-solver against the dispersion relation, relative", away, 1e-6),
+    ]
+
+
+def _matched() -> dict[str, Any]:
+    """Rigid-lined-rigid without flow, on the opposite wall, against 40 matched modes."""
+    places = np.linspace(-0.05, 0.2, 26)
+    case = DuctCase(UniformProfile(0.0, HEIGHT), -0.15, 0.3, (0.0, 0.15))
+    field = DuctSolver(case, FREQUENCY, keep="walls").solve(TRUE).wall_pressure(places)
+    matched = match_modes(HEIGHT, (0.0, 0.15), FREQUENCY, TRUE, modes=40).fields(places, HEIGHT)[0]
+    away = float((field - matched).abs().max() / matched.abs().max())
+    return _check("rigid-lined-rigid without flow against 40 matched modes", away, 1e-4)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = parser_of(__doc__)
+    parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3, 4], help="of the elements")
+    rows = [row for flow in CASES for row in order_table(flow, options_of(parser, arguments).degrees)]
+    for row in rows:
+        mesh = f"{row['columns']} x {row['rows']}"
+        numbers = f"{row['unknowns']:6d} {row['error']:9.2e} {row['order']:5.2f}"
+        print(f"{row['flow']:8s} p {row['degree']} {mesh:>8s} {numbers}")
+    found = checks(rows)
+    for check in found:
+        word = "holds" if check["passed"] else "FAILS"
+        print(f"{word}: {check['check']} {check['value']:.2e} (limit {check['limit']:.0e})")
+    return 0 if all(check["passed"] for check in found) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

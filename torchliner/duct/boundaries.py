@@ -1,0 +1,201 @@
+r"""What comes back from the boundaries of a swept duct: one description of lined wall and ends.
+
+Every boundary has amplitudes eta of its own: a locally reacting wall half the sum of p* and w, p in
+units of rho c^2 and w, the velocity of its face, of c; an end the plane-like mode that goes out. What
+comes in and what arrives, both linear in eta, are then finite for every wall:
+
+.. math:: \text{wall: } x = E \eta, \quad a(X) = T \eta, \qquad
+    \text{end: } s = s_0 + r c, \quad m(X) = 0, \quad \eta = c,
+
+with X = (s_L, c_L, x, s_R, c_R) the unit waves of ``sweep.py``, a the waves (p - v)/2 that arrive at the
+wall and m what goes out at an end besides its modes. X is linear in eta, so the wall's rows and the two
+ends' are one system for eta, some hundred unknowns.
+
+Of a wall, p* = (1 + R) eta and w = (1 - R) eta, R = (Z - 1)/(Z + 1), point by point; where Z varies within
+a column R is projected on its polynomials. Where the flow does not slip v* = w: T = 1 and E = R. Where it
+slips at Mach M, Ingard's and Myers' condition takes w, times 1/(j omega) the displacement, to the velocity
+v* = w + (M/j k) dw/dx. With D the discrete derivative,
+
+.. math:: T = 1 + S, \quad E = R - S, \quad S = \frac{M}{2 j k} D (1 - R).
+
+D takes its values at element edges from downstream and is 0 beyond the last: transported from
+upstream, the hydrodynamic wave grows without bound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from torchliner.duct.basis import Basis
+from torchliner.duct.columns import diagonal_blocks
+from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.wall_impedance import wall_reflection
+
+SINGULAR = 1e-6  # residual over right-hand side
+CHUNK = 64 * 2**20  # bytes of matrices solved at once
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A lined wall of C columns, n points each, W in all.
+
+    Args:
+        reflection: R, (..., F, C, n, n).  shed: S, (..., F, W, W), or None where nothing slips.
+    """
+
+    reflection: Tensor
+    shed: Tensor | None = None
+
+    def reflected(self, eta: Tensor) -> Tensor:
+        """R eta, (..., F, W)."""
+        columns = eta.unflatten(-1, self.reflection.shape[-3:-1])[..., None]
+        return (self.reflection @ columns)[..., 0].flatten(-2)
+
+    def sent(self, eta: Tensor) -> Tensor:
+        """x = E eta, (..., F, W)."""
+        back = self.reflected(eta)
+        return back if self.shed is None else back - (self.shed @ eta[..., None])[..., 0]
+
+    def system(self, reading: Tensor) -> Tensor:
+        """reading E less T in the first W rows, for a reading (F, W + 2, W): (..., F, W + 2, W)."""
+        split = reading.unflatten(-1, self.reflection.shape[-3:-1]).transpose(-2, -3)
+        whole = (split @ self.reflection).transpose(-2, -3).flatten(-2)
+        one = torch.eye(reading.shape[-1], dtype=reading.dtype, device=reading.device)
+        if self.shed is None:
+            return whole - pad(one, (0, 0, 0, 2))
+        return whole - reading @ self.shed - pad(one + self.shed, (0, 0, 0, 2))
+
+
+def wall_of(impedance: Any, mesh: DuctMesh, basis: Basis, k: Tensor, frequency: Tensor, slip_mach: float) -> Wall:
+    """The wall of an impedance.
+
+    Args:
+        impedance: numbers, broadcast against (F, S), S lined patches, leading axes free; or a function of x (m, (P,))
+            and frequency (Hz, (F,)) that returns (..., F, P).
+        mesh, basis: of the duct.  k, frequency: 1/m and Hz, (F,).
+        slip_mach: M at the wall for Ingard's and Myers' condition, else 0.
+    Raises:
+        ValueError: shapes that do not fit; see ``wall_reflection``.
+    """
+    reflection = (_varying if callable(impedance) else _piecewise)(impedance, mesh, basis, frequency)
+    if slip_mach == 0:
+        return Wall(reflection)
+    whole = diagonal_blocks(reflection)
+    one = torch.eye(whole.shape[-1], dtype=whole.dtype, device=whole.device)
+    share = (slip_mach / (2j * k))[:, None, None]
+    return Wall(reflection, share * (_downwind_derivative(mesh, basis).to(whole) @ (one - whole)))
+
+
+def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
+    reflection = wall_reflection(impedance, frequency.device).to(frequency.device)
+    wanted = (len(frequency), len(mesh.case.liner))
+    try:
+        shape = np.broadcast_shapes(reflection.shape, wanted)
+    except ValueError:
+        shape = ()
+    if shape[-2:] != wanted:
+        raise ValueError(
+            f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies, lined "
+            "patches (one value of each for all: 1)"
+        )
+    each = reflection.expand(shape)[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
+    return each[..., None, None] * torch.eye(basis.count, dtype=each.dtype, device=each.device)
+
+
+def _varying(impedance: Callable[..., Any], mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
+    places, values, weights = basis.quadrature()
+    x = torch.as_tensor(mesh.lined_starts[:, None] + mesh.lined_widths[:, None] * places)
+    found = impedance(x.flatten().to(frequency), frequency)
+    reflection = wall_reflection(found, frequency.device).to(frequency.device)
+    wanted = (len(frequency), x.numel())
+    if reflection.shape[-2:] != wanted:
+        raise ValueError(
+            f"the impedance function returned shape {tuple(reflection.shape)} for {wanted[0]} frequencies and "
+            f"{wanted[1]} places; its last two axes must be these"
+        )
+    reflection = reflection.unflatten(-1, x.shape)
+    values, weights = (t.to(reflection) for t in (values, weights))
+    return values.mT @ ((reflection * weights)[..., None] * values) / basis.weights[:, None]
+
+
+def _downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:
+    """d/dx over the lined columns, edge values from the right neighbour, (W, W)."""
+    n, widths, starts = basis.count, mesh.lined_widths, mesh.lined_starts
+    whole = torch.zeros(len(widths), n, len(widths), n, dtype=torch.float64)
+    first, last = basis.first.cpu(), basis.last.cpu()
+    inner, weights = -basis.convection.cpu() - torch.outer(first, first), basis.weights.cpu()[:, None]
+    for i, width in enumerate(widths):
+        whole[i, :, i] = inner / (width * weights)
+        if i + 1 < len(widths) and abs(starts[i] + width - starts[i + 1]) < 1e-9 * width:
+            whole[i, :, i + 1] = torch.outer(last, first) / (width * weights)
+    return whole.reshape(len(widths) * n, len(widths) * n)
+
+
+def solve_boundaries(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
+    """X and eta for waves sent in from the ends, some items at a time, so that their matrices do not pile up.
+
+    Args:
+        reading: of the swept duct, (F, W + 2, D).  wall: of the liner, or None where there is none.
+        starts: s0 at the left and right end, (..., F, 2).  returns: r of the left and right end, (..., F, 2).
+    Returns:
+        X, (..., F, D), and eta of the wall, (..., F, W).
+    Raises:
+        RuntimeError: the system is singular; the message holds the residual.
+    """
+    parts = [(starts, 2), (returns, 2)]
+    if wall is not None:
+        parts += [(wall.reflection, 4)] + ([] if wall.shed is None else [(wall.shed, 3)])
+    lead = torch.Size(np.broadcast_shapes(*(part.shape[:-inner] for part, inner in parts)))
+    step = max(1, CHUNK // (16 * reading.shape[-2] ** 2 * len(reading)))
+    if lead.numel() <= step:
+        return _solve(reading, wall, starts, returns)
+    flat = [part.expand(*lead, *part.shape[-inner:]).flatten(0, len(lead) - 1).split(step) for part, inner in parts]
+    each = zip(*flat, strict=True)
+    found = [_solve(reading, Wall(*walls) if walls else None, *ends) for ends, walls in ((a[:2], a[2:]) for a in each)]
+    waves, eta = (torch.cat(part) for part in zip(*found, strict=True))
+    return waves.unflatten(0, lead), eta.unflatten(0, lead)
+
+
+def _solve(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
+    """``solve_boundaries`` of all items at once."""
+    coming, going = reading[..., [0, -2]], reading[..., [1, -1]]
+    system = going + returns[..., None, :] * coming  # of c_L and c_R; before them of the wall's eta
+    right = -(coming * starts[..., None, :]).sum(-1)
+    if wall is not None:
+        lined = wall.system(reading[..., 2:-2])
+        shape = np.broadcast_shapes(lined.shape[:-1], system.shape[:-1])
+        system = torch.cat([lined.expand(*shape, -1), system.expand(*shape, -1)], -1)
+    try:
+        found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
+    except RuntimeError as problem:
+        # Seen once, for a system that is singular to the last digit: rows exchanged with row 0.
+        if "ivots" not in str(problem):
+            raise
+        raise _singular(math.inf) from problem
+    matrix, solution = system.detach(), found.detach()
+    left = ((matrix @ solution[..., None])[..., 0] - right).abs().amax(-1)
+    # Of a singular system the residual may be small by luck; rounding of a solution so large is not.
+    rounding = torch.finfo(torch.float64).eps * matrix.abs().amax((-2, -1)) * solution.abs().amax(-1)
+    size = right.abs().amax(-1).clamp(min=1e-300)
+    worst = float(torch.nan_to_num(torch.maximum(left, rounding) / size, nan=math.inf).max())
+    if worst > SINGULAR:
+        raise _singular(worst)
+    eta, out = found[..., :-2], found[..., -2:]
+    back = starts + returns * out
+    waves = eta if wall is None else wall.sent(eta)
+    return torch.cat([back[..., :1], out[..., :1], waves, back[..., 1:], out[..., 1:]], -1), eta
+
+
+def _singular(residual: float) -> RuntimeError:
+    return RuntimeError(
+        f"the duct's equations are singular: their solution leaves a residual of {residual:.2g} of the incident wave "
+        "(a wall or two ends that feed a resonance); change the impedance, the end reflections or the frequency"
+    )

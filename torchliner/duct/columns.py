@@ -1,0 +1,168 @@
+r"""Elements of the linearised Euler equations, condensed to what goes in and out of their edges;
+columns of them, to what goes in and out of two sides and of the lined wall.
+
+With q = (p, u, v), p in units of rho c^2 and velocities of c, and exp(j omega t),
+
+.. math:: j k q + \partial_x (A_x q) + \partial_y (A_y q) + B q = 0,
+
+A_x = [[M, 1, 0], [1, M, 0], [0, 0, M]], A_y = [[0, 0, 1], [0, 0, 0], [1, 0, 0]], and M' v in the
+equation of u. Discontinuous Galerkin with the upwind flux: with the outward normal n, M_n = M n_x,
+and the waves w+ = (p + u_n)/2 from inside and w- = (p - u_n)/2 from outside,
+
+.. math:: F_p = (1 + M_n) w^+ - (1 - M_n) w^-, \quad F_n = (1 + M_n) w^+ + (1 - M_n) w^-, \quad
+    F_t = \max(M_n, 0) u_{t,in} + \min(M_n, 0) u_{t,out}.
+
+So an element (M >= 0) receives through its left edge w = (p + u)/2 and v, through its right edge
+(p - u)/2, through its bottom (p + v)/2 and through its top (p - v)/2, and gives out the same
+through the opposite edges. Where there is no flow no v crosses an edge, and none is carried.
+
+The walls close the column: at the rigid one the wave that arrives, (p + v_n)/2, comes back as it
+is: with a = p + v_n, p* = (1 + R) a/2 and v* = (1 - R) a/2 for R = 1. At a lined one it comes back
+times R; but R is left out here: the wall stays open as a third port, so that all impedances share
+a column.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchliner.duct.basis import Basis, Rows
+
+
+def element_operator(width: float, basis: Basis, rows: Rows) -> tuple[Tensor, Tensor]:
+    """What does not depend on k, and the mass matrix which j k multiplies; (E, 3 n^2, 3 n^2)."""
+    first, last = (torch.outer(end, end) for end in (basis.first, basis.last))
+    mass_x = width * torch.diag(basis.weights)
+    out = _kron((rows.mass + rows.flow) / 2, last)  # through the right edge, of (p + u)
+    back = _kron((rows.mass - rows.flow) / 2, first)  # through the left edge, of (p - u)
+    convected = -_kron(rows.flow, basis.convection)
+    acoustic_x = -_kron(rows.mass, basis.convection) + out - back
+    acoustic_y = _kron((last - first) / 2 - basis.convection, mass_x).expand_as(out)
+    vertical = _kron((last + first) / 2, mass_x).expand_as(out)
+    still, mass = torch.zeros_like(out), _kron(rows.mass, mass_x)
+    steady = [
+        [convected + out + back + vertical, acoustic_x, acoustic_y],
+        [acoustic_x, convected + out + back, _kron(rows.shear, mass_x)],
+        [acoustic_y, still, convected + _kron(rows.flow, last) + vertical],
+    ]
+    return blocks_of(steady), blocks_of([[mass, still, still], [still, mass, still], [still, still, mass]])
+
+
+def element_ports(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[Tensor, Tensor]:
+    """Right-hand sides of unit incoming waves (E, 3 n^2, I) and outgoing waves (E, I, 3 n^2).
+
+    Waves are counted by kind, n of each: along the flow (left to right) w and, with flow, v; against it w; upwards w;
+    downwards w.
+    """
+    count = len(rows.mass)
+    first, last = basis.first[:, None], basis.last[:, None]
+    mass_x = (width * torch.diag(basis.weights)).expand(count, -1, -1)
+    one = torch.eye(basis.count).to(basis.nodes).expand(count, -1, -1)
+    ahead, against = _kron(rows.mass + rows.flow, first), _kron(rows.mass - rows.flow, last)
+    up, down = (_kron(end.expand(count, -1, -1), mass_x[0]) for end in (first, last))
+    right, left = _kron(one, last.T) / 2, _kron(one, first.T) / 2
+    top, bottom = (_kron(end.T.expand(count, -1, -1), one[0]) / 2 for end in (last, first))
+    still, none = torch.zeros_like(ahead), torch.zeros_like(right)
+    incoming = [[ahead, ahead, still], [against, -against, still], [up, still, up], [down, still, -down]]
+    outgoing = [[right, right, none], [left, -left, none], [top, none, top], [bottom, none, -bottom]]
+    if flow:
+        incoming.insert(1, [still, still, _kron(rows.flow, first)])
+        outgoing.insert(1, [none, none, 2 * right])
+    return torch.cat([torch.cat(part, -2) for part in incoming], -1), blocks_of(outgoing)
+
+
+def _kron(across: Tensor, along: Tensor) -> Tensor:
+    """Kronecker products of (E, a, b) or (a, b) with (c, d): (E, a c, b d)."""
+    across = across if across.ndim == 3 else across[None]
+    product = across[:, :, None, :, None] * along[:, None, :]
+    return product.flatten(3).flatten(1, 2)
+
+
+def blocks_of(rows: list[list[Tensor]]) -> Tensor:
+    """One matrix of rows of blocks."""
+    return torch.cat([torch.cat(row, -1) for row in rows], -2)
+
+
+def diagonal_blocks(blocks: Tensor) -> Tensor:
+    """(..., E, a, b) as block-diagonal matrices (..., E a, E b)."""
+    *lead, count, a, b = blocks.shape
+    whole = blocks.new_zeros(*lead, count, a, count, b)
+    whole.diagonal(dim1=-4, dim2=-2).copy_(blocks.movedim(-3, -1))
+    return whole.reshape(*lead, count * a, count * b)
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of E elements for F frequencies; N = E n points across the duct.
+
+    Waves into it are counted (left, right, wall): along the flow w and, with flow, v, 2 N or N; against it N; from a
+    lined wall n, else none.
+
+    Args:
+        interior: unknowns (field, y, x) of each element for unit waves into it, (F, E, 3 n^2, kinds n).
+        vertical: waves up and down into the elements for unit waves into the column, (F, 2 N, I).
+        out: waves out to the ``right``, the ``left`` and the ``wall``, for the same waves in.
+        blocks: the same by (out, in).
+        lined: how many waves come from the wall, n or 0.
+    """
+
+    interior: Tensor
+    vertical: Tensor
+    out: dict[str, Tensor]
+    blocks: dict[tuple[str, str], Tensor]
+    lined: int
+
+    def nodal(self, incoming: Tensor) -> Tensor:
+        """p, u and v at the elements' nodes for waves into the column (..., F, I), (..., F, E, 3, n, n)."""
+        n = round((self.interior.shape[-2] // 3) ** 0.5)
+        elements = self.interior.shape[1]
+        vertical = (self.vertical @ incoming[..., None])[..., 0]
+        sides = incoming[..., : self.interior.shape[-1] * elements - vertical.shape[-1]]
+        kinds = torch.cat([sides, vertical], -1).unflatten(-1, (-1, elements, n))
+        waves = kinds.movedim(-3, -2).flatten(-2)  # (..., F, E, kinds n)
+        return (self.interior @ waves[..., None])[..., 0].unflatten(-1, (3, n, n))
+
+
+def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> Column:
+    """The column of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
+    n, points = basis.count, basis.count * len(rows.mass)
+    steady, mass = element_operator(width, basis, rows)
+    incoming, outgoing = element_ports(width, basis, rows, flow)
+    system = 1j * k[:, None, None, None] * mass + steady
+    interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
+    across = _by_kind(outgoing.to(system.dtype) @ interior, n)
+    sides = across.shape[-1] - 2 * points
+    # Up into an element is up out of the one below, down into it is down out of the one above; at a wall they turn.
+    up, down = torch.arange(2 * points, device=k.device).split(points)
+    source = sides + torch.cat([down[:n], up[:-n], down[n:], up[-n:]])
+    passed = across[:, source]
+    right = passed[..., :sides]
+    one = torch.eye(2 * points, dtype=across.dtype, device=k.device)
+    if lined:
+        passed[:, :n] = 0
+        right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
+    vertical = torch.linalg.solve(one - passed[..., sides:], right)
+    leaving = torch.cat([across[:, :sides], across[:, sides + points : sides + points + (n if lined else 0)]], 1)
+    out = leaving[..., sides:] @ vertical
+    out[..., :sides] += leaving[..., :sides]
+    along = sides - points
+    rest = out.shape[-2] - sides
+    parts = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
+    blocks = {
+        (to, side): block
+        for to, row in parts.items()
+        for side, block in zip(("left", "right", "wall"), row.split([along, points, rest], -1), strict=True)
+    }
+    return Column(interior, vertical, parts, blocks, rest)
+
+
+def _by_kind(scattering: Tensor, n: int) -> Tensor:
+    """Scattering of each element (F, E, kinds n, kinds n) as one matrix, by (kind, element, node)."""
+    split = scattering.unflatten(-1, (-1, n)).unflatten(-3, (-1, n))  # (F, E, kind, n, kind, n)
+    count, elements, kinds = split.shape[:3]
+    whole = split.new_zeros(count, kinds, elements, n, kinds, elements, n)
+    whole.diagonal(dim1=2, dim2=5).copy_(split.movedim(1, -1))
+    return whole.reshape(count, kinds * elements * n, kinds * elements * n)

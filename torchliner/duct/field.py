@@ -1,0 +1,177 @@
+"""The sound field of a solved duct, anywhere in it and along its walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchliner.checks import require_choice
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.case import DuctCase, other_side
+from torchliner.duct.energy import EnergyBalance
+from torchliner.duct.flow_profiles import Array
+from torchliner.duct.sweep import SweptDuct
+from torchliner.names import SOURCES, WALLS
+from torchliner.records.outlets import Reported
+
+
+@dataclass(frozen=True, eq=False)
+class DuctField(Reported):
+    """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
+
+    Args:
+        case: the duct.  frequency: Hz, (F,).  source: its side.
+        waves: X of ``sweep.py``, Pa, (..., F, D).  swept: the duct's answers to unit waves.
+        energy: out and absorbed over that which comes in, (..., F).
+        dtype: of what is read from the field; the sums are done in complex128.
+        impedance: Z of the wall as it was asked for.
+    """
+
+    case: DuctCase
+    frequency: Tensor
+    source: str
+    waves: Tensor
+    swept: SweptDuct
+    energy: EnergyBalance
+    dtype: torch.dtype = torch.complex128
+    impedance: Any = None
+
+    def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P).
+
+        Args:
+            x, y: m, (P,) or numbers.
+        Raises:
+            ValueError: a point outside the duct, or the solver kept the walls only.
+        """
+        p, u, v = fields_at(self.swept, self.waves, x, y).to(self.dtype).unbind(-1)
+        speed = self.case.density * self.case.profile.sound_speed
+        return p, u / speed, v / speed
+
+    def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
+        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law p* = Z w
+        with w the velocity of the wall's own face, v* of ``wall_velocity`` where nothing slips.
+
+        Args:
+            x: m, (P,) or a number.
+            wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
+        """
+        arriving, leaving = self._wall_waves(x, wall)
+        return (arriving + leaving).to(self.dtype)
+
+    def wall_velocity(self, x: Any) -> Tensor:
+        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
+
+        v* = w = p*/(rho c Z) where the flow does not slip or the velocity is continuous. With
+        Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
+        slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
+        """
+        arriving, leaving = self._wall_waves(x, "lined")
+        velocity = (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
+        return velocity.to(self.dtype)
+
+    def wall_level(self, x: Any, wall: str = "opposite") -> Tensor:
+        """SPL on a wall, dB re 20 uPa rms, (..., F, P)."""
+        return spl_from_pressure_amplitude(self.wall_pressure(x, wall))
+
+    def wall_phase(self, x: Any, wall: str = "opposite") -> Tensor:
+        """Phase of the pressure on a wall, degrees, -180 to 180, (..., F, P)."""
+        return torch.rad2deg(torch.angle(self.wall_pressure(x, wall)))
+
+    @property
+    def reflection(self) -> Tensor:
+        """Plane-like mode that reaches the source's end over the one sent from it, (..., F).
+
+        Both at that end, as wall pressures; what the end sends back in counts as sent.
+        """
+        sent, returned = self.end_waves(self.source)
+        return (returned / sent).to(self.dtype)
+
+    @property
+    def transmission(self) -> Tensor:
+        """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
+        sent, _ = self.end_waves(self.source)
+        return (self.end_waves(other_side(self.source))[1] / sent).to(self.dtype)
+
+    def rows(self) -> list[dict[str, float | None]]:
+        """One a frequency, of a field without leading axes: reflection, transmission, energy."""
+        reflection, transmission = (part.detach().abs() for part in (self.reflection, self.transmission))
+        each = zip(self.frequency.tolist(), reflection, transmission, self.energy.rows(), strict=True)
+        return [
+            {
+                "frequency (Hz)": frequency,
+                "reflection": float(back),
+                "transmission": float(through),
+                "transmission loss (dB)": -20 * float(through.log10()),
+                **energy,
+            }
+            for frequency, back, through, energy in each
+        ]
+
+    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
+        """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).
+
+        Args:
+            end: ``upstream`` or ``downstream``.
+        """
+        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
+        return self.waves[..., first], self.waves[..., first + 1]
+
+    def _wall_waves(self, x: Any, wall: str) -> tuple[Tensor, Tensor]:
+        """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
+        require_choice("wall", wall, WALLS)
+        mesh, basis = self.swept.mesh, self.swept.basis
+        column, inside = _cells("x", x, mesh.x)
+        values = basis.values(inside).to(self.waves)
+        kept = self.swept.upper if wall == "opposite" else self.swept.lower
+        rows = torch.einsum("pn,fpnd->fpd", values, kept[:, torch.as_tensor(column).to(values.device)])
+        arriving = torch.einsum("fpd,...fd->...fp", rows, self.waves)
+        lined = torch.as_tensor(mesh.lined[column]).to(values.device)
+        if wall == "opposite" or not bool(lined.any()):
+            return arriving, arriving  # rigid
+        first = 2 + basis.count * (np.cumsum(mesh.lined) - 1).clip(0)[column]
+        own = torch.as_tensor(first[:, None] + np.arange(basis.count)).to(values.device)
+        return arriving, torch.where(lined, (self.waves[..., own] * values).sum(-1), arriving)
+
+
+def fields_at(swept: SweptDuct, waves: Tensor, x: Any, y: Any) -> Tensor:
+    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3).
+
+    Raises:
+        ValueError: a point outside the duct, or the duct was swept for its walls only.
+    """
+    if not swept.incoming:
+        raise ValueError(
+            "the solver kept what the walls need (keep='walls'); build it with keep='all' to read fields inside"
+        )
+    places, heights = np.broadcast_arrays(_places(x), _places(y))
+    column, inside = _cells("x", places, swept.mesh.x)
+    element, above = _cells("y", heights, swept.mesh.y)
+    along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
+    found = waves.new_zeros(*waves.shape[:-1], len(places), 3)
+    for number in np.unique(column):
+        here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
+        incoming = torch.einsum("fid,...fd->...fi", swept.incoming[number], waves)
+        nodes = swept.columns[number].nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
+        found[..., here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
+    return found
+
+
+def _places(values: Any) -> Array:
+    plain = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
+    return np.atleast_1d(np.asarray(plain, np.float64)).ravel()
+
+
+def _cells(name: str, values: Any, edges: Array) -> tuple[NDArray[np.int64], Array]:
+    """The cell between edges that each place lies in, and where in it, 0 to 1."""
+    places = _places(values)
+    outside = ~((places >= edges[0]) & (places <= edges[-1]))
+    if outside.any():
+        raise ValueError(f"{name} = {places[outside][0]:g} m lies outside the duct, {edges[0]:g} to {edges[-1]:g} m")
+    cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
+    return cell, (places - edges[cell]) / np.diff(edges)[cell]

@@ -1,0 +1,267 @@
+"""Mean flows of a duct: what they are to those who ask, a plug, a parabola and what lies between."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torchliner.checks import require_positive, tell
+
+Array = NDArray[np.float64]
+THIN_SHEAR, THINNEST_SHEAR = 0.05, 0.03  # of a tanh profile, half heights: a warning, a refusal
+
+
+class FlowProfile(Protocol):
+    """A mean flow between two walls; any object that knows these two will do."""
+
+    @property
+    def duct_height(self) -> float:
+        """H, m."""
+        ...
+
+    def velocity(self, y: ArrayLike) -> Array:
+        """U at a distance y (m, 0 to H) from the wall, m/s."""
+        ...
+
+
+class MeanFlow(FlowProfile, Protocol):
+    """A mean flow as sound in a duct needs it: along +x, below Mach 1, with its slope."""
+
+    @property
+    def bulk_mach(self) -> float:
+        """Mean of U over the height, divided by c."""
+        ...
+
+    @property
+    def sound_speed(self) -> float:
+        """c, m/s."""
+        ...
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* at the wall y = 0, m."""
+        ...
+
+    def mach(self, y: ArrayLike) -> Array:
+        """M = U/c at y (m)."""
+        ...
+
+    def mach_slope(self, y: ArrayLike) -> Array:
+        """dM/dy at y (m), 1/m: the derivative of ``mach``, not a difference quotient."""
+        ...
+
+
+def inside_duct(y: ArrayLike, duct_height: float) -> Array:
+    """Distances from the wall as an array.
+
+    Raises:
+        ValueError: one is not within 0 to ``duct_height``.
+    """
+    heights = np.asarray(y, np.float64)
+    outside = ~((heights >= 0) & (heights <= duct_height))
+    if outside.any():
+        raise ValueError(f"y = {heights[outside].flat[0]:g} m lies outside the duct, 0 to {duct_height:g} m")
+    return heights
+
+
+class SymmetricProfile:
+    """U/U_0 as a shape over t, the distance from the nearer wall in half heights, 0 to 1.
+
+    A profile states its shape, the shape's slope and the mean of the shape; the rest is here.
+    """
+
+    bulk_mach: float
+    duct_height: float
+    sound_speed: float
+
+    def _shape(self, t: Array) -> Array:
+        """U/U_0 at t; 1 at t = 1."""
+        raise NotImplementedError
+
+    def _shape_slope(self, t: Array) -> Array:
+        """d(U/U_0)/dt."""
+        raise NotImplementedError
+
+    @property
+    def _bulk_share(self) -> float:
+        """Mean of U/U_0 over t = 0..1."""
+        raise NotImplementedError
+
+    @property
+    def centreline_mach(self) -> float:
+        """U_0/c, from the integral of the profile."""
+        return self.bulk_mach / self._bulk_share
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* of either wall, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
+        return self.duct_height / 2 * (1 - self._bulk_share)
+
+    def velocity(self, y: ArrayLike) -> Array:
+        """U(y), m/s.
+
+        Args:
+            y: distance from one wall, m, 0 to the duct height, any shape.
+        Raises:
+            ValueError: a point lies outside the duct.
+        """
+        return self.sound_speed * self.mach(y)
+
+    def mach(self, y: ArrayLike) -> Array:
+        """M(y) = U/c; arguments and errors of ``velocity``."""
+        return self.centreline_mach * self._shape(self._depth(y))
+
+    def mach_slope(self, y: ArrayLike) -> Array:
+        """dM/dy, 1/m, differentiated by hand; arguments and errors of ``velocity``."""
+        heights, half = np.asarray(y, np.float64), self.duct_height / 2
+        slope = self.centreline_mach / half * self._shape_slope(self._depth(y))
+        return np.sign(half - heights) * slope
+
+    def _depth(self, y: ArrayLike) -> Array:
+        heights = inside_duct(y, self.duct_height)
+        return np.minimum(heights, self.duct_height - heights) / (self.duct_height / 2)
+
+    def _check_scale(self) -> None:
+        """Refuse lengths and speeds that are none, and Mach numbers not below 1."""
+        for name in ("bulk_mach", "duct_height", "sound_speed"):
+            require_positive(f"profile {name}", getattr(self, name))
+        if self.bulk_mach >= 1:
+            raise ValueError(f"profile bulk_mach is {self.bulk_mach:g}; it must be below 1 (a Mach number, not m/s)")
+
+    def _check_centreline(self, about: str = "") -> None:
+        if self.centreline_mach >= 1:
+            raise ValueError(
+                f"profile centreline Mach number is {self.centreline_mach:.4g} for bulk_mach {self.bulk_mach:g}{about};"
+                " it must be below 1"
+            )
+
+
+@dataclass(frozen=True)
+class UniformProfile(SymmetricProfile):
+    """One velocity from wall to wall, at the walls too; 0 is a duct without flow.
+
+    Args:
+        bulk_mach: U/c; 0 or above, below 1.  duct_height: H, m.  sound_speed: c, m/s.
+    Raises:
+        ValueError: a Mach number outside 0 to 1, or a length or speed not above 0.
+    """
+
+    bulk_mach: float
+    duct_height: float
+    sound_speed: float = 343.2
+    _bulk_share = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("duct_height", "sound_speed"):
+            require_positive(f"profile {name}", getattr(self, name))
+        if not 0 <= self.bulk_mach < 1:
+            raise ValueError(
+                f"profile bulk_mach is {self.bulk_mach:g}; it must be at least 0 and below 1 (a Mach number, not m/s; "
+                "the flow runs along +x, so turn the duct round for the other direction)"
+            )
+
+    def _shape(self, t: Array) -> Array:
+        return np.ones_like(t)
+
+    def _shape_slope(self, t: Array) -> Array:
+        return np.zeros_like(t)  # the step at the walls is left to the wall law
+
+
+@dataclass(frozen=True)
+class ParabolicProfile(SymmetricProfile):
+    r"""Laminar flow, :math:`U/U_0 = t(2 - t)`, scaled to a bulk Mach number; U_0 = 3/2 of the mean.
+
+    Args:
+        bulk_mach: mean of U over the height, divided by c; 0 to 2/3.  duct_height: H, m.  sound_speed: c, m/s.
+    Raises:
+        ValueError: bulk or centreline Mach number not below 1.
+    """
+
+    bulk_mach: float
+    duct_height: float
+    sound_speed: float = 343.2
+    _bulk_share = 2 / 3
+
+    def __post_init__(self) -> None:
+        self._check_scale()
+        self._check_centreline()
+
+    def _shape(self, t: Array) -> Array:
+        return t * (2 - t)
+
+    def _shape_slope(self, t: Array) -> Array:
+        return 2 * (1 - t)
+
+
+@dataclass(frozen=True)
+class TanhProfile(SymmetricProfile):
+    r"""Boundary layers of adjustable thickness, scaled to a bulk Mach number.
+
+    :math:`U/U_0 = \tanh\frac{1-r}{d} + (1 - T)\left[\frac{1+T}{d} r + 1 + r\right](1-r)`, with
+    :math:`r = |2y/H - 1|` and :math:`T = \tanh(1/d)`: 1 and smooth on the centreline, 0 at the
+    walls. For d -> 0 it is a plug flow, for d -> infinity a parabola.
+
+    Args:
+        bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
+        shear: d, thickness of the shear layer in half heights; at least 0.03.  sound_speed: c, m/s.
+        allow_thin: take a ``shear`` below 0.03 too, for a study of what then goes wrong.
+    Raises:
+        ValueError: bulk or centreline Mach number not below 1, or ``shear`` below 0.03.
+    Warns:
+        DataWarning: ``shear`` below 0.05.
+    Source: Rienstra & Vilenski (2008), eq. (4), with the half height as radius, as in section
+        5.5.4 and appendix A.2 of Roncen et al. (2026). A print with "+ r" in place of the factor
+        (1 + r) does not reach U_0 on the centreline.
+    """
+
+    bulk_mach: float
+    duct_height: float
+    shear: float = 0.1
+    sound_speed: float = 343.2
+    allow_thin: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive("profile shear", self.shear)
+        self._check_scale()
+        if self.shear < THINNEST_SHEAR and not self.allow_thin:
+            raise ValueError(
+                f"profile shear is {self.shear:g}, below {THINNEST_SHEAR:g}: so thin a layer makes any answer that "
+                "depends on its inside a matter of the grid; thicken it (or pass allow_thin=True to study it; "
+                "allow_thin = true in a .toml's [flow])"
+            )
+        self._check_centreline(f" and shear {self.shear:g}")
+        if self.shear < THIN_SHEAR:
+            tell(
+                f"profile shear is {self.shear:g}, below {THIN_SHEAR:g}: waves on so thin a layer may be unstable, and "
+                "results then depend on the mesh",
+                depth=2,
+            )
+
+    def _shape(self, t: Array) -> Array:
+        rest, slope = self._remainder
+        return np.tanh(t / self.shear) + rest * (slope * (1 - t) + 2 - t) * t
+
+    def _shape_slope(self, t: Array) -> Array:
+        rest, slope = self._remainder
+        # sech^2 from exponentials of negative numbers: cosh overflows for thin layers.
+        decay = np.exp(-2 * t / self.shear)
+        layer = 4 * decay / (1 + decay) ** 2 / self.shear
+        return layer + rest * (slope * (1 - 2 * t) + 2 * (1 - t))
+
+    @property
+    def _remainder(self) -> tuple[float, float]:
+        """1 - T without cancellation, and (1 + T)/d."""
+        rest = 2 * math.exp(-2 / self.shear) / (1 + math.exp(-2 / self.shear))
+        return rest, (2 - rest) / self.shear
+
+    @property
+    def _bulk_share(self) -> float:
+        """Mean of U/U_0 over r = 0..1: d ln cosh(1/d) + (1 - T) [((1 + T)/d + 1)/6 + 1/2]."""
+        d = self.shear
+        rest, slope = self._remainder
+        log_cosh = 1 / d + math.log1p(math.exp(-2 / d)) - math.log(2)
+        return d * log_cosh + rest * ((slope + 1) / 6 + 0.5)
