@@ -96,8 +96,7 @@ def liner_of(case: str, law: Law) -> tl.SDoFLiner:
         return base
     twice = 2 if case in SLITS and not law.width else 1
     return EndLossSDoFLiner.of(
-        base, mach=planes_of(case)[0].mach or 0.0,
-        hydraulic_diameter=twice * base.orifice_diameter, **law.fixed,
+        base, hydraulic_diameter=twice * base.orifice_diameter, **law.fixed,
     )  # fmt: skip
 
 

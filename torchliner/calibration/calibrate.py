@@ -130,7 +130,7 @@ class Calibration:
         best = base.with_numbers(dict(zip(self.parameters, self.values.tolist(), strict=True)))
         weights = _weights([plane], [best], frequency, self.choices)
         free, one = FreeLiners(weights, [base], self.parameters), weights[0]
-        before = weights[0].impedance(responses_of(base, weights)[0])
+        before = weights[0].impedance(responses_of(base.in_flow(one.plane.mach), weights)[0])
         draws = None if self.posterior is None else free.impedances(self.posterior.draws)
         notes = self._beyond(one.plane, driving_speed(one))
         tell(notes, depth=2)

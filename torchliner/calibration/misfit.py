@@ -73,7 +73,8 @@ class SpeedWeights:
 
     def model_error(self, liner: LinerModel) -> float:
         """Largest error in R of the interpolation over |v|, up to the largest of the data."""
-        return interpolation_error(self.nodes, liner, self.frequency, self.known.top_speed(liner))[0]
+        known, model = self.known, liner.in_flow(self.plane.mach)
+        return interpolation_error(self.nodes, model, self.frequency, known.top_speed(model))[0]
 
 
 def responses_of(liner: LinerModel, planes: Sequence[SpeedWeights]) -> list[Tensor]:
@@ -174,7 +175,7 @@ class FreeLiners:
 
     def responses(self, values: Any) -> list[Tensor]:
         """R of each plane's liner at its frequencies and nodes, (F, K)."""
-        moved = self.moved(values)
+        moved = [each.in_flow(p.plane.mach) for each, p in zip(self.moved(values), self.planes, strict=True)]
         shared: dict[Any, list[int]] = {}
         for i, (liner, plane) in enumerate(zip(moved, self.planes, strict=True)):
             shared.setdefault((id(liner), plane.nodes), []).append(i)

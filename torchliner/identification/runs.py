@@ -22,6 +22,7 @@ from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.in_situ_method.dean import in_situ
 from torchliner.liners.adjusted import AdjustedSDoFLiner
+from torchliner.liners.further import FurtherSDoFLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.records import PressureRecord, VelocityPlane
@@ -102,7 +103,7 @@ def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
     any other as it is."""
     if not isinstance(liner, SDoFLiner):
         return liner
-    if "mach" in liner.numbers():
+    if isinstance(liner, FurtherSDoFLiner):
         return liner.replace(mach=mach or 0.0)
     return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
 

@@ -53,6 +53,7 @@ def educe_station(
     Raises:
         ValueError: see ``torchliner.educe_bursts``.
     """
+    liner = liner.in_flow(record.mach)
     (station,) = inspect_stations([record], station_choices.filters)
     kept, flags = station.kept, tuple(station.flags)
     if flags and station_choices.flagged == "refuse":
