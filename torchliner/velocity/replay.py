@@ -86,7 +86,7 @@ def replay(
     >>> plane = tl.VelocityPlane(torch.full((2, 900), 5.0), sampling_rate=42e3)  # m/s, two probes
     >>> found = tl.replay(plane, tl.load_liner("polito"), "noise:700:2100", 1400.0)
     >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
-    '4.61-0.27j'
+    '4.62-0.65j'
     """
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; a signal needs each sample: give the VelocityPlane")
