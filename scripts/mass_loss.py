@@ -47,12 +47,14 @@ class Law:
     Args:
         name: in tables.  free: bounds by name.  fixed: other parameters.
         width: whether a slit's length is its width, not its hydraulic diameter.
+        goodrich: whether flow leaves 1/(1 + 305 M^3) of the ends (Rice & Heidelberg), in place of k M.
     """
 
     name: str
     free: Mapping[str, tuple[float, float]]
     fixed: Mapping[str, Any]
     width: bool = False
+    goodrich: bool = False
 
 
 LAWS = (
@@ -64,6 +66,7 @@ LAWS = (
     Law("the same, p = 4", B | K, {"combination": 4.0}),
     Law("the same, p = 2, A free", A | B | K, {}),
     Law("the same, A = 1/2, width of the slit for D_h", B | K, {}, width=True),
+    Law("the same, Goodrich's ends for k M", B, {}, goodrich=True),
 )
 CHOSEN = LAWS[3]
 
@@ -95,9 +98,10 @@ def liner_of(case: str, law: Law) -> tl.SDoFLiner:
     if law is LAWS[0]:
         return base
     twice = 2 if case in SLITS and not law.width else 1
+    mach = planes_of(case)[0].mach or 0.0
+    flow = {"mach_loss": 305 * mach**2 / (1 + 305 * mach**3)} if law.goodrich else {}
     return EndLossSDoFLiner.of(
-        base, mach=planes_of(case)[0].mach or 0.0,
-        hydraulic_diameter=twice * base.orifice_diameter, **law.fixed,
+        base, hydraulic_diameter=twice * base.orifice_diameter, **law.fixed, **flow,
     )  # fmt: skip
 
 

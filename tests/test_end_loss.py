@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 from pathlib import Path
 
@@ -152,14 +153,46 @@ def test_the_page_says_what_its_numbers_say():
 def test_a_case_of_the_page_comes_out_again():
     """t03 at 0.5 mm with the coefficients of the package, all of them fitted."""
     plane = tl.read_plane(ROOT / "data/orifice_t03_130_y0.5mm.h5")
-    made = liner("lbm_orifice_coarse", mach=plane.mach, vena_contracta=0.411)
+    made = liner("lbm_orifice_coarse", vena_contracta=0.411)
     z = complex(tl.educe(plane, made, interval=None).liner["phase-locked"].impedance[0])
     assert z == pytest.approx(2.330 - 0.803j, abs=6e-3)
 
 
-def test_another_mach_number_than_that_of_the_data_is_told():
-    """The law needs the flow's; without one in the plane nothing is said."""
-    plane = tl.read_plane(ROOT / "data/orifice_t03_130_y0.5mm.h5")
-    with pytest.warns(tl.DataWarning, match="mach is 0 in the liner and 0.3 in"):
-        tl.educe(plane, liner("lbm_orifice_coarse"), interval=None)
-    tl.educe(plane, liner("lbm_orifice_coarse", mach=0.3), interval=None)
+T03 = ROOT / "data/orifice_t03_130_y0.5mm.h5"
+
+
+def test_the_mach_number_is_that_of_the_plane():
+    """Of a plane, of its moments, of each plane of a fit; the map states it."""
+    plane, bare = tl.read_plane(T03), liner("lbm_orifice_coarse")
+    assert (bare.mach, bare.lacks_mach) == (None, True)
+    found = tl.educe(plane, bare, interval=None)
+    stated = tl.educe(plane, bare.replace(mach=0.3), interval=None)
+    still = tl.educe(dataclasses.replace(plane, mach=0.0), bare, interval=None)
+    assert complex(found.answer[0]) == pytest.approx(complex(stated.answer[0]), abs=1e-12)
+    assert abs(complex(found.answer[0]) - complex(still.answer[0])) > 0.1
+    assert found.choices["liner"]["mach"] == 0.3
+    known = tl.moments(plane, bare)
+    assert complex(known.educe(bare, interval=None).answer[0]) == pytest.approx(complex(found.answer[0]), abs=1e-6)
+    slopes = tl.sensitivities(known, bare, parameters=["porosity"])
+    wanted = tl.sensitivities(known, bare.replace(mach=0.3), parameters=["porosity"])
+    assert torch.allclose(slopes.liner["phase-locked"], wanted.liner["phase-locked"], rtol=1e-12)
+    twice = [known, dataclasses.replace(known, plane=dataclasses.replace(known.plane, mach=0.0))]
+    each = [bare.replace(mach=mach) for mach in (0.3, 0.0)]
+    fit, fit_of_each = (
+        tl.calibrate(twice, made, [2 - 1j, 2 - 0.5j], {"offset": (-3.0, 3.0)}, averaging="phase-locked", draws=0)
+        for made in (bare, each)
+    )
+    assert torch.allclose(fit.values, fit_of_each.values, rtol=1e-9)
+    assert fit.liner.mach is None
+
+
+def test_a_stated_mach_number_holds_where_the_data_state_none_and_may_not_contradict():
+    """A plane without one: the liner's; two that differ are refused; none at all is told."""
+    plane = tl.read_plane(T03)
+    with pytest.raises(ValueError, match=r"states mach 0.1, and the data 0.3; leave mach out"):
+        tl.educe(plane, liner("lbm_orifice_coarse", mach=0.1), interval=None)
+    silent, made = dataclasses.replace(plane, mach=None), liner("lbm_orifice_coarse", mach=0.3)
+    found, wanted = (complex(tl.educe(each, made, interval=None).answer[0]) for each in (silent, plane))
+    assert found == pytest.approx(wanted, abs=1e-12)
+    with pytest.warns(tl.DataWarning, match=r"neither the liner nor .* states a Mach number.*0 is taken"):
+        tl.educe(silent, liner("lbm_orifice_coarse"), interval=None)

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
@@ -57,3 +58,22 @@ def test_every_law_stands_in_the_table_with_its_parameters():
         own = set(layers[0].numbers()) - {"thickness", "orifice_diameter", "porosity"}
         assert own == {word for word in re.findall(r"`(\w+)`", text) if word in own}, law
         assert own == set(re.findall(r"`(\w+)`", text.rsplit("|", 1)[-1])), law
+
+
+def test_the_measured_sample_says_what_the_page_says():
+    """Both presets against the measured Z, 800 to 2500 Hz: docs/truth.md."""
+    measured = tl.load_liner(ROOT / "data" / "ufsc_measured.csv")
+    frequency = measured.frequency[measured.frequency >= 800]
+    rows = []
+    for name in ("polito", "polito_as_printed"):
+        liner, off = tl.load_liner(name), []
+        driven = [
+            complex(tl.ir_tdibc(liner, [130.0], f, kernel="periodic").fixed_points[0][0].impedance[0])
+            for f in frequency.tolist()
+        ]
+        for impedance in (liner.impedance(frequency), torch.tensor(driven, dtype=torch.complex128)):
+            away = impedance - measured.impedance(frequency)
+            off += [f"{float(part.square().mean().sqrt()):.3f}" for part in (away.real, away.imag)]
+        rows.append(f"| `{name}` | {' | '.join(off)} |")
+    page = (ROOT / "docs" / "truth.md").read_text(encoding="utf-8")
+    assert "\n".join(rows) in page, "\n".join(rows)

@@ -224,8 +224,9 @@ def test_all_work_stays_on_the_device_of_the_data(kernels, edge):
     assert (found.reflection.device.type, found.reflection.shape) == ("meta", (7, 1))
 
 
-def test_the_paper_to_the_letter(liner):
+def test_the_paper_to_the_letter():
     """At |v| = 5 m/s the causal kernel makes 3.05-0.32j of 4.61-0.27j (PoliTo); its levels err by 1e-2 at 20 m/s."""
+    liner = tl.load_liner("polito_as_printed")
     paper = build_kernels(
         liner, 200e3, velocity_max=20.0, kind="causal", levels=200, spacing="uniform", interpolation="linear"
     )

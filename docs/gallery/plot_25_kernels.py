@@ -2,7 +2,7 @@
 Why the kernels are two-sided
 =============================
 
-Impulse responses of the preset ``polito`` at two speeds. What its empirical terms imply
+Impulse responses of the preset ``polito_as_printed`` at two speeds. What its empirical terms imply
 begins before zero; dropping that part, as eq. (3.2) does, loses a quarter of the resistance.
 """
 
@@ -11,7 +11,7 @@ import torch
 
 import torchliner as tl
 
-liner, frequency = tl.load_liner("polito"), torch.tensor([1400.0], dtype=torch.float64)
+liner, frequency = tl.load_liner("polito_as_printed"), torch.tensor([1400.0], dtype=torch.float64)
 for kind in ("two-sided", "causal"):
     kernels = tl.build_kernels(liner, 50e3, velocity_max=5.0, kind=kind, levels=20)
     z = tl.impedance_from_reflection(kernels.response(frequency))[-1, 0]

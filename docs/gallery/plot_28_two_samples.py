@@ -12,7 +12,7 @@ import torchliner as tl
 
 frequency = torch.linspace(300, 3500, 400)
 figure, (resistance, reactance) = plt.subplots(1, 2, figsize=(7, 2.8), layout="constrained")
-for name, style in (("onera", "-"), ("polito", "--")):
+for name, style in (("onera", "-"), ("polito_as_printed", "--")):
     z = tl.load_liner(name).impedance(frequency)
     resistance.plot(frequency / 1e3, z.real, style, label=name)
     reactance.plot(frequency / 1e3, z.imag, style)

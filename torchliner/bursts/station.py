@@ -51,6 +51,7 @@ def educe_station(
     Raises:
         ValueError: see ``educe_bursts``.
     """
+    liner = liner.in_flow(record.mach)
     station = Station.of(record, station_choices.filters)
     kept, flags = station.kept, station.flags
     if flags and station_choices.flagged == "refuse":

@@ -123,7 +123,7 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
     from torchliner.fluid import gas_warnings
     from torchliner.liners.catalogue import load_liner
 
-    liner = load_liner(name)
+    liner = load_liner(name).in_flow(setup.case.profile.bulk_mach)
     if liner.fluid is not None:
         tell(gas_warnings(liner.fluid, setup.fluid, f"duct {setup.name}"))
     walls = liner.impedance(setup.frequency, speed)

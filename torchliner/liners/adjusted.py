@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from torchliner.checks import real_tensor
+from torchliner.checks import plain_number, real_tensor
 from torchliner.liners.cell import Parameter, omega_of
 from torchliner.liners.facesheet import SpeedLaw, end_correction
 from torchliner.liners.further import FurtherSDoFLiner, file_of
@@ -29,7 +29,8 @@ class AdjustedSDoFLiner(FurtherSDoFLiner):
         end_correction: factor on the mass of both ends, at least 0.
         mass_loss: factor on c of (2.4b), the mass that is lost at high |v|, at least 0.
         mass_loss_speed: factor on the |v| at which half of it is lost, above 0: s, d -> s^2.5 d.
-        mach: of the flow over the plane, at least 0; given, not fitted.
+        mach: of the flow over the plane, at least 0; None: that which the data state, 0 where they
+            state none. Given, not fitted.
         mach_resistance: resistance over mach/open area of the surface.
         mach_mass_loss: share of the ends' mass that is lost, over mach.
     Raises:
@@ -43,10 +44,15 @@ class AdjustedSDoFLiner(FurtherSDoFLiner):
     end_correction: Parameter = parameter(default=1.0, low_included=True)
     mass_loss: Parameter = parameter(default=1.0, low_included=True)
     mass_loss_speed: Parameter = parameter(default=1.0)
-    mach: Parameter = parameter(default=0.0, low_included=True)
+    mach: Parameter | None = parameter(default=None, low_included=True)
     mach_resistance: Parameter = parameter(default=0.0, low=-math.inf)
     mach_mass_loss: Parameter = parameter(default=0.0, low=-math.inf)
     name: str = "adjusted-sdof"
+
+    @property
+    def lacks_mach(self) -> bool:
+        """See ``LinerModel``."""
+        return self.mach is None and any(map(plain_number, (self.mach_resistance, self.mach_mass_loss)))
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """See ``SDoFLiner``."""
@@ -57,7 +63,7 @@ class AdjustedSDoFLiner(FurtherSDoFLiner):
         open_area = porosity * alpha if facing is None else real_tensor(facing)
         length = 2 * end_correction(real_tensor(self.orifice_diameter) / 2, porosity)
         ends = omega_of(frequency) * length / (self.fluid.sound_speed * porosity * alpha)
-        factor, mach = number["end_correction"], number["mach"]
+        factor, mach = number["end_correction"], number.get("mach", 0.0)
         gained = factor - 1 - number["mach_mass_loss"] * mach * factor
         return SpeedLaw(
             law.resistance + number["mach_resistance"] * mach / open_area,

@@ -136,8 +136,8 @@ PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 def preset_names() -> list[str]:
     """Names of the liners shipped with the package.
 
-    >>> [name for name in tl.preset_names() if not name.endswith("_example")]
-    ['lbm_orifice', 'lbm_orifice_coarse', 'lbm_slit', 'lbm_slit_coarse', 'onera', 'polito']
+    >>> [name for name in tl.preset_names() if not name.startswith("lbm") and not name.endswith("_example")]
+    ['onera', 'polito', 'polito_as_printed']
     """
     return toml_files.preset_names(PACKAGE)
 
@@ -167,7 +167,7 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
 
     >>> liner = tl.load_liner("polito")
     >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
-    ['0.07-0.01j', '4.61-0.27j']
+    ['0.08-0.40j', '4.62-0.65j']
     """
     found: LinerModel
     if isinstance(name, Mapping):

@@ -19,7 +19,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor
+from torchliner.checks import plain_number, real_tensor
 from torchliner.liners.cell import Parameter, omega_of
 from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, powers
 from torchliner.liners.further import FurtherSDoFLiner, file_of
@@ -50,7 +50,8 @@ class EndLossSDoFLiner(FurtherSDoFLiner):
 
     Args:
         mach: M of the flow over the plane, 0 to 1 (fitted up to 0.3, beyond which the share may
-            pass 1); the law adds nothing to the resistance.
+            pass 1); None: that which the data state, 0 where they state none. The law adds nothing
+            to the resistance.
         hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the
             width for slits.
         end_loss: A, 0 to 1.  loss_displacement: B, above 0.  mach_loss: k, at least 0.
@@ -62,7 +63,7 @@ class EndLossSDoFLiner(FurtherSDoFLiner):
 
     model = "sdof-end-loss"
 
-    mach: Parameter = parameter(default=0.0, high=1.0, low_included=True)
+    mach: Parameter | None = parameter(default=None, high=1.0, low_included=True)
     hydraulic_diameter: Parameter | None = parameter("m", default=None, high=0.2)
     end_loss: Parameter = parameter(default=0.5, high=1.0, low_included=True)
     loss_displacement: Parameter = parameter(default=0.29)  # scripts/mass_loss.py
@@ -74,6 +75,11 @@ class EndLossSDoFLiner(FurtherSDoFLiner):
         if self.hydraulic_diameter is None:
             object.__setattr__(self, "hydraulic_diameter", self.orifice_diameter)
         super().__post_init__()
+
+    @property
+    def lacks_mach(self) -> bool:
+        """See ``LinerModel``."""
+        return self.mach is None and plain_number(self.mach_loss) > 0
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """See ``SDoFLiner``."""
@@ -89,7 +95,7 @@ class EndLossSDoFLiner(FurtherSDoFLiner):
         half = half * own["hydraulic_diameter"] / self._gain()
         return EndLossLaw(
             law.resistance, law.reactance, law.a, law.b, ends, half**2.5, own["end_loss"],
-            own["mach_loss"] * own["mach"], own["combination"],
+            own["mach_loss"] * own.get("mach", 0.0), own["combination"],
         )  # fmt: skip
 
 

@@ -11,20 +11,39 @@ import torch
 from pydantic import create_model
 from torch import Tensor
 
-from torchliner.checks import real_tensor
+from torchliner.checks import plain_number, real_tensor
 from torchliner.liners.catalogue import SDoFFile
+from torchliner.liners.cell import Parameter
 from torchliner.liners.model import Number
 from torchliner.liners.parameters import keys_of, numbers_of, parameters_of, require_ranges
 from torchliner.liners.sdof import SDoFLiner
+
+SAME_MACH = 0.01
 
 
 class FurtherSDoFLiner(SDoFLiner):
     """Base of such models: frozen dataclasses with fields made by ``parameter`` and an own
     ``speed_law``."""
 
+    mach: Parameter | None
+
     def __post_init__(self) -> None:
         super().__post_init__()
         require_ranges(self._further(), "liner")
+
+    def in_flow(self, mach: float | None) -> Self:
+        """See ``LinerModel``."""
+        if mach is None:
+            return self
+        if self.mach is None:
+            return self.replace(mach=mach)
+        stated = plain_number(self.mach)
+        if abs(stated - mach) > SAME_MACH:
+            raise ValueError(
+                f"liner {self.name!r} states mach {stated:g}, and the data {mach:g}; leave mach out of the liner, "
+                "which then takes that of the data"
+            )
+        return self
 
     @classmethod
     def of(cls, liner: SDoFLiner, **further: Any) -> Self:

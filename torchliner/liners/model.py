@@ -105,6 +105,21 @@ class LinerModel:
         """Of the holes that face the flow, m, for eqs (2.7) and (A2)."""
         return None
 
+    @property
+    def lacks_mach(self) -> bool:
+        """Whether its law depends on the Mach number of the flow, and the liner states none."""
+        return False
+
+    def in_flow(self, mach: float | None) -> LinerModel:
+        """The liner in the flow of the data; itself where its law takes none.
+
+        Args:
+            mach: bulk Mach number that the data state; None where they state none.
+        Raises:
+            ValueError: the liner states another one.
+        """
+        return self
+
     def numbers(self) -> dict[str, Number]:
         """The real parameters that sensitivities, tolerances and fits may vary, by name."""
         return {}

@@ -40,11 +40,12 @@ def parameters_of(kind: Any) -> Iterator[dataclasses.Field[Any]]:
 
 
 def numbers_of(record: Any, label: str) -> dict[str, Number]:
-    """Parameters by name; ``label`` names the record in messages."""
+    """Parameters by name, without those left at a default of None; ``label`` names the record in messages."""
     return {
         each.name: Number(one_number(f"{label}: {each.name}", plain), **each.metadata)
         for each in parameters_of(record)
         for given in (getattr(record, each.name),)
+        if not (given is None and each.default is None)
         for plain in (given.detach() if isinstance(given, Tensor) else given,)
     }
 

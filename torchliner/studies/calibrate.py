@@ -136,7 +136,8 @@ def calibrate(
 
 def model_error(run: Run, liner: LinerModel) -> float:
     """Largest error in R of the interpolation over |v|, up to the largest of the data."""
-    return interpolation_error(run.nodes, liner, run.frequency, run.known.top_speed(liner))[0]
+    model = liner.in_flow(run.plane.mach)
+    return interpolation_error(run.nodes, model, run.frequency, run.known.top_speed(model))[0]
 
 
 def posterior_of(fit: Fit, draws: int, seed: int) -> tuple[Posterior | None, list[str]]:

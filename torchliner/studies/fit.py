@@ -28,12 +28,12 @@ def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run], slopes: bool 
     """Z at the frequencies and node speeds of each run, (F, K), and dZ/dvalues, (F, K, n); each liner is asked once."""
     shared: dict[Any, list[int]] = {}
     for i, run in enumerate(runs):
-        shared.setdefault((id(run.liner), run.nodes), []).append(i)
+        shared.setdefault((id(run.liner), run.plane.mach, run.nodes), []).append(i)
     found: dict[int, tuple[Tensor, Tensor]] = {}
     for members in shared.values():
         first, lines = runs[members[0]], [runs[i].frequency for i in members]
         every, place = torch.cat(lines).unique(return_inverse=True)
-        z, by = law.curve(values, first.liner, every, first.nodes.speeds, slopes)
+        z, by = law.curve(values, first.liner.in_flow(first.plane.mach), every, first.nodes.speeds, slopes)
         for i, rows in zip(members, place.split([len(each) for each in lines]), strict=True):
             found[i] = z[rows], by[rows]
     return [found[i] for i in range(len(runs))]

@@ -21,6 +21,7 @@ from torchliner.conversions import admittance_from_reflection, impedance_from_ad
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
 from torchliner.liners.adjusted import AdjustedSDoFLiner
+from torchliner.liners.further import FurtherSDoFLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.pressure.known_pressure import Case, known_pressure
@@ -190,7 +191,7 @@ def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
     is."""
     if not isinstance(liner, SDoFLiner):
         return liner
-    if "mach" in liner.numbers():
+    if isinstance(liner, FurtherSDoFLiner):
         return liner.replace(mach=mach or 0.0)
     return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
 

@@ -138,7 +138,7 @@ def sensitivities(
     """
     if not isinstance(plane, Records):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
-    model = as_liner(liner)
+    model = as_liner(liner).in_flow((plane.plane if isinstance(plane, Moments) else plane).mach)
     numbers = named_numbers(model, parameters)
     if not numbers:
         raise ValueError("no parameter is named; leave parameters out for all of them")

@@ -53,6 +53,7 @@ def answer(
     """
     require_fitting(known, liner, frequency, chosen)
     plane, seen = known.plane, known.survey
+    liner = liner.in_flow(plane.mach)
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]

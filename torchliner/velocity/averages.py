@@ -54,7 +54,7 @@ class Asked:
         cls, known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, phase: Tensor | None = None
     ) -> Asked:
         """Of moments; ``phase`` may be on any device."""
-        device, wall = known.survey.sums.device, None
+        device, wall, liner = known.survey.sums.device, None, liner.in_flow(known.plane.mach)
         if chosen.wall_filter is not None:
             wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
         coefficients = known.coefficients(liner, frequency).to(device)

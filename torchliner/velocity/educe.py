@@ -61,7 +61,7 @@ def educe(
     >>> plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=1400.0)
     >>> found = tl.educe(plane, tl.load_liner("polito"), interval=None)
     >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
-    '4.61-0.27j'
+    '4.62-0.65j'
     """
     model, chosen = as_liner(liner), Choices(**choices)
     if isinstance(plane, Moments):

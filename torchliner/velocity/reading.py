@@ -228,6 +228,7 @@ def reading_of(
             f"{plane.name}: velocity carries a gradient, which sums over |v| would lose; replay gives the reflected "
             "signal with its derivatives, or detach the velocity"
         )
+    liners = [liner.in_flow(plane.mach) for liner in liners]
     asked, pitch = plane.asked(frequency), liners[0].cell_pitch if liners else cell_pitch
     notes = review.review_record(plane, asked, chosen)
     for liner in liners:

@@ -86,12 +86,13 @@ def replay(
     >>> plane = tl.VelocityPlane(torch.full((2, 900), 5.0), sampling_rate=42e3)  # m/s, two probes
     >>> found = tl.replay(plane, tl.load_liner("polito"), "noise:700:2100", 1400.0)
     >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
-    '4.61-0.27j'
+    '4.62-0.65j'
     """
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; a signal needs each sample: give the VelocityPlane")
     require_choice("averaging", averaging, AVERAGED)
-    model, wave, rate, samples = as_liner(liner), replay_checks.wave_of(incident), plane.sampling_rate, plane.samples
+    model, wave = as_liner(liner).in_flow(plane.mach), replay_checks.wave_of(incident)
+    rate, samples = plane.sampling_rate, plane.samples
     length = samples if segment is None else replay_checks.segment_length(segment, plane)
     window = window or (wave.window if segment is None else "hann")
     sent, asked = wave.sampled(samples, rate), replay_checks.lines_of(wave, frequency, plane, length)

@@ -24,7 +24,6 @@ from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 
 FEWEST_SAMPLES_PER_PERIOD = 8.0
-SAME_MACH = 0.01
 EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
@@ -78,13 +77,12 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[Note]:
             "al. 2026, section 2.4), so flow would count twice; set the law's mach to 0"
         )
         notes.append(Note("flow-counted-twice", text, liner.flow_resistance))
-    stated = liner.numbers().get("mach")
-    if stated is not None and plane.mach is not None and abs(stated.value - plane.mach) > SAME_MACH:
+    if liner.lacks_mach and plane.mach is None:
         text = (
-            f"mach is {stated.value:g} in the liner and {plane.mach:g} in {plane.name}; the liner's is used for the "
-            "model: state the flow's there"
+            f"neither the liner nor {plane.name} states a Mach number, on which the liner's law depends; 0 is taken: "
+            "state mach of the data (--mach), 0 where there is no flow"
         )
-        notes.append(Note("other-mach", text))
+        notes.append(Note("no-mach", text))
     gas = [] if liner.fluid is None else gas_warnings(liner.fluid, plane.fluid, plane.name)
     return notes + [Note("gas", text) for text in gas]
 

@@ -124,13 +124,6 @@ def other_gas(subject: MapSubject, note: Note) -> Size | None:
     return _of_model(subject, subject.model.replace(fluid=gas), "gas")
 
 
-def other_flow(subject: MapSubject, note: Note) -> Size | None:
-    """Z of the model with the Mach number of the data, less Z with its own."""
-    if subject.model is None or subject.result.mach is None:
-        return None
-    return _of_model(subject, subject.model.with_numbers({"mach": subject.result.mach}), "Mach number")
-
-
 def between_averagings(subject: MapSubject, note: Note) -> Size:
     """Averaging ``admittance`` less the answer: what averaging over so long a cell does."""
     result = subject.result
@@ -182,8 +175,8 @@ KINDS: dict[str, tuple[int, Sizing | None]] = {
     "null-test": (0, None),
     "level-check": (1, lambda subject, note: passing(subject.result, note)),
     "flow-counted-twice": (2, added),
+    "no-mach": (2, None),
     "gas": (2, other_gas),
-    "other-mach": (2, other_flow),
     "other-tone": (3, stated),
     "model-table": (3, of_reflection),
     "no-cell-pitch": (3, between_averagings),
