@@ -86,7 +86,7 @@ def fit_field(
     _check(line, solver, unknowns)
     _check_stated_ends(line, solver.case, far_end)
     sources = (line.source_side, other_side(line.source_side))[:waves]
-    errors = {"level_error": level_error, "phase_error": phase_error}
+    errors: dict[str, Any] = {"level_error": level_error, "phase_error": phase_error}
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
         if not SMALLEST <= value < math.inf:
             raise ValueError(f"{name} is {value:g}; it weights the fit and must be finite and at least {SMALLEST:g}")
