@@ -16,7 +16,7 @@ FLOORS = {
     "units": 0.5, "file_checks": 0.5, "rehearsal": 0.5,
     "fluid": 1, "conversions": 1, "least_squares": 2,
     "text_columns": 2, "flow_profiles": 2, "toml_files": 2, "records": 3, "liners": 4,
-    "signals": 4, "duct": 4, "lee": 5, "engine": 5, "in_situ_method": 5,
+    "signals": 4, "duct": 4, "lee": 5, "engine": 5, "in_situ_method": 5.5,
     "wall_waves": 5, "wall_field": 6, "io": 6, "pressure": 6, "velocity": 7, "studies": 7.5, "audits": 8, "heights": 8,
     "ir_tdibc_method": 6, "calibration": 8, "ldv": 8, "identification": 8.5, "report": 9,
     "campaign": 9.2, "cli": 10,

@@ -90,7 +90,7 @@ def in_situ(
     face, back = _amplitudes(record, wanted, options)
     found = _impedances(face, back * drive, cells, rows)
     coherence, behind = _coherence(record, wanted, (face, back), cells, rows, options)
-    known = dean_uncertainty(record, wanted, drive, found, cells, rows, options, interval)
+    known = dean_uncertainty(record, wanted, drive, cells, rows, options, interval)
     notes += _coherence_notes(record, coherence, behind) + _mode_notes(record, wanted)
     notes += few_blocks_note(f"{record.name}: in situ", None if known is None else known.liner, interval)
     tell(notes)

@@ -123,7 +123,7 @@ def decompose_waves(
     spread = residual.square().mean(0).sqrt()
     name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
     reflection = transfer_from_amplitudes(waves[:, 0], waves[:, 1]).response
-    bounds = wave_interval(record, signals, wanted, reflection, places, options, interval)
+    bounds = wave_interval(record, signals, wanted, places, options, interval)
     notes = _notes(record, name, wanted, places, spread, condition)
     if record.facesheet is None:  # else the in situ method says it
         notes += few_blocks_note(f"{record.name}: {name}", bounds, interval)
