@@ -42,7 +42,7 @@ from torchliner.lee.mesh import DuctMesh, build_mesh
 from torchliner.lee.settled import solve_settled
 from torchliner.lee.solver import DuctSolver, solve_duct
 from torchliner.lee.verification import node_places
-from torchliner.signals.microphone_errors import draw_pressures
+from torchliner.pressure.microphone_errors import draw_pressures
 
 HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j
 CASE = DuctCase(TanhProfile(0.3, HEIGHT, 0.1), -0.2, 0.35, (0.0, 0.15))

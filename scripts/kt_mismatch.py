@@ -26,6 +26,10 @@ from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.lee.solved_line import solved_line
 from torchliner.lee.solver import DuctSolver
+from torchliner.pressure.fit_field import fit_field
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.microphone_errors import draw_pressures
+from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -38,10 +42,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.signals.microphone_errors import draw_pressures
-from torchliner.wall_field.fit_field import fit_field
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-from torchliner.wall_waves.two_waves import two_wave_fit
 
 TRUE = 2.33 - 0.30j
 PAPER = {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}

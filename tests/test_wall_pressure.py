@@ -14,10 +14,10 @@ from conftest import relative_error
 import torchliner as tl
 from torchliner.duct.dispersion import cut_on_frequency, wavenumber_from_impedance
 from torchliner.names import CONDITIONS, WALL_METHODS, resolve
+from torchliner.pressure.fit_field import fit_field
+from torchliner.pressure.kumaresan_tufts import find_exponentials, kumaresan_tufts
+from torchliner.pressure.microphone_errors import draw_pressures
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import draw_pressures
-from torchliner.wall_field.fit_field import fit_field
-from torchliner.wall_waves.kumaresan_tufts import find_exponentials, kumaresan_tufts
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
 FREQUENCY = torch.tensor([600.0, 1000.0, 1500.0], dtype=torch.float64)
@@ -139,7 +139,7 @@ def test_signals_in_parts_are_signals_one_by_one(monkeypatch):
     signal = torch.randn(3, 5, 12, dtype=torch.complex128, generator=generator)
     whole = vars(find_exponentials(signal, 2, 6))
     for count in (1, 4, 15):
-        monkeypatch.setattr("torchliner.wall_waves.kumaresan_tufts.SIGNALS", count)
+        monkeypatch.setattr("torchliner.pressure.kumaresan_tufts.SIGNALS", count)
         for name, value in vars(find_exponentials(signal, 2, 6)).items():
             assert torch.allclose(value, whole[name], rtol=1e-11, atol=1e-13), name
 

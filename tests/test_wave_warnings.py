@@ -15,19 +15,19 @@ from test_wall_pressure import BY_CHANCE, FREQUENCY, OTHER, WALLS, X, line_of, w
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.records import MicrophoneLine
-from torchliner.report.wall_pressure import draw_wall, near_cloud
-from torchliner.report.wall_table import format_wall
-from torchliner.signals.microphone_errors import (
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.microphone_errors import (
     LEVEL_ERROR,
     PHASE_ERROR,
     draw_pressures,
     error_freedom,
     largest_misfit,
 )
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-from torchliner.wall_waves.sort_waves import sort_waves
-from torchliner.wall_waves.two_waves import free_wave_fit, two_wave_fit
+from torchliner.pressure.sort_waves import sort_waves
+from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
+from torchliner.records import MicrophoneLine
+from torchliner.report.wall_pressure import draw_wall, near_cloud
+from torchliner.report.wall_table import format_wall
 
 METHODS = {"kt": kumaresan_tufts, "two-waves": two_wave_fit, "free-waves": free_wave_fit}
 

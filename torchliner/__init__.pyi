@@ -33,8 +33,8 @@ from torchliner.flow_profiles import TanhProfile as TanhProfile
 from torchliner.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.fluid import Fluid as Fluid
 from torchliner.identification.identify import identify as identify
-from torchliner.in_situ_method.dean import in_situ as in_situ
-from torchliner.in_situ_method.plane_wave_fit import decompose_waves as decompose_waves
+from torchliner.pressure.dean import in_situ as in_situ
+from torchliner.pressure.plane_wave_fit import decompose_waves as decompose_waves
 from torchliner.io.burst_sources import list_stations as list_stations
 from torchliner.io.burst_sources import read_bursts as read_bursts
 from torchliner.io.holes import read_holes as read_holes
@@ -84,10 +84,10 @@ from torchliner.signals.burst_moments import burst_moments as burst_moments
 from torchliner.signals.burst_validation import BurstFilters as BurstFilters
 from torchliner.signals.burst_validation import validate_bursts as validate_bursts
 from torchliner.velocity.replay import replay as replay
-from torchliner.wall_field.fit_field import fit_field as fit_field
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
-from torchliner.wall_waves.sort_waves import sort_waves as sort_waves
-from torchliner.wall_waves.two_waves import two_wave_fit as two_wave_fit
+from torchliner.pressure.fit_field import fit_field as fit_field
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
+from torchliner.pressure.sort_waves import sort_waves as sort_waves
+from torchliner.pressure.two_waves import two_wave_fit as two_wave_fit
 from torchliner.version import __version__ as __version__
 
 __all__: list[str]

@@ -20,10 +20,10 @@ from torchliner.calibration.targets import (
 )
 from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.moments import Moments
-from torchliner.in_situ_method.dean import in_situ
 from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.sdof import SDoFLiner
+from torchliner.pressure.dean import in_situ
 from torchliner.records import PressureRecord, VelocityPlane
 from torchliner.records.same_case import require_same_run
 from torchliner.velocity.choices import Choices

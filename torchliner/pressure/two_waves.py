@@ -15,16 +15,16 @@ from torchliner.checks import require_choice
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.duct.relation import DIRECTIONS, duct_of
 from torchliner.names import WEIGHTS
-from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
-from torchliner.wall_waves.error_bars import with_errors
-from torchliner.wall_waves.from_source import (
+from torchliner.pressure.from_source import (
     FromSource,
     duct_notes,
     over_liner,
     wall_eduction,
 )
-from torchliner.wall_waves.paired_waves import Pairs, WavePairs
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR
+from torchliner.pressure.paired_waves import Pairs, WavePairs
+from torchliner.pressure.wave_errors import with_errors
+from torchliner.records import MicrophoneLine, WallEduction
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)

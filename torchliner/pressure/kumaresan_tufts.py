@@ -23,16 +23,16 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import whole_number
-from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
-from torchliner.wall_waves.error_bars import with_errors
-from torchliner.wall_waves.from_source import (
+from torchliner.pressure.from_source import (
     FromSource,
     duct_notes,
     over_liner,
     runs_with_source,
     wall_eduction,
 )
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR
+from torchliner.pressure.wave_errors import with_errors
+from torchliner.records import MicrophoneLine, WallEduction
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves

@@ -23,9 +23,9 @@ from torch import Tensor
 from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FROM_REFLECTION, ITSELF, Conversion, jackknife, replicates
+from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import Interval, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells
-from torchliner.signals.plane_waves import split_waves
 from torchliner.signals.transfer import segment_amplitudes
 from torchliner.signals.windows import make_window
 

@@ -18,8 +18,8 @@ from torch import Tensor
 from torchliner.checks import FEEDS, require_choice
 from torchliner.duct.dispersion import cut_on_frequency, impedance_from_wavenumber
 from torchliner.names import CONDITIONS, SOURCES
+from torchliner.pressure.microphone_errors import require_draws
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import require_draws
 from torchliner.version import __version__
 
 LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right

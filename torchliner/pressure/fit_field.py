@@ -26,18 +26,18 @@ from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.presets import load_duct
 from torchliner.lee.solver import DuctSolver
 from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
-from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.records.drawn_impedance import fine_places
-from torchliner.signals.microphone_errors import (
+from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance
+from torchliner.pressure.fit_warnings import largest_misfit, warnings_of
+from torchliner.pressure.impedance_search import STEPS, Solution, constant_wall, search
+from torchliner.pressure.microphone_errors import (
     LEVEL_ERROR,
     PHASE_ERROR,
     draw_pressures,
     require_draws,
 )
+from torchliner.records import FieldFit, MicrophoneLine
+from torchliner.records.drawn_impedance import fine_places
 from torchliner.version import __version__
-from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
-from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
-from torchliner.wall_field.model import FieldModel, coordinates, impedance_at, impedance_covariance
 
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m

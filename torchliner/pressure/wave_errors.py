@@ -10,9 +10,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
-from torchliner.records import WallEduction
-from torchliner.records.notes import Note
-from torchliner.signals.microphone_errors import (
+from torchliner.pressure.from_source import wave_warnings, where_of
+from torchliner.pressure.microphone_errors import (
     CONTRADICTED,
     POOR,
     draw_pressures,
@@ -20,7 +19,8 @@ from torchliner.signals.microphone_errors import (
     largest_misfit,
     misfit_of,
 )
-from torchliner.wall_waves.from_source import wave_warnings, where_of
+from torchliner.records import WallEduction
+from torchliner.records.notes import Note
 
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 
