@@ -41,7 +41,7 @@ from torchliner.duct.growing_wave import growing_wave
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.settled import solve_settled
 from torchliner.duct.solver import DuctSolver, solve_duct
-from torchliner.signals.microphone_errors import draw_pressures
+from torchliner.pressure.microphone_errors import draw_pressures
 from verify_duct import node_places
 
 HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
@@ -24,6 +26,10 @@ from torchliner.duct.solved_line import solved_line
 from torchliner.duct.solver import DuctSolver
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
+from torchliner.pressure.fit_field import fit_field
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.microphone_errors import draw_pressures
+from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -36,9 +42,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.wall_field.fit_field import fit_field
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-from torchliner.wall_waves.two_waves import two_wave_fit
 
 TRUE = 2.33 - 0.30j
 PAPER = {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}
@@ -116,16 +119,17 @@ def noise(lines: dict[str, tl.MicrophoneLine], solvers: dict[str, DuctSolver], d
     rows = []
     for side, line in lines.items():
         for error in ERRORS:
-            errors: Any = {"draws": draws, "level_error": error, "phase_error": error}
-            found: dict[str, Any] = {
-                "KT": kumaresan_tufts(line, **errors),
-                "two waves": two_wave_fit(line, **errors),
-            }
+            errors: Any = {"level_error": error, "phase_error": error}
+            # As stated: draws= would raise them to what the residual of the model shows.
+            random = torch.Generator().manual_seed(0)
+            noisy = replace(line, pressure=draw_pressures(line.pressure, draws, random, **errors))
+            found = {"KT": kumaresan_tufts(noisy).impedance, "two waves": two_wave_fit(noisy).impedance}
             if error == 0.1:
-                found["LEE fit"] = fit_field(line, solvers[side], **errors)
-            for method, result in found.items():
-                assert result.draws is not None
-                drawn = result.draws.impedance[:, 0]
+                fitted = fit_field(line, solvers[side], draws=draws, **errors).draws
+                assert fitted is not None
+                found["LEE fit"] = fitted.impedance
+            for method, values in found.items():
+                drawn = values[:, 0]
                 spread = {"std resistance": float(drawn.real.std()),
                           "std reactance": float(drawn.imag.std())}  # fmt: skip
                 rows.append(row("noise", error, side, method, complex(drawn.mean()), draws=draws, **spread))

@@ -20,11 +20,11 @@ import truth_page
 from common import DATA, FIGURES, plane_files
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
-from torchliner.in_situ_method.dean import in_situ
 from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.names import AVERAGINGS
+from torchliner.pressure.dean import in_situ
 from torchliner.report import figures, height_figures
 from torchliner.report.figures import draw_spectrum
 from torchliner.studies.heights import study_heights

@@ -27,8 +27,8 @@ import torchliner as tl
 from common import FIGURES, parser_of
 from studies.mismatch import MeasuredWave, draw_mismatch, wave_rows
 from torchliner.io.csv_rows import write_rows
+from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.plane_waves import split_waves
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")
 CASES = {"upstream": 0, "downstream": 2}  # source side: its number in the last column

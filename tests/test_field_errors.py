@@ -14,13 +14,13 @@ from test_field_fit import TRUE, solved, solved_setup
 import torchliner as tl
 from torchliner.duct.solved_line import solved_line
 from torchliner.duct.solver import DuctSolver
+from torchliner.pressure import fit_field as field_fit
+from torchliner.pressure import impedance_search as field_search
+from torchliner.pressure.fit_field import fit_field
+from torchliner.pressure.fit_warnings import largest_misfit
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.microphone_errors import draw_pressures
 from torchliner.records.drawn_impedance import deviation
-from torchliner.signals.microphone_errors import draw_pressures
-from torchliner.wall_field import fit_field as field_fit
-from torchliner.wall_field import impedance_search as field_search
-from torchliner.wall_field.fit_field import fit_field
-from torchliner.wall_field.fit_warnings import largest_misfit
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),

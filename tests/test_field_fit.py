@@ -16,11 +16,11 @@ from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import duct_text, load_duct
 from torchliner.duct.solved_line import solved_line
 from torchliner.duct.solver import DuctSolver
+from torchliner.pressure import impedance_search as field_search
+from torchliner.pressure.field_model import FieldModel, impedance_at
+from torchliner.pressure.fit_field import duct_of_line, fit_field
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.records import MicrophoneLine
-from torchliner.wall_field import impedance_search as field_search
-from torchliner.wall_field.fit_field import duct_of_line, fit_field
-from torchliner.wall_field.model import FieldModel, impedance_at
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
 
 TRUE = 1.4 - 0.6j
 pytestmark = [

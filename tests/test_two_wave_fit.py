@@ -14,11 +14,11 @@ from test_wall_pressure import FREQUENCY, HEIGHT, OTHER, WALLS, X, line_of, nois
 import torchliner as tl
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.names import CONDITIONS
+from torchliner.pressure.from_source import resistance_notes
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.sort_waves import sort_waves
+from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.records import MicrophoneLine
-from torchliner.wall_waves.from_source import resistance_notes
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-from torchliner.wall_waves.sort_waves import sort_waves
-from torchliner.wall_waves.two_waves import two_wave_fit
 
 UNEVEN = torch.tensor([0.0, 0.011, 0.03, 0.037, 0.064, 0.083, 0.1, 0.13], dtype=torch.float64)
 

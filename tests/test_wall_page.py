@@ -199,9 +199,8 @@ def test_the_comparison_is_of_sources_and_of_what_is_known(files, tmp_path):
     line = dataclasses.replace(noisy("upstream").at(600.0), reference={"true": 0.8 - 1.2j})
     solved = dataclasses.replace(
         noisy("downstream"),
-        provenance={"plane_mode": [{"frequency (Hz)": f} for f in FREQUENCY.tolist()],
-                    "impedance": [[[1.0, 0.5 + i]] for i in range(3)]},
-    )  # fmt: skip
+        wall_impedance=torch.tensor([1 + 0.5j, 1 + 1.5j, 1 + 2.5j]),
+    )
     tl.two_wave_fit(line).report(tmp_path / "page.html", tl.two_wave_fit(solved.at(600.0)))
     names = [row["between"] for row in Page(tmp_path / "page.html").csv("compared-table")]
     assert names == ["source upstream less source downstream", "source upstream less true",

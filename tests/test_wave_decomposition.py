@@ -12,7 +12,7 @@ import torch
 from conftest import DATA, turbulence
 
 import torchliner as tl
-from torchliner.signals.plane_waves import best_pair, split_waves, wavenumbers
+from torchliner.pressure.plane_waves import best_pair, split_waves, wavenumbers
 
 RATE, FREQUENCY, SAMPLES = 40000.0, 1400.0, 457
 FLUID = tl.Fluid()

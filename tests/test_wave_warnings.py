@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+import warnings
 
 import numpy as np
 import pytest
 import torch
 from test_two_wave_fit import both_ways
-from test_wall_pressure import FREQUENCY, OTHER, WALLS, X, line_of, wave
+from test_wall_pressure import BY_CHANCE, FREQUENCY, OTHER, WALLS, X, line_of, wave
 
 import torchliner as tl
 from torchliner.cli.main import main
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.microphone_errors import (
+    LEVEL_ERROR,
+    PHASE_ERROR,
+    draw_pressures,
+    error_freedom,
+    largest_misfit,
+)
+from torchliner.pressure.sort_waves import sort_waves
+from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
 from torchliner.records import MicrophoneLine
 from torchliner.report.wall_pressure import draw_wall, near_cloud
 from torchliner.report.wall_table import format_wall
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts
-from torchliner.wall_waves.sort_waves import sort_waves
-from torchliner.wall_waves.two_waves import free_wave_fit, two_wave_fit
 
 METHODS = {"kt": kumaresan_tufts, "two-waves": two_wave_fit, "free-waves": free_wave_fit}
 
@@ -152,6 +161,77 @@ def test_linearised_is_the_draws(method):
     for part in ("real", "imag"):
         wanted = getattr(scatter, part).std(0)
         assert (getattr(scaled, part) / wanted).tolist() == pytest.approx([1.0] * 3, rel=0.2)
+
+
+def held_by_draws(method, size: float, count: int = 60) -> tuple[float, list]:
+    """Share of 95 % intervals, of draws of the errors as assumed, that hold R and X of noisy lines; what was found."""
+    line, found, held = line_of(both_ways()[0]), [], []
+    random = torch.Generator().manual_seed(5)
+    errors = {"level_error": LEVEL_ERROR * size, "phase_error": PHASE_ERROR * size}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        for pressure in draw_pressures(line.pressure, count, random, **errors):
+            found.append(METHODS[method](dataclasses.replace(line, pressure=pressure), draws=200))
+            low, high = found[-1].interval(0.95)
+            held += [(low.real < WALLS.real) & (WALLS.real < high.real),
+                     (low.imag < WALLS.imag) & (WALLS.imag < high.imag)]  # fmt: skip
+    return float(torch.stack(held).double().mean()), found
+
+
+@pytest.mark.parametrize(("method", "size"), [("kt", 1.0), ("kt", 1.5), ("kt", 3.0), ("two-waves", 3.0)])
+def test_intervals_hold_whatever_the_errors_assumed(method, size):
+    """Errors up to three times those assumed: 360 of R and X, of 60 lines; 2.4 % is two standard deviations. The errors
+    that were used are those that there were."""
+    share, found = held_by_draws(method, size)
+    assert 0.92 < share < 0.985
+    level = torch.stack([one.used_errors[0] for one in found]).median(0).values  # one line in 60 has no second wave
+    if size == 3.0:
+        assert (level / (3 * LEVEL_ERROR)).tolist() == pytest.approx([1.0] * 3, rel=0.15)
+        assert sum("model-misfit" in {getattr(note, "code", "") for note in one.notes} for one in found) == 60
+    if size == 1.0:
+        assert sum(bool(one.notes) for one in found) <= 6
+
+
+@BY_CHANCE
+def test_a_clean_fit_keeps_the_errors_assumed():
+    """The draws of the paper, to the last bit, and no warning; errors of 0 stay 0."""
+    line = off(line_of(both_ways()[0]), 5e-3, 1)
+    found = kumaresan_tufts(line, draws=20)
+    again = kumaresan_tufts(
+        dataclasses.replace(line, pressure=draw_pressures(line.pressure, 20, torch.Generator().manual_seed(0)))
+    )
+    assert torch.equal(found.draws.impedance, again.impedance)
+    assert found.error_scale.tolist() == [1.0] * 3
+    assert not found.notes
+    none = kumaresan_tufts(line, draws=2, level_error=0.0, phase_error=0.0)
+    assert torch.isnan(none.misfit).all()
+    assert float(none.standard_deviation.abs().max()) < 1e-12
+
+
+@pytest.mark.filterwarnings("ignore:.*phases look conjugated", "ignore:.*the resistance is negative")
+def test_a_wave_that_is_missing_is_a_misfit():
+    """A second wave that rank 1 leaves out: a note with its code, and how far Z may be off by it."""
+    with pytest.warns(tl.DataWarning, match=r"at 3 of 3 values, first at 600 Hz, the waves leave up to"):
+        found = kumaresan_tufts(line_of(both_ways()[0]), rank=1, draws=50)
+    note = found.notes[-1]
+    assert (note.code, note.size) == ("model-misfit", float(found.standard_deviation.abs().max()))
+    assert found.misfit.sqrt().tolist() == pytest.approx(
+        (found.residual / (0.011645 * (10 / 12) ** 0.5)).tolist(), rel=1e-3
+    )
+    level, phase = found.used_errors
+    assert (level / phase).tolist() == pytest.approx([1.0] * 3)
+    text = format_wall(line_of(both_ways()[0]), found)
+    assert "by the residual; not the error of the model" in text
+    assert "over errors: residual over what the assumed errors of 0.1 dB, 0.1 degrees leave" in text
+
+
+def test_freedom_by_hand():
+    """Level and phase alike: two a microphone; the level alone: one. Chi squared of 20, 99 %: 37.57."""
+    degrees = math.degrees(0.1 * math.log(10) / 20)
+    assert error_freedom(10, 0.1, degrees) == pytest.approx(20)
+    assert error_freedom(10, 0.1, 0.0) == 10
+    assert largest_misfit(20) == pytest.approx(37.566 / 20, rel=1e-4)
+    assert largest_misfit(math.inf) == 1
 
 
 def test_where_there_is_no_interval():

@@ -36,8 +36,6 @@ from torchliner.engine.kernels import build_kernels as build_kernels
 from torchliner.engine.levels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments
 from torchliner.fluid import Fluid as Fluid
-from torchliner.in_situ_method.dean import in_situ as in_situ
-from torchliner.in_situ_method.plane_wave_fit import decompose_waves as decompose_waves
 from torchliner.io.burst_sources import list_stations as list_stations
 from torchliner.io.burst_sources import read_bursts as read_bursts
 from torchliner.io.holes import read_holes as read_holes
@@ -64,6 +62,12 @@ from torchliner.liners.multipole import Multipole as Multipole
 from torchliner.liners.multipole import fit_multipole as fit_multipole
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
+from torchliner.pressure.dean import in_situ as in_situ
+from torchliner.pressure.fit_field import fit_field as fit_field
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
+from torchliner.pressure.plane_wave_fit import decompose_waves as decompose_waves
+from torchliner.pressure.sort_waves import sort_waves as sort_waves
+from torchliner.pressure.two_waves import two_wave_fit as two_wave_fit
 from torchliner.records import BurstRecord as BurstRecord
 from torchliner.records import FieldFit as FieldFit
 from torchliner.records import Holes as Holes
@@ -86,10 +90,6 @@ from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare_models import compare_models as compare_models
 from torchliner.studies.identify import identify as identify
 from torchliner.velocity.replay import replay as replay
-from torchliner.wall_field.fit_field import fit_field as fit_field
-from torchliner.wall_waves.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
-from torchliner.wall_waves.sort_waves import sort_waves as sort_waves
-from torchliner.wall_waves.two_waves import two_wave_fit as two_wave_fit
 from torchliner.version import __version__ as __version__
 
 __all__: list[str]

@@ -75,19 +75,19 @@ VARIATIONS = ("constant", "linear")
 LOSSES = ("none", "viscothermal")
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
     "kt": (
-        "torchliner.wall_waves.kumaresan_tufts:kumaresan_tufts", "Kumaresan-Tufts",
+        "torchliner.pressure.kumaresan_tufts:kumaresan_tufts", "Kumaresan-Tufts",
         ("condition", "margin", "rank", "order"),
     ),
     "two-waves": (
-        "torchliner.wall_waves.two_waves:two_wave_fit", "a fit of two waves tied by one impedance",
+        "torchliner.pressure.two_waves:two_wave_fit", "a fit of two waves tied by one impedance",
         ("condition", "margin", "weights"),
     ),
     "free-waves": (
-        "torchliner.wall_waves.two_waves:free_wave_fit", "a fit of two free waves",
+        "torchliner.pressure.two_waves:free_wave_fit", "a fit of two free waves",
         ("condition", "margin", "weights"),
     ),
     "field": (
-        "torchliner.wall_field.fit_field:fit_line", "a fit of the linearised Euler equations",
+        "torchliner.pressure.fit_field:fit_line", "a fit of the linearised Euler equations",
         ("duct", "far_end", "variation", "start"),
     ),
 }  # fmt: skip

@@ -24,11 +24,11 @@ from torchliner.campaign.index import (
 from torchliner.campaign.inputs import with_case_facts
 from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
-from torchliner.in_situ_method.beside_maps import with_in_situ
 from torchliner.io.lock import locked
 from torchliner.io.moments_file import read_moments
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.whole_file import printable, writable_folder, written_whole
+from torchliner.pressure.beside_maps import with_in_situ
 from torchliner.records import ImpedanceMap
 from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x

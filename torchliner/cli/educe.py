@@ -53,12 +53,12 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Educe every plane, print one row each, write what was asked for."""
     from torchliner.campaign.cluster import open_cluster
-    from torchliner.in_situ_method.beside_maps import with_in_situ
     from torchliner.io.microphone_file import read_wall_pressure
     from torchliner.io.pressure_file import read_pressure
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable
     from torchliner.liners.catalogue import load_liner
+    from torchliner.pressure.beside_maps import with_in_situ
 
     outputs = _outputs(options.output, options.planes)
     for path in outputs:

@@ -27,8 +27,8 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print every method the record has signals for, beside the file's own values."""
-    from torchliner.in_situ_method.every_method import in_situ_report
     from torchliner.io.pressure_file import read_pressure
+    from torchliner.pressure.every_method import in_situ_report
     from torchliner.records.origin import with_choices
     from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
 

@@ -48,8 +48,8 @@ OPTIONS = {
     },
     "error bars": {
         "--draws N": "of the microphones' errors, e.g. 500; default none",
-        "--level-error DB": "standard error of a level, dB; default 0.1",
-        "--phase-error DEG": "standard error of a phase, degrees; default 0.1",
+        "--level-error DB": "standard error of a level, dB, raised where the residual asks for it; default 0.1",
+        "--phase-error DEG": "standard error of a phase, degrees, likewise; default 0.1",
         "--seed N": {"default": 0, "help": "of the draws; default 0"},
     },
 }  # fmt: skip
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
         lambda: "\n\n".join(map(format_wall, lines, found)),
         lambda: {"lines": [
             {"name": line.name, "title": line.title, "choices": dict(one.choices),
-             "rows": wall_table(rows).as_rows(), "notes": [*line.notes, *one.notes]}
+             "rows": wall_table(rows).as_rows(), "notes": [str(note) for note in (*line.notes, *one.notes)]}
             for line, one, rows in zip(lines, found, tables, strict=True)
         ]},
         output=write,
@@ -100,16 +100,13 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     """Options that were given, for the method that knows them.
 
     Raises:
-        ValueError: one belongs to other methods, or errors are stated of which nothing is drawn.
+        ValueError: one belongs to other methods.
     """
     own = METHODS[options.method]
     for key in dict.fromkeys(chain(*METHODS.values())):
         if key not in own and getattr(options, key) is not None:
             raise ValueError(f"{spelled([key])} is no option of --method {options.method}")
     chosen = stated(options, (*SHARED, *own))
-    for key in ("level_error", "phase_error"):  # the fit of the field weights by them
-        if key in chosen and options.method != "field" and not chosen.get("draws"):
-            raise ValueError(f"{spelled([key])} is of the draws; add --draws, e.g. 500, or leave it out")
     if "start" in chosen:
         chosen["start"] = complex_number(chosen["start"], "--start")
     if "margin" in chosen:

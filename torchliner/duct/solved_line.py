@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
@@ -66,12 +68,21 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
         source_side=field.source,
         liner_start=start,
         liner_end=end,
+        wall_impedance=_known(provenance["impedance"]),
         fluid=setup.fluid,
         title=f"{setup.name}, linearised Euler equations",
         provenance=provenance,
         notes=notes,
         name=setup.name,
     )
+
+
+def _known(walls: list[list[Any]] | None) -> Tensor | None:
+    """Z of a single patch, nan where it is rigid, (F,); None of several patches, or where Z varies along x."""
+    if walls is None or any(len(row) != 1 for row in walls):
+        return None
+    known = [complex(math.nan, math.nan) if row[0] == "rigid" else complex(*row[0]) for row in walls]
+    return torch.tensor(known, dtype=torch.complex128)
 
 
 def _asked(field: DuctField) -> list[list[Any]] | None:

@@ -32,7 +32,7 @@ from torchliner.io.microphone_csv import (
 )
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.stored_values import read_values
-from torchliner.io.tables import FileKind, Variable, numbers, read_variables, real, write_variables
+from torchliner.io.tables import FileKind, Variable, impedance, numbers, read_variables, real, write_variables
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.signals.reference_coherence import reject_flow_noise
 
@@ -48,6 +48,7 @@ AMPLITUDES = (
              ("draws", "microphone", "frequency"),
              attributes={"amplitude": "peak, exp(+j omega t)"}),
     real("coherence", "1", ("microphone", "frequency"), optional=True),
+    impedance("wall_impedance", "wall_", ("frequency",), optional=True),
 )  # fmt: skip
 
 

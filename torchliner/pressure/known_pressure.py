@@ -14,11 +14,11 @@ from torchliner.checks import SAME_FREQUENCY, index_of_frequency
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.engine.blocks import Blocks, waves
 from torchliner.engine.intervals import replicates
+from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import MicrophoneLine, PressureRecord, VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.level_check import UNKNOWN
 from torchliner.records.same_case import require_same_run
-from torchliner.signals.plane_waves import split_waves
 from torchliner.signals.transfer import segment_amplitudes
 
 INCIDENT, WALL = "incident", "wall"

@@ -47,11 +47,11 @@ class MicrophoneLine(Written):
             method takes for 0.
         source_side: where the sound comes from, ``upstream`` (from smaller x) or ``downstream``;
             ``unknown`` until it is needed.
-        duct_width: m, across; only for the cut-on of spanwise modes.
-        liner_start, liner_end: x of the liner's ends, m.
+        duct_width: m, across; only for the cut-on of spanwise modes.  liner_start, liner_end: x of the liner's ends, m.
+        wall_impedance: Z of the liner where it is known, as in a duct that was solved, normalised, (F,); nan at
+            frequencies where it is not, or where the wall is rigid.
         coherence: squared, with the reference channel, 0 to 1, (N, F), if one was recorded.
-        fluid: gas of the data.  liner: name of the liner.
-        reference: independent impedances of the same case, normalised, by name.
+        fluid: gas of the data.  liner: its name.  reference: other impedances of the case, normalised, by name.
         title, provenance: where the data come from.  notes: warnings, with numbers.
         name: how messages call it (a file's name).
     Raises:
@@ -70,6 +70,7 @@ class MicrophoneLine(Written):
     duct_width: float | None = field(default=None, kw_only=True)
     liner_start: float | None = field(default=None, kw_only=True)
     liner_end: float | None = field(default=None, kw_only=True)
+    wall_impedance: Any = field(default=None, kw_only=True)
     coherence: Any = field(default=None, kw_only=True)
     fluid: Fluid = field(default_factory=Fluid, kw_only=True)
     liner: str = field(default="", kw_only=True)
@@ -191,6 +192,11 @@ class MicrophoneLine(Written):
                 )
         require_pressures(pressure, self.frequency, self.name)
         object.__setattr__(self, "pressure", pressure)
+        if self.wall_impedance is not None:
+            known = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
+            if known.shape != (frequencies,):
+                raise ValueError(f"{self.name}: wall_impedance has shape {tuple(known.shape)}, not ({frequencies},)")
+            object.__setattr__(self, "wall_impedance", known)
         if self.coherence is not None:
             coherence = real_tensor(self.coherence)
             if coherence.shape != (count, frequencies):
@@ -295,6 +301,7 @@ class MicrophoneLine(Written):
             self,
             frequency=self.frequency[index],
             pressure=self.pressure[..., index],
+            wall_impedance=None if self.wall_impedance is None else self.wall_impedance[index],
             coherence=None if self.coherence is None else self.coherence[:, index],
         )
 

@@ -13,6 +13,7 @@ from torchliner.checks import require_complex
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.drawn_impedance import DrawnImpedance, deviation, fine_places
 from torchliner.records.microphone_line import MicrophoneLine
+from torchliner.records.notes import Note
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +34,11 @@ class WallEduction(DrawnImpedance):
         source_side: ``upstream`` or ``downstream``.
         singular_values: of the prediction matrix, Pa, (..., L, F); None for fits.
         rank, order: K and L; None for fits.
-        draws: the same eduction over draws of the measurement error, (D, ..., F) and so on.
-        choices: every option.  notes: warnings, with numbers.
+        misfit: squared residual over that which the assumed errors of the microphones leave, (..., F): 1 where waves
+            and errors are right; None or nan where it is not known.
+        draws: the same eduction over draws of the microphones' errors, (D, ..., F) and so on.
+        choices: every option; ``level_error`` and ``phase_error`` are those assumed.
+        notes: warnings, with numbers.
         line: microphones that were used; files and pages need them.
         covariance: of (resistance, reactance), (F, 2, 2), for errors of the microphones as large
             as what the waves leave, to first order; None without a degree of freedom, or for lines
@@ -58,9 +62,10 @@ class WallEduction(DrawnImpedance):
     singular_values: Tensor | None = None
     rank: int | None = None
     order: int | None = None
+    misfit: Tensor | None = None
     draws: WallEduction | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note | str, ...] = ()
     line: MicrophoneLine | None = None
     covariance: Tensor | None = None
     freedom: int | None = None
@@ -118,6 +123,20 @@ class WallEduction(DrawnImpedance):
         assert self.draws is not None
         return deviation(self.draws.wavenumber)
 
-    def with_notes(self, *notes: str) -> WallEduction:
+    @property
+    def used_errors(self) -> tuple[Tensor, Tensor]:
+        """Standard deviations in level, dB, and in phase, degrees, that the draws have, (..., F): those assumed, and
+        larger by the root of the misfit where that is above ``choices["largest_misfit"]``."""
+        level, phase = (self.choices.get(name, torch.nan) for name in ("level_error", "phase_error"))
+        return level * self.error_scale, phase * self.error_scale
+
+    @property
+    def error_scale(self) -> Tensor:
+        """Of the errors used over those assumed, (..., F); at least 1."""
+        if self.misfit is None:
+            return torch.ones_like(self.residual)
+        return torch.where(self.misfit > self.choices.get("largest_misfit", 1.0), self.misfit, 1.0).sqrt()
+
+    def with_notes(self, *notes: Note | str) -> WallEduction:
         """The same with further notes."""
         return replace(self, notes=(*self.notes, *notes))

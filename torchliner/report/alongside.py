@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from torchliner.conversions import impedance_from_admittance
-from torchliner.in_situ_method.every_method import ORDERS
+from torchliner.pressure.every_method import ORDERS
 from torchliner.records import ImpedanceMap, PointImpedances
 from torchliner.report.numbers import COMPLEX_PART, Curves, height_label, over_z, part_of
 from torchliner.report.table import format_bounds, format_complex

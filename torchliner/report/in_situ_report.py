@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from torchliner.in_situ_method.every_method import InSituReport, InSituRow, stated_impedance
+from torchliner.pressure.every_method import InSituReport, InSituRow, stated_impedance
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.report.alongside import draw_cells, points_along_x
 from torchliner.report.figure import (

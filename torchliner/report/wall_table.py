@@ -20,10 +20,10 @@ from torchliner.report.table import (
 LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid
 SHOWN = 4  # singular values in the table
+ERRORS = ["level_error", "phase_error"]  # that the draws have
 FIT = ["standard_error", "end_reflection", "rise", "rise_error"]  # of a fit of the field
-UNKNOWN: dict[str, Any] = dict.fromkeys(
-    ("low", "high", "deviation", "wavenumber", "singular_values", "energy_share", "misfit", *FIT)
-) | {"failed": 0}  # fmt: skip
+WAVE = ["low", "high", "deviation", "wavenumber", "singular_values", "energy_share", "misfit", "known", "off"]
+UNKNOWN: dict[str, Any] = dict.fromkeys([*WAVE, *ERRORS, *FIT]) | {"failed": 0}
 Educed = WallEduction | FieldFit
 Row = dict[str, Any]
 
@@ -33,6 +33,7 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
 
     ``deviation`` is u(R) + j u(X) over the draws; without draws the standard error, by what the
     waves leave or by the errors stated to a fit of the field, infinite where it has no bound.
+    ``known`` is Z of the wall where the line states it, as one does that was solved, ``off`` the impedance less that.
     ``low`` and ``high`` bound the 95 % statistical interval, of the draws or of that error. What a
     method does not give is None.
 
@@ -46,9 +47,13 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
     names = ["frequency", "impedance", "residual"]
     names += ["wavenumber", "energy_share"] if isinstance(found, WallEduction) else FIT
     values: dict[str, Any] = {name: getattr(found, name) for name in names}
-    if isinstance(found, FieldFit):
+    if found.misfit is not None:
         values["misfit"] = found.misfit**0.5
-    elif found.singular_values is not None:
+    if line.wall_impedance is not None:
+        values |= {"known": line.wall_impedance, "off": found.impedance - line.wall_impedance}
+    if isinstance(found, WallEduction) and found.draws is not None:
+        values |= dict(zip(ERRORS, found.used_errors, strict=True))
+    if isinstance(found, WallEduction) and found.singular_values is not None:
         values["singular_values"] = (found.singular_values / found.singular_values[0]).T
     if found.draws is not None:
         values |= {"failed": found.failed, "deviation": found.standard_deviation}
@@ -92,6 +97,9 @@ COLUMNS = (
                         "rise_error"),
     Column("energy_share", lambda row: _number(row["energy_share"])),
     Column("mach"),
+    Column("level_error_used", lambda row: _number(row["level_error"])),
+    Column("phase_error_used", lambda row: _number(row["phase_error"])),
+    *real_and_imaginary("known_resistance", "known_reactance", "known"),
 )  # fmt: skip
 
 
@@ -111,19 +119,20 @@ def format_wall(line: MicrophoneLine, found: Educed) -> str:
         f"M {float(found.choices.get('mach', line.mach)):.3g}"
     )
     rows = wall_rows(line, found)
+    known = KNOWN if any(row["known"] is not None and row["known"] == row["known"] for row in rows) else ()
     share = f"{100 * LEVEL:g} %"
     if isinstance(found, WallEduction):
         return (
-            f"{head}, {found.choices['condition']}\n{Table(rows, WAVES).as_text()}\n"
+            f"{head}, {found.choices['condition']}\n{Table(rows, (*WAVES, *known)).as_text()}\n"
             "Z is p/(rho c v), exp(+jwt - j alpha x), x along the flow; energy: of this wave over "
             f"the strongest's\n{share} statistical interval and deviation: {_reason(found)}; not "
-            "the error of the model"
+            f"the error of the model\nover errors: residual over what {_assumed(found)} leave"
         )
     errors = "the microphones' stated errors" if found.draws is None else "the draws"
     if found.choices["variation"] == "constant":
         rows = [row | {"rise": None, "rise_error": None} for row in rows]
     return (
-        f"{head}, far end {found.choices['far_end']}\n{Table(rows, FIELD).as_text()}\n"
+        f"{head}, far end {found.choices['far_end']}\n{Table(rows, (*FIELD, *known)).as_text()}\n"
         f"Z is p/(rho c v), exp(+jwt); {share} statistical interval and deviation: of R and X by "
         f"{errors} (of the rise: by the fit); over errors: residuals over the stated errors, 1 if "
         "the duct is right"
@@ -134,10 +143,16 @@ def _reason(found: WallEduction) -> str:
     """Where the interval comes from."""
     if found.draws is not None:
         count = len(found.draws.impedance)
-        return f"of R and X over {count} draws of the microphones' errors"
+        level, phase = ({f"{float(end):.2g}" for end in (used.min(), used.max())} for used in found.used_errors)
+        used = f"{' to '.join(sorted(level, key=float))} dB, {' to '.join(sorted(phase, key=float))} degrees"
+        return f"of R and X over {count} draws of the microphones' errors, {used}, by the residual"
     if found.covariance is None:
         return "unknown, the waves leave no degree of freedom"
     return f"of R and X by what the waves leave, {found.freedom} degrees of freedom"
+
+
+def _assumed(found: WallEduction) -> str:
+    return f"the assumed errors of {found.choices['level_error']:g} dB, {found.choices['phase_error']:g} degrees"
 
 
 def _wall(impedance: complex) -> str:
@@ -166,6 +181,7 @@ WAVES = (
     Column("", _interval, "statistical interval", format_bounds),
     Column("", "energy_share", "energy", ".3f"),
     Column("", "residual", "residual %", ".3f", 100),
+    Column("", lambda row: _number(row["misfit"]), "over errors", ".3g"),
     Column("", _singular_values(2, SHOWN), "singular values"),
 )
 FIELD = (
@@ -178,4 +194,8 @@ FIELD = (
     Column("", "residual", "residual %", ".3f", 100),
     Column("", "misfit", "over errors", ".3g"),
     Column("", "end_reflection", "end reflection", format_complex),
+)
+KNOWN = (
+    Column("", "known", "known Z", format_complex),
+    Column("", "off", "Z - known", format_complex),
 )

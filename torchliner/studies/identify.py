@@ -15,9 +15,9 @@ import torch
 
 from torchliner.checks import require_choice, tell
 from torchliner.engine.moments import Moments
-from torchliner.in_situ_method.dean import in_situ
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import AVERAGINGS
+from torchliner.pressure.dean import in_situ
 from torchliner.records import PressureRecord, VelocityPlane
 from torchliner.records.same_case import require_same_run
 from torchliner.studies.curves import SHAPES, SIGNS

@@ -160,6 +160,8 @@ def _error_bars(subject: WallSubject) -> list[Block]:
         if one.draws is not None:
             level, phase = (one.choices.get(f"{key}_error", "?") for key in ("level", "phase"))
             text = f"{len(one.draws.impedance)} draws of the microphones' errors, {level} dB and {phase} degrees"
+            scale = float(one.error_scale.max()) if isinstance(one, WallEduction) else 1.0
+            text += f", up to {scale:.3g} times as large where the residual asks for it" if scale > 1 else ""
         elif one.covariance is None:
             text = "no interval, since the waves leave no degree of freedom"
         elif one.freedom is None:

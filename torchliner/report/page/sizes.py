@@ -178,6 +178,7 @@ KINDS: dict[str, tuple[int, Sizing | None]] = {
     "no-mach": (2, None),
     "gas": (2, other_gas),
     "other-tone": (3, stated),
+    "model-misfit": (1, None),
     "model-table": (3, of_reflection),
     "no-cell-pitch": (3, between_averagings),
     "excluded-probes": (5, left_out),

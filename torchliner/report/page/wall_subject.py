@@ -7,7 +7,6 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -111,15 +110,6 @@ class WallSubject:
         """
         line = self.lines[number]
         named = line.reference if len(line.frequency) == 1 else {}
-        return {shown(name): complex(z) for name, z in named.items()} | _solved_wall(line, f)
-
-
-def _solved_wall(line: MicrophoneLine, f: int) -> dict[str, complex]:
-    """The wall of the duct that a line was solved in, where there is one patch."""
-    walls = line.provenance.get("impedance") or []
-    rows: Sequence[Any] = line.provenance.get("plane_mode") or []
-    frequency = float(line.frequency[f])
-    at = next((i for i, row in enumerate(rows) if row["frequency (Hz)"] == frequency), None)
-    if at is None or at >= len(walls) or len(walls[at]) != 1 or walls[at][0] == "rigid":
-        return {}
-    return {"the solved wall": complex(*walls[at][0])}
+        known = {shown(name): complex(z) for name, z in named.items()}
+        wall = None if line.wall_impedance is None else complex(line.wall_impedance[f])
+        return known if wall is None or wall != wall else known | {"the solved wall": wall}

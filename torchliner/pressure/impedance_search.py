@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from torchliner.least_squares import Problem, System, least_squares
-from torchliner.wall_field.model import FieldModel, bounded, coordinates
+from torchliner.pressure.field_model import FieldModel, bounded, coordinates
 
 STEPS = 60
 TOLERANCE = 1e-9  # of a step in the wall's coordinates

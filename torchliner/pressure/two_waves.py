@@ -15,16 +15,16 @@ from torchliner.checks import require_choice
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.duct.relation import DIRECTIONS, duct_of
 from torchliner.names import WEIGHTS
-from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
-from torchliner.wall_waves.from_source import (
+from torchliner.pressure.from_source import (
     FromSource,
     duct_notes,
     over_liner,
     wall_eduction,
-    with_notes_and_draws,
 )
-from torchliner.wall_waves.paired_waves import Pairs, WavePairs
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR
+from torchliner.pressure.paired_waves import Pairs, WavePairs
+from torchliner.pressure.wave_errors import with_errors
+from torchliner.records import MicrophoneLine, WallEduction
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
@@ -75,8 +75,8 @@ def two_wave_fit(
         notes += (
             f"{line.name}: {lost} of {first.impedance.numel()} fits did not settle; their waves may not be the best",
         )
-    return with_notes_and_draws(
-        first, notes, educe, seen.pressure, draws, generator, unknowns=4 - tied, unit=unit,
+    return with_errors(
+        first, notes, educe, seen.pressure, unknowns=4 - tied, draws=draws, generator=generator, unit=unit,
         level_error=level_error, phase_error=phase_error,
     )  # fmt: skip
 

@@ -23,16 +23,16 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import whole_number
-from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import LEVEL_ERROR, PHASE_ERROR
-from torchliner.wall_waves.from_source import (
+from torchliner.pressure.from_source import (
     FromSource,
     duct_notes,
     over_liner,
     runs_with_source,
     wall_eduction,
-    with_notes_and_draws,
 )
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR
+from torchliner.pressure.wave_errors import with_errors
+from torchliner.records import MicrophoneLine, WallEduction
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
@@ -55,7 +55,8 @@ def kumaresan_tufts(
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
         draws: of the microphones' errors, 0 for none, else at least 2; 500 in the paper.
-        level_error, phase_error: their standard deviations, dB and degrees.
+        level_error, phase_error: standard deviations that are assumed, dB and degrees; the draws' are larger by the
+            root of the misfit where the waves leave more than these errors would.
         generator: of random numbers; default one with seed 0.
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.
@@ -68,7 +69,8 @@ def kumaresan_tufts(
     Warns:
         DataWarning: higher modes are cut on, the spacing is above half a wavelength, no wave runs
             with the source somewhere or it is not the strongest, phases look conjugated, the wall
-            looks rigid, or the resistance is negative; the same text is in ``notes``.
+            looks rigid, the resistance is negative, or the waves leave more than the assumed errors
+            do ("model-misfit"); the same text is in ``notes``.
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
     seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
@@ -99,8 +101,8 @@ def kumaresan_tufts(
 
     result = educe(seen.pressure)
     notes = (*duct_notes(line), *_aliasing_notes(seen, spacing), *_lost_notes(result, line.name))
-    return with_notes_and_draws(
-        result, notes, educe, seen.pressure, draws, generator, unknowns=2 * rank,
+    return with_errors(
+        result, notes, educe, seen.pressure, unknowns=2 * rank, draws=draws, generator=generator,
         level_error=level_error, phase_error=phase_error,
     )  # fmt: skip
 

@@ -26,18 +26,18 @@ from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
-from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.records.drawn_impedance import fine_places
-from torchliner.signals.microphone_errors import (
+from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance
+from torchliner.pressure.fit_warnings import largest_misfit, warnings_of
+from torchliner.pressure.impedance_search import STEPS, Solution, constant_wall, search
+from torchliner.pressure.microphone_errors import (
     LEVEL_ERROR,
     PHASE_ERROR,
     draw_pressures,
     require_draws,
 )
+from torchliner.records import FieldFit, MicrophoneLine
+from torchliner.records.drawn_impedance import fine_places
 from torchliner.version import __version__
-from torchliner.wall_field.fit_warnings import largest_misfit, warnings_of
-from torchliner.wall_field.impedance_search import STEPS, Solution, constant_wall, search
-from torchliner.wall_field.model import FieldModel, coordinates, impedance_at, impedance_covariance
 
 SAME = 1e-6  # relative, of what line and case both state
 SAME_PLACE = 1e-6  # m
@@ -86,7 +86,7 @@ def fit_field(
     _check(line, solver, unknowns)
     _check_stated_ends(line, solver.case, far_end)
     sources = (line.source_side, other_side(line.source_side))[:waves]
-    errors = {"level_error": level_error, "phase_error": phase_error}
+    errors: dict[str, Any] = {"level_error": level_error, "phase_error": phase_error}
     for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
         if not SMALLEST <= value < math.inf:
             raise ValueError(f"{name} is {value:g}; it weights the fit and must be finite and at least {SMALLEST:g}")

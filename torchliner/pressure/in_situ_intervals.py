@@ -1,17 +1,18 @@
 r"""Statistical intervals of the in situ and microphone methods, from blocks of time.
 
-They say how far Z may be off because the record is finite; not what the formula, the cavity's
-numbers or the microphones' own errors do.
+They say how far Z may be off because the record is finite; not what the formula, the cavity's numbers or the
+microphones' own errors do.
 
-A windowed amplitude is linear in the signal, :math:`A = \sum_t g_t y_t`. What is left of y when
-tone, conjugate and mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole
-periods, so A is the mean, with the window's weight W_s of each block, of :math:`A + c_s/W_s`: the
-form that ``bootstrap`` resamples. Over several segments the blocks are the segments.
+A windowed amplitude is linear in the signal, :math:`A = \sum_t g_t y_t`. What is left of y when tone, conjugate and
+mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole periods, so A is the mean, with the
+window's weight W_s of each block, of :math:`A + c_s/W_s`: without block s it is :math:`A - c_s/(1 - W_s)`. Z of these
+amplitudes is what the jackknife of ``engine.intervals`` takes. Over several segments the blocks are the segments, and
+H1 is made of the sums over those that remain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -19,21 +20,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_admittance
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.intervals import FEWEST_BLOCKS, FROM_REFLECTION, ITSELF, Conversion, jackknife, replicates
+from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import Interval, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells
-from torchliner.signals.blocks import plan_blocks
-from torchliner.signals.bootstrap import can_resample
-from torchliner.signals.plane_waves import split_waves
-from torchliner.signals.resampling import (
-    FROM_ADMITTANCE,
-    FROM_REFLECTION,
-    ITSELF,
-    Conversion,
-    Resampling,
-)
 from torchliner.signals.transfer import segment_amplitudes
 from torchliner.signals.windows import make_window
 
+FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 LEVEL = 0.95
 FEWEST_RUNS = 8  # below, an interval says little
 SMALLEST_WIDTH = 1e-9  # a steady tone leaves rounding
@@ -58,25 +54,23 @@ class _TimeBlocks:
     weights: Tensor
     single: bool
 
-    def h1(self, driver: Tensor, response: Tensor, ratio: Tensor) -> Tensor:
-        """Deviation of H1 = response/driver in each block, to first order, (S, ...).
+    def h1(self, driver: Tensor, response: Tensor) -> Tensor:
+        """H1 = response/driver of all blocks, without each and without each quarter, (1 + S + 4, ...).
 
         Args:
             driver, response: of the blocks, (S, ..., 1), linear in ``amplitudes``.
-            ratio: H1 of the whole record, (..., 1).
         """
-        weight = self.weights.reshape(-1, *[1] * (driver.ndim - 1))
-        whole = (weight * driver).sum(0)
-        # Within one segment the driver is that of the whole record; over segments H1 weights them.
-        lead = whole if self.single else driver
-        power = lead.abs().square() if self.single else (weight * driver.abs().square()).sum(0)
-        return lead.conj() * (response - ratio * driver) / power
+        if self.single:  # H1 of one segment is the ratio of its amplitudes
+            return self._remaining(response) / self._remaining(driver)
+        return self._remaining(driver.conj() * response) / self._remaining(driver.abs().square())
 
-    def interval(
-        self, series: Tensor, value: Tensor, level: float, conversion: Conversion = FROM_REFLECTION
-    ) -> Interval:
-        """Of Z from the deviation of a quantity in each block, (S, ...); see ``Resampling``."""
-        return Resampling(self.weights, level, conversion).over_time(series, value)
+    def _remaining(self, values: Tensor) -> Tensor:
+        """Weighted means of (S, ...) over the blocks that remain."""
+        return replicates(self.weights.reshape(-1, *[1] * (values.ndim - 1)) * values, self.weights)
+
+    def interval(self, values: Tensor, level: float, conversion: Conversion = FROM_REFLECTION) -> Interval:
+        """Of Z from a quantity of the remaining blocks, (1 + S + 4, ...)."""
+        return jackknife(values, self.weights, level, conversion)
 
 
 def _blocks_of(
@@ -96,18 +90,19 @@ def _blocks_of(
         parts = tuple(segment_amplitudes(s, frequency, sampling_rate, **cut) for s in signals)
         equal = torch.full((len(parts[0]),), 1 / len(parts[0]), dtype=torch.float64)
         # A single segment that leaves part of the record out has no others to be compared with.
-        return _TimeBlocks(parts, equal, False) if can_resample(len(equal)) else None
-    blocks = plan_blocks(samples, first, sampling_rate / float(frequency))
-    if not can_resample(blocks.count):
+        return _TimeBlocks(parts, equal, False) if len(equal) >= FEWEST_BLOCKS else None
+    if (samples - first) * float(frequency) < sampling_rate:
+        return None
+    borders = list(Blocks.of(samples - first, sampling_rate, float(frequency)).borders)
+    count = len(borders) - 1
+    if count < FEWEST_BLOCKS:
         return None
     weight = make_window(window, samples - first).weights
     turn = 2j * torch.pi * frequency / sampling_rate * torch.arange(first, samples)
     basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
     across = basis.conj() * weight
     dual = torch.linalg.solve(across @ basis.mT, across)
-    share = blocks.sums(torch.cat([weight.new_zeros(first), weight]))
-    share = share / weight.sum()
-    borders = [b - first for b in blocks.borders]
+    share = torch.stack([weight[a:b].sum() for a, b in pairwise(borders)]) / weight.sum()
     kept = torch.stack([dual[0, a:b] @ basis[:, a:b].T for a, b in pairwise(borders)])  # (S, 3)
     found = []
     for signal in signals:
@@ -117,21 +112,22 @@ def _blocks_of(
             for a, b in pairwise(ends)
         ])  # fmt: skip
         fitted = sums.sum(0)  # tone, conjugate, mean
-        left = sums[: blocks.count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
+        left = sums[:count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
         size = share.reshape(-1, *[1] * (left.ndim - 1)).clamp(min=1e-12)
-        found.append((fitted[..., 0] + left / size)[..., None])
+        own = left / size
+        own = own - (size * own).sum(0) / share.sum()  # what the samples behind the last period add
+        found.append((fitted[..., 0] + own)[..., None])
     return _TimeBlocks(tuple(found), share / share.sum(), True)
 
 
 def dean_uncertainty(
-    record: PressureRecord, frequency: Tensor, drive: Tensor, found: Mapping[str, Tensor],
-    cells: Cells, rows: Tensor, options: Mapping[str, Any], level: float | None,
+    record: PressureRecord, frequency: Tensor, drive: Tensor, cells: Cells,
+    rows: Tensor, options: dict[str, Any], level: float | None,
 ) -> PointUncertainty | None:  # fmt: skip
     """Intervals of cells and surface in both orders; None for fewer than four blocks.
 
     Args:
         record, frequency, options: as ``in_situ`` has them.  drive: rho c v_in/p_b, (F,).
-        found: impedances of points, cells and surface.
         cells, rows: of the probes, and the row of the backplate that belongs to each.
         level: of the intervals; None for none.
     """
@@ -151,23 +147,17 @@ def dean_uncertainty(
         count = min(count or len(blocks.weights), len(blocks.weights))
         pressure, bottom = blocks.amplitudes
         through = (bottom * drive[f])[:, rows.clamp(min=0)]
-        at = {name: value[..., f : f + 1] for name, value in found.items()}
-        points = at["point_impedance"]
-        change = -blocks.h1(through, pressure, points) / points**2
-        admittance = cells.average(torch.where(inside, change, 0), used)
+        admittance = 1 / blocks.h1(through, pressure)
+        admittance = cells.average(torch.where(inside, admittance, 0), used)
         through, pressure = cells.average(through, used), cells.average(pressure, used)
-        first = "_pressure_first"
-        series = {
-            "cells": (admittance, 1 / at["cell_impedance"], FROM_ADMITTANCE),
-            "liner": (admittance.mean(1), 1 / at["liner_impedance"], FROM_ADMITTANCE),
-            f"cells{first}": (blocks.h1(through, pressure, at[f"cell_impedance{first}"]),
-                              at[f"cell_impedance{first}"], ITSELF),
-            f"liner{first}": (blocks.h1(through.mean(1), pressure.mean(1),
-                                        at[f"liner_impedance{first}"]),
-                              at[f"liner_impedance{first}"], ITSELF),
-        }  # fmt: skip
-        for name, (change, value, conversion) in series.items():
-            parts.setdefault(name, []).append(blocks.interval(change, value, level, conversion))
+        values = {
+            "cells": (admittance, FROM_ADMITTANCE),
+            "liner": (admittance.mean(1), FROM_ADMITTANCE),
+            "cells_pressure_first": (blocks.h1(through, pressure), ITSELF),
+            "liner_pressure_first": (blocks.h1(through.mean(1), pressure.mean(1)), ITSELF),
+        }
+        for name, (value, conversion) in values.items():
+            parts.setdefault(name, []).append(blocks.interval(value, level, conversion))
     return PointUncertainty(
         **{name: Interval.joined(each, -1) for name, each in parts.items()},
         settings={"level": level, "resampled": "time", "blocks": count},
@@ -175,20 +165,20 @@ def dean_uncertainty(
 
 
 def wave_interval(
-    record: PressureRecord, signals: Sequence[Tensor], frequency: Tensor, reflection: Tensor,
-    places: Tensor, options: Mapping[str, Any], level: float | None,
+    record: PressureRecord, signals: Sequence[Tensor], frequency: Tensor, places: Tensor,
+    options: dict[str, Any], level: float | None,
 ) -> Interval | None:  # fmt: skip
     """Of Z at y = 0 from plane waves, (F,); None for fewer than four blocks.
 
     Args:
         record, frequency, options: as ``decompose_waves`` has them.
         signals: pressures of the microphones, and rho c v_in there if velocities are used.
-        reflection: R, (F,).  places: y, m.  level: of the interval; None for none.
+        places: y, m.  level: of the interval; None for none.
     """
     if level is None:
         return None
     parts = []
-    for f, hertz in enumerate(frequency):
+    for hertz in frequency:
         blocks = _blocks_of(signals, hertz[None], record.sampling_rate, **options)
         if blocks is None:
             return None
@@ -196,8 +186,7 @@ def wave_interval(
             blocks.amplitudes[0], places, hertz[None], record.fluid.sound_speed,
             record.microphone_mach, *blocks.amplitudes[1:],
         )  # fmt: skip
-        value = reflection[f : f + 1]
-        parts.append(blocks.interval(blocks.h1(waves[:, 0], waves[:, 1], value), value, level))
+        parts.append(blocks.interval(blocks.h1(waves[:, 0], waves[:, 1]), level))
     return Interval.joined(parts)
 
 

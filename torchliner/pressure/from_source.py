@@ -1,5 +1,5 @@
 r"""What the methods of single waves share: microphones seen from the source,
-warnings (another side, other phases, a rigid wall), draws.
+warnings (another side, other phases, a rigid wall).
 
 With s the distance from the source's side the wave above the liner is :math:`e^{-j\alpha' s}`: for
 a source upstream s = x and alpha' = alpha; for one downstream the array is read backwards, s = -x,
@@ -9,21 +9,19 @@ alpha' = -alpha, and the flow runs at -M along s. Either way the wave decays alo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, require_choice, tell
+from torchliner.checks import FEEDS, require_choice
 from torchliner.duct.dispersion import cut_on_frequency, impedance_from_wavenumber
 from torchliner.names import CONDITIONS, SOURCES
+from torchliner.pressure.microphone_errors import require_draws
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.signals.microphone_errors import draw_pressures, require_draws
 from torchliner.version import __version__
 
-STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
 TURNS, DECAYS = 0.5, 0.1  # rad, neper over the array: a wave's direction can be told from more
 LIKE_RIGID = 0.05  # rad or neper over the array, some times what 0.1 dB and 0.1 degrees tell
@@ -154,71 +152,6 @@ def duct_notes(line: MicrophoneLine) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def with_notes_and_draws(
-    result: WallEduction, notes: tuple[str, ...], educe: Callable[[Tensor], WallEduction],
-    pressure: Tensor, draws: int, generator: torch.Generator | None, *, unknowns: int | None = None,
-    unit: Tensor | None = None, **errors: float,
-) -> WallEduction:  # fmt: skip
-    """The result with its notes, which are warned of, with the covariance that its residual stands
-    for, and with the same eduction over draws of the microphones' errors, as one batch.
-
-    Args:
-        result: without errors.
-        notes: on the result, before those that every result of waves may have.
-        educe: from pressures (D, ..., N, F).  pressure: (..., N, F).  draws: D; 0 for none.
-        generator: default one with seed 0.
-        unknowns: complex ones of the waves; None for no covariance.
-        unit: size of pressure, of the shape of ``pressure``, in whose shares errors are equal;
-            default one for all, the rms.
-        errors: ``level_error`` (dB), ``phase_error`` (degrees).
-    """
-    notes = (*notes, *wave_warnings(result))
-    tell(notes, depth=2)
-    result = result.with_notes(*notes)
-    if unknowns is not None:
-        freedom = pressure.shape[-2] - unknowns
-        if unit is None:
-            unit = pressure.abs().square().mean(-2, keepdim=True).sqrt().expand(pressure.shape)
-        covariance = _residual_covariance(result, educe, pressure, freedom, unit)
-        result = replace(result, covariance=covariance, freedom=2 * freedom)
-    if draws == 0:
-        return result
-    source = generator or torch.Generator().manual_seed(0)
-    drawn = educe(draw_pressures(pressure, draws, source, **errors))
-    choices = {**result.choices, "draws": draws, "seed": source.initial_seed(), **errors}
-    result = replace(result, draws=drawn, choices=choices)
-    lost = int((~torch.isfinite(drawn.impedance)).sum())
-    if not lost:
-        return result
-    return result.with_notes(
-        f"{result.method}: {lost} of {drawn.impedance.numel()} draws have no impedance and are "
-        "left out of mean, deviation and interval"
-    )
-
-
-def _residual_covariance(
-    result: WallEduction, educe: Callable[[Tensor], WallEduction], pressure: Tensor,
-    freedom: int, unit: Tensor,
-) -> Tensor | None:  # fmt: skip
-    """(F, 2, 2) of (R, X) for errors as large as what the waves leave; None without a degree of
-    freedom, N microphones less the complex unknowns, or for lines with leading axes.
-
-    Errors are taken as independent and normal, of one size in Pa (or in shares of ``unit``, (N, F),
-    where a fit weights so). The slope of Z with each microphone's real and imaginary part is a
-    difference of two eductions, of all microphones as one batch.
-    """
-    if freedom < 1 or pressure.ndim > 2:
-        return None
-    count = len(pressure)
-    steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
-    steps = torch.cat([steps, 1j * steps])[..., None] * unit  # (2 N, N, F)
-    both = educe(torch.cat([pressure + steps, pressure - steps])).impedance.reshape(2, 2 * count, -1)
-    slope = torch.view_as_real((both[0] - both[1]) / (2 * STEP))  # (2 N, F, 2)
-    # Half of the complex variance belongs to each part.
-    variance = result.residual.square() * count / (2 * freedom)
-    return variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
-
-
 def wave_warnings(result: WallEduction) -> tuple[str, ...]:
     """Sentences on a result, none where it is as it should be."""
     return (*_direction_notes(result), *_rigid_notes(result),
@@ -244,7 +177,7 @@ def _direction_notes(result: WallEduction) -> tuple[str, ...]:
     notes = []
     if bool(low.any()):
         notes.append(
-            f"{name}: {_where(low, result.frequency)} the wave that runs away from a source "
+            f"{name}: {where_of(low, result.frequency)} the wave that runs away from a source "
             f"{result.source_side} holds {float(share[low].min()):.2g} of the energy of the "
             f"strongest wave at worst (about 1 where all is right, warned of below "
             f"{LEAST_SHARE:g}): the source may be on the other side (source_side), or phases be "
@@ -260,7 +193,7 @@ def _direction_notes(result: WallEduction) -> tuple[str, ...]:
     if 2 * int(against.sum()) > against.numel():
         first = wave[against][0]
         notes.append(
-            f"{name}: {_where(against, result.frequency)} the phase of the strongest wave runs "
+            f"{name}: {where_of(against, result.frequency)} the phase of the strongest wave runs "
             f"towards where it grows (alpha {float(first.real):.4g}{float(first.imag):+.4g}j): the "
             "phases look conjugated, exp(-j omega t) for the exp(+j omega t) that is needed"
         )
@@ -279,14 +212,14 @@ def _rigid_notes(result: WallEduction) -> tuple[str, ...]:
         return ()
     least = float(result.impedance.abs()[near].min())
     return (
-        f"{choices['source']}: {_where(near, result.frequency)} the wavenumber is that of a rigid "
+        f"{choices['source']}: {where_of(near, result.frequency)} the wavenumber is that of a rigid "
         f"duct's wave within {float(off[near].max()):.2g} rad over the array: the wall looks "
         f"rigid, and the impedance, |Z| {least:.3g} and more, says only that it is hard (or that "
         "height, Mach number or sound speed are not those stated)",
     )
 
 
-def _where(which: Tensor, frequency: Tensor) -> str:
+def where_of(which: Tensor, frequency: Tensor) -> str:
     """'at 2 of 5 values, first at 600 Hz,'."""
     first = frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
     return f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz,"

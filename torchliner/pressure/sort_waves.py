@@ -15,9 +15,9 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.pressure.from_source import duct_notes, seen_from_source
+from torchliner.pressure.plane_waves import LARGE_CONDITION, split_waves
 from torchliner.records import MicrophoneLine
-from torchliner.signals.plane_waves import LARGE_CONDITION, split_waves
-from torchliner.wall_waves.from_source import duct_notes, seen_from_source
 
 
 @dataclass(frozen=True, eq=False)

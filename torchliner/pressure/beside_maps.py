@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from torchliner.checks import tell
-from torchliner.in_situ_method.dean import in_situ
+from torchliner.pressure.dean import in_situ
 from torchliner.records import ImpedanceMap, PressureRecord, VelocityPlane
 from torchliner.records.same_case import require_same_run
 

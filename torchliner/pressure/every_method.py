@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from torchliner.in_situ_method.dean import in_situ
-from torchliner.in_situ_method.error_bars import LEVEL
-from torchliner.in_situ_method.plane_wave_fit import WaveDecomposition, decompose_waves
+from torchliner.pressure.dean import in_situ
+from torchliner.pressure.in_situ_intervals import LEVEL
+from torchliner.pressure.plane_wave_fit import WaveDecomposition, decompose_waves
 from torchliner.records import PointImpedances, PressureRecord
 
 ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))

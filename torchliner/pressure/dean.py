@@ -26,14 +26,14 @@ from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, require_choice, stated_frequency, tell
 from torchliner.conversions import impedance_from_admittance, mean_impedance
-from torchliner.in_situ_method.cavity_mouth import mouth_velocity_ratio
-from torchliner.in_situ_method.error_bars import (
+from torchliner.names import LOSSES
+from torchliner.pressure.cavity_mouth import mouth_velocity_ratio
+from torchliner.pressure.in_situ_intervals import (
     LEVEL,
     dean_uncertainty,
     few_blocks_note,
     require_level,
 )
-from torchliner.names import LOSSES
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.origin import origin_of
@@ -90,7 +90,7 @@ def in_situ(
     face, back = _amplitudes(record, wanted, options)
     found = _impedances(face, back * drive, cells, rows)
     coherence, behind = _coherence(record, wanted, (face, back), cells, rows, options)
-    known = dean_uncertainty(record, wanted, drive, found, cells, rows, options, interval)
+    known = dean_uncertainty(record, wanted, drive, cells, rows, options, interval)
     notes += _coherence_notes(record, coherence, behind) + _mode_notes(record, wanted)
     notes += few_blocks_note(f"{record.name}: in situ", None if known is None else known.liner, interval)
     tell(notes)

@@ -8,9 +8,9 @@ from scipy.special import chdtri
 from torch import Tensor
 
 from torchliner.checks import FEEDS
+from torchliner.pressure.field_model import like_rigid
+from torchliner.pressure.impedance_search import STEPS, Solution
 from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.wall_field.impedance_search import STEPS, Solution
-from torchliner.wall_field.model import like_rigid
 
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
 POOR = 0.01  # share of right models that are warned of

@@ -25,16 +25,16 @@ from torch import Tensor
 
 from torchliner.checks import tell, whole_number
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
-from torchliner.in_situ_method.dean import frequencies_of
-from torchliner.in_situ_method.error_bars import (
+from torchliner.pressure.dean import frequencies_of
+from torchliner.pressure.in_situ_intervals import (
     LEVEL,
     few_blocks_note,
     require_level,
     wave_interval,
 )
+from torchliner.pressure.plane_waves import LARGE_CONDITION, best_pair, split_waves
 from torchliner.records import Interval, PressureRecord
 from torchliner.records.pressure_record import require_record
-from torchliner.signals.plane_waves import LARGE_CONDITION, best_pair, split_waves
 from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
 
 BIAS = 0.05  # of R: what two waves leave, times the condition number
@@ -123,7 +123,7 @@ def decompose_waves(
     spread = residual.square().mean(0).sqrt()
     name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
     reflection = transfer_from_amplitudes(waves[:, 0], waves[:, 1]).response
-    bounds = wave_interval(record, signals, wanted, reflection, places, options, interval)
+    bounds = wave_interval(record, signals, wanted, places, options, interval)
     notes = _notes(record, name, wanted, places, spread, condition)
     if record.facesheet is None:  # else the in situ method says it
         notes += few_blocks_note(f"{record.name}: {name}", bounds, interval)
