@@ -23,14 +23,16 @@ from torchliner.conversions import impedance_from_reflection as impedance_from_r
 from torchliner.conversions import reflection_from_impedance as reflection_from_impedance
 from torchliner.duct.dispersion import impedance_from_wavenumber as impedance_from_wavenumber
 from torchliner.duct.dispersion import wavenumber_from_impedance as wavenumber_from_impedance
+from torchliner.duct.flow_profiles import TanhProfile as TanhProfile
 from torchliner.duct.growing_wave import growing_wave as growing_wave
 from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
+from torchliner.duct.settled import solve_settled as solve_settled
+from torchliner.duct.solver import DuctSolver as DuctSolver
+from torchliner.duct.tabulated_profile import displacement_thickness as displacement_thickness
 from torchliner.engine.kernels import build_kernels as build_kernels
 from torchliner.engine.levels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments
-from torchliner.flow_profiles import TanhProfile as TanhProfile
-from torchliner.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.fluid import Fluid as Fluid
 from torchliner.identification.identify import identify as identify
 from torchliner.in_situ_method.dean import in_situ as in_situ
@@ -50,8 +52,6 @@ from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
 from torchliner.ldv.educe_bursts import educe_bursts as educe_bursts
-from torchliner.duct.settled import solve_settled as solve_settled
-from torchliner.duct.solver import DuctSolver as DuctSolver
 from torchliner.liners.adjusted import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
