@@ -133,7 +133,8 @@ def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: boo
     incoming, outgoing = element_ports(width, basis, rows, flow)
     system = 1j * k[:, None, None, None] * mass + steady
     interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
-    across = _by_kind(outgoing.to(system.dtype) @ interior, n)
+    scattering = outgoing.to(system.dtype) @ interior
+    across = _by_kind(scattering, n)
     sides = across.shape[-1] - 2 * points
     # Up into an element is up out of the one below, down into it is down out of the one above; at a wall they turn.
     up, down = torch.arange(2 * points, device=k.device).split(points)
@@ -145,9 +146,15 @@ def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: boo
         passed[:, :n] = 0
         right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
     vertical = torch.linalg.solve(one - passed[..., sides:], right)
-    leaving = torch.cat([across[:, :sides], across[:, sides + points : sides + points + (n if lined else 0)]], 1)
-    out = leaving[..., sides:] @ vertical
-    out[..., :sides] += leaving[..., :sides]
+    # Element by element: what leaves one depends on its own edges alone.
+    split = vertical.unflatten(1, (2, len(rows.mass), n)).transpose(1, 2).flatten(2, 3)
+    own = scattering.shape[-1] - 2 * n
+    out = (scattering[..., :own, own:] @ split).unflatten(2, (-1, n)).transpose(1, 2).flatten(1, 3)
+    out[..., :sides] += across[:, :sides, :sides]
+    if lined:
+        wall = scattering[:, 0, own + n :, own:] @ split[:, 0]
+        wall[..., :sides] += across[:, sides + points : sides + points + n, :sides]
+        out = torch.cat([out, wall], 1)
     along = sides - points
     rest = out.shape[-2] - sides
     parts = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
