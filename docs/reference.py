@@ -35,6 +35,10 @@ GROUPS: dict[str, tuple[str, str]] = {
         "MicrophoneLine read_microphones WallEduction kumaresan_tufts two_wave_fit sort_waves "
         "fit_field FieldFit read_wall",
     ),
+    "Time domain": (
+        "A liner as poles and residues, stable and passive, for solvers in the time domain.",
+        "fit_multipole Multipole",
+    ),
     "Duct": (
         "Sound in a lined duct with flow: dispersion relation, modes, linearised Euler equations.",
         "load_duct DuctSolver solve_settled duct_modes growing_wave impedance_from_wavenumber "

@@ -329,7 +329,7 @@ def test_liner_prints_geometry_and_draws(capsys, tmp_path):
     both = tmp_path / "both.png"
     code, out, _ = run(capsys, "liner", "onera", "polito", "--figure", str(both))
     assert (code, out.count("resonance_hz"), both.exists()) == (DONE, 2, True)
-    code, out, _ = run(capsys, "liner", "polito", "--json")
+    code, out, _ = run(capsys, "liner", "polito_as_printed", "--json")
     assert json.loads(out)["liner"]["resonance_hz"] == pytest.approx(1409.0, abs=0.01)
 
 

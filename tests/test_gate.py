@@ -166,7 +166,7 @@ def test_every_file_has_a_part(name, parser):
         if gate.writes(a, parser.text_of(a))
         for e in gate.endings_of(parser.text_of(a))
     }
-    assert endings <= {*HDF5, ".csv", ".toml", ".html", *RESULT_WRITERS}
+    assert endings <= {*HDF5, ".csv", ".toml", ".html", ".json", *RESULT_WRITERS}
 
 
 BEFORE = [

@@ -80,6 +80,7 @@ def test_one_wall_has_no_mismatch(tmp_path, capsys):
     assert (tmp_path / "measured_mismatch.png").stat().st_size > 50_000
 
 
+@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # one case in the place of another does not fit
 @pytest.mark.parametrize(
     ("change", "match"),
     [
