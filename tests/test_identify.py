@@ -234,6 +234,7 @@ def test_parameters_are_recovered_and_chosen():
     errors = [each.error for each in found.candidates]
     assert errors == pytest.approx([0, 0.01, 0.08], abs=0.02)
     assert found.liner.mass_loss == pytest.approx(2.0)
+    assert found.liner.mach is None  # it takes that of the data it is used on
     speed = torch.tensor([0.5, 2.0], dtype=torch.float64)
     assert found.curve(FREQUENCY, speed)[0].tolist() == pytest.approx(
         true_liner().impedance(FREQUENCY, speed).tolist(), abs=1e-5

@@ -13,6 +13,7 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.nodes import interpolation_error
+from torchliner.liners.further import FurtherSDoFLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.budget import standard_of
@@ -136,11 +137,12 @@ class Identification:
 
     @property
     def liner(self) -> LinerModel:
-        """A table, or the law with the parameters found and the flow of the first plane."""
+        """A table, or the law with the parameters found, which takes the Mach number of the data it is used on."""
         if self.best.fitted.is_curve:
             return self.table()
-        found: LinerModel = self.runs[0].liner.with_numbers(self.best.fitted.values).replace(name=self._name)  # type: ignore[attr-defined]
-        return found
+        found = self.runs[0].liner.with_numbers(self.best.fitted.values)
+        flow = {"mach": None} if isinstance(found, FurtherSDoFLiner) else {}
+        return found.replace(name=self._name, **flow)
 
     def predict(self, plane: Records, liner: Liner | None = None, frequency: Any = None) -> PlanePrediction:
         """Z of another plane, and how much of it rests on speeds that no run saw.
