@@ -163,6 +163,13 @@ def test_what_cannot_be_fitted_is_refused(change: dict[str, object], message: st
         tl.fit_multipole(**arguments)
 
 
+def test_frequencies_may_stand_in_any_order() -> None:
+    order, z = torch.randperm(len(FREQUENCY)), resonator(FREQUENCY)
+    rising, mixed = tl.fit_multipole(FREQUENCY, z, 2), tl.fit_multipole(FREQUENCY[order], z[order], 2)
+    assert mixed.band == rising.band
+    assert torch.equal(mixed.poles, rising.poles)
+
+
 def test_a_multipole_is_a_liner() -> None:
     model = of()
     plane = tl.VelocityPlane(torch.full((2, 900), 5.0).double(), sampling_rate=42e3, frequency=1400.0)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from torchliner.cli.files import show_results
 from torchliner.cli.options import shared
 from torchliner.names import AVERAGINGS
+
+if TYPE_CHECKING:
+    from torchliner.liners.multipole import Multipole
 
 OPTIONS = {
     "": {
@@ -30,11 +34,9 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _text(model: object) -> str:
+def _text(model: Multipole) -> str:
     from torchliner.io.multipole_file import coefficients_of
-    from torchliner.liners.multipole import Multipole
 
-    assert isinstance(model, Multipole)
     low, high = model.band
     held = coefficients_of(model.poles, model.residues)
     lines = [

@@ -117,7 +117,7 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
     """A stable and passive reflection coefficient through known impedances.
 
     Args:
-        frequency: Hz, rising, (F,).
+        frequency: Hz, (F,).
         impedance: Z, normalised by rho c, exp(+j omega t), complex, (F,).
         poles: N, an odd number has one real pole; fewer than F.
         about: plain values to keep with it.
@@ -136,6 +136,8 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
     z = torch.as_tensor(impedance).detach().cpu().to(torch.complex128)
     if z.shape != f.shape:
         raise ValueError(f"impedance has shape {tuple(z.shape)}; of {len(f)} frequencies ({len(f)},) is needed")
+    f, order = f.sort()
+    z = z[order]
     wrong = ~torch.isfinite(torch.view_as_real(z).sum(-1))
     if bool(wrong.any()):
         raise ValueError(f"impedance is nan or inf at {float(f[wrong][0]):g} Hz; leave that frequency out")
@@ -211,10 +213,15 @@ def _starting_factors(s: np.ndarray, wanted: np.ndarray, count: int) -> list[np.
     return [np.concatenate([pairs[: count // 2], last]) for pairs in (np.concatenate([known, others]), others)]
 
 
+def _sizes(factors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of two poles each w and d, (N // 2,), and w of single ones, (N % 2,)."""
+    double = np.isfinite(factors[:, 1])
+    return factors[double, 0], factors[double, 1], factors[~double, 0]
+
+
 def _basis(s: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Functions whose real multiples make up R - 1, (F, N): w^2 and w s over each factor, w/(s + w) of a real pole."""
-    double, single = factors[np.isfinite(factors[:, 1])], factors[~np.isfinite(factors[:, 1])][:, 0]
-    w, d = double.T
+    w, d, single = _sizes(factors)
     over = w / (s[:, None] ** 2 + 2 * d * w * s[:, None] + w**2)
     return np.concatenate([w * over, s[:, None] * over, single / (s[:, None] + single)], 1)
 
@@ -275,8 +282,7 @@ def _grid(top: float, count: int, poles: np.ndarray) -> np.ndarray:
 
 def _poles_and_residues(factors: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """From the real multiples of ``_basis``: the two poles of a factor side by side, a single one last."""
-    double, single = factors[np.isfinite(factors[:, 1])], factors[~np.isfinite(factors[:, 1])][:, 0]
-    w, d = double.T
+    w, d, single = _sizes(factors)
     count = len(w)
     root = w * np.sqrt(d.astype(complex) ** 2 - 1)
     both = np.stack([-d * w + root, -d * w - root], 1)

@@ -189,11 +189,10 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
         """
         name = self.averaging if averaging is None else require_choice("averaging", averaging, self.averagings)
         low, high = (0.0, float("inf")) if band is None else band
-        order = self.frequency.argsort()
-        order = order[(self.frequency[order] >= low) & (self.frequency[order] <= high)]
+        wanted = (self.frequency >= low) & (self.frequency <= high)
         source = {"source": self.title or self.choices.get("source", ""), "averaging": name}
-        z = self.liner[name].impedance[order]
-        return resolve("torchliner.liners.multipole:fit_multipole")(self.frequency[order], z, poles, **source)
+        z = self.liner[name].impedance[wanted]
+        return resolve("torchliner.liners.multipole:fit_multipole")(self.frequency[wanted], z, poles, **source)
 
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""

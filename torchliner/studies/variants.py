@@ -230,9 +230,7 @@ def average_of(known: Moments, liner: LinerModel, frequency: Tensor, variant: Va
     psi = variant.psi
     phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64)
     with torch.no_grad():
-        return average(
-            known, Asked.of(known, liner.in_flow(known.plane.mach), frequency, variant.chosen, phase), variant.averaging
-        )
+        return average(known, Asked.of(known, liner, frequency, variant.chosen, phase), variant.averaging)
 
 
 def _known(admittance: Tensor) -> Tensor:

@@ -110,15 +110,12 @@ class Columns:
     def of(cls, known: Moments, asked: Asked, averaging: str) -> Columns:
         """From the sums of the moments."""
         chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, None
-        if chosen.drive == "rms":
-            seen = survey_of_columns(known, averaging)
-        elif chosen.phase == "self-consistent":
-            seen = survey_of_columns(known, averaging, frequency)
-        if seen is not None and chosen.phase == "self-consistent":
-            held = seen.coherence(frequency) >= chosen.minimum_coherence
-        else:
-            count = known.membership.count if averaging == "velocity" else known.plane.probes
-            held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
+        count = known.membership.count if averaging == "velocity" else known.plane.probes
+        held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
+        if chosen.drive == "rms" or chosen.phase == "self-consistent":
+            seen = survey_of_columns(known, averaging, None if chosen.drive == "rms" else frequency)
+            if chosen.phase == "self-consistent":
+                held = seen.coherence(frequency) >= chosen.minimum_coherence
         return cls(known, asked, averaging, lengths, held, seen)
 
     def averages(self) -> Averages:
