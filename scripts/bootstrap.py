@@ -26,6 +26,8 @@ BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 STAMP = ENVIRONMENT / ".torchliner-stamp"
 OLDEST = (3, 11)
+# Called from inside .venv, sys.executable would vanish with it when it is made anew.
+BASE = getattr(sys, "_base_executable", sys.executable)
 
 
 def run(*command: str | Path) -> None:
@@ -39,13 +41,13 @@ def make_environment() -> None:
     """A virtual environment with pip in it, also where the ensurepip module is missing."""
     if ENVIRONMENT.exists():
         shutil.rmtree(ENVIRONMENT)
-    made = subprocess.run([sys.executable, "-m", "venv", ENVIRONMENT], cwd=ROOT, capture_output=True, text=True)
+    made = subprocess.run([BASE, "-m", "venv", ENVIRONMENT], cwd=ROOT, capture_output=True, text=True)
     if made.returncode == 0:
         return
     shutil.rmtree(ENVIRONMENT, ignore_errors=True)
     print("venv has no ensurepip; taking pip from the calling Python", flush=True)
-    run(sys.executable, "-m", "venv", "--without-pip", ENVIRONMENT)
-    code = subprocess.call([sys.executable, "-m", "pip", "--python", PYTHON, "install", "-q", "pip"])
+    run(BASE, "-m", "venv", "--without-pip", ENVIRONMENT)
+    code = subprocess.call([BASE, "-m", "pip", "--python", PYTHON, "install", "-q", "pip"])
     if code:
         sys.exit(
             "This Python can make no environment with pip in it. Install its venv package "

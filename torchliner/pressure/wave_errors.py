@@ -22,6 +22,7 @@ from torchliner.pressure.microphone_errors import (
 from torchliner.records import WallEduction
 from torchliner.records.notes import Note
 
+ROUNDING = 1e-10  # of the pressures: what waves without any error leave is below it
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 
 
@@ -87,7 +88,7 @@ def _misfit_notes(result: WallEduction, freedom: float) -> tuple[Note, ...]:
     misfit, choices = result.misfit, result.choices
     assert misfit is not None
     limit = max(largest_misfit(freedom, POOR / misfit.numel()), choices["largest_misfit"])
-    poor = misfit > limit
+    poor = (misfit > limit) & (result.residual > ROUNDING)
     if not bool(poor.any()):
         return ()
     level, phase = (float(used[poor].max()) for used in result.used_errors)
