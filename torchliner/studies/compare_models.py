@@ -120,7 +120,7 @@ def compare_models(
                 maps[name] = answer(source.known, model, source.frequency, chosen, reference_phase, pressure)
         except ValueError as error:
             raise ValueError(f"model {name}: {error}") from error
-    of_data = [*source.known.notes, *review_record(source.plane, source.frequency, chosen)]
+    of_data = [*source.known.notes, *review_record(source.plane, source.frequency)]
     shared = list(dict.fromkeys(note.text for note in of_data))
     notes += [*_notes_of(maps, shared), *_alike(maps)]
     tell([*shared, *notes])

@@ -33,7 +33,7 @@ from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import moments
 from torchliner.velocity.level_check import ratio_of_pressures
-from torchliner.velocity.review import review_liner
+from torchliner.velocity.review import review_liner, review_record
 
 NEPER = math.log(10) / 20  # of a decibel
 NOTHING = torch.zeros(0, dtype=torch.complex128)
@@ -181,7 +181,7 @@ def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices)
     transform = nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64))
     size = known.cells.weight if averaging == "velocity" else None
     size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
-    notes = tuple(dict.fromkeys([*known.notes, *review_liner(known.plane, liner)]))
+    notes = tuple(dict.fromkeys([*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, liner)]))
     weights, share = (transform @ sums).T.to(torch.complex128), (size / size.sum()).to(torch.complex128)
     return Run(known, averaging, asked, liner, weights, share, notes)
 

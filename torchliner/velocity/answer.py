@@ -51,19 +51,19 @@ def answer(
     Raises:
         ValueError: the moments do not fit what is asked.
     """
-    require_fitting(known, liner, frequency, chosen)
     plane, seen = known.plane, known.survey
+    review.require_periods(plane, frequency, chosen)
+    require_fitting(known, liner, frequency, chosen)
     liner = liner.in_flow(plane.mach)
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]
     count = seen.blocks.count
     share = review_answer.tone_share(known) if "phase-locked" in found else None
-    said = {note.code for note in known.notes}
-    again = [*review.review_record(plane, frequency, chosen), *review.review_liner(plane, liner)]
     notes = [
+        *review.review_record(plane, frequency),
+        *review.review_liner(plane, liner),
         *known.notes,
-        *(note for note in again if note.code not in said),
         *doubts,
         *review_answer.review_other_tones(plane, known, liner, frequency, share),
         *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
@@ -105,49 +105,41 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
             f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
             "second reading, read the parts again with it as given"
         )
-    free = {  # choices that may be made again
-        "averaging": chosen.averaging in known.sums or chosen.drive == "rms",
-        "phase": True,  # where its line is held
-        "missing": True,
-        "allow_short": True,
-        "background_rms": "phase-locked" not in chosen.averagings,
-    }
+    wanted = vars(chosen) | {"running_window": chosen.window(frequency)}
+    again = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
+    again |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
+    again |= set() if "phase-locked" in chosen.averagings else {"background_rms"}
     for key, made in known.settings.items():
-        wanted = chosen.window(frequency) if key == "running_window" else getattr(chosen, key)
-        if wanted != made and not free.get(key, False):
+        if wanted[key] != made and key not in again:
             remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
             raise ValueError(
-                f"{name} was reduced with {key} {made!r}, and {wanted!r} is asked for; {remedy}, or reduce the data "
-                "again"
+                f"{name} was reduced with {key} {made!r}, and {wanted[key]!r} is asked for; {remedy}, or reduce the "
+                "data again"
             )
     if liner.cell_pitch != known.cell_pitch:
-        made, wanted = (
-            "all probes (no cell_pitch)" if pitch is None else f"{1e3 * float(pitch):.6g} mm"
-            for pitch in (known.cell_pitch, liner.cell_pitch)
-        )
+        pitches = (known.cell_pitch, liner.cell_pitch)
+        of_data, of_liner = ("all probes" if pitch is None else f"{1e3 * float(pitch):.6g} mm" for pitch in pitches)
         raise ValueError(
-            f"{name} was reduced for cells of {made}, and the liner's are of {wanted}; reduce the data again with that "
-            "liner"
+            f"{name} was reduced for cells of {of_data}, and the liner's are of {of_liner}; reduce the data again with "
+            "that liner"
         )
-    coherent = chosen.wall_filter is not None or chosen.phase == "self-consistent"
-    rule = "choose phase='averaged'"
-    leave = rule if chosen.wall_filter is None else "leave wall_filter out"
-    for needed, what, lines, remedy in (
-        (
-            chosen.phase != "averaged",
-            f"the line of phase {chosen.phase!r} at",
-            known.turns / 2,
-            rule,
-        ),
-        (coherent, "the coherence of v with the tone at", known.survey.lines, leave),
-    ):
-        for f in frequency.tolist() if needed else []:
-            if index_of_frequency(lines, f) is None:
-                held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
-                raise ValueError(
-                    f"{name} holds {what} {held}, and not with {f:g} Hz; {remedy}, or reduce the data again with that "
-                    "frequency"
-                )
+    if chosen.phase != "averaged":
+        _require_lines(
+            name, f"the line of phase {chosen.phase!r}", known.turns / 2, frequency, "choose phase='averaged'"
+        )
+    if chosen.wall_filter is not None or chosen.phase == "self-consistent":
+        remedy = "choose phase='averaged'" if chosen.wall_filter is None else "leave wall_filter out"
+        _require_lines(name, "the coherence of v with the tone", known.survey.lines, frequency, remedy)
+
+
+def _require_lines(name: str, what: str, lines: Tensor, frequency: Tensor, remedy: str) -> None:
+    for f in frequency.tolist():
+        if index_of_frequency(lines, f) is None:
+            held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
+            raise ValueError(
+                f"{name} holds {what} at {held}, and not at {f:g} Hz; {remedy}, or reduce the data again with that "
+                "frequency"
+            )
 
 
 def map_of(

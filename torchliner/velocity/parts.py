@@ -15,7 +15,7 @@ from torchliner.engine.workers import Reduce
 from torchliner.names import AVERAGINGS
 from torchliner.records.same_case import require_same_probes
 from torchliner.velocity.reading import Progress, Reading
-from torchliner.velocity.review import review_moments
+from torchliner.velocity.review import require_sound, review_moments
 
 ROWS = ("sums", "squares", "peaks", "gram")  # of a survey, whose first axis is the block
 
@@ -56,7 +56,7 @@ def measure_part(
     else:
         part = with_rows(given, lambda rows: rows[list(only)])
         part = dataclasses.replace(part, only=only, sums={**part.sums, **found}, notes=reading.notes)
-    review_moments(reading.plane, part)  # faults; the warnings are those of the whole, when it is joined
+    require_sound(reading.plane, part)  # the warnings are those of the whole, when it is joined
     return part
 
 
@@ -80,7 +80,8 @@ def join(parts: Sequence[Moments]) -> Moments:
     if known.locked is None and known.settings["averaging"] == "phase-locked":
         locked = phase_locked(known.survey, known.membership, known.settings["background_rms"])
         known = dataclasses.replace(known, locked=locked)
-    notes = [*(note for part in parts for note in part.notes), *review_moments(known.plane, known)]
+    require_sound(known.plane, known)
+    notes = [*(note for part in parts for note in part.notes), *review_moments(known.plane, known, known.cells)]
     return dataclasses.replace(known, notes=tuple(dict.fromkeys(notes)))
 
 

@@ -230,9 +230,7 @@ def reading_of(
         )
     liners = [liner.in_flow(plane.mach) for liner in liners]
     asked, pitch = plane.asked(frequency), liners[0].cell_pitch if liners else cell_pitch
-    notes = review.review_record(plane, asked, chosen)
-    for liner in liners:
-        notes += review.review_liner(plane, liner)
+    review.require_periods(plane, asked, chosen)
     projection = None
     if nodes is None:
         nodes = choose_nodes(liners, asked, chosen.tolerance(plane.velocity.dtype)) if liners else ANY_LINER
@@ -241,9 +239,11 @@ def reading_of(
     elif projected:
         projection = projection_of(nodes, liners[0], asked)
     reading = Reading.of(plane, chosen, asked, nodes, pitch, projection)
-    notes += review.review_cells(plane, pitch, asked, reading.cells, chosen)
-    notes += review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen)
-    return dataclasses.replace(reading, notes=tuple(dict.fromkeys(notes)))
+    notes = (
+        *review.review_cells(plane, pitch, asked, reading.cells, chosen),
+        *review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen),
+    )
+    return dataclasses.replace(reading, notes=notes)
 
 
 def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
@@ -278,10 +278,8 @@ def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | No
         ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table.
     """
     known = measure(reading, run, progress)
-    found = review.review_moments(reading.plane, known) + review.review_lost_cells(
-        known.plane, reading.cells, known.cells
-    )
-    return dataclasses.replace(known, notes=(*known.notes, *found))
+    review.require_sound(reading.plane, known)
+    return dataclasses.replace(known, notes=(*known.notes, *review.review_moments(reading.plane, known, reading.cells)))
 
 
 def _run(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress | None) -> dict[str, Tensor]:

@@ -101,7 +101,7 @@ def replay(
         raise ValueError("reflected: complex tones have no one signal; take incident=tl.Tones(...)")
     options: dict[str, Any] = {"averaging": averaging, "mean": mean, "interval": interval, "missing": missing}
     chosen = Choices(**options, device=device, dtype=dtype, allow_short=True)
-    notes = [*review.review_record(plane, asked, chosen), *review.review_liner(plane, model)]
+    notes = [*review.review_record(plane, asked), *review.review_liner(plane, model)]
 
     tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
     reading = Reading.of(plane, chosen, tones, None, model.cell_pitch)

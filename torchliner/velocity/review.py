@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import torch
 from torch import Tensor
@@ -29,158 +29,134 @@ LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degre
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
 
 
-def review_record(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> list[Note]:
-    """Length and rate of the record against the frequencies asked for.
+def require_periods(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> None:
+    """Refuse fewer than four periods of a frequency asked for, unless ``allow_short``.
 
     Raises:
-        ValueError: fewer than four periods, unless ``allow_short``.
+        ValueError: there are fewer.
     """
-    notes = []
-    if plane.liner == "hard wall":
-        text = (
-            f"null test: there is a hard wall below {plane.name} and no liner; the values only show what this model "
-            "makes of such a velocity"
+    lowest = float(frequency.min())
+    periods = lowest * plane.samples / plane.sampling_rate
+    if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
+        raise ValueError(
+            f"{plane.name} holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
+            "allow_short=True if that is meant"
         )
-        notes.append(Note("null-test", text))
-    for f in frequency.tolist():
-        periods = f * plane.samples / plane.sampling_rate
-        if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
-            raise ValueError(
-                f"{plane.name} holds {periods:.3g} periods of {f:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
-                "allow_short=True if that is meant"
-            )
-    notes += [Note("units", text) for text in plane_unit_warnings(plane, float(frequency.min()))]
+
+
+def review_record(plane: VelocityPlane, frequency: Tensor) -> Iterator[Note]:
+    """Null tests, units, areas, and the sampling rate against the frequencies asked for."""
+    if plane.liner == "hard wall":
+        text = "there is a hard wall below and no liner: the values only show what this model makes of such a velocity"
+        yield Note("null-test", f"null test: {plane.name}: {text}")
+    for text in plane_unit_warnings(plane, float(frequency.min())):
+        yield Note("units", text)
     area = plane.area
     if area is not None and float(area.max()) > EVEN * float(area.min()):
-        text = (
-            f"{plane.name}: the areas of the probes differ, {float(area.min()):.3g} to {float(area.max()):.3g} m2; "
-            "averages weigh probes alike, not by area"
-        )
-        notes.append(Note("areas", text))
-    per_period = plane.sampling_rate / float(frequency.max())
-    if per_period < FEWEST_SAMPLES_PER_PERIOD:
-        text = (
-            f"{plane.name} has {per_period:.3g} samples per period of {float(frequency.max()):g} Hz; |v| has corners, "
-            f"and below {FEWEST_SAMPLES_PER_PERIOD:g} they are not resolved"
-        )
-        notes.append(Note("coarse-sampling", text))
-    return notes
+        text = f"the areas of the probes differ, {float(area.min()):.3g} to {float(area.max()):.3g} m2"
+        yield Note("areas", f"{plane.name}: {text}; averages weigh probes alike, not by area")
+    highest = float(frequency.max())
+    if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
+        text = f"{steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
+        yield Note("coarse-sampling", f"{plane.name} has {text}: the corners of |v| are not resolved")
 
 
-def review_liner(plane: VelocityPlane, liner: LinerModel) -> list[Note]:
+def review_liner(plane: VelocityPlane, liner: LinerModel) -> Iterator[Note]:
     """Whether liner and data state the same gas, flow and lengths, and whether flow would count twice."""
-    notes = [Note("height", text) for text in height_warnings(plane, liner.cell_pitch)]
+    for text in height_warnings(plane, liner.cell_pitch):
+        yield Note("height", text)
     if liner.flow_resistance > 0:
         text = (
             f"the law of liner {liner.describe().get('name', '')!r} adds {liner.flow_resistance:.3g} rho c of "
             f"resistance for grazing flow, but |v| as measured in {plane.name} holds the turbulence already (Roncen et "
             "al. 2026, section 2.4), so flow would count twice; set the law's mach to 0"
         )
-        notes.append(Note("flow-counted-twice", text, liner.flow_resistance))
+        yield Note("flow-counted-twice", text, liner.flow_resistance)
     if liner.lacks_mach and plane.mach is None:
-        text = (
-            f"neither the liner nor {plane.name} states a Mach number, on which the liner's law depends; 0 is taken: "
-            "state mach of the data (--mach), 0 where there is no flow"
-        )
-        notes.append(Note("no-mach", text))
-    gas = [] if liner.fluid is None else gas_warnings(liner.fluid, plane.fluid, plane.name)
-    return notes + [Note("gas", text) for text in gas]
+        text = f"neither the liner nor {plane.name} states a Mach number, on which the liner's law depends; 0 is taken"
+        yield Note("no-mach", f"{text}: state mach of the data (--mach), 0 where there is no flow")
+    for text in [] if liner.fluid is None else gas_warnings(liner.fluid, plane.fluid, plane.name):
+        yield Note("gas", text)
 
 
 def review_cells(
     plane: VelocityPlane, cell_pitch: float | None, frequency: Tensor, cells: Cells, chosen: Choices
-) -> list[Note]:
+) -> Iterator[Note]:
     """Where the phase-locked velocity of a cell is not what its name says; before any sample is read."""
     if "phase-locked" not in chosen.averagings:
-        return []
-    notes = []
+        return
     if plane.frequency is None and len(frequency) > 1:
-        text = (
-            f"{plane.name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is "
-            "averaged over the cells; state frequency= of the data"
-        )
-        notes.append(Note("no-stated-tone", text))
+        text = f"{plane.name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is "
+        yield Note("no-stated-tone", f"{text}averaged over the cells; state frequency= of the data")
     if plane.probes > 1 and int(torch.bincount(cells.labels[cells.labels >= 0]).max()) == 1:
-        text = (
-            f"{plane.name}: no cell holds more than one probe, so the phase-locked velocity of a cell is that of its "
-            "probe, and averaging 'phase-locked' is 'admittance'; more probes a cell are needed"
-        )
-        notes.append(Note("one-probe-cells", text))
+        text = "no cell holds more than one probe, so that averaging 'phase-locked' is 'admittance'"
+        yield Note("one-probe-cells", f"{plane.name}: {text}; more probes a cell are needed")
     if cell_pitch is None and plane.x is not None:
-        length = float(plane.x.max() - plane.x.min())
-        wave = float(plane.fluid.sound_speed) / float(frequency.max())
+        length, wave = float(plane.x.max() - plane.x.min()), float(plane.fluid.sound_speed) / float(frequency.max())
         if length > LONG_CELL * wave:
             text = (
                 f"{plane.name}: the liner states no cell_pitch, so that all of {1e3 * length:.3g} mm counts as one "
                 f"cell, {length / wave:.2g} wavelengths, over which the phase of the tone turns; state cell_pitch, or "
                 "choose averaging='admittance'"
             )
-            notes.append(Note("no-cell-pitch", text))
-    return notes
+            yield Note("no-cell-pitch", text)
 
 
-def review_blocks(plane: VelocityPlane, blocks: Blocks, tone: float, chosen: Choices) -> list[Note]:
+def review_blocks(plane: VelocityPlane, blocks: Blocks, tone: float, chosen: Choices) -> Iterator[Note]:
     """Records too short for intervals, or to tell what of v is periodic."""
-    notes = []
     if chosen.interval is not None and blocks.count < FEWEST_FOR_INTERVALS:
-        text = (
-            f"{plane.name}: no error bars, since the record holds {blocks.periods} whole periods of {tone:g} Hz; "
-            f"{FEWEST_FOR_INTERVALS} are the least, and 16 periods give a fair interval"
-        )
-        notes.append(Note("no-intervals", text))
+        text = f"no error bars, since the record holds {blocks.periods} whole periods of {tone:g} Hz"
+        least = f"{FEWEST_FOR_INTERVALS} are the least, and 16 periods give a fair interval"
+        yield Note("no-intervals", f"{plane.name}: {text}; {least}")
     if "phase-locked" in chosen.averagings and blocks.count < FEWEST_BLOCKS and not chosen.allow_short:
-        text = (
-            f"{plane.name} is too short to tell what of v is periodic and what is turbulence: all that a fit of the "
-            f"tone finds counts as periodic; {FEWEST_BLOCKS} periods are the least"
-        )
-        notes.append(Note("short-for-phase-locked", text))
-    return notes
+        text = "is too short to tell what of v is periodic and what is turbulence: all that a fit of the tone finds"
+        yield Note("short-for-phase-locked", f"{plane.name} {text} counts as periodic; {FEWEST_BLOCKS} periods are due")
 
 
-def review_moments(plane: VelocityPlane, known: Moments) -> list[Note]:
-    """Probes with faults, dead or left out, and cells that lost probes; ``plane`` still has its samples if any has.
+def require_sound(plane: VelocityPlane, known: Moments) -> None:
+    """Refuse data of which no sum means anything; ``plane`` still has its samples if any has.
 
     Raises:
         ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table.
     """
-    seen = known.survey
-    squares, peak = seen.squares.sum(0).cpu(), seen.peak.cpu()
-    faulty = ~torch.isfinite(squares)
+    faulty = ~torch.isfinite(known.survey.squares.sum(0).cpu())
     if bool(faulty.any()):
         probe = int(faulty.nonzero()[0])
-        place = tuple(int(i) for i in torch.unravel_index(torch.tensor(probe), plane.probe_shape))
         raise ValueError(
             f"{plane.name} holds nan or inf at {int(faulty.sum())} of {plane.probes} probes, the first at probe "
-            f"{place}, sample {first_fault(plane, seen.blocks, probe)}; repair them, or leave such probes out with "
-            "missing='exclude' (--missing exclude)"
+            f"{_place(plane, probe)}, sample {first_fault(plane, known.survey.blocks, probe)}; repair them, or leave "
+            "such probes out with missing='exclude' (--missing exclude)"
         )
     refuse_beyond_table(plane, known)
-    notes, used = [], known.used
-    if excluded := int((~used).sum()):
-        text = f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded"
-        notes.append(Note("excluded-probes", text))
-    sound = float(plane.fluid.sound_speed)
-    if float(peak.max()) > sound:
+    sound, peak = float(plane.fluid.sound_speed), float(known.survey.peak.max())
+    if peak > sound:
         raise ValueError(
-            f"{plane.name} reaches |v| = {float(peak.max()):.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; "
-            "check the unit of the data"
+            f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of "
+            "the data"
         )
+
+
+def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterator[Note]:
+    """Probes that were left out, dead or constant, and those of ``cells`` that lost probes or are gone."""
+    used, seen = known.used, known.survey
+    if excluded := int((~used).sum()):
+        yield Note("excluded-probes", f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
     mean, square = seen.mean.cpu(), seen.mean_square.cpu()
     flat = (square - mean**2 <= 1e-12 * square) & used
     still = flat & (square == 0)
     if bool(still.any()):
-        text = (
-            f"{plane.name}: {int(still.sum())} of {plane.probes} probes are exactly 0 throughout, the first at index "
-            f"{int(still.nonzero()[0])}; they give the liner at rest"
-        )
-        notes.append(Note("probes-at-rest", text))
+        text = f"exactly 0 throughout, the first at index {int(still.nonzero()[0])}; they give the liner at rest"
+        yield Note("probes-at-rest", f"{plane.name}: {int(still.sum())} of {plane.probes} probes are {text}")
     elif bool(flat.any()) and not bool(flat[used].all()):
-        text = (
-            f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are constant, the first at index "
-            f"{int(flat.nonzero()[0])}; dead sensors look like this"
-        )
-        notes.append(Note("constant-probes", text))
-    return notes
+        text = f"constant, the first at index {int(flat.nonzero()[0])}; dead sensors look like this"
+        yield Note("constant-probes", f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are {text}")
+    if gone := cells.count - known.cells.count:
+        text = f"{gone} of {cells.count} cells hold no probe that is left; they count in no average"
+        yield Note("lost-cells", f"{plane.name}: {text}")
+    if known.cells.weight is not None:
+        short = known.cells.weight[known.cells.weight < 1]
+        text = f"{len(short)} of {cells.count} cells have lost some of their probes; in averages over cells each "
+        yield Note("short-cells", f"{plane.name}: {text}weighs the share it has, the least {float(short.min()):.2g}")
 
 
 def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
@@ -207,9 +183,7 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
             continue
         first = int(beyond.nonzero()[0])
         peak = float(survey_of_columns(known, averaging).peak[first])
-        place = f"cell {first}"
-        if averaging != "velocity":
-            place = f"probe {tuple(int(i) for i in torch.unravel_index(torch.tensor(first), plane.probe_shape))}"
+        place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
         remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
         raise ValueError(
             f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's table, "
@@ -217,20 +191,9 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
         )
 
 
-def review_lost_cells(plane: VelocityPlane, cells: Cells, kept: Cells) -> list[Note]:
-    """Cells that lost probes, or all of them, to ``missing``."""
-    notes = []
-    if gone := cells.count - kept.count:
-        text = f"{plane.name}: {gone} of {cells.count} cells hold no probe that is left; they count in no average"
-        notes.append(Note("lost-cells", text))
-    if kept.weight is not None:
-        short = kept.weight[kept.weight < 1]
-        text = (
-            f"{plane.name}: {len(short)} of {cells.count} cells have lost some of their probes; in averages over cells "
-            f"each weighs the share that it has, the least {float(short.min()):.2g}"
-        )
-        notes.append(Note("short-cells", text))
-    return notes
+def _place(plane: VelocityPlane, probe: int) -> tuple[int, ...]:
+    """Of a probe on the plane's axes."""
+    return tuple(int(i) for i in torch.unravel_index(torch.tensor(probe), plane.probe_shape))
 
 
 def review_table(
@@ -248,13 +211,9 @@ def review_table(
         f"{plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = {speed:.4g} m/s, "
         f"from its values at {known.nodes.count} speeds"
     )
-    if known.projected is None:
-        remedy = "reduce the data with this liner and these frequencies"
-    else:
-        remedy = (
-            "it is not smooth in |v| there; give it as a TabulatedLiner with its kinks among the speeds, or state "
-            "speed_max and speed_kinks"
-        )
+    remedy = "reduce the data with this liner and these frequencies"
+    if known.projected is not None:
+        remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
     return error, [Note("model-table", f"{text}: {remedy}", error)] if error > DOUBTFUL_MODEL_ERROR else []
@@ -262,22 +221,20 @@ def review_table(
 
 def review_walls(
     plane: VelocityPlane, wall: Tensor | None, used: Tensor, frequency: Tensor, count: int, limit: float | None
-) -> list[Note]:
+) -> Iterator[Note]:
     """How many probes count as wall, (P, F) bool, and how many would pass without any tone, of ``count`` blocks."""
     if wall is None or limit is None:
-        return []
-    notes, total, chance = [], int(used.sum()), 100 * (1 - limit) ** (count - 1)
+        return
+    total, chance = int(used.sum()), 100 * (1 - limit) ** (count - 1)
     for f, found in zip(frequency.tolist(), wall.sum(0).tolist(), strict=True):
         text = (
             f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {plane.name} have a squared "
-            f"coherence below {limit:g} with {f:g} Hz and count as wall, admittance 0, in the averages over probes; "
-            f"averaging 'velocity' is as without the filter. Without any tone {chance:.2g} % of probes would pass it, "
-            f"with {count} blocks"
+            f"coherence below {limit:g} with {f:g} Hz and count as wall, admittance 0, in averages over probes; "
+            f"without any tone {chance:.2g} % of probes would pass it, with {count} blocks"
         )
         if plane.frequency is not None and abs(f / plane.frequency - 1) > SAME_FREQUENCY:
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
-        notes.append(Note("wall-filter", text))
-    return notes
+        yield Note("wall-filter", text)
 
 
 def texts(notes: Iterable[Note]) -> list[str]:

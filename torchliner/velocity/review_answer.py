@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
@@ -28,51 +29,43 @@ PHASES = 64  # of the tone, and equally likely values of the turbulence
 LARGEST_CHANGE = 0.05  # of Z by the tone's part, relative to |Z|, that goes without a note
 
 
-def review_phase(known: Moments, phase: Tensor | None) -> list[Note]:
+def review_phase(known: Moments, phase: Tensor | None) -> Iterator[Note]:
     """Stated phases so far apart within a cell that their mean direction says little, or nothing; (P, F or 1)."""
     if phase is None:
-        return []
+        return
     length = mean_direction(known.membership, phase).abs().cpu()
     wide = length < LEAST_DIRECTION
-    if not bool(wide.any()):
-        return []
-    text = (
-        f"reference_phase differs within {int(wide.any(1).sum())} of {known.cells.count} cells: the mean of e^(j psi) "
-        f"is as short as {float(length.min()):.2g} (1 where all agree, limit {LEAST_DIRECTION:g}), so that the one "
-        "phase of such a cell, and its value with averaging 'velocity', mean little; use the probes' values"
-    )
-    return [Note("phases-in-a-cell", text)]
+    if bool(wide.any()):
+        text = (
+            f"reference_phase differs within {int(wide.any(1).sum())} of {known.cells.count} cells: the mean of "
+            f"e^(j psi) is as short as {float(length.min()):.2g} (1 where all agree, limit {LEAST_DIRECTION:g}), so "
+            "that averaging 'velocity' means little there; use the probes' values"
+        )
+        yield Note("phases-in-a-cell", text)
 
 
-def review_rule(held: Tensor, count: int, chosen: Choices) -> list[Note]:
+def review_rule(held: Tensor, count: int, chosen: Choices) -> Iterator[Note]:
     """How many values fell back to ``averaged``, bool (P, F), and how many pass by chance with ``count`` blocks."""
     if chosen.phase != "self-consistent":
-        return []
-    notes, limit = [], chosen.minimum_coherence
+        return
+    limit = chosen.minimum_coherence
     if not bool(held.all()):
-        text = (
-            f"self-consistent phase: {int((~held).sum())} of {held.numel()} values have a coherence below {limit:g} "
-            "with the tone; they are 'averaged' instead"
-        )
-        notes.append(Note("phase-fell-back", text))
+        text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {limit:g} with the tone"
+        yield Note("phase-fell-back", f"self-consistent phase: {text}; they are 'averaged' instead")
     chance = (1 - limit) ** (count - 1)
     if chance > CHANCE and limit > 0:
-        text = (
-            f"self-consistent phase: with {count} blocks, {100 * chance:.2g} % of probes pass a coherence of {limit:g} "
-            "without any tone; a longer record or a higher minimum_coherence is safer"
-        )
-        notes.append(Note("coherence-by-chance", text))
-    return notes
+        text = f"with {count} blocks, {100 * chance:.2g} % of probes pass a coherence of {limit:g} without any tone"
+        remedy = "a longer record or a higher minimum_coherence is safer"
+        yield Note("coherence-by-chance", f"self-consistent phase: {text}; {remedy}")
 
 
 def review_intervals(
     plane: VelocityPlane, found: Averages, blocks: Blocks, frequency: Tensor, window: float | None
-) -> list[Note]:
+) -> Iterator[Note]:
     """Fewer than eight runs; a running rms that hardly varies; a large bias of a mean of admittances."""
     interval = found.liner.interval
     if interval is None:
-        return []
-    notes = []
+        return
     runs = float(interval.runs.min())
     if runs < FEWEST_RUNS and float(interval.widths.max()) > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
@@ -81,13 +74,13 @@ def review_intervals(
             f"{plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
             f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
         )
-        notes.append(Note("few-blocks", text))
+        yield Note("few-blocks", text)
     if window is not None and window > LONGEST_WINDOW * plane.duration:
         text = (
             f"{plane.name}: the running rms is over {window:.3g} s of a record of {plane.duration:.3g} s, so that it "
             "hardly varies in it, and the error bars are too narrow; take a shorter running_window, or drive='rms'"
         )
-        notes.append(Note("long-window", text))
+        yield Note("long-window", text)
     for f, bias, error in zip(
         frequency.tolist(), interval.bias.tolist(), interval.standard_error.tolist(), strict=True
     ):
@@ -97,8 +90,7 @@ def review_intervals(
                 f"in Z at {f:g} Hz, more than its standard error, because each probe's record is short; the interval "
                 "is without that bias, the value is not"
             )
-            notes.append(Note("biased-mean", text, abs(bias)))
-    return notes
+            yield Note("biased-mean", text, abs(bias))
 
 
 ToneShare = tuple[float, float, float, float]
@@ -117,40 +109,32 @@ def tone_share(known: Moments) -> ToneShare | None:
 
 def review_other_tones(
     plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor, found: ToneShare | None
-) -> list[Note]:
+) -> Iterator[Note]:
     """Where |v| is the tone's own, by its share ``found``, Z at other frequencies is not that of a tone sent alone."""
     if found is None or known.settings["drive"] != "instantaneous" or plane.frequency is None:
-        return []
+        return
     share, mean, periodic, rest = found
     other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
     if not bool(other.any()):
-        return []
+        return
     middle = (torch.arange(PHASES, dtype=torch.float64) + 0.5) / PHASES
     turbulent = mean + rest * 2**0.5 * torch.erfinv(2 * middle - 1)
     tonal = periodic * 2**0.5 * torch.cos(2 * torch.pi * middle)
-    top = known.top_speed(liner)
 
     def impedance(velocity: Tensor) -> Tensor:
-        speed = velocity.abs().flatten().clamp(max=top)
+        speed = velocity.abs().flatten().clamp(max=known.top_speed(liner))
         return impedance_from_reflection(response(liner, frequency, speed).mean(1))
 
     with torch.no_grad():
         beside, alone = impedance(turbulent[:, None] + tonal), impedance(turbulent)
     change = torch.where(other, ((alone - beside) / beside).abs(), 0)
     worst = int(change.argmax())
-    if float(change[worst]) <= LARGEST_CHANGE:
-        return []
-    asked = [f"{float(f):g}" for f in (frequency[other].min(), frequency[other].max())]
-    text = (
-        f"{plane.name}: {100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz "
-        f"({periodic:.3g} m/s rms, the rest {rest:.3g}), so |v| is partly that tone's own: at "
-        f"{' to '.join(dict.fromkeys(asked))} Hz Z is that of a weak second tone beside this one, not of a tone sent "
-        f"alone. Without this one it would be about {_text(alone[worst])} instead of {_text(beside[worst])} at "
-        f"{float(frequency[worst]):g} Hz (sine and Gaussian turbulence of these rms)"
-    )
-    return [Note("other-tone", text, float((alone - beside)[worst].abs()))]
-
-
-def _text(z: Tensor) -> str:
-    value = complex(z)
-    return f"{value.real:.2f}{value.imag:+.2f}j"
+    if float(change[worst]) > LARGEST_CHANGE:
+        asked = dict.fromkeys(f"{float(f):g}" for f in (frequency[other].min(), frequency[other].max()))
+        text = (
+            f"{plane.name}: {100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} "
+            f"Hz ({periodic:.3g} m/s rms, the rest {rest:.3g}): at {' to '.join(asked)} Hz Z is that of a weak second "
+            f"tone beside this one, not of a tone sent alone. Without this one it would be about "
+            f"{complex(alone[worst]):.2f} instead of {complex(beside[worst]):.2f} at {float(frequency[worst]):g} Hz"
+        )
+        yield Note("other-tone", text, float((alone - beside)[worst].abs()))
