@@ -1,0 +1,242 @@
+"""Studies, laser Doppler lines and the duct: each beside the same work done piece by piece."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import torchliner as tl
+from benchmarks.engine import MANY, noise, plane_of
+from benchmarks.harness import Bench, apart, row
+from common import case_files
+from torchliner.duct.case import DuctCase
+from torchliner.duct.flow_profiles import TanhProfile
+from torchliner.duct.growing_wave import growing_wave
+from torchliner.duct.mesh import DuctMesh, build_mesh
+from torchliner.duct.settled import solve_settled
+from torchliner.duct.solver import DuctSolver, solve_duct
+from torchliner.pressure.microphone_errors import draw_pressures
+
+# Choices whose rows an audit has, as runs of their own.
+ALONE: tuple[dict[str, Any], ...] = (
+    {},
+    {"mean": "removed"},
+    {"drive": "rms"},
+    {"drive": "running-rms"},
+    {"phase": "self-consistent"},
+)
+FREE = {
+    "vena_contracta": (0.3, 1.0),
+    "offset_resistance": (-0.2, 0.2),
+    "offset_reactance": (-0.5, 0.6),
+    "porosity": (0.01, 0.5),
+    "cavity_depth": (5e-3, 0.1),
+}
+STATION, BURSTS, GRID, DOPPLER_TONE = 10.0, 250_000, 51e3, 1500.0  # s, a station, Hz, Hz
+HEIGHT, FREQUENCY, IMPEDANCE = 50e-3, 1500.0, 2.33 - 0.30j  # B2A
+CASE = DuctCase(TanhProfile(0.3, HEIGHT, 0.1), -0.2, 0.35, (0.0, 0.15))
+MICROPHONES = -0.027 + 0.012 * np.arange(18)
+# Degree, largest column and row, m, that give about 17 000, 45 000 and 224 000 unknowns.
+MESHES = {17_000: (3, 0.0184, 0.01), 45_000: (4, 0.011, 0.01), 224_000: (4, 0.003, 0.005)}
+
+
+def studies(bench: Bench) -> None:
+    """The audit against an ``educe`` for each of some of its rows; a calibration on shipped planes."""
+    plane, liner = plane_of(noise(bench).cpu()), tl.load_liner("polito")
+    seconds, audited = bench.best(lambda: tl.audit(plane, liner), 1)
+    values = [audited.base, *(each.impedance for each in audited.rows)]
+
+    def alone() -> list[complex]:
+        return [complex(tl.educe(plane, liner, interval=None, **choices).answer[0]) for choices in ALONE]
+
+    each, ones = bench.best(alone, 1)
+    error = max(min(abs(value - other) for other in values) for value in ones)
+    row(f"audit, {len(audited.rows)} variants in {audited.readings} readings", seconds, error=error)
+    row("the same, an educe for each (5 measured)", each / len(ALONE) * len(values))
+    files = [path for case in ("n115", "n130") for path in case_files(case)[-3:]]
+    slit = tl.load_liner("lbm_slit")
+    kept: dict[str, Any] = {"cell_pitch": slit.cell_pitch, "averaging": "velocity"}
+    seconds, reduced = bench.best(lambda: [tl.moments(tl.read_plane(path), **kept) for path in files], 1)
+    row(f"{len(files)} planes read and reduced", seconds)
+    fit = functools.partial(tl.calibrate, reduced, slit, "true", FREE, noise=0.002, draws=0)
+    row(f"calibration, {len(FREE)} parameters on {len(files)} planes", bench.best(fit)[0])
+    educe = functools.partial(reduced[-1].educe, slit, averaging="velocity", interval=None)
+    row("one map from moments", bench.best(educe)[0])
+    row("one map from moments, 60 frequencies", bench.best(functools.partial(educe, MANY))[0])
+
+
+def station(seed: int) -> tl.BurstRecord:
+    """Random arrivals of slow turbulence with a tone."""
+    generator = np.random.default_rng(seed)
+    times = np.sort(generator.uniform(0, STATION, BURSTS))
+    slow = np.interp(times, np.linspace(0, STATION, 40_000), generator.standard_normal(40_000))
+    v = 1.5 * slow + np.cos(2 * np.pi * DOPPLER_TONE * times)
+    return tl.BurstRecord(times, wall_normal=v, x=1e-3 * seed, y=1e-3, z=0.0, frequency=DOPPLER_TONE)
+
+
+def bursts(bench: Bench) -> None:
+    """A station of 10 s, its segments of 1 s in a batch and in a loop; from files; a line of 120 stations."""
+    liner, record = tl.load_liner("onera"), station(1)
+    choices: dict[str, Any] = {"grid_rate": GRID, "flagged": "use", "correction": "none"}
+    educe = functools.partial(tl.educe_bursts, [record], liner, **choices)
+    seconds, line = bench.best(educe)
+    count, length = int(line.segments[0]), round(GRID)
+
+    def one_by_one() -> list[complex]:
+        signal, found = tl.onto_grid(record.arrival_time, record.wall_normal, GRID), []
+        for begin in range(0, count * (length // 2), length // 2):
+            piece = signal.values[None, begin : begin + length]
+            plane = tl.VelocityPlane(piece, sampling_rate=GRID, frequency=DOPPLER_TONE)
+            alone = tl.educe(plane, liner, averaging="admittance", interval=None)
+            found.append(complex(alone.probes["admittance"].reflection[0, 0]))
+        return found
+
+    slow, ones = bench.best(one_by_one, 1)
+    error = max(abs(complex(line.reflection[0, i, 0]) - one) for i, one in enumerate(ones))
+    row(f"a station of {BURSTS} bursts, {count} segments", seconds)
+    row("the same in a loop over segments", slow, error=error)
+    more: dict[str, dict[str, Any]] = {
+        "tone corrected": {"correction": "tone"},
+        "self-consistent, tone corrected": {"correction": "tone", "phase": "self-consistent"},
+        "band-limited reconstruction": {"correction": "tone", "method": "band-limited"},
+    }
+    for name, changed in more.items():
+        row(f"a station, {name}", bench.best(functools.partial(educe, **changed), 1)[0])
+    stations = 120 if bench.full else 6
+    with tempfile.TemporaryDirectory() as folder:
+        for i in range(stations):
+            station(i).write(Path(folder) / f"s{i:03d}.h5")
+        found = apart("benchmarks.methods:line_of", folder)
+        row(f"a line of {stations} stations from files", found["seconds"], f"peak {found['peak']:.0f} MB")
+
+
+def line_of(folder: str) -> Callable[[], int]:
+    """A line from its folder; for ``apart``."""
+    liner = tl.load_liner("onera")
+    return lambda: tl.educe_bursts(folder, liner, grid_rate=GRID, flagged="use").stations
+
+
+def mesh_of(size: int) -> DuctMesh:
+    """Of about so many unknowns."""
+    degree, column, high = MESHES[size]
+    return build_mesh(CASE, FREQUENCY, degree=degree, column=column, row=high)
+
+
+def columns_of(size: int, out: str) -> Callable[[], int]:
+    """The pressure at all nodes by condensed columns; for ``apart``."""
+    from verify_duct import node_places
+
+    torch.set_num_threads(1)
+    mesh = mesh_of(size)
+
+    def work() -> int:
+        field = solve_duct(CASE, FREQUENCY, IMPEDANCE, mesh)
+        field.wall_pressure(MICROPHONES)
+        np.save(out, field.at(*(places.ravel() for places in node_places(mesh)))[0][0].numpy())
+        return int(mesh.unknowns)
+
+    work()
+    return work
+
+
+def sparse_of(size: int, out: str) -> Callable[[], int]:
+    """The same by scipy's sparse LU (COLAMD, the quickest of its orders here) of the assembled matrix."""
+    from scipy.sparse.linalg import splu
+
+    from oracles.lee_assembled import assemble
+
+    mesh = mesh_of(size)
+    matrix, right = assemble(CASE, FREQUENCY, IMPEDANCE, mesh)
+    nodes = mesh.degree + 1
+
+    def work() -> int:
+        found = splu(matrix, permc_spec="COLAMD").solve(right)
+        np.save(out, found.reshape(len(mesh.x) - 1, len(mesh.y) - 1, 3, nodes, nodes)[:, :, 0].ravel())
+        return int(mesh.unknowns)
+
+    return work
+
+
+def duct(bench: Bench) -> None:
+    """B2A: condensed columns against sparse LU, many impedances at once, draws of microphones, checks of an answer."""
+    torch.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder:
+        for size in MESHES:
+            ours, theirs = (str(Path(folder) / f"{name}_{size}.npy") for name in ("columns", "sparse"))
+            found = apart("benchmarks.methods:columns_of", size, ours)
+            row(f"{found['result']} unknowns, condensed columns", found["seconds"], f"peak {found['peak']:.0f} MB")
+            if size < 100_000 and (bench.full or size < 20_000):
+                slow = apart("benchmarks.methods:sparse_of", size, theirs)
+                error = float(np.abs(np.load(ours) - np.load(theirs)).max())
+                ratio = f"{slow['seconds'] / found['seconds']:.0f} times, adds {slow['added']:.0f} MB"
+                row(f"{slow['result']} unknowns, sparse LU", slow["seconds"], ratio, error=error)
+    many_impedances(bench)
+    many_draws(bench)
+    works: dict[str, Callable[[], Any]] = {
+        "one mesh": lambda: solve_duct(CASE, FREQUENCY, IMPEDANCE, keep="walls"),
+        "search for a growing wave": lambda: growing_wave(CASE.profile, FREQUENCY, IMPEDANCE),
+        "both, and a finer mesh": lambda: solve_settled(CASE, FREQUENCY, IMPEDANCE, places=MICROPHONES),
+    }
+    for name, work in works.items():
+        row(name, bench.best(work)[0])
+
+
+def many_impedances(bench: Bench) -> None:
+    """100 impedances x 20 frequencies in one batch, and some of them one at a time."""
+    random = torch.rand(100, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    walls = torch.complex(0.2 + 3 * random[:, 0], 3 * random[:, 1] - 1.5)[:, None, None]
+    frequency, mesh = torch.linspace(500, 2400, 20, dtype=torch.float64), mesh_of(17_000)
+    seconds, whole = bench.best(
+        lambda: DuctSolver(CASE, frequency, mesh, keep="walls").solve(walls).wall_pressure(MICROPHONES), 2
+    )
+    chosen = [(7 * i % 100, 3 * i % 20) for i in range(8)]
+
+    def one_by_one() -> list[torch.Tensor]:
+        return [
+            solve_duct(CASE, frequency[f], walls[z], mesh, keep="walls").wall_pressure(MICROPHONES) for z, f in chosen
+        ]
+
+    slow, ones = bench.best(one_by_one, 1)
+    error = max(float((one[0] - whole[z, f]).abs().max()) for one, (z, f) in zip(ones, chosen, strict=True))
+    row("100 impedances x 20 frequencies, one batch", seconds)
+    row("the same one by one (8 measured)", slow / len(chosen) * 2000, error=error)
+    solver = DuctSolver(CASE, frequency[:1], mesh, keep="walls")
+    each, _ = bench.best(lambda: [solver.solve(z).wall_pressure(MICROPHONES) for z in walls[:20]], 2)
+    row("one more impedance on a solver", each / 20)
+
+
+def many_draws(bench: Bench) -> None:
+    """Draws of the errors of 12 microphones as one batch, and some of them each as a line of its own."""
+    frequency = torch.linspace(500, 2400, 20, dtype=torch.float64)
+    works: tuple[tuple[str, torch.Tensor, int, int, Callable[..., Any]], ...] = (
+        ("kumaresan_tufts", frequency, 500, 100, lambda line, _: tl.kumaresan_tufts(line)),
+        ("fit_field", frequency[10:11], 100, 4, tl.fit_field),
+    )
+    for name, asked, draws, measured, educe in works:
+        solver, over = DuctSolver(CASE, asked, keep="walls"), MICROPHONES[3:15]
+        pressure = solver.solve(IMPEDANCE).wall_pressure(over).movedim(-1, -2)
+        noisy = draw_pressures(pressure, draws, torch.Generator().manual_seed(0))
+        line = tl.MicrophoneLine(over, noisy, asked, duct_height=HEIGHT, mach=0.3, source_side="upstream")
+        seconds, whole = bench.best(lambda line=line, solver=solver, educe=educe: educe(line, solver), 1)  # type: ignore[misc]
+        solvers = [DuctSolver(CASE, one[None], keep="walls") for one in asked]
+        chosen = [(i % draws, i % len(asked)) for i in range(measured)]
+
+        def one_by_one(
+            line: Any = line, noisy: Any = noisy, chosen: Any = chosen, educe: Any = educe, solvers: Any = solvers
+        ) -> list[complex]:
+            lines = [
+                dataclasses.replace(line, pressure=noisy[d][:, f], frequency=line.frequency[f][None]) for d, f in chosen
+            ]
+            return [complex(educe(one, solvers[f]).impedance[0]) for one, (_, f) in zip(lines, chosen, strict=True)]
+
+        slow, ones = bench.best(one_by_one, 1)
+        error = max(abs(one - complex(whole.impedance[at])) for one, at in zip(ones, chosen, strict=True))
+        row(f"{name}, {draws} draws x {len(asked)} frequencies, one batch", seconds)
+        row(f"the same one by one ({measured} measured)", slow / measured * draws * len(asked), error=error)
