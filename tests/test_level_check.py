@@ -13,10 +13,13 @@ from test_stations import station
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
+from torchliner.pressure.known_pressure import Case, known_pressure
+from torchliner.records.level_check import Gap
 from torchliner.report.alongside import joint_bounds
 from torchliner.report.audit_report import format_audit, plain_audit, write_audit
 from torchliner.report.calibration_report import format_calibration, plain_calibration
 from torchliner.report.line_table import format_line, plain_line
+from torchliner.velocity.level_check import change_that_passes
 
 OF_AIR = tl.Fluid()
 LEVELS = 1e-6  # dB, of interpolation between levels
@@ -98,6 +101,39 @@ def test_the_sentence_says_by_how_much_what_it_excludes_and_what_to_try():
     for word in ("limit 0.3 dB", "not that of the cell", "model is wrong",
                  f"level is {level - 1:.1f} dB", "no averaging passes"):  # fmt: skip
         assert word in text
+
+
+@pytest.mark.parametrize("height", [None, 0.02])
+def test_the_size_of_the_warning_is_the_change_that_passes(height):
+    """At normal incidence an impedance that much off has the stated level, from incident and reflected wave."""
+    velocity, amplitude = square_wave(2.0)
+    level = incident_level_of(amplitude, 1.9 - 0.8j, height or 0.0)  # the model has 0.8 - 0.15j
+    record = plane(velocity, height=height, incident_level=level)
+    known = tl.moments(record, MODEL)
+    case = Case(known.plane, torch.tensor([FREQUENCY], dtype=torch.float64), known.cells, None, known.survey.blocks)
+    pressure = known_pressure(case)
+    with pytest.warns(tl.DataWarning, match="level check"):
+        found = known.educe(MODEL)
+    gap = Gap(*(value[-1] for value in vars(found.level_check.liner).values()))
+    change = complex(change_that_passes(case, pressure, found.answer, gap)[0])
+    there = complex(found.answer[0]) + change
+    assert abs(change) > 0.1
+    assert incident_level_of(amplitude, there, height or 0.0) == pytest.approx(level, abs=LEVELS)
+    (size,) = (note.size for note in found.notes if note.code == "level-check")
+    assert size == pytest.approx(abs(change))
+
+
+def test_with_a_phase_the_change_leads_to_the_impedance_behind_the_pressure():
+    """Z V is the pressure at the wall: with size and phase both parts of Z follow."""
+    velocity, amplitude = square_wave(2.0)
+    wanted = 1.9 - 0.8j
+    p = OF_AIR.characteristic_impedance * wanted * amplitude
+    turns = 2 * torch.pi * FREQUENCY * torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
+    record = facesheet_record((p.real * turns.cos() - p.imag * turns.sin()).expand(3, -1))
+    with pytest.warns(tl.DataWarning, match="level check"):
+        found = tl.educe(plane(velocity, source_side="upstream"), MODEL, pressure=record)
+    (size,) = (note.size for note in found.notes if note.code == "level-check")
+    assert size == pytest.approx(abs(wanted - complex(found.answer[0])), abs=1e-6)
 
 
 def test_a_wrong_model_shows():

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import os
 import platform
-import re
-import shlex
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -29,12 +25,7 @@ from torchliner.records.origin import (
     standing,
     with_whole_hashes,
 )
-from torchliner.records.velocity_plane import restated
-from torchliner.report.page.origin import files_of, stated_origin
-from torchliner.report.page.origin import origin as section
-from torchliner.report.page.repeat import JOINS, UNTOLD
-from torchliner.report.page.subject import inputs_of, subject_of
-from torchliner.report.page.warned import of_map
+from torchliner.report.page.sections import inputs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 CSV = "frequency,speed,resistance,reactance\n" + "\n".join(
@@ -179,129 +170,9 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     assert held(again) == [("moments", "m.h5")]
     known = [(each["what"], each["name"]) for each in inputs_of(again)]
     assert known == [("moments", "m.h5"), ("velocity", "p0.h5"), ("velocity", "p1.h5")]
-    assert not any(key == "inputs" for key, _ in stated_origin(again.choices["data"]).pairs)
     (kept,) = again.choices["inputs"]
     again = with_whole_hashes(again)
     assert again.choices["inputs"] == [kept]  # small: it was whole before
-
-
-def program(subject):
-    return next(b.text for b in section(subject) if getattr(b, "label", "") == "Python")
-
-
-@pytest.mark.parametrize("kind", ["phases", "moments", "part"])
-def test_the_program_of_the_page_gives_the_map_again(kind, files):
-    """From data, liner and phases that the map holds or names."""
-    liner, more = tl.load_liner("l.toml"), {"interval": None}
-    data = tl.read_plane("p0.h5", lazy=True)
-    if kind == "phases":
-        more |= {"phase": "given", "reference_phase": [0.1, 0.2, 0.3],
-                 "pressure": tl.read_pressure("w.h5")}  # fmt: skip
-        data = tl.read_plane(["p0.h5", "p1.h5"], lazy=True)
-    elif kind == "moments":
-        tl.moments(data, liner).write("m.h5")
-        data = tl.read_moments("m.h5")
-    else:
-        data = tl.read_plane("p0.h5", lazy=True, start=0.001, stop=0.013, region="0:0.0015")
-    found = tl.educe(data, liner, **more)
-    found.write("map.h5")
-    found, space = tl.read_map("map.h5"), {}
-    exec(program(subject_of(found, path=files / "map.h5")), space)
-    assert torch.equal(space["found"].impedance, found.impedance)
-    assert set(held(space["found"])) == {each for each in held(found) if each[0] != "liner"}
-
-
-def test_a_replay_is_repeated_by_its_command(capsys, files):
-    """As it was typed; of a map made in Python the choices say what was sent."""
-    typed = ["replay", "p0.h5", "--liner", "l.toml", "--incident", "tones:1400", "-o", "map.h5"]
-    assert run(capsys, *typed)[0] == DONE
-    found = tl.read_map("map.h5")
-    (code,) = (block for block in section(subject_of(found)) if hasattr(block, "label"))
-    words = shlex.split(code.text)[1:]
-    assert words == typed
-    assert run(capsys, *words[:-1], "again.h5")[0] == DONE
-    assert torch.equal(tl.read_map("again.h5").impedance, found.impedance)
-    untyped = {key: value for key, value in found.choices.items() if key != "command"}
-    text = str(section(subject_of(dataclasses.replace(found, choices=untyped))))
-    assert "of a replayed wave" in text
-    assert "1400" in str(found.choices["incident"])
-
-
-def two_variables(path):
-    """A plane of two velocities."""
-    with h5py.File(path, "w") as file:
-        for name, values, unit in (
-            ("time", np.arange(600) / 42e3, "s"),
-            ("x", np.arange(3.0), "mm"),
-        ):
-            file[name] = values
-            file[name].attrs["units"] = unit
-            file[name].make_scale(name)
-        for name, seed in (("v", 1), ("filtered", 2)):
-            file[name] = turbulence((3, 600), seed=seed).numpy()
-            file[name].attrs["units"] = "m/s"
-            for axis, scale in zip(file[name].dims, ("x", "time"), strict=True):
-                axis.attach_scale(file[scale])
-
-
-@pytest.mark.parametrize("kind", ["stated", "converted", "variable", "arrays", "joined", "facts",
-                                  "facts of moments"])  # fmt: skip
-def test_page_and_command_repeat_how_a_plane_was_read(capsys, kind, files):
-    """What was stated and selected in this reading; what a converted file tells of its own making
-    is no part of it."""
-    told, data = {}, "p0.h5"
-    if kind == "stated":
-        told = {"start": 0.001, "stop": 0.012, "region": [(-0.1, 0.0015)]}
-    elif kind == "converted":
-        words = ("convert", data, "-o", "c.h5", "--start", "0.001", "--every", "2")
-        assert run(capsys, *words)[0] == DONE
-        data, told = "c.h5", {"every": 2}
-    elif kind == "variable":
-        two_variables("two.h5")
-        data, told = "two.h5", {"variable": "filtered"}
-    elif kind == "arrays":
-        np.save("v.npy", turbulence((3, 600)).numpy())
-        data, told = "v.npy", {"axes": ["probe", "time"], "velocity_units": "m/s",
-                               "sampling_rate": 42e3}  # fmt: skip
-    elif kind == "joined":
-        assert run(capsys, "convert", "p?.h5", "-o", "c.h5")[0] == DONE
-        data = "c.h5"
-    elif kind == "facts of moments":
-        tl.moments(tl.read_plane(data), tl.load_liner("l.toml")).write("m.h5")
-        data = "m.h5"
-    if kind.startswith("facts"):
-        assert run(capsys, "educe", data, "--liner", "l.toml", "--incident-level", "150", "-o",
-                   "map.h5", "--no-intervals")[0] == DONE  # fmt: skip
-    else:
-        plane = tl.read_plane(data, lazy=True, **told)
-        tl.educe(plane, tl.load_liner("l.toml"), 1400.0, interval=None).write("map.h5")
-    found, space = tl.read_map("map.h5"), {}
-    subject = subject_of(found, path=files / "map.h5")
-    exec(program(subject), space)
-    assert torch.equal(space["found"].impedance, found.impedance)
-    for one, other in zip((space["found"], found), (found, space["found"]), strict=True):
-        assert one.level_check is None or torch.equal(one.level_check.liner.level, other.level_check.liner.level)
-    assert (found.level_check is None) == (not kind.startswith("facts"))
-    assert held(space["found"])[:1] == held(found)[:1] == [
-        ("moments" if data == "m.h5" else "velocity", data)]  # fmt: skip
-    words = shlex.split(next(b.text for b in section(subject) if hasattr(b, "label")))[1:]
-    out = words.index("-o") + 1
-    words[out] = "again.h5"
-    assert run(capsys, *words)[0] == DONE
-    assert torch.equal(tl.read_map("again.h5").impedance, found.impedance)
-    assert (UNTOLD in str(section(subject))) == (not kind.startswith("facts"))
-
-
-def test_what_no_command_can_repeat_is_said(files):
-    """Several files, arrays, facts that no option states."""
-    plane = tl.read_plane(["p0.h5", "p1.h5"], x=[0.0, 1e-3, 2e-3], length_units="m")
-    plane = restated(plane, {"mach": 0.3, "incident_level": 140.0})
-    found = tl.educe(plane, tl.load_liner("l.toml"), interval=None)
-    text = str(section(subject_of(found)))
-    for words in (JOINS, UNTOLD, "does not hold x as it was stated", "cannot state mach = 0.3,"):
-        assert words in text
-    assert "--incident-level 140 " in text
-    assert "lazy=True, length_units='m', x=X)" in program(subject_of(found))
 
 
 def test_the_command_is_kept_as_it_was_typed(capsys, files, monkeypatch):
@@ -318,8 +189,6 @@ def test_the_command_is_kept_as_it_was_typed(capsys, files, monkeypatch):
     assert run(capsys, *words, "--hash")[0] == DONE
     again = tl.read_map("map.h5")
     assert [each["kind"] for each in again.choices["inputs"]] == [WHOLE] * 4
-    blocks = [b for b in section(subject_of(found)) if hasattr(b, "label")]
-    assert blocks[0].text == "torchliner " + " ".join(words)
     assert run(capsys, "insitu", "w.h5", "-o", "points.h5")[0] == DONE
     points = tl.read_points("points.h5")
     assert points.choices["command"] == ["insitu", "w.h5", "-o", "points.h5"]
@@ -341,39 +210,7 @@ def test_a_line_holds_its_bursts(capsys, files):
     assert held(line) == [("bursts", "b/s0.h5"), ("bursts", "b/s1.h5")]
     assert line.choices["command"] == list(words)
     assert line.choices["reference_phase"] == [0.5, 0.5]
-    facts = files_of(inputs_of(line), [("line", files / "line.h5", "")])[1].pairs
-    assert [what for what, _ in facts] == ["bursts", "bursts", "line"]
-    assert facts[0][1].endswith("; unchanged")
-
-
-def test_a_file_that_is_another_now_is_warned_of(files):
-    """On top of the warnings, and beside the file; one that is gone is no warning."""
-    found = tl.educe(tl.read_plane("p0.h5"), tl.load_liner("l.toml"), interval=None)
-    assert of_map(subject_of(found))[-1].text == "None."
-    with h5py.File("p0.h5", "a") as file:
-        file.attrs["title"] = "another"
-    (files / "t.csv").unlink()
-    words = of_map(subject_of(found))[-1].items
-    assert re.search("velocity: p0.h5 is another file now.*not what the result was made", words[0], re.I)
-    facts = dict(files_of(inputs_of(found), [])[1].pairs)
-    assert "another file now" in facts["velocity"]
-    assert facts["liner"].endswith("not there now")
-    size = (files / "p0.h5").stat().st_size
-    later = {**found.choices["inputs"][0], "kind": "of later versions", "bytes": size}
-    assert standing(later).words.startswith("of the same size now; not compared")
-
-
-WRONG = {"what": "velocity", "name": "p", "bytes": "3", "kind": [], "hash": 1}
-
-
-def test_maps_of_others_hold_none(files):
-    """Said; what a stranger wrote there instead is passed over."""
-    found = tl.educe(tl.read_plane("p0.h5"), tl.load_liner("l.toml"), interval=None)
-    old = dataclasses.replace(found, choices={k: v for k, v in found.choices.items() if k != "inputs"})
-    assert "does not hold the hashes of its inputs" in section(subject_of(old))[0].text
-    for other in (3, "text", [3, {"name": "x"}, WRONG], {"a": 1}):
-        strange = dataclasses.replace(old, choices={**old.choices, "inputs": other, "versions": 1})
-        assert "does not hold" in section(subject_of(strange))[0].text
+    assert [standing(each).words for each in inputs_of(line)] == ["unchanged"] * 2
 
 
 def test_kinds_are_told_apart():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from torchliner.report.page.warned import warnings_of
+from torchliner.report.page.sections import warned
 from torchliner.report.typesetting import typeset, typeset_label
 
 
@@ -61,4 +61,4 @@ def test_text_of_any_file_takes_a_moment(text, tells):
     """Every end from every start would take hours: the notes of a file may hold such text."""
     found = typeset(text)
     assert found.count("\N{MINUS SIGN}") == tells
-    assert len(warnings_of([text])[0].items) == 1
+    assert len(warned([text]).blocks[0].items) == 1

@@ -13,10 +13,6 @@ OPTIONS = {
         "result PATH": "map, line, points, impedances from microphones (kt -o) or a solved duct "
                        "(duct solve -o) as .h5/.nc, or the folder of a campaign",
         "--output FILE": {"required": True, "help": "write the page as .html"},
-        "--data SOURCE": "plane of a map, or its moments: distribution of |v|, and which choices "
-                         "move the result; default: neither is shown",
-        "--liner LINER": "of a map: .toml, .csv or .py file; default: of the numbers that the map "
-                         "holds",
         "--cases": "of a campaign: a page for each case as well, in OUTPUT_cases beside",
     }
     | shared("--json", "--quiet"),
@@ -35,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
 
         if options.cases:
             raise ValueError(f"--cases is for the folder of a campaign; {options.result} is a file")
-        page = report_file(options.result, options.output, options.data, options.liner)
+        page = report_file(options.result, options.output)
         written = [options.output]
     facts = {"title": page.title, "answer": page.answer, "level_check": page.state,
              "written": [str(path) for path in written]}  # fmt: skip
@@ -46,7 +42,4 @@ def run(options: argparse.Namespace) -> int:
 def _campaign(options: argparse.Namespace) -> tuple[Any, list[Any]]:
     from torchliner.campaign.page import report_campaign
 
-    for name in ("data", "liner"):
-        if getattr(options, name) is not None:
-            raise ValueError(f"--{name} is for the report of a map; {options.result} is a folder")
     return report_campaign(options.result, options.output, cases=options.cases)

@@ -12,7 +12,7 @@ class Note:
     Args:
         code: short and stable, such as "short-record"; what to search and filter by.
         text: what is wrong, with its numbers, the limit and the remedy.
-        size: how far Z (``model-table``: R) may be off by it, normalised; None where no number can be derived.
+        size: how far Z may be off by it, normalised; None where no number can be derived.
     """
 
     code: str

@@ -28,10 +28,10 @@ OUTLETS = {
         "plot": "torchliner.report.figures:draw_map",
         "report": "torchliner.report.page.opening:write_report",
     },
-    "DuctField": {"report": "torchliner.report.page.of_duct:report_field"},
+    "DuctField": {"report": "torchliner.report.page.opening:write_report"},
     "FieldFit": {
         "write": "torchliner.io.wall_file:write_wall",
-        "report": "torchliner.report.page.of_wall:report_wall",
+        "report": "torchliner.report.page.opening:write_report",
     },
     "MicrophoneLine": {"write": "torchliner.io.microphone_file:write_microphones"},
     "PointImpedances": {
@@ -40,7 +40,7 @@ OUTLETS = {
         "report": "torchliner.report.page.opening:write_report",
     },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
-    "SettledField": {"report": "torchliner.report.page.of_duct:report_field"},
+    "SettledField": {"report": "torchliner.report.page.opening:write_report"},
     "VelocityPlane": {
         "write": "torchliner.io.plane_writer:write_plane",
         "from_xarray": "torchliner.io.xarray_plane:from_xarray",
@@ -48,7 +48,7 @@ OUTLETS = {
     },
     "WallEduction": {
         "write": "torchliner.io.wall_file:write_wall",
-        "report": "torchliner.report.page.of_wall:report_wall",
+        "report": "torchliner.report.page.opening:write_report",
     },
 }
 
@@ -75,7 +75,7 @@ class Written:
 
 
 class Reported:
-    """What is solved and has a page, but no file of its own."""
+    """What has a page."""
 
     def report(self, path: str | Path) -> None:
         """Write one self-contained HTML page: answer, warnings, figures, provenance.
@@ -89,7 +89,7 @@ class Reported:
         outlet(type(self), "report")(self, path)
 
 
-class Result(Written):
+class Result(Written, Reported):
     """A result, which leaves as labelled arrays and as rows too."""
 
     def to_xarray(self, group: str | None = None) -> Any:
@@ -118,20 +118,6 @@ class Result(Written):
             ValueError: there are no such rows.
         """
         return outlet(type(self), "file").to_dataframe(self, of)
-
-    def report(self, path: str | Path, *, data: Any = None, liner: Any = None) -> None:
-        """Write one self-contained HTML page: answer, warnings, figures, provenance.
-
-        Args:
-            path: of the page, .html; one that is there is replaced.
-            data: of a map: its ``VelocityPlane`` or its ``Moments``, for the distribution of |v|
-                and for which choices move the result.
-            liner: of a map: its model, where its numbers are not in the map, as of Python files.
-        Raises:
-            ImportError: jinja2 or matplotlib is not installed (extra ``report``).
-            ValueError: another ending; data or a liner that are not those of the map.
-        """
-        outlet(type(self), "report")(self, path, data=data, liner=liner)
 
 
 class Drawn(Written):

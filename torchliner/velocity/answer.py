@@ -19,12 +19,13 @@ from torchliner.liners.response import impedance_of
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.averaged import Educed
+from torchliner.records.level_check import Gap
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review, review_answer
 from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.level_check import check_level
+from torchliner.velocity.level_check import change_that_passes, check_level
 from torchliner.velocity.review_answer import ToneShare
 from torchliner.version import __version__
 
@@ -56,8 +57,9 @@ def answer(
     require_fitting(known, liner, frequency, chosen)
     liner = liner.in_flow(plane.mach)
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
-    error, doubts = review.review_table(plane, known, liner, frequency)
     chief = found[chosen.averaging]
+    z = chief.liner.impedance.detach().cpu()
+    error, doubts = review.review_table(plane, known, liner, frequency, z)
     count = seen.blocks.count
     share = review_answer.tone_share(known) if "phase-locked" in found else None
     notes = [
@@ -76,8 +78,12 @@ def answer(
     check, checked = None, pressures
     if not isinstance(pressures, str):
         check, checked = check_level(known, case, found, pressures, chosen), "checked"
-        sentences = [check.sentence(chosen.averaging, f, i) for i, f in enumerate(frequency.tolist())]
-        notes += [Note("level-check", f"{plane.name}: {text}") for text in sentences if text]
+        place = check.averagings.index(chosen.averaging)
+        gap = Gap(*(value[place] for value in vars(check.liner).values()))
+        sizes = change_that_passes(case, pressures, z, gap).abs()
+        for i, f in enumerate(frequency.tolist()):
+            if text := check.sentence(chosen.averaging, f, i):
+                notes.append(Note("level-check", f"{plane.name}: {text}", float(sizes[i])))
     return map_of(
         known,
         liner,

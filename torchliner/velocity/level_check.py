@@ -71,6 +71,24 @@ def check_level(
     )
 
 
+def change_that_passes(case: Case, known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
+    r"""Z' - Z of the whole plane, complex, (F,): Z' gives the known pressure with the velocity as it is.
+
+    The implied pressure goes as :math:`w = (Z + e)/(\cos ky + j Z \sin ky)`, with e = 1 for the incident wave and 0 for
+    the pressure at the wall; it is q times the known one, so that Z' has w/q. Without a known phase that of w is kept.
+
+    Args:
+        z: of the whole plane, (F,).
+        gap: implied over known pressure there, (F,).
+    """
+    height = case.plane.height if known.moved and case.plane.height is not None else 0.0
+    angle = 2 * torch.pi * case.frequency / float(case.plane.fluid.sound_speed) * height
+    cosine, sine, end = angle.cos(), angle.sin(), float(known.kind == INCIDENT)
+    q = torch.polar(10 ** (gap.level / 20), torch.deg2rad(gap.phase.nan_to_num(0)))
+    wanted = (z + end) / (cosine + 1j * z * sine) / q
+    return (wanted * cosine - end) / (1 - 1j * wanted * sine) - z
+
+
 def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Callable[[Tensor], Tensor]:
     """Implied over known pressure of the whole plane as a function of its Z, (..., F), complex.
 

@@ -197,9 +197,9 @@ def _place(plane: VelocityPlane, probe: int) -> tuple[int, ...]:
 
 
 def review_table(
-    plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor
+    plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor
 ) -> tuple[float, list[Note]]:
-    """Model-table error in R, up to the largest |v| of the data, and what to say of it.
+    """Model-table error in R, up to the largest |v| of the data, and what to say of it; ``z``: of the liner, (F,).
 
     Raises:
         ValueError: it is too large for any digit that is printed.
@@ -216,7 +216,8 @@ def review_table(
         remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
-    return error, [Note("model-table", f"{text}: {remedy}", error)] if error > DOUBTFUL_MODEL_ERROR else []
+    most = error * float((z + 1).abs().square().max()) / 2  # of dZ = (Z + 1)^2 dR/2
+    return error, [Note("model-table", f"{text}: {remedy}", most)] if error > DOUBTFUL_MODEL_ERROR else []
 
 
 def review_walls(

@@ -67,14 +67,15 @@ def review_intervals(
     if interval is None:
         return
     runs = float(interval.runs.min())
-    if runs < FEWEST_RUNS and float(interval.widths.max()) > SMALLEST_WIDTH:
+    width = float(interval.widths.max())
+    if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
         text = (
             f"{plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
             f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
         )
-        yield Note("few-blocks", text)
+        yield Note("few-blocks", text, width / 2 if math.isfinite(width) else None)
     if window is not None and window > LONGEST_WINDOW * plane.duration:
         text = (
             f"{plane.name}: the running rms is over {window:.3g} s of a record of {plane.duration:.3g} s, so that it "

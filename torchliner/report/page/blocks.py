@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from torchliner.io.csv_rows import fill_csv
 from torchliner.io.whole_file import printable
@@ -65,36 +65,11 @@ class Code:
 
 
 @dataclass(frozen=True)
-class Folded:
-    """Blocks that wait for a click on their label; open in print."""
-
-    label: str
-    blocks: Sequence[Any]
-    kind: ClassVar[str] = "folded"
-
-
-@dataclass(frozen=True)
 class Cell:
     """One cell: what is shown, and the number it is sorted by, "" for texts."""
 
     text: str
     value: str
-
-
-class Drawn(float):
-    """A number that is shown as markup of our own, and sorted as what it is."""
-
-    def __new__(cls, value: float, markup: str) -> Self:
-        """A number with its markup."""
-        made = super().__new__(cls, value)
-        made.markup = markup
-        return made
-
-    markup: str
-
-    def __html__(self) -> str:
-        """For the template, which escapes all else."""
-        return self.markup
 
 
 @dataclass(frozen=True)
@@ -143,20 +118,29 @@ class Figure:
     Args:
         name: of its CSV file, and id on the page.
         drawn: matplotlib figure.
-        alt: what is seen, with numbers.  caption: below it.
+        caption: below it.
         table: its numbers.
     """
 
     name: str
     drawn: Any
-    alt: str
     caption: str
     table: Table
     kind: ClassVar[str] = "figure"
 
     @property
+    def alt(self) -> str:
+        """For those who cannot see it: the caption, and the extent of each column of numbers."""
+        extents = []
+        for name, values in _columns_of(self.table).items():
+            known = [v for v in values if isinstance(v, int | float) and math.isfinite(v)]
+            if known:
+                extents.append(f"{name} {min(known):.4g} to {max(known):.4g}")
+        return typeset(f"{self.caption} {'; '.join(extents)}.")
+
+    @property
     def svg(self) -> str:
-        """Inline, in the page's own colours."""
+        """Inline."""
         return inline_svg(self.drawn, self.name)
 
     @property
@@ -165,7 +149,7 @@ class Figure:
         return csv_link(self.table)
 
 
-Block = Text | Bullets | Facts | Code | Folded | Grid | Figure
+Block = Text | Bullets | Facts | Code | Grid | Figure
 
 
 @dataclass(frozen=True)
@@ -175,6 +159,12 @@ class Section:
     name: str
     title: str
     blocks: Sequence[Block] = field(default_factory=tuple)
+
+
+def _columns_of(table: Table) -> dict[str, list[Any]]:
+    """Values by the name of their column."""
+    rows = table.as_rows()
+    return {name: [row[name] for row in rows] for name in (rows[0] if rows else {})}
 
 
 def _cell_text(column: Column, row: Any) -> str:

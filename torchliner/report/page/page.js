@@ -21,9 +21,6 @@ for (const table of document.querySelectorAll("table")) {
     head.setAttribute("aria-sort", down ? "descending" : "ascending");
   }));
 }
-addEventListener("beforeprint", () => {
-  for (const each of document.querySelectorAll("details")) each.open = true;
-});
 for (const button of document.querySelectorAll(".copy")) {
   button.addEventListener("click", async () => {
     const code = button.closest(".code").querySelector("code");

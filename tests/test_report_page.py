@@ -1,0 +1,568 @@
+"""Results as one HTML page: what stands on it, that nothing escapes, that bad input is refused."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import io
+import math
+import re
+import shlex
+import sys
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import torch
+from conftest import DATA, plane_of, turbulence
+from test_cli import run
+from test_results_out import PLACES, line, made, points
+from test_wall_file import field_fit, noisy
+
+import torchliner as tl
+from torchliner.cli.main import BAD_INPUT, DONE, main
+from torchliner.records.averaged import Educed
+from torchliner.records.notes import Note
+from torchliner.report.page import of_map
+from torchliner.report.page.of_map import main_of, thin
+from torchliner.report.page.of_others import labels_of
+from torchliner.report.page.sections import asked, changed, inputs_of, warned
+from torchliner.report.page.tables import joint
+from torchliner.report.table import format_bounds, format_complex
+from torchliner.report.typesetting import typeset
+
+pytest.importorskip("jinja2")
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+EVIL = "<script>alert(1)</script> \x1b[2J $\\frac$ & \"'"
+
+
+class Page(HTMLParser):
+    """Elements, their attributes and their text."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags, self.open, self.text = [], [], {}
+        self.html = path.read_text(encoding="utf-8")
+        self.feed(self.html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        while self.open and self.open.pop() != tag:
+            pass
+
+    def handle_data(self, data):
+        for tag in self.open:
+            self.text[tag] = self.text.get(tag, "") + data
+
+    def all(self, tag):
+        return [attrs for name, attrs in self.tags if name == tag]
+
+    def csv(self, name):
+        link = next(a["href"] for a in self.all("a") if a.get("download") == f"{name}.csv")
+        text = base64.b64decode(link.partition("base64,")[2]).decode()
+        return list(csv.DictReader(io.StringIO(text)))
+
+
+def page_of(result, folder, *others):
+    result.report(folder / "page.html", *others)
+    return Page(folder / "page.html")
+
+
+def report(capsys, *words):
+    return run(capsys, "report", *map(str, words))
+
+
+def refused(capsys, *words) -> str:
+    code, _, err = report(capsys, *words)
+    assert code == BAD_INPUT
+    return err
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A map of a shipped plane with its in situ values, and its page."""
+    folder = tmp_path_factory.mktemp("report")
+    words = ["educe", str(DATA / "slit_n130_y1.0mm.h5"), "-o", f"{folder}/map.h5", "--quiet"]
+    assert not main([*words, "--in-situ", str(DATA / "pressure_n130.h5"), "--level-limit", "0.2"])
+    assert not main(["report", f"{folder}/map.h5", "-o", f"{folder}/page.html", "--quiet"])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shipped(files):
+    return tl.read_map(files / "map.h5")
+
+
+@pytest.fixture(scope="module")
+def page(files):
+    return Page(files / "page.html")
+
+
+def require_whole(page):
+    """One heading, landmarks, no id twice, every reference leads into the page, every figure has words and numbers."""
+    count = {tag: len(page.all(tag)) for tag in ("h1", "main", "header", "nav", "footer", "script")}
+    assert count == dict.fromkeys(count, 1)
+    ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    named = ("href", "src", "xlink:href", "action")
+    links = [value for _, attrs in page.tags for key, value in attrs.items() if key in named]
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert {link[1:] for link in links if link.startswith("#")} <= set(ids)
+    assert {found[1:] for found in re.findall(r"url\((.*?)\)", page.html)} <= set(ids)
+    assert "default-src 'none'" in page.html
+    figures = [attrs["id"] for attrs in page.all("figure")]
+    shown = [attrs["aria-label"] for attrs in page.all("div") if attrs.get("role") == "img"]
+    assert len(shown) == len(figures) == len(page.all("figcaption"))
+    assert all(re.search(r"\d\.\d", words) for words in shown)
+    assert all(page.csv(name) for name in figures)
+    return figures
+
+
+def test_the_page_of_a_map_is_one_whole(page):
+    """As a reader asks: answer, warnings, pictures, comparison, what was asked, where it comes from."""
+    assert require_whole(page) == ["along-x", "complex-plane"]
+    wanted = ["answers", "warnings", "pictures", "cells-section", "comparison", "asked", "origin", "cite"]
+    assert [attrs["id"] for attrs in page.all("section")] == wanted
+
+
+def test_numbers_are_those_of_the_map(page, shipped):
+    """The sentence, the table, the CSV of Z along x, what is known from elsewhere."""
+    text = page.text["header"]
+    assert typeset(format_complex(complex(shipped.answer[0]))) in text
+    assert typeset(format_bounds(shipped.bounds_of_liner(shipped.averaging))) in text
+    assert shipped.level_check.verdict(shipped.averaging) in text
+    rows = page.csv("answer-table")
+    assert [row["averaging"] for row in rows] == ["phase-locked", "admittance", "velocity"]
+    for row in rows:
+        z = complex(float(row["impedance_resistance"]), float(row["impedance_reactance"]))
+        low, _ = shipped.bounds_of_liner(row["averaging"])
+        assert z == pytest.approx(complex(shipped.liner[row["averaging"]].impedance[0]), rel=1e-8)
+        assert float(row["low_resistance"]) == pytest.approx(low.real, rel=1e-8)
+    along = page.csv("along-x")
+    assert [float(row["reactance"]) for row in along] == pytest.approx(shipped.reactance[:, 0].tolist(), rel=1e-8)
+    (true,) = (row for row in page.csv("compared-table") if row["name"] == "true")
+    wanted = complex(shipped.answer[0]) - shipped.reference["true"]
+    assert float(true["impedance_resistance"]) == pytest.approx(wanted.real, rel=1e-7)
+    choices = {row["choice"]: row["value"] for row in page.csv("choices")}
+    assert choices["level limit"] == "0.2"
+    assert choices["liner, orifice diameter"] == "0.000684"
+
+
+def test_the_command_gives_the_map_again(capsys, page, shipped, tmp_path):
+    """As it stands on the page."""
+    command = shlex.split(unescape(re.search(r"<code>(torchliner educe.*?)</code>", page.html)[1]))
+    command[command.index("-o") + 1] = str(tmp_path / "again.h5")
+    assert run(capsys, *command[1:])[0] == DONE
+    again = tl.read_map(tmp_path / "again.h5")
+    assert torch.equal(again.answer, shipped.answer)
+    assert again.level_check.limit == shipped.level_check.limit == 0.2
+
+
+def test_the_paper_is_cited_as_the_citation_file_has_it(page):
+    """Title, doi and every family name; the version of the program."""
+    text = (DATA.parent / "CITATION.cff").read_text(encoding="utf-8")
+    paper = text.partition("preferred-citation:")[2].partition("references:")[0]
+    words = re.findall(r'(?:title|doi|family-names): "?([^",\n]+)', paper)
+    assert len(words) == 8
+    assert [word for word in words if word not in page.text["main"]] == []
+    assert tl.__version__ in page.text["main"]
+
+
+def test_references_are_of_the_tone(tmp_path):
+    """What a file states is known at its tone alone."""
+    plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
+    for tone, wanted in ([1000.0, 1400.0], 1), ([1400.0, 700.0], 0), (700.0, None):
+        found = tl.educe(plane, tl.load_liner("lbm_slit"), tone, averaging="admittance")
+        assert found.tone == wanted
+        assert main_of(found) == (wanted or 0)
+        page = page_of(found, tmp_path)
+        rows = page.csv("compared-table") if wanted is not None else []
+        known = {(row["name"], float(row["frequency (Hz)"])) for row in rows}
+        assert known == {(name, 1400.0) for name in ("true", "in situ") if wanted is not None}
+        assert ("Nothing is known of the case" in page.html) == (wanted is None)
+
+
+def test_warnings_go_by_what_they_may_move():
+    """What makes Z another quantity, the largest, and those of unknown size behind."""
+    notes = [
+        Note("", "unknown"),
+        Note("few-blocks", "small", 1e-3),
+        Note("gas", "unsized"),
+        Note("x", "large", 1.0),
+        Note("level-check", "level", 0.1),
+        "text",
+        Note("null-test", "null"),
+        Note("", "unknown"),
+    ]
+    (found,) = warned(notes).blocks
+    wanted = ["Level", "Null", "Large", "Small", "Unknown", "Unsized", "Text"]
+    assert list(found.items) == wanted
+    assert found.beside[2] == "may move Z by 1"
+    assert warned([]).blocks[0].text == "None."
+
+
+def test_a_table_is_not_written_out():
+    """The extent of its axes and values; short lists of numbers as they are."""
+    speed, f = torch.linspace(0, 20, 30), torch.linspace(500, 3000, 12)
+    table = tl.TabulatedLiner(f, (1 + 0.1 * speed).expand(12, 30) + 0j, speed)
+    rows = asked({"liner": table.describe(), "a": [1.0, 2.5], "b": [[1.0]] * 9 + [[]]}).blocks[0].table.rows
+    known = {row["choice"]: row["value"] for row in rows}
+    assert known["liner, resistance"] == "12 x 30 values, 1 to 3"
+    assert known["liner, frequency"] == "12 values, 500 to 3000"
+    assert known["a"] == "1, 2.5"
+    assert known["b"].startswith("1, 1, ")
+
+
+def test_inputs_that_changed_are_told(tmp_path, monkeypatch):
+    """On top of the warnings, and in the provenance; what a stranger wrote there is passed over."""
+    monkeypatch.chdir(tmp_path)
+    plane_of(turbulence((3, 600)), x=np.arange(3) * 1e-3).write("p.h5")
+    found = tl.educe(tl.read_plane("p.h5"), tl.load_liner("polito"), interval=None)
+    assert not changed(found)
+    assert "; unchanged" in page_of(found, tmp_path).text["main"]
+    with h5py.File("p.h5", "a") as file:
+        file.attrs["title"] = "another"
+    (note,) = changed(found)
+    assert re.search("velocity: p.h5 is another file now.*not what the result was made of", note.text)
+    Path("p.h5").unlink()
+    assert not changed(found)
+    assert "not there now" in page_of(found, tmp_path).text["main"]
+    for other in (3, "text", [3, {"name": "x"}], {"a": 1}):
+        strange = dataclasses.replace(found, choices={**found.choices, "inputs": other, "versions": 1, "data": 1})
+        assert inputs_of(strange) == []
+        page_of(strange, tmp_path)
+
+
+def test_texts_of_files_are_no_markup(tmp_path):
+    """Titles, names, notes, provenance, the liner, methods: all is text, controls written out."""
+    plane = plane_of(
+        turbulence((2, 4, 480)),
+        x=np.arange(4) * 1e-3,
+        z=np.arange(2) * 1e-3,
+        title=EVIL,
+        reference={EVIL: 1 + 0j, "true": 1.1 + 0j},
+        provenance={EVIL: {EVIL: EVIL}},
+    )
+    found = tl.educe(plane, tl.load_liner("polito").replace(name=EVIL))
+    found = dataclasses.replace(found, notes=(Note("", EVIL), Note("level-check", EVIL)))
+    row = dataclasses.replace(noisy("upstream").at(600.0), title=EVIL, provenance={EVIL: EVIL})
+    waves = dataclasses.replace(
+        tl.kumaresan_tufts(row), notes=(EVIL,), choices={EVIL: EVIL, "command": EVIL}, method=EVIL
+    )
+    for result in (found, waves):
+        page = page_of(result, tmp_path)
+        assert len(page.all("script")) == 1
+        assert "alert(1)" not in page.text["script"]
+        assert EVIL.split(" ")[0] in page.text["h1"]
+        assert "\\x1b[2J" in page.text["h1"]
+        assert "\x1b" not in page.html
+        assert not [key for _, attrs in page.tags for key in attrs if key.startswith("on")]
+
+
+ALSO = [place for place in PLACES if place not in ("plane", "scattered", "one probe")]
+
+
+@pytest.mark.parametrize(
+    "place", ["plane", "scattered", "one probe", *(pytest.param(p, marks=pytest.mark.slow) for p in ALSO)]
+)
+def test_maps_of_every_shape(place, tmp_path):
+    """Planes, lines, scattered probes, one probe, no places; the plane at two frequencies."""
+    page = page_of(made(place, (1400.0, 1000.0) if place == "plane" else (1400.0,)), tmp_path)
+    there = require_whole(page)
+    assert ("map" in there) == (place in ("plane", "uneven", "scattered", "bare"))
+    assert ("along-x" in there) == (place != "one probe")
+    assert ("spectrum" in there) == (place == "plane")
+
+
+def test_a_map_without_optional_parts(tmp_path):
+    """No intervals, no level check, no references, no choices: said, not missed."""
+    found = made("plane", (1400.0,), interval=None)
+    bare = dataclasses.replace(found, level_check=None, reference={}, choices={}, goodrich=None, alongside=())
+    text = page_of(bare, tmp_path).text
+    assert "no statistical interval" in text["header"]
+    for words in ("Nothing is known of the case", "Done in Python", "not stated"):
+        assert words in text["main"]
+    plane = plane_of(turbulence((4, 480)), x=np.arange(4) * 1e-3, liner="hard wall")
+    null = page_of(tl.educe(plane, tl.load_liner("polito")), tmp_path)
+    assert "a null test without any liner" in null.text["header"]
+
+
+def grown(shape):
+    """The map of a plane with other probes: Z, v and places at random."""
+    count = int(np.prod(shape))
+    found = made("plane", (1400.0,), averaging="admittance", interval=None)
+    draw = torch.Generator().manual_seed(1)
+
+    def random(*size):
+        return torch.rand(*size, generator=draw, dtype=torch.float64)
+
+    reflection = torch.complex(random(*shape, 1), random(*shape, 1)) / 2
+    x, z = (random(count), random(count)) if len(shape) == 1 else map(torch.arange, shape[::-1])
+    return dataclasses.replace(
+        found,
+        probes={"admittance": Educed(reflection)},
+        along_x={},
+        velocity_amplitude=reflection,
+        mean_velocity=random(*shape),
+        velocity_rms=random(*shape),
+        coherence=random(*shape, 1),
+        x=x.double(),
+        z=z.double(),
+        phase_rule=reflection.real > 2,
+    )
+
+
+@pytest.mark.parametrize("shape", [(1000,), (40, 50), (1, 3000)])
+def test_large_maps_are_thinned_and_that_is_said(shape, tmp_path, monkeypatch):
+    """The pictures have fewer probes; the averages and the answer are those of all."""
+    monkeypatch.setattr(of_map, "MOST_SURFACE", 300)
+    monkeypatch.setattr(of_map, "MOST_LINE", 300)
+    found = grown(shape)
+    few, words = thin(found)
+    assert 75 < few.mean_velocity.numel() <= 300
+    assert f"{few.mean_velocity.numel()} of {int(np.prod(shape)):,} probes" in words
+    step = tuple(slice(None, None, -(-a // b)) for a, b in zip(shape, few.mean_velocity.shape, strict=True))
+    assert torch.equal(few.probes["admittance"].reflection, found.probes["admittance"].reflection[step])
+    if len(shape) > 1:
+        page = page_of(found, tmp_path)
+        assert words in page.text["main"]
+        resistance = float(page.csv("answer-table")[0]["impedance_resistance"])
+        assert resistance == pytest.approx(float(found.answer[0].real), rel=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(1000, 1000), (1_000_000,)])
+def test_a_million_probes(shape, tmp_path):
+    """A page that a browser opens: below 8 MB."""
+    page = page_of(grown(shape), tmp_path)
+    assert (tmp_path / "page.html").stat().st_size < 8e6
+    assert "of 1,000,000 probes" in page.html
+
+
+@pytest.mark.parametrize("make", [line, points])
+def test_lines_and_points(capsys, make, tmp_path):
+    """From their files, the same as from memory but for the file."""
+    found = make()
+    found.write(tmp_path / "result.h5")
+    code, out, _ = report(capsys, tmp_path / "result.h5", "-o", tmp_path / "page.html")
+    assert code == DONE
+    page = Page(tmp_path / "page.html")
+    require_whole(page)
+    z = typeset(format_complex(complex(found.answer[0])))
+    assert z in page.text["header"]
+    assert z in out
+    assert z in page_of(found, tmp_path).text["header"]
+
+
+def test_the_interval_of_points_has_its_level(tmp_path):
+    """In the headline."""
+    found = tl.in_situ(tl.read_pressure(DATA / "pressure_n130.h5"), interval=0.9)
+    assert "90 % statistical interval" in page_of(found, tmp_path).text["header"]
+
+
+def test_two_sources_of_one_wall(tmp_path):
+    """Both impedances, how far they are apart, the joint interval, what is known of the wall."""
+    lines = [
+        dataclasses.replace(noisy("upstream"), wall_impedance=torch.tensor([1 + 0.5j, 1 + 1.5j, 1 + 2.5j])),
+        noisy("downstream"),
+    ]
+    found = [tl.kumaresan_tufts(each, draws=20) for each in lines]
+    page = page_of(found[0], tmp_path, found[1])
+    assert require_whole(page) == ["spectrum", "along-wall"]
+    at = int(torch.stack([one.residual for one in found]).max(0).values.argmin())
+    z = [complex(one.impedance[at]) for one in found]
+    text = page.text["header"].replace("\N{MINUS SIGN}", "-")
+    for one, value in zip(found, z, strict=True):
+        low, high = (complex(end[at]) for end in one.interval())
+        assert f"{format_complex(value)} (source {one.source_side}; 95 % interval: {format_bounds((low, high))}" in text
+    assert f"{200 * abs(z[0] - z[1]) / (abs(z[0]) + abs(z[1])):.3g} % apart" in text
+    rows = page.csv("compared-table")
+    assert [row["name"] for row in rows] == [
+        "source upstream less source downstream",
+        "source upstream less the solved wall",
+    ]
+    assert float(rows[0]["impedance_resistance"]) == pytest.approx((z[0] - z[1]).real, rel=1e-7)
+    levels = torch.cat([each.level[:, at] for each in lines])
+    assert [float(row["SPL (dB)"]) for row in page.csv("along-wall")] == pytest.approx(levels.tolist())
+
+
+def test_errors_of_two_lines_add_as_squares():
+    """3 and 4 make 5, each bound by the distances that lead there."""
+    one = {"impedance": 10 + 0j, "low": 7 - 1j, "high": 14 + 2j}
+    other = {"impedance": 2 + 0j, "low": -1 - 2j, "high": 6 + 0j}
+    assert joint(one, other) == (pytest.approx(8 - 5 - 1j), pytest.approx(8 + 5 + 1j * math.sqrt(8)))
+
+
+def test_methods_beside_each_other(tmp_path):
+    """Waves and a fit of the field of one line; without draws and without a degree of freedom."""
+    row = noisy("upstream").at(1500.0)
+    found = tl.kumaresan_tufts(row, draws=3), field_fit(row)
+    assert labels_of(found, [row, row]) == ["Kumaresan-Tufts", "LEE fit"]
+    rows = page_of(found[0], tmp_path, found[1]).csv("answer-table")
+    assert [each["method"] for each in rows] == ["Kumaresan-Tufts", "LEE fit"]
+    assert rows[0]["wavenumber_real"] != "nan" == rows[1]["wavenumber_real"]
+    bare = page_of(tl.kumaresan_tufts(row.select(range(4)), order=2), tmp_path)
+    assert "without a statistical interval" in bare.text["header"]
+
+
+def test_the_page_of_a_duct(capsys, tmp_path):
+    """Loss and levels; the file is still a line for kt; fields in memory, with and without a finer mesh."""
+    words = (
+        "duct",
+        "solve",
+        "b2a",
+        "--profile",
+        "uniform",
+        "--frequency",
+        "900",
+        "1200",
+        "--mesh",
+        "20",
+        "--impedance",
+        "1.5-0.5j",
+        "-o",
+        str(tmp_path / "duct.h5"),
+    )
+    assert run(capsys, *words)[0] == DONE
+    solved = tl.read_microphones(tmp_path / "duct.h5")
+    assert report(capsys, tmp_path / "duct.h5", "-o", tmp_path / "page.html")[0] == DONE
+    page = Page(tmp_path / "page.html")
+    require_whole(page)
+    loss = [row["transmission loss (dB)"] for row in solved.provenance["plane_mode"]]
+    assert [float(row["transmission loss (dB)"]) for row in page.csv("answer-table")] == pytest.approx(loss)
+    assert f"takes {loss[0]:.2f} dB" in page.text["header"]
+    assert "no second mesh was solved" in page.text["header"]
+    levels = [float(row["SPL (dB)"]) for row in page.csv("along-wall")]
+    assert levels == pytest.approx(solved.level.T.flatten().tolist())
+    bare = dataclasses.replace(solved, provenance={})
+    bare.write(tmp_path / "bare.h5")
+    err = refused(capsys, tmp_path / "bare.h5", "-o", tmp_path / "page.html")
+    assert "an impedance is yet to be educed" in err
+    setup = tl.load_duct("b2a", profile="uniform", frequency=[900.0])
+    settled = tl.solve_settled(setup.case, setup.frequency, 1.0 + 1j)
+    assert f"moves it by {float(settled.difference[0]):.2g} dB" in page_of(settled, tmp_path).text["header"]
+    solver = tl.DuctSolver(setup.case, setup.frequency, keep="walls")
+    with pytest.raises(ValueError, match=r"the field has the leading axes \(2,\)"):
+        solver.solve(torch.ones(2, 1, 1) + 0j).report(tmp_path / "three.html")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A campaign of two planes at two frequencies, and of one that cannot be opened."""
+    tmp_path = tmp_path_factory.mktemp("campaign")
+    for seed in (0, 1):
+        plane_of(turbulence((3, 600), seed=seed).float(), x=np.arange(3) * 1e-3, height=1e-3 * (2 - seed)).write(
+            tmp_path / f"plane {seed}.h5"
+        )
+    (tmp_path / "broken.h5").write_bytes(b"nothing")
+    (tmp_path / "c.toml").write_text(
+        'title = "<b>all</b>"\nfrequencies = [1400, 1500]\n[[planes]]\nfiles = "*.h5"\nliner = "polito"\n'
+    )
+    main(["run", f"{tmp_path}/c.toml", "--output", f"{tmp_path}/results", "--quiet"])
+    return tmp_path / "results"
+
+
+def test_a_campaign(capsys, folder, tmp_path):
+    """All rows, links to the pages beside, what failed on top of the warnings."""
+    code, out, err = report(capsys, folder, "-o", tmp_path / "all.html", "--cases")
+    assert (code, err) == (DONE, "")
+    assert "3 cases, 2 done and 1 failed" in out
+    page = Page(tmp_path / "all.html")
+    assert "<b>all</b>" in page.text["h1"]
+    links = {attrs["href"] for attrs in page.all("a") if attrs["href"].startswith("all_cases/")}
+    assert len(links) == 2
+    assert all((tmp_path / link).is_file() for link in links)
+    found = tl.read_map(sorted((folder / "maps").iterdir())[0])
+    rows = page.csv("index")
+    assert len(rows) == 5
+    assert float(rows[2]["resistance"]) == pytest.approx(float(found.answer[1].real))
+    assert re.search(r"(?i:broken).*?failed", page.html)
+
+
+def test_what_is_no_result_is_told_what_it_is(capsys, files, tmp_path):
+    """A plane, text, a newer format, an index of another version, half a file."""
+    out = ("-o", tmp_path / "page.html")
+    assert "is no result: its schema is 'torchliner plane 1'" in refused(capsys, DATA / "slit_n130_y1.0mm.h5", *out)
+    (tmp_path / "text.csv").write_text("a")
+    assert "a report is made of a result as .h5" in refused(capsys, tmp_path / "text.csv", *out)
+    (tmp_path / "new.h5").write_bytes((files / "map.h5").read_bytes())
+    with h5py.File(tmp_path / "new.h5", "a") as file:
+        file.attrs["schema"] = "torchliner map 9"
+    assert "take the torchliner that wrote it" in refused(capsys, tmp_path / "new.h5", *out)
+    whole = (files / "map.h5").read_bytes()
+    (tmp_path / "half.h5").write_bytes(whole[: len(whole) // 2])
+    assert "half.h5 is truncated" in refused(capsys, tmp_path / "half.h5", *out)
+    assert "--cases is for the folder of a campaign" in refused(capsys, files / "map.h5", *out, "--cases")
+    with h5py.File(tmp_path / "index.nc", "w") as file:
+        file.attrs["schema"] = "torchliner campaign 9"
+    assert "has the format 'torchliner campaign 9'" in refused(capsys, tmp_path, *out)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_outputs_that_cannot_be(capsys, files, tmp_path):
+    """Another ending, a folder, none; an old page is replaced."""
+    source = files / "map.h5"
+    assert "must be one of .html" in refused(capsys, source, "-o", tmp_path / "page.pdf")
+    (tmp_path / "page.html").mkdir()
+    assert "is a folder; name a file" in refused(capsys, source, "-o", tmp_path / "page.html")
+    assert "folder" in refused(capsys, source, "-o", tmp_path / "none" / "page.html")
+    (tmp_path / "old.html").write_text("old")
+    assert report(capsys, source, "-o", tmp_path / "old.html")[0] == DONE
+    assert (tmp_path / "old.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.parametrize("name", ["jinja2", "matplotlib"])
+def test_what_is_not_installed_is_said_before_the_work(capsys, name, files, tmp_path, monkeypatch):
+    """With the command that installs it, before the file is read."""
+    monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr("torchliner.io.map_file.read_map", lambda path: pytest.fail("read"))
+    err = refused(capsys, files / "map.h5", "-o", tmp_path / "page.html")
+    assert re.search(r'pip install "?torchliner\[report\]', err)
+    with pytest.raises(ImportError, match=r"torchliner\[report\]"):
+        made().report(tmp_path / "page.html")
+    with pytest.raises(ImportError, match=r"torchliner\[report\]"):
+        tl.two_wave_fit(noisy("upstream")).report(tmp_path / "page.html")
+
+
+# What a browser makes of it: chromium of the system, by playwright.
+
+CHROMIUM = Path("/usr/bin/chromium")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    api = pytest.importorskip("playwright.sync_api")
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is not there")
+    with api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
+def test_in_a_browser(browser, files, width, scheme):
+    """No error, no request, no overflow, no violation by axe; tables sort, unknown values below."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True)
+    page, said = context.new_page(), []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda asked: asked.url.startswith(("file:", "data:")) or said.append(asked.url))
+    page.goto((files / "page.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert [each["id"] for each in axe.run(page).response["violations"]] == []
+    cells = "#answer-table tbody tr td:nth-child(3)"
+    page.locator("#answer-table th:nth-child(3) button").click()
+    values = [float(text.replace("\N{MINUS SIGN}", "-")) for text in page.locator(cells).all_inner_texts()]
+    assert values == sorted(values)
+    assert page.locator("#answer-table th:nth-child(3)").get_attribute("aria-sort") == "ascending"
+    assert said == []
+    context.close()

@@ -1,0 +1,167 @@
+"""Eductions from microphones: files that keep them whole, and damaged ones that are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+
+import h5py
+import pytest
+import torch
+from test_two_wave_fit import both_ways
+from test_wall_pressure import line_of
+
+import torchliner as tl
+from torchliner.cli.main import DONE, main
+from torchliner.records.drawn_impedance import fine_places
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+SIDES = ("upstream", "downstream")
+
+
+def noisy(side, seed=0, **about):
+    """A line of two waves and 1 % of noise, so that methods leave a residual."""
+    pressure = both_ways(side)[0]
+    draw = torch.Generator().manual_seed(seed)
+    noise = torch.randn(pressure.shape, dtype=torch.complex128, generator=draw)
+    return line_of(pressure * (1 + 0.01 * noise), side, title=f"{side} case", **about)
+
+
+def field_fit(line, draws=True):
+    """A fit of the field as ``fit_field`` returns it, with numbers at random."""
+    draw = torch.Generator().manual_seed(1)
+    lead = (3,) if draws is None else ()
+
+    def random(*shape):
+        return torch.randn(*lead, *shape, dtype=torch.complex128, generator=draw)
+
+    count, along = len(line.frequency), fine_places(line.x)
+    return tl.FieldFit(
+        method="LEE fit", frequency=line.frequency, x=line.x, impedance=2 + random(count) / 9,
+        covariance=random(count, 2, 2).abs() * 1e-4, rise=random(count), rise_error=random(count),
+        amplitude=random(count), end_reflection=random(count),
+        pressure=random(line.microphones, count), along=along,
+        pressure_along=random(len(along), count), residual=random(count).abs(),
+        misfit=random(count).abs(), converged=random(count).real > 0, source_side=line.source_side,
+        draws=field_fit(line, None) if draws else None, line=line,
+        choices={"method": "field", "variation": "linear", "mach": 0.3},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Both sources of one wall, what kt makes of them with draws, and its page."""
+    folder = tmp_path_factory.mktemp("wall")
+    for side in SIDES:
+        noisy(side).write(folder / f"{side}.h5")
+    words = ["kt", *(str(folder / f"{side}.h5") for side in SIDES)]
+    found = str(folder / "found.h5")
+    assert main([*words, "--draws", "20", "--seed", "7", "-o", found, "--quiet"]) == DONE
+    return folder
+
+
+def same(one, other):
+    """Every tensor of two records to the last bit, draws and line included."""
+    for field in dataclasses.fields(one):
+        mine, theirs = (getattr(each, field.name) for each in (one, other))
+        if isinstance(mine, torch.Tensor):
+            assert mine.dtype == theirs.dtype
+            assert torch.equal(mine.nan_to_num(-1.0), theirs.nan_to_num(-1.0)), field.name
+        elif dataclasses.is_dataclass(mine) and field.name in ("draws", "line"):
+            same(mine, theirs)
+        elif field.name not in ("choices", "name", "fluid", "coherence", "line"):
+            assert mine == theirs, field.name
+
+
+def test_a_file_keeps_an_eduction_whole(tmp_path):
+    """KT with draws and a lost frequency, fits tied and free, the field: all of it, in order."""
+    line = noisy("upstream", provenance={"who": "me"}, reference={"true": 1 + 0j})
+    lost = tl.kumaresan_tufts(line, draws=3)
+    wave = lost.wavenumber.clone()
+    wave[1] = complex(math.nan, math.nan)
+    found = [dataclasses.replace(lost, wavenumber=wave), tl.two_wave_fit(line, weights="relative"),
+             tl.two_wave_fit(line, tied=False),
+             field_fit(dataclasses.replace(line, title=""))]  # fmt: skip
+    found[0].write(tmp_path / "found.nc", *found[1:])
+    again = tl.read_wall(tmp_path / "found.nc")
+    assert len(again) == 4
+    for one, other in zip(found, again, strict=True):
+        same(one, other)
+        assert dict(other.choices) == dict(one.choices)
+        assert torch.equal(one.interval()[1], other.interval()[1])
+        assert other.source_line.name == one.choices.get("source", "microphones")
+        assert torch.equal(one.level_along()[1], other.level_along()[1])
+
+
+def test_other_programs_see_the_table(files):
+    """R, X and the bounds of their intervals as variables with units and long names."""
+    xarray = pytest.importorskip("xarray")
+    found = tl.read_wall(files / "found.h5")[1]
+    seen = xarray.open_dataset(files / "found.h5", group="eduction_1", engine="h5netcdf")
+    assert seen.resistance.values == pytest.approx(found.impedance.real.numpy())
+    assert seen.reactance_high.values == pytest.approx(found.interval()[1].imag.numpy())
+    assert "95 % statistical interval" in seen.resistance_low.long_name
+    assert seen.wavenumber_real.units == "1/m"
+
+
+def test_choices_command_and_hashes_are_kept(files):
+    """Of each line its own file; the seed; the command that was typed."""
+    for one, side in zip(tl.read_wall(files / "found.h5"), SIDES, strict=True):
+        path = files / f"{side}.h5"
+        (known,) = one.choices["inputs"]
+        assert (known["what"], known["name"], known["kind"]) == ("microphones", str(path), "sha256")
+        assert known["hash"] == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert (one.choices["seed"], one.choices["draws"], one.choices["margin"]) == (7, 20, 0.0)
+        assert one.choices["version"] == tl.__version__
+        assert one.choices["command"][:2] == ["kt", str(path.parent / "upstream.h5")]
+
+
+def damaged(files, tmp_path, change):
+    path = tmp_path / "damaged.h5"
+    path.write_bytes((files / "found.h5").read_bytes())
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: f.attrs.modify("schema", "torchliner wall 9"), "torchliner wall 9"),
+        (lambda f: f["eduction_0"].attrs.modify("schema", "torchliner waves 9"),
+         "eduction_0 is no eduction by waves: its schema is 'torchliner waves 9'"),
+        (lambda f: f.__delitem__("eduction_1"), ":/eduction_1 is no group"),
+        (lambda f: f.__delitem__("eduction_0/reactance"), "eduction_0/reactance is missing"),
+        (lambda f: f.__delitem__("eduction_0/microphones"), "eduction_0/microphones is no group"),
+        (lambda f: f.__delitem__("eduction_1/draws/residual"), "draws/residual is missing"),
+        (lambda f: f.__delitem__("eduction_0/microphones/duct_height"), "duct_height is missing"),
+        (lambda f: f["eduction_0/residual"].attrs.modify("units", "m"), "a number is needed"),
+        (lambda f: f["eduction_0/draws/reactance"].__setitem__((0, 1), math.inf),
+         "draws/resistance or its other part is infinite"),
+        (lambda f: f["eduction_0/order"].__setitem__((), 5), "singular_value is (5,) elsewhere"),
+        (lambda f: f["eduction_1/frequency"].__setitem__(1, 3.0), "but its microphones'"),
+        (lambda f: f.attrs.modify("eductions", 0), "holds 0 eductions"),
+        (lambda f: f.attrs.__delitem__("eductions"), "has no attribute 'eductions'"),
+    ],
+)  # fmt: skip
+def test_damaged_files_are_refused(files, tmp_path, change, words):
+    """Another version, a missing part, a wrong unit: the place is named."""
+    with pytest.raises(ValueError, match=r"damaged.h5") as error:
+        tl.read_wall(damaged(files, tmp_path, change))
+    assert words in str(error.value)
+
+
+def test_truncated_files_and_microphones_are_refused(files, tmp_path):
+    """Half a file; a line from which nothing was educed; several lines; another ending."""
+    whole, path = (files / "found.h5").read_bytes(), tmp_path / "half.h5"
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(OSError, match=r"half.h5 is truncated"):
+        tl.read_wall(path)
+    with pytest.raises(ValueError, match="is no set of impedances educed from microphones"):
+        tl.read_wall(files / "upstream.h5")
+    with pytest.raises(ValueError, match=r"holds \(2,\) lines; a file or a page of an eduction"):
+        tl.two_wave_fit(line_of(torch.stack([both_ways()[0]] * 2))).write(tmp_path / "two.h5")
+    assert not (tmp_path / "two.h5").exists()
+    with pytest.raises(ValueError, match=r"must be one of \.h5, \.hdf5, \.nc"):
+        tl.read_wall(files / "found.h5")[0].write(tmp_path / "found.csv")
