@@ -168,22 +168,10 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
     found = tl.read_map(folder / "maps" / f"{row['unit']}.h5")
     assert complex(found.answer[1]) == complex(row["resistance"], row["reactance"])
     assert (folder / "lines" / f"{row['unit']}_1600Hz.csv").exists()
-    with h5py.File(folder / "index.nc") as file:
-        assert set(COLUMNS) <= set(file)
-        assert file["unit"].asstr()[()].tolist() == [r["unit"] for r in rows]
-        assert file["resistance"][()].tolist() == [r["resistance"] for r in rows]
-        assert all(file[name].attrs["long_name"] for name in COLUMNS)
     table = table_of(folder / "index.csv")
     assert [float(r["resistance"]) for r in table] == [r["resistance"] for r in rows]
-
-
-def test_the_index_opens_in_xarray(capsys, smallest):
-    """As a data set over rows."""
-    xarray = pytest.importorskip("xarray")
-    done(capsys, smallest)
-    with xarray.open_dataset(smallest.parent / "c_results" / "index.nc", engine="h5netcdf") as found:
-        assert found.resistance.attrs["units"] == "1"
-        assert set(found.status.values) == {"done"}
+    assert [*table[0]] == [*COLUMNS]
+    assert {r["campaign"] for r in table} == {"a test"}
 
 
 def test_only_what_changed_is_done_again(capsys, campaign, readings, monkeypatch):
@@ -251,7 +239,7 @@ def killed_and_resumed(campaign: Path, kills: int, seed: int) -> int:
     words = [sys.executable, "-c", CHILD, str(campaign), "--output", str(output)]
     halfway = 0
     for number in range(kills):
-        if (output / "index.nc").exists():
+        if (output / "index.csv").exists():
             shutil.rmtree(output)
         child = subprocess.Popen(words, stdout=subprocess.DEVNULL)
         # Imports are not worth a kill: it holds the lock first.
@@ -262,7 +250,7 @@ def killed_and_resumed(campaign: Path, kills: int, seed: int) -> int:
         except subprocess.TimeoutExpired:
             os.kill(child.pid, signal.SIGKILL)
             child.wait()
-        halfway += not (output / "index.nc").exists()
+        halfway += not (output / "index.csv").exists()
     assert subprocess.run(words, stdout=subprocess.DEVNULL, check=False).returncode == 0
     return halfway
 
@@ -444,15 +432,12 @@ def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
 
 
 def test_other_indices_are_not_written_over(capsys, smallest):
-    """Of a newer version, or of something else."""
+    """Of another version, or of something else."""
     done(capsys, smallest)
-    path = smallest.parent / "c_results" / "index.nc"
-    for schema, words in (("torchliner campaign 2", "has the format 'torchliner campaign 2'"),
-                          ("mine", "is no index of a campaign")):  # fmt: skip
-        with h5py.File(path, "r+") as file:
-            file.attrs["schema"] = schema
-        code, _, err = done(capsys, smallest)
-        assert (code, words in err, "name another --output" in err) == (2, True, True), err
+    path = smallest.parent / "c_results" / "index.csv"
+    path.write_text("mine,theirs\n1,2\n")
+    code, _, err = done(capsys, smallest)
+    assert (code, "is no index of this version" in err, "name another --output" in err) == (2, True, True), err
 
 
 def test_where_nothing_can_be_written(capsys, smallest, monkeypatch):

@@ -500,9 +500,8 @@ def test_what_is_no_result_is_told_what_it_is(capsys, files, tmp_path):
     (tmp_path / "half.h5").write_bytes(whole[: len(whole) // 2])
     assert "half.h5 is truncated" in refused(capsys, tmp_path / "half.h5", *out)
     assert "--cases is for the folder of a campaign" in refused(capsys, files / "map.h5", *out, "--cases")
-    with h5py.File(tmp_path / "index.nc", "w") as file:
-        file.attrs["schema"] = "torchliner campaign 9"
-    assert "has the format 'torchliner campaign 9'" in refused(capsys, tmp_path, *out)
+    (tmp_path / "index.csv").write_text("a,b\n")
+    assert "is no index of this version" in refused(capsys, tmp_path, *out)
     assert not (tmp_path / "page.html").exists()
 
 

@@ -31,7 +31,7 @@ def report_campaign(folder: Path, output: Path, *, cases: bool = False) -> tuple
     """The page of a folder that ``torchliner run`` keeps.
 
     Args:
-        folder: with ``index.nc`` and ``maps/``.  output: of the page, .html.
+        folder: with ``index.csv`` and ``maps/``.  output: of the page, .html.
         cases: a page of each map too, in OUTPUT_cases beside.
     Returns:
         The page and all files that were written.
@@ -40,7 +40,7 @@ def report_campaign(folder: Path, output: Path, *, cases: bool = False) -> tuple
         OSError, ValueError: no campaign; an output that cannot be written.
     """
     require_report()
-    rows, title, version = read_index(folder)
+    rows = read_index(folder)
     writable(output, ENDING)
     beside = output.with_name(f"{output.stem}_cases")
     rows = sorted(rows, key=lambda row: (row["unit"], row["frequency"]))
@@ -55,12 +55,12 @@ def report_campaign(folder: Path, output: Path, *, cases: bool = False) -> tuple
                 written.append(beside / f"{name}{ENDING}")
                 report_file(path, written[-1])
     links = {path.stem: f"{quote(beside.name)}/{quote(path.name)}" for path in written}
-    page = _page(folder, title, version, units, links)
+    page = _page(folder, units, links)
     page.write(output)
     return page, [output, *written]
 
 
-def _page(folder: Path, title: str, version: str, units: Mapping[str, Rows], links: Mapping[str, str]) -> Page:
+def _page(folder: Path, units: Mapping[str, Rows], links: Mapping[str, str]) -> Page:
     rows = [row for several in units.values() for row in several]
     done = [row for row in rows if row["status"] == DONE]
     failed = {row["unit"]: row["error"] for row in rows if row["status"] != DONE}
@@ -82,16 +82,16 @@ def _page(folder: Path, title: str, version: str, units: Mapping[str, Rows], lin
     caption = "R and X over ρc of each case at its first frequency, with its statistical interval."
     pictures = [Figure("cases", _draw(first), caption, _table(first, links))] if first else []
     index = [Grid("index", "A row a case and frequency, as in index.csv.", _table(rows, links))]
-    made = SimpleNamespace(choices={"version": version})
+    made = SimpleNamespace(choices={"version": rows[0]["version"] if rows else ""})
     return Page(
-        f"Campaign: {title or folder.name}",
+        f"Campaign: {(rows[0]['campaign'] if rows else '') or folder.name}",
         typeset(answer),
         "fails" if fails else "",
         [
             Section("cases-section", "Cases", pictures),
             Section("rows", "All rows", index),
             warned(dict.fromkeys(notes)),
-            origin([made], folder / "index.nc"),
+            origin([made], folder / "index.csv"),
             citation(),
         ],
         FOOTER,

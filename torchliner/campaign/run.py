@@ -19,7 +19,7 @@ from torchliner.campaign.index import (
     FAILED,
     full_row,
     require_readable_index,
-    write_index_files,
+    write_index,
 )
 from torchliner.campaign.inputs import with_case_facts
 from torchliner.campaign.units import Unit, units_of
@@ -120,7 +120,7 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
                     rows.append(_row(unit, status=FAILED, error=_words(error)))
         rows += found.failed
         _clear_parts(found)
-        write_index_files(rows, campaign.output, campaign.title, __version__)
+        write_index(rows, campaign.output, campaign.title, __version__)
         return rows
 
 

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         progress_bar(total, options.campaign.name, options) as bar,
     ):
         rows = run_campaign(campaign, client=client, progress=bar)
-    text = f"{summary}\nresults in {campaign.output}, index.csv and index.nc"
+    text = f"{summary}\nresults in {campaign.output}, index.csv"
     show_results(options, lambda: f"{index_text(rows)}\n{text}", lambda: rows)
     return 1 if failures(rows) else 0
 
