@@ -311,7 +311,7 @@ def test_a_warning_that_planes_share_is_said_once(capsys, folder, monkeypatch):
     monkeypatch.setattr("torchliner.cli.educe.read_records", doubtful)
     err = run(capsys, "educe", "p0.h5", "p1.h5", "p2.h5")[2].splitlines()
     assert err[0] == "warning: p0.h5:/v: rests on 0.5 blocks, few"
-    assert err[1].endswith("'rests on # blocks, few ...' holds of 2 more: p1.h5, p2.h5")
+    assert err[1].endswith("'rests on # blocks, few ...' also applies to 2 more: p1.h5, p2.h5")
     assert len(err) == 3
 
 

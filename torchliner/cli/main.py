@@ -57,7 +57,7 @@ GROUPS = {
         "convert": "write a plane file from files of any format",
         "reduce": "moments of a plane: any liner later, without the data",
         "export": "poles and residues of a map, for solvers in the time domain",
-        "run": "a campaign: planes, liners, choices; what is done is kept",
+        "run": "a campaign: planes, liners, choices; resumable",
         "follow": "impedance and its interval while a plane is being written",
         "report": "one page of a result, to read, attach and repeat",
     },

@@ -126,5 +126,5 @@ def warnings_on_stderr(options: argparse.Namespace, parser: Parser, inputs: Sequ
                 if others:
                     words = " ".join(text.partition(": ")[2].split()[:7])
                     names = ", ".join(others)
-                    print(f"warning: '{words} ...' holds of {len(others)} more: {names}",
+                    print(f"warning: '{words} ...' also applies to {len(others)} more: {names}",
                           file=sys.stderr)  # fmt: skip

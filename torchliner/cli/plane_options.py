@@ -35,7 +35,7 @@ STATED: dict[str, Any] = {
 
 def plane_options(further: bool = True) -> dict[str, dict[str, Any]]:
     """The tables by title; ``further``: they wait for --help-all."""
-    tables = {"part of the data": SELECTION, "data that do not say it themselves": STATED}
+    tables = {"part of the data": SELECTION, "missing metadata": STATED}
     return {
         title: {spec: argument(spec, entry)[1] | ({"further": True} if further else {})
                 for spec, entry in table.items()}

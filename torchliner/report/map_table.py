@@ -80,7 +80,7 @@ def _choices(result: ImpedanceMap) -> str:
     text = "Z is p/(rho c v), exp(+jwt)"
     text += "".join(f", {name} {choices[name]}" for name in ("phase", "drive") if name in choices)
     error = choices.get("model_error")
-    return text if error is None else f"{text}; R(|v|) known to {error:.1e}"
+    return text if error is None else f"{text}; model-table error in R {error:.1e}"
 
 
 def plain_map(result: ImpedanceMap) -> dict[str, Any]:
