@@ -47,7 +47,7 @@ EXAMPLES = {
     "reduce": ("plane.h5 -o plane.moments.h5",),
     "export": ("map.h5 --poles 6 --band 500 3000 -o liner.json",),
     "report": (
-        "map.h5 -o report.html --data plane.h5",
+        "map.h5 -o report.html",
         "kt.h5 -o report.html",
         "results -o campaign.html --cases",
     ),
