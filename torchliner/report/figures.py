@@ -46,7 +46,7 @@ from torchliner.report.numbers import (
     velocity_along_x,
 )
 
-SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))  # of a point
+CORNERS = ((4, -9), (4, 4), (-4, 4))  # pt, of labels beside points, by averaging
 BARS = 15  # statistical intervals along a spectrum, about
 
 
@@ -148,20 +148,18 @@ def draw_against_height(
     references |= alongside_surfaces(results, frequency_index)
     shown += references.values()
     span = max(np.ptp(np.real(shown)), np.ptp(np.imag(shown)))
-    labels: list[tuple[str, complex, str]] = []
     for i, averaging in enumerate(averagings):
         values = np.array([row.impedance[averaging] for row in rows])
         axis.plot(values.real, values.imag, MARKERS[i] + "-", color=COLOURS[i], label=averaging, zorder=3)
         for row, value in zip(rows, values, strict=True):
             _draw_cross(axis, value, row.interval[averaging], COLOURS[i])
-        labels += [(*each, COLOURS[i]) for each in _height_labels(rows, values, 0.05 * span)]
+        _label_heights(axis, rows, values, i, 0.05 * span)
     for i, (name, value) in enumerate(references.items()):
         axis.plot(
             value.real, value.imag, "*x+1234"[i % 7], color="k", markersize=9 if i == 0 else 7,
             label=name, linestyle="none",
         )  # fmt: skip
     cut = _around(axis, np.array(shown))
-    _place_labels(axis, labels, shown)
     label_axes(axis, PARTS[0][1], PARTS[1][1])
     caption = f"{_family(results, frequency_index)}; numbers: height y in mm"
     words = interval_words(results[0])
@@ -190,46 +188,26 @@ def _draw_cross(axis: Any, value: complex, interval: Any, colour: str) -> None:
         axis.plot([value.real] * 2, [low.imag, high.imag], color=colour, linewidth=0.8, zorder=2)
 
 
-def _height_labels(rows: Any, values: Any, close: float) -> list[tuple[str, complex]]:
-    """Heights in mm and where; points on top of each other share one label."""
-    found, last = [], 0
+def _label_heights(axis: Any, rows: Any, values: Any, number: int, close: float) -> None:
+    """Heights in mm beside the points of an averaging; points on top of each other share one label."""
+    (across, up), last = CORNERS[number % len(CORNERS)], 0
     for i in range(1, len(rows) + 1):
         if i < len(rows) and abs(values[i] - values[last]) < close:
             continue
-        heights = [row.height for row in rows[last:i] if row.height is not None]
-        text = " to ".join(f"{1e3 * h:.3g}" for h in sorted({min(heights), max(heights)}))
-        found.append((text, complex(values[last])))
+        heights = [1e3 * row.height for row in rows[last:i]]
+        text = " to ".join(f"{h:.3g}" for h in sorted({min(heights), max(heights)}))
+        place = (values[last].real, values[last].imag)
+        axis.annotate(
+            text,
+            place,
+            textcoords="offset points",
+            xytext=(across, up),
+            fontsize=7,
+            color=COLOURS[number],
+            ha="left" if across > 0 else "right",
+            zorder=5,
+        )
         last = i
-    return found
-
-
-def _place_labels(axis: Any, labels: Sequence[tuple[str, complex, str]], points: Any) -> None:
-    """Text beside each of its points, where it covers neither another text nor a point; what is
-    said twice at one place in two colours is said once, in black."""
-    scale = 72 / axis.figure.dpi  # pixels to pt
-    taken = [scale * axis.transData.transform((z.real, z.imag)) for z in points]
-    frame = axis.transAxes.transform([(0, 0), (1, 1)])
-    boxes = [(*place, 2.0, 2.0) for place in taken]  # centre, half width and height
-    middle, half = scale * (frame[0] + frame[1]) / 2, scale * (frame[1] - frame[0]) / 2
-    seen: dict[tuple[str, int, int], list[tuple[complex, str]]] = {}
-    for text, z, colour in labels:
-        x, y = scale * axis.transData.transform((z.real, z.imag))
-        seen.setdefault((text, round(x / 12), round(y / 12)), []).append((z, colour))
-    for (text, *_), members in seen.items():
-        z, colour = members[0][0], members[0][1] if len(members) == 1 else "k"
-        x, y = scale * axis.transData.transform((z.real, z.imag))
-        wide, high = 1.9 * len(text), 3.5  # half a box of 7 pt
-        places = [(x + far * (wide + 4) * right, y + far * (high + 4) * up) for far in (1, 1.6, 2.4)
-                  for right, up in SIDES]  # fmt: skip
-        covered = [
-            sum(abs(at[0] - a) < wide + w and abs(at[1] - b) < high + h for a, b, w, h in boxes)
-            + any(np.abs(np.subtract(at, middle)) > half - (wide, high)) for at in places
-        ]  # fmt: skip
-        place = places[covered.index(min(covered))]
-        boxes.append((*place, wide, high))
-        axis.annotate(text, (z.real, z.imag), textcoords="offset points", ha="center", va="center",
-                      xytext=(place[0] - x, place[1] - y), fontsize=7, color=colour, zorder=5,
-                      bbox={"color": "w", "alpha": 0.7, "linewidth": 0, "pad": 0.3})  # fmt: skip
 
 
 @styled
