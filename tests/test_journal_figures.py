@@ -194,20 +194,3 @@ def test_a_legend_is_no_wider_than_its_figure():
     for width in ("one", "page", "two"):
         with tl.figure_style(width):
             drawn()
-
-
-def test_heights_cover_neither_each_other_nor_points():
-    """Two averagings at nearly the same places, the third beside them; what is said twice is black."""
-    figure, axes = subplots(1, 1, 3.0)
-    axis = axes[0, 0]
-    places = [0.4 + 0.4j, 0.42 + 0.41j, 0.44 + 0.42j]
-    axis.set(xlim=(0, 1), ylim=(0, 1))
-    labels = [(f"{n}.5", z, "C0") for n, z in enumerate(places)]
-    figures._place_labels(axis, [*labels, (*labels[0][:2], "C1")], places)
-    texts = axis.texts
-    assert [text.get_color() for text in texts] == ["k", "C0", "C0"]
-    figure.draw_without_rendering()
-    boxes = [text.get_window_extent() for text in texts]
-    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-    points = axis.transData.transform([(z.real, z.imag) for z in places])
-    assert not any(box.contains(*point) for box in boxes for point in points)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
@@ -126,12 +124,6 @@ def test_goodrich_counts_the_flow_once(liner):
     )
     values = [tl.educe(plane, each, interval=None).goodrich for each in (still, moved)]
     assert float((values[0] - values[1]).real.abs().max()) < 1e-12
-
-
-def test_heights_are_named_to_a_hundredth_of_a_millimetre(maps):
-    """As in legends."""
-    rows = [SimpleNamespace(height=height) for height in (0.5e-3, 2.44e-3)]
-    assert [text for text, _ in figures._height_labels(rows, [0j, 1j], 0.1)] == ["0.5", "2.44"]
 
 
 def test_the_style_stays_ours(maps):
