@@ -120,7 +120,7 @@ def test_it_is_written_and_read_back(tmp_path):
 @pytest.mark.parametrize(
     ("own", "words"),
     [
-        ({"mach": -0.1}, "liner: mach is -0.1; it is at least 0 and at most 1"),
+        ({"mach": -0.1}, "liner 'lbm_slit': mach is -0.1; it is at least 0 and at most 1"),
         ({"mach": 30.0}, "mach is 30"),
         ({"loss_displacement": 0.0}, "loss_displacement is 0; it is above 0"),
         ({"hydraulic_diameter": math.nan}, "hydraulic_diameter is nan"),

@@ -12,7 +12,7 @@ from torchliner.campaign.campaign_file import read_campaign
 from torchliner.engine.nodes import ANY_LINER, choose_nodes, interpolation_error
 from torchliner.liners.catalogue import preset_text
 from torchliner.liners.model import LinerModel, as_liner, named_numbers
-from torchliner.names import SHEET_LAWS
+from torchliner.liners.sheets.table import LAWS
 
 PRESETS = (
     "double_layer_example", "goodrich_example", "guess_example",
@@ -51,8 +51,8 @@ def test_presets_load_and_absorb(name):
 def test_the_presets_show_every_law():
     """Sources are stated; those that are no liner that was built say so."""
     liners = [tl.load_liner(name) for name in PRESETS]
-    shown = {layer.law for each in liners for layer in getattr(each, "layers", ())}
-    assert shown == {*SHEET_LAWS, "cavity"}
+    shown = {layer.kind for each in liners for layer in getattr(each, "layers", ())}
+    assert shown == {*LAWS, "cavity"} - {"weave"}  # that of tests/test_layered.py
     for name in PRESETS:
         content = tomllib.loads(preset_text(name))
         assert content["source"]
@@ -141,7 +141,7 @@ def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
         "cavity_depth = '38 mm': input should be a valid number",
         "fluid.densty: no such key (did you mean 'density'?)",
         "fluid.temperature = 20: input should be greater than or equal to 150",
-        "orifice_diameter = 1.17: input should be less than 0.1",
+        "orifice_diameter = 1.17: input should be less than or equal to 0.1",
         "porosity: missing",
         "porosty: no such key (did you mean 'porosity'?)",
         "velocity_reading = 'measured': input should be 'as_measured' or 'conserved'",
@@ -158,7 +158,7 @@ def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
         ("model = ['sdof']", r"a.toml: model is \['sdof'\]"),
         ("model = 'table'", r"a.toml: a table is file, a .csv beside this one"),
         (preset_text("onera").replace("12.44e-3", "0.5e-3"),
-         r"a.toml: liner orifice_diameter is 0.000991 m, larger than cell_pitch, 0.0005 m"),
+         r"a.toml: liner 'onera': orifice_diameter is 0.000991 m, larger than cell_pitch, 0.0005 m"),
         (preset_text("onera") + "\n[fluid]\nsound_speed = inf", r"sound_speed = inf: .*finite"),
     ],
 )  # fmt: skip
@@ -220,9 +220,9 @@ def test_nothing_is_extrapolated(frequency, speed, message):
     [
         (([1, 2], [1, 2, 3]), r"values have shape \(3,\), the axes \(2,\)"),
         (([1, 2], [1, float("inf")]), r"holds values that are not finite"),
-        (([2, 1], [1, 1]), r"frequency must increase and have at least 1 value"),
-        (([], []), r"frequency must increase and have at least 1 value"),
-        (([1, 2], [[1], [1]], [0]), r"speed must increase and have at least 2 values"),
+        (([2, 1], [1, 1]), r"frequency must increase; values needed: 1 or more"),
+        (([], []), r"frequency must increase; values needed: 1 or more"),
+        (([1, 2], [[1], [1]], [0]), r"speed must increase; values needed: 2 or more"),
         (([1, 2], [[1, 1], [1, 1]], [0.5, 1]), r"speed starts at 0.5, not at 0"),
     ],
 )
@@ -268,16 +268,15 @@ HEAD = "frequency,speed,resistance,reactance"
         (["f,resistance,reactance", "1,2,3"], r"t.csv: column 'frequency' is missing; there are"),
         (["Frequency,resistance,reactance", "1,2,3"], r"column 'frequency' is missing; there are"),
         (["frequency [kHz],resistance,reactance", "1,2,3"], r"column 'frequency' is missing"),
-        (["frequency\tresistance\treactance", "1\t2\t3"], r"column 'frequency' is missing"),
         (["# source = me", HEAD, "1,0,2,3"], r"column 'frequency' is missing; there are: # source"),
         ([HEAD, "1,0,2,3", "# a remark"], r"line 3, column 'frequency' is '# a remark'; a number"),
-        ([HEAD.replace(",", ";"), "1;0;2,5;3"], r"line 2, column 'resistance' is '2,5'; a number"),
+        ([HEAD.replace(",", ";"), "1;0;2,5;3.5"], r"mixes decimal marks: line 2 has '2,5'"),
         (
             ["note", "1"],
             r"t.csv: column 'frequency' is missing.* write frequency, \[speed,\] res",
         ),
-        ([""], r"t.csv: column 'frequency' is missing"),
-        ([HEAD], r"t.csv holds no values: the file ends at line 1"),
+        ([""], r"t.csv is empty"),
+        ([HEAD], r"t.csv: it holds no values: the file ends at line 1"),
         ([HEAD, "1,0,2,3", "", "2,0,two,3"], r"t.csv: line 4, column 'resistance' is 'two'; a num"),
         ([HEAD, "1,0,2"], r"t.csv: line 2, column 'reactance' is ''; a number is need"),
         ([HEAD, "1,0,nan,3"], r"t.csv: line 2, column 'resistance' is 'nan'; a number"),
@@ -380,10 +379,9 @@ def test_python_files_that_are_no_liner_are_refused(tmp_path, text, message):
         ("    x = 1\n    return f.nothing", r"mine.py, line 3: .* failed for tensors of shape "
          r"\(2,\) and \(\): AttributeError: .*nothing"),
         ("    return f + v", r"mine.py, line 1: .* gave real numbers; .* add 1j times"),
-        ("    return [1j] * 3", r"mine.py, line 1: .* gave shape \(3,\) for a frequency of shape "
-         r"\(2,\) and a speed of shape \(\); \(2,\) is needed"),
-        ("    return None", r"mine.py, line 1: .* failed for tensors of shape .*: TypeError"),
-        ("    return f * float('nan') + 1j", r"mine.py, line 1: .* gave nan or inf between 50"),
+        ("    return [1j] * 3", r"mine.py, line 1: .* gave shape \(3,\) for frequency \(2,\) "
+         r"and speed \(\); \(2,\) is needed"),
+        ("    return f * float('nan') + 1j", r"mine.py, line 1: .* gave nan, inf or -1 between 50"),
     ],
 )  # fmt: skip
 def test_functions_that_fail_are_named_with_their_line(tmp_path, body, message):
@@ -418,22 +416,22 @@ def test_a_description_that_leaves_numbers_to_defaults_is_refused():
     """Of a map that somebody edited: the default would be another liner, and nothing would say."""
     whole = tl.load_liner("lbm_orifice_coarse").describe()
     assert tl.load_liner(whole).describe() == whole
-    for change in ({"cavity_porosity": None}, {"vena_contracta": None}):
-        with pytest.raises(ValueError, match=f"lacks {next(iter(change))}; describe"):
-            tl.load_liner({**whole, **change})
+    for left_out in ("cavity_porosity", "vena_contracta"):
+        part = {key: value for key, value in whole.items() if key != left_out}
+        with pytest.raises(ValueError, match=f"lacks {left_out}; describe"):
+            tl.load_liner(part)
     gas = {key: value for key, value in whole["fluid"].items() if key != "density"}
-    with pytest.raises(ValueError, match=r"lacks fluid\.density|density"):
+    with pytest.raises(ValueError, match="lacks fluid; describe"):
         tl.load_liner({**whole, "fluid": gas})
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"resistance": [0.5]}, "resistance has 1 values where 3 are needed"),
-        ({"reactance": [[0.0], [0.1], [0.2]]}, r"reactance holds \[0\.0\]; it is 3 numbers"),
-        ({"resistance": [0.5, True, 0.5]}, "resistance holds True"),
-        ({"resistance": [0.5, "0.5", 0.5]}, "resistance holds '0.5'"),
-        ({"speed": [0.0, 1.0]}, "resistance has 0.5 where 2 are needed"),
+        ({"resistance": [0.5]}, r"resistance has shape \(1,\), reactance \(3,\)"),
+        ({"reactance": [[0.0], [0.1], [0.2]]}, r"resistance has shape \(3,\), reactance \(3, 1\)"),
+        ({"resistance": [0.5, "0.5", 0.5]}, "a real number is needed"),
+        ({"speed": [0.0, 1.0]}, r"values have shape \(3,\), the axes \(3, 2\)"),
     ],
 )
 def test_numbers_of_a_table_are_a_full_grid(change, words):

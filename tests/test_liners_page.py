@@ -10,7 +10,7 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.names import SHEET_LAWS
+from torchliner.liners.sheets.table import LAWS
 from torchliner.report.table import format_complex
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,7 +43,7 @@ def test_the_table_of_all_laws_is_current(monkeypatch):
     for case in printed:
         plane = tl.read_plane(ROOT / "data" / f"orifice_{case}_y0.5mm.h5", lazy=True)
         printed[case]["reference"] = plane.reference["true"]
-    assert list(rows) == ["reference", *(law for law in SHEET_LAWS if law != "mesh")]
+    assert list(rows) == ["reference", *(law for law in LAWS if law != "mesh")]
     for name, cells in rows.items():
         wanted = " | ".join(format_complex(found[name]) for found in printed.values())
         assert cells.replace("−", "-") == wanted
@@ -51,10 +51,10 @@ def test_the_table_of_all_laws_is_current(monkeypatch):
 
 def test_every_law_stands_in_the_table_with_its_parameters():
     rows = dict(re.findall(r"^\| `([\w-]+)` \| (.*)\|$", PAGE, re.MULTILINE))
-    assert set(rows) == set(SHEET_LAWS)
+    assert set(rows) == set(LAWS)
     for law, text in rows.items():
         layers = [each for name in tl.preset_names() if name.endswith("_example")
-                  for each in tl.load_liner(name).layers if each.law == law]  # fmt: skip
+                  for each in tl.load_liner(name).layers if each.kind == law]  # fmt: skip
         own = set(layers[0].numbers()) - {"thickness", "orifice_diameter", "porosity"}
         assert own == {word for word in re.findall(r"`(\w+)`", text) if word in own}, law
         assert own == set(re.findall(r"`(\w+)`", text.rsplit("|", 1)[-1])), law

@@ -29,7 +29,7 @@ from torchliner.records.averaged import Educed
 from torchliner.records.notes import Note
 from torchliner.report.page import of_map
 from torchliner.report.page.of_map import main_of, thin
-from torchliner.report.page.of_others import labels_of
+from torchliner.report.page.of_wall import labels_of
 from torchliner.report.page.sections import asked, changed, inputs_of, warned
 from torchliner.report.page.tables import joint
 from torchliner.report.table import format_bounds, format_complex

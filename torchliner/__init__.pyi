@@ -54,13 +54,13 @@ from torchliner.liners.adjusted import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner
-from torchliner.liners.grazing import goodrich_resistance as goodrich_resistance
-from torchliner.liners.layered import Cavity as Cavity
 from torchliner.liners.layered import LayeredLiner as LayeredLiner
-from torchliner.liners.layered import sheet as sheet
+from torchliner.liners.layers import Cavity as Cavity
+from torchliner.liners.layers import sheet as sheet
 from torchliner.liners.multipole import Multipole as Multipole
 from torchliner.liners.multipole import fit_multipole as fit_multipole
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
+from torchliner.liners.sheets.terms import goodrich_resistance as goodrich_resistance
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.pressure.dean import in_situ as in_situ
 from torchliner.pressure.fit_field import fit_field as fit_field

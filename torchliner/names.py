@@ -36,21 +36,12 @@ PHASES = {  # of the incident tone relative to v; the rules: engine.phase.PHASE_
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by numbers
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
-LINER_MODELS = {  # of liner files: the keys of a file with this ``model``, and how it is built
-    "sdof": "torchliner.liners.catalogue:SDoFFile",
-    "sdof-end-loss": "torchliner.liners.end_loss:EndLossFile",
-    "table": "torchliner.liners.catalogue:TableFile",
-    "adjusted-sdof": "torchliner.liners.adjusted:AdjustedSDoFFile",
-    "layered": "torchliner.liners.layered_file:LayeredFile",
-}
-SHEET_LAWS = {  # of the layers of a liner: classes of sheets, a new law is a file and a row here
-    "perforate": "torchliner.liners.sheets.perforate:Perforate",
-    "guess": "torchliner.liners.sheets.guess:Guess",
-    "goodrich": "torchliner.liners.sheets.goodrich:Goodrich",
-    "two-parameter": "torchliner.liners.sheets.two_parameter:TwoParameter",
-    "maa": "torchliner.liners.sheets.maa:Maa",
-    "melling": "torchliner.liners.sheets.melling:Melling",
-    "mesh": "torchliner.liners.sheets.mesh:Mesh",
+LINER_MODELS = {  # classes by the ``model`` of liner files, whose keys are their fields
+    "sdof": "torchliner.liners.sdof:SDoFLiner",
+    "sdof-end-loss": "torchliner.liners.end_loss:EndLossSDoFLiner",
+    "table": "torchliner.liners.tabulated:TabulatedLiner",
+    "adjusted-sdof": "torchliner.liners.adjusted:AdjustedSDoFLiner",
+    "layered": "torchliner.liners.layered:LayeredLiner",
 }
 CURVE_SHAPES = ("law", "smooth")  # prior shapes of a curve over |v|
 REACTANCES = ("falling", "rising")  # over |v|

@@ -10,27 +10,25 @@ and the flow's Mach number M, factors neutral at 1 and coefficients at 0:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from torchliner.checks import plain_number, real_tensor
-from torchliner.liners.cell import Parameter, omega_of
-from torchliner.liners.facesheet import SpeedLaw, end_correction
-from torchliner.liners.further import FurtherSDoFLiner, file_of
-from torchliner.liners.parameters import parameter
+from torchliner.liners.cell import omega_of
+from torchliner.liners.parameters import Coefficient, Factor, FactorFrom0
+from torchliner.liners.sdof import FlowSDoFLiner
+from torchliner.liners.sheets.perforate import SpeedLaw, end_correction
 
 
 @dataclass(frozen=True)
-class AdjustedSDoFLiner(FurtherSDoFLiner):
+class AdjustedSDoFLiner(FlowSDoFLiner):
     """``SDoFLiner`` with factors of its own on mass, lost mass and flow; neutral by default.
 
     Args:
+        mach: see ``FlowSDoFLiner``; given, not fitted.
         end_correction: factor on the mass of both ends, at least 0.
         mass_loss: factor on c of (2.4b), the mass that is lost at high |v|, at least 0.
         mass_loss_speed: factor on the |v| at which half of it is lost, above 0: s, d -> s^2.5 d.
-        mach: of the flow over the plane, at least 0; None: that which the data state, 0 where they
-            state none. Given, not fitted.
         mach_resistance: resistance over mach/open area of the surface.
         mach_mass_loss: share of the ends' mass that is lost, over mach.
     Raises:
@@ -41,13 +39,11 @@ class AdjustedSDoFLiner(FurtherSDoFLiner):
 
     model = "adjusted-sdof"
 
-    end_correction: Parameter = parameter(default=1.0, low_included=True)
-    mass_loss: Parameter = parameter(default=1.0, low_included=True)
-    mass_loss_speed: Parameter = parameter(default=1.0)
-    mach: Parameter | None = parameter(default=None, low_included=True)
-    mach_resistance: Parameter = parameter(default=0.0, low=-math.inf)
-    mach_mass_loss: Parameter = parameter(default=0.0, low=-math.inf)
-    name: str = "adjusted-sdof"
+    end_correction: FactorFrom0 = 1.0
+    mass_loss: FactorFrom0 = 1.0
+    mass_loss_speed: Factor = 1.0
+    mach_resistance: Coefficient = 0.0
+    mach_mass_loss: Coefficient = 0.0
 
     @property
     def lacks_mach(self) -> bool:
@@ -57,11 +53,11 @@ class AdjustedSDoFLiner(FurtherSDoFLiner):
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """See ``SDoFLiner``."""
         law = super().speed_law(frequency)
-        number = self._tensors(law.a.device)
-        porosity, alpha = real_tensor(self.porosity), real_tensor(self.open_area_fraction)
+        number = self.tensors(law.a.device)
+        porosity, alpha = number["porosity"], number["open_area_fraction"]
         facing = self.flow_facing_porosity
         open_area = porosity * alpha if facing is None else real_tensor(facing)
-        length = 2 * end_correction(real_tensor(self.orifice_diameter) / 2, porosity)
+        length = 2 * end_correction(number["orifice_diameter"] / 2, porosity)
         ends = omega_of(frequency) * length / (self.fluid.sound_speed * porosity * alpha)
         factor, mach = number["end_correction"], number.get("mach", 0.0)
         gained = factor - 1 - number["mach_mass_loss"] * mach * factor
@@ -73,6 +69,3 @@ class AdjustedSDoFLiner(FurtherSDoFLiner):
             law.c * number["mass_loss"],
             law.d * number["mass_loss_speed"] ** 2.5,
         )
-
-
-AdjustedSDoFFile = file_of(AdjustedSDoFLiner)

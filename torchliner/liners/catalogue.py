@@ -1,136 +1,32 @@
-"""Liners from TOML files: the presets of the package and the user's own."""
+"""Liners from files: the presets of the package and the user's own."""
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Union
 
-import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
+from torch import Tensor
 
 from torchliner import toml_files
-from torchliner.liners.cell import DEPTH, PLATE
+from torchliner.fluid import Fluid
+from torchliner.liners.layers import Cavity, Layer, Sheet, layer_kinds
 from torchliner.liners.model import LinerModel
+from torchliner.liners.parameters import arguments_of, ranges_of
 from torchliner.liners.python_file import read_liner
-from torchliner.liners.sdof import SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
-from torchliner.names import LINER_MODELS, VELOCITY_READINGS, did_you_mean, resolve
-from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
+from torchliner.names import LINER_MODELS, did_you_mean, resolve
+from torchliner.toml_files import FluidTable, Strict, preset_or_file, validated
 
-
-class LinerFile(Strict):
-    """Keys that every liner file may have; a model adds ``model``, its own keys and ``build``."""
-
-    name: str | None = None
-    description: str = ""
-    source: str = ""
-    cell_pitch: float | None = Field(None, gt=0)
-
-    @classmethod
-    def tables(cls) -> dict[str, type[Strict]]:
-        """Keys of the tables in the file, by name."""
-        return {"fluid": FluidTable}
-
-    def build(self, path: Path, name: str) -> LinerModel:
-        """The liner.
-
-        Args:
-            path: of the file, beside which others are found.
-            name: for labels, where the file states none.
-        """
-        raise NotImplementedError
-
-
-class CellFile(LinerFile):
-    """Keys of all models that derive from ``CellLiner``; fractions 0 to 1."""
-
-    open_area_fraction: float = Field(1.0, gt=0, le=1)
-    velocity_reading: Annotated[str, one_of(*VELOCITY_READINGS)] = "as_measured"
-    velocity_gain: float = Field(1.0, gt=0)
-    impedance_offset: tuple[float, float] = (0.0, 0.0)
-    flow_facing_porosity: float | None = Field(None, gt=0, le=1)
-    fluid: FluidTable = FluidTable()
-
-    def arguments(self, name: str) -> dict[str, Any]:
-        """Of the liner, with those of the model as the file has them."""
-        given = {key: getattr(self, key) for key in type(self).model_fields}
-        for key in ("model", "description", "source"):
-            del given[key]
-        return given | {
-            "impedance_offset": complex(*self.impedance_offset),
-            "fluid": self.fluid.build(),
-            "name": self.name or name,
-        }
-
-
-class SDoFFile(CellFile):
-    """Keys of a file with ``model = "sdof"``; lengths in m, fractions 0 to 1."""
-
-    model: Literal["sdof"]
-    facesheet_thickness: float = Field(gt=0, lt=PLATE[1])
-    orifice_diameter: float = Field(gt=0, lt=PLATE[1])
-    porosity: float = Field(gt=0, le=1)
-    cavity_depth: float = Field(gt=0, lt=DEPTH[1])
-    cavity_hydraulic_radius: float = Field(gt=0, lt=DEPTH[1])
-    cavity_porosity: float = Field(1.0, gt=0, le=1)
-    vena_contracta: float = Field(0.8, gt=0, le=1)
-
-    def build(self, path: Path, name: str) -> SDoFLiner:
-        """See ``LinerFile``."""
-        return SDoFLiner(**self.arguments(name))
-
-
-class TableFile(LinerFile):
-    """Keys of a file with ``model = "table"``: a CSV beside it, or the numbers themselves, as
-    ``TabulatedLiner.describe`` has them."""
-
-    model: Literal["table"]
-    file: str | None = None
-    frequency: list[float] | None = None
-    speed: list[float] | None = None
-    resistance: list[Any] | None = None
-    reactance: list[Any] | None = None
-
-    def build(self, path: Path, name: str) -> TabulatedLiner:
-        """See ``LinerFile``."""
-        about: Any = {"name": self.name or name, "cell_pitch": self.cell_pitch}
-        numbers = (self.frequency, self.resistance, self.reactance)
-        if self.file is not None and not any((*numbers, self.speed)):
-            return TabulatedLiner.read_csv(path.parent / self.file, **about)
-        if self.file is not None or not all(numbers):
-            raise ValueError("a table is file, a .csv beside this one, or frequency, resistance "
-                             "and reactance, with speed where they depend on it")  # fmt: skip
-        shape = (len(self.frequency or ()), *(() if self.speed is None else (len(self.speed),)))
-        real, imaginary = (
-            _grid(part, key, shape) for part, key in ((self.resistance, "resistance"), (self.reactance, "reactance"))
-        )
-        return TabulatedLiner(self.frequency, real + 1j * imaginary, self.speed, **about)
-
-
-def _grid(values: Any, key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers of a table in its file, (frequency,) or (frequency, speed).
-
-    Raises:
-        ValueError: lists of other lengths, or what is no number.
-    """
-    rows = values if len(shape) == 2 else [values]
-    wanted = " lists of ".join(str(count) for count in shape)
-    for row in [values, *rows]:
-        count = shape[0] if row is values else shape[-1]
-        if not isinstance(row, list) or len(row) != count:
-            have = f"{len(row)} values" if isinstance(row, list) else repr(row)
-            raise ValueError(f"{key} has {have} where {count} are needed; it is {wanted} numbers, "
-                             "of the lengths of frequency and speed")  # fmt: skip
-    for each in (each for row in rows for each in row):
-        if isinstance(each, bool) or not isinstance(each, (int, float)):
-            raise ValueError(f"{key} holds {each!r}; it is {wanted} numbers")
-    return np.array(values, dtype=float)
-
-
-ENDINGS = (".toml", ".csv", ".py")
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
+ABOUT = {"name": (str, ""), "description": (str, ""), "source": (str, "")}
+IN_FILE = {  # how fields that are no parameters stand in a file, by type
+    Fluid: Annotated[FluidTable, AfterValidator(FluidTable.build)],
+    complex | Tensor: Annotated[tuple[float, float], AfterValidator(lambda pair: complex(*pair))],
+}
 
 
 def preset_names() -> list[str]:
@@ -169,52 +65,100 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
     ['0.08-0.40j', '4.62-0.65j']
     """
-    found: LinerModel
     if isinstance(name, Mapping):
-        if "file" in name:  # whoever wrote a map does not choose what is read here
-            raise ValueError(
-                f"the liner is described by the file {name['file']!r} and not by its numbers; load that file"
-            )
-        found = _build(_stated(name), Path(str(name.get("name", "liner"))))
-        missing = _missing(name, found.describe())
-        if missing:
-            raise ValueError(
-                f"the description of liner {name.get('name')!r} lacks {', '.join(missing)}; "
-                "describe() of a model, and so a map, states them"
-            )
-        return found
+        return _described(name)
     suffix = Path(name).suffix.lower()
-    beside: list[str] = []
+    files = [str(name)] if suffix in (".toml", ".csv", ".py") else []
     if suffix == ".csv":
-        found = TabulatedLiner.read_csv(name)
+        found: LinerModel = TabulatedLiner.read_csv(name)
     elif suffix == ".py":
         found = read_liner(Path(name))
     else:
         content, path = preset_or_file(PACKAGE, name, *KIND)
         found = _build(content, path)
-        beside = [str(path.parent / content["file"])] if "file" in content else []
-    if suffix in ENDINGS:
-        object.__setattr__(found, "files", (str(name), *beside))
+        files += [str(path.parent / content["file"])] if "file" in content else []
+    object.__setattr__(found, "files", tuple(files))
     return found
 
 
-def _missing(stated: Mapping[str, Any], whole: Mapping[str, Any], within: str = "") -> list[str]:
-    """Keys that a whole description has and this one leaves to a default."""
-    found = []
-    for key, value in whole.items():
-        mine = stated.get(key)
-        if mine is None and value is not None:
-            found.append(within + key)
-        elif isinstance(value, Mapping) and isinstance(mine, Mapping):
-            found += _missing(mine, value, f"{within}{key}.")
+def _described(about: Mapping[str, Any]) -> LinerModel:
+    if "file" in about:  # whoever wrote a map does not choose what is read here
+        raise ValueError(f"the liner is described by the file {about['file']!r} and not by its numbers; load that file")
+    found = _build(about, Path(str(about.get("name", "liner"))))
+    differ = [key for key, value in found.describe().items() if value != about.get(key)]
+    if differ:
+        raise ValueError(
+            f"the description of liner {about.get('name')!r} lacks {', '.join(differ)}; "
+            "describe() of a model, and so a map, states them"
+        )
     return found
 
 
-def _stated(facts: Any) -> Any:
-    """A description without what it leaves to the defaults, as a TOML file has none of it."""
-    if isinstance(facts, Mapping):
-        return {key: _stated(value) for key, value in facts.items() if value is not None}
-    return [_stated(each) for each in facts] if isinstance(facts, (list, tuple)) else facts
+def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
+    kind = content.get("model")
+    if not isinstance(kind, str) or kind not in LINER_MODELS:
+        raise ValueError(
+            f"{path}: model is {kind!r}{did_you_mean(str(kind), list(LINER_MODELS))}; "
+            f"it is one of {', '.join(LINER_MODELS)}"
+        )
+    made: type[LinerModel] = resolve(LINER_MODELS[kind])
+    layers = {name: _table(name, kind=(Literal[name], ...), **_keys(of)) for name, of in layer_kinds().items()}
+    keys = {**ABOUT, **(made.file_keys or _keys(made)), "model": (str, ...)}
+    if "layers" in keys:
+        keys["layers"] = (_layers_of(layers), ...)
+    table = validated(_table(made.__name__, **keys), content, path, {"fluid": FluidTable, **layers})
+    given = {name: getattr(table, name) for name in keys if name not in ("model", "description", "source")}
+    try:
+        return made.from_file({**given, "name": given["name"] or path.stem}, path.parent)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _table(title: str, /, **keys: Any) -> type[Strict]:
+    made: type[Strict] = create_model(title, __base__=Strict, **keys)
+    return made
+
+
+def _keys(declared: Any) -> dict[str, tuple[Any, Any]]:
+    """Keys of a file, for pydantic, from the arguments of a class, or the parameters of the law of a sheet."""
+    ranges = ranges_of(declared)
+    found: dict[str, tuple[Any, Any]] = {}
+    for name, (hint, default) in arguments_of(declared).items():
+        needed = ... if default is inspect.Parameter.empty else default
+        if within := ranges.get(name):
+            limits: dict[str, Any] = {"ge" if within.low_included else "gt": within.low, "le": within.high}
+            found[name] = (float | None if default is None else float, Field(needed, **limits))
+        elif isinstance(declared, type):  # the rest of a law is frequency, |v| and gas
+            found[name] = (IN_FILE.get(hint, hint), needed)
+    return found
+
+
+def _layers_of(tables: Mapping[str, type[Strict]]) -> Any:
+    """List of layers, each a table with a ``kind``, for pydantic."""
+
+    def known(table: Any) -> Any:
+        if not isinstance(table, dict):
+            raise ValueError("a table [[layers]] is needed")
+        kind = table.get("kind")
+        if kind not in list(tables):
+            raise ValueError(
+                f"kind is {kind!r}{did_you_mean(str(kind), list(tables))}; it is one of {', '.join(tables)}"
+            )
+        return table
+
+    def built(table: Any) -> Layer:
+        values = table.model_dump(exclude={"kind"})
+        return Cavity(**values) if table.kind == Cavity.kind else Sheet(table.kind, values)
+
+    def listed(value: Any) -> Any:
+        if not isinstance(value, list):
+            raise ValueError("write [[layers]], with two brackets, above the table of each layer")
+        return value
+
+    one: Any = Annotated[
+        Union[*tables.values()], Field(discriminator="kind"), AfterValidator(built), BeforeValidator(known)
+    ]
+    return Annotated[list[one], BeforeValidator(listed)]
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
@@ -223,27 +167,10 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
     facts = liner.describe()
     tables = [("[[layers]]", layer) for layer in facts.pop("layers", [])]
     tables += [("[fluid]", facts.pop("fluid"))] if facts.get("fluid") else []
-    facts = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description,
-             "source": source, **facts}  # fmt: skip
+    about = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description, "source": source}
     # A JSON string, number or list of these is a TOML one.
-    lines: list[str] = []
-    for heading, table in (("", facts), *tables):
+    lines = ["# SI units; lengths in m, impedances normalised by rho c."]
+    for heading, table in (("", about | facts), *tables):
         lines += ["", heading] if heading else []
-        lines += [f"{key} = {json.dumps(value)}" for key, value in table.items()
-                  if value is not None]  # fmt: skip
-    return "# SI units; lengths in m, impedances normalised by rho c.\n" + "\n".join(lines) + "\n"
-
-
-def _build(content: dict[str, Any], path: Path) -> LinerModel:
-    kind = content.get("model")
-    if not isinstance(kind, str) or kind not in LINER_MODELS:
-        raise ValueError(
-            f"{path}: model is {kind!r}{did_you_mean(str(kind), list(LINER_MODELS))}; "
-            f"it is one of {', '.join(LINER_MODELS)}"
-        )
-    keys = resolve(LINER_MODELS[kind])
-    file = validated(keys, content, path, keys.tables())
-    try:
-        return file.build(path, path.stem)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        lines += [f"{key} = {json.dumps(value)}" for key, value in table.items() if value is not None]
+    return "\n".join(lines) + "\n"

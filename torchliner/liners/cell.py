@@ -5,25 +5,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import (
-    frequency_tensor,
-    plain_number,
-    real_tensor,
-    require_choice,
-    require_positive,
-)
+from torchliner.checks import frequency_tensor, plain_number, real_tensor, require_choice
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
-from torchliner.liners.model import LinerModel, Number
+from torchliner.liners.model import LinerModel
+from torchliner.liners.parameters import Factor, Number, Pitch, Range, Share
 from torchliner.names import VELOCITY_READINGS
+from torchliner.toml_files import one_of
 
-Parameter = float | Tensor
-PLATE, DEPTH, SHARE = ("m", 0.1), ("m", 10.0), ("1", 1.0)  # unit and highest value
-CELL = {"open_area_fraction": SHARE, "velocity_gain": ("1", math.inf)}  # unit and highest value
 OFFSET = ("offset_resistance", "offset_reactance")
 
 
@@ -46,73 +39,60 @@ def speed_of(speed: Any) -> Tensor:
     return values
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class CellLiner(LinerModel):
-    """Base of the models whose cells see a share of the surface: fields, checks, numbers.
+    """Base of the models whose cells see a share of the surface.
 
-    A model is a frozen dataclass with the fields below and its own; ``_arguments`` and ``_changes``
-    are its own ``numbers`` and ``with_numbers``.
+    Args:
+        open_area_fraction: alpha, the share of the surface that is cell and not rigid wall in
+            parallel (section 5.3), 0 to 1.
+        velocity_reading: which |v| the cell sees: ``as_measured``, |v_c| = |v|, or ``conserved``,
+            |v_c| = |v|/alpha. The paper leaves it open.
+        velocity_gain: factor on |v|, for a measured velocity that is not that of the cell: |v_c| is
+            this times the reading above. 1 in the paper.
+        impedance_offset: constant added to Z, normalised (a correction fixed by a measurement).
+        cell_pitch: L_c, m, for averages over cells; None if there are no cells.
+        flow_facing_porosity: porosity of the whole surface for eq. (2.7);
+            default porosity x open_area_fraction.
+        fluid: gas.  name: for labels.
     """
 
     groups = dict.fromkeys(("offset", "impedance_offset"), OFFSET)
 
-    open_area_fraction: Parameter
-    velocity_reading: str
-    velocity_gain: Parameter
-    impedance_offset: complex | Tensor
-    flow_facing_porosity: float | None
-    fluid: Fluid
-    name: str
+    open_area_fraction: Share = 1.0
+    velocity_reading: Annotated[str, one_of(*VELOCITY_READINGS)] = "as_measured"
+    velocity_gain: Factor = 1.0
+    impedance_offset: complex | Tensor = 0j
+    cell_pitch: Pitch = None
+    flow_facing_porosity: Annotated[float | None, Range(high=1.0, varied=False)] = None
+    fluid: Fluid = Fluid()
+    name: str = ""
 
-    def _arguments(self) -> dict[str, Number]:
-        """Numbers without offset and gas."""
-        raise NotImplementedError
-
-    def _changes(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Arguments of ``replace`` for those of ``values`` that are among ``_arguments``."""
-        raise NotImplementedError
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
+        if self.cell_pitch is not None and (self.hole_diameter or 0.0) > self.cell_pitch:
+            raise ValueError(
+                f"liner {self.name!r}: orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, "
+                f"{self.cell_pitch:g} m; both are in metres"
+            )
 
     @property
-    def _facing(self) -> float | None:
+    def facing(self) -> float | None:
         """Porosity of what faces the flow, of a cell."""
         raise NotImplementedError
 
-    def _check(self, numbers: Mapping[str, tuple[str, float]]) -> None:
-        """Arguments above 0, by unit and highest value; reading, pitch."""
-        stated = {} if self.flow_facing_porosity is None else {"flow_facing_porosity": SHARE}
-        for name, (unit, high) in {**numbers, **stated}.items():
-            value = getattr(self, name)
-            require_positive(f"liner {name} (m)" if unit == "m" else f"liner {name}", value)
-            if plain_number(value) > high:
-                most = f"in m, at most {high:g} (1 mm is 0.001 m)"
-                if unit != "m":
-                    most = "a fraction, at most 1 (5.5 % is 0.055)"
-                raise ValueError(f"liner {name} is {plain_number(value):g}; it is {most}")
-        require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
-        if self.cell_pitch is not None:
-            require_positive("liner cell_pitch (m)", self.cell_pitch)
-            diameter = self.hole_diameter
-            if diameter is not None and diameter > self.cell_pitch:
-                raise ValueError(
-                    f"liner orifice_diameter is {diameter:g} m, larger than cell_pitch, "
-                    f"{self.cell_pitch:g} m; both are in metres"
-                )
+    @property
+    def surface_porosity(self) -> float | None:
+        """See ``LinerModel``."""
+        if self.flow_facing_porosity is not None or self.facing is None:
+            return self.flow_facing_porosity
+        return self.facing * plain_number(self.open_area_fraction)
 
-    def _named(self, numbers: Mapping[str, tuple[str, float]]) -> dict[str, Number]:
-        return {
-            name: Number(plain_number(getattr(self, name)), unit, high=high) for name, (unit, high) in numbers.items()
-        }
-
-    def _gain(self) -> Tensor:
+    def gain(self) -> Tensor:
         """|v| at the cell over |v| as measured."""
         alpha, gain = real_tensor(self.open_area_fraction), real_tensor(self.velocity_gain)
         return gain / alpha if self.velocity_reading == "conserved" else gain
-
-    @property
-    def surface_porosity(self) -> float | None:
-        """Open area over the whole surface, for eq. (2.7)."""
-        if self.flow_facing_porosity is not None or self._facing is None:
-            return self.flow_facing_porosity
-        return self._facing * plain_number(self.open_area_fraction)
 
     def resonance(self, lowest: float = 100.0, highest: float = 6000.0) -> float:
         """First frequency (Hz) in the given range where the linear reactance is 0.
@@ -127,12 +107,8 @@ class CellLiner(LinerModel):
         rising = torch.nonzero((reactance[:-1] < 0) & (reactance[1:] >= 0)).reshape(-1)
         if rising.numel() == 0:
             raise ValueError(f"liner {self.name!r} has no resonance in {lowest:g}-{highest:g} Hz")
-        i = int(rising[0])
-
-        def at(frequency: float) -> float:
-            return plain_number(self.impedance(frequency).imag)
-
-        return float(brentq(at, float(grid[i]), float(grid[i + 1]), xtol=1e-9))
+        ends = grid[rising[0]].item(), grid[rising[0] + 1].item()
+        return float(brentq(lambda f: plain_number(self.impedance(f).imag), *ends, xtol=1e-9))
 
     def facts(self) -> dict[str, Any]:
         """All arguments, and the resonance, None where there is none."""
@@ -147,7 +123,7 @@ class CellLiner(LinerModel):
         offset = complex(offset.detach() if isinstance(offset, Tensor) else offset)
         temperature, pressure = air_state(self.fluid)
         return {
-            **self._arguments(),
+            **super().numbers(),
             "offset_resistance": Number(offset.real, low=-math.inf),
             "offset_reactance": Number(offset.imag, low=-math.inf),
             "temperature": Number(temperature, "K", 150.0, 1500.0),
@@ -156,18 +132,18 @@ class CellLiner(LinerModel):
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
         """See ``LinerModel``; temperature and pressure move the gas as dry air."""
-        changes = self._changes(values)
-        if any(name in values for name in OFFSET):
-            numbers = self.numbers()
-            parts = [values.get(name, numbers[name].value) for name in OFFSET]
-            tensors = [torch.as_tensor(part, dtype=torch.float64) for part in parts]
-            offset = torch.complex(*tensors)
-            tensor = any(isinstance(part, Tensor) for part in parts)
+        changes = dict(values)
+        parts = {name: changes.pop(name) for name in OFFSET if name in changes}
+        state = {name: changes.pop(name) for name in ("temperature", "pressure") if name in changes}
+        if parts:
+            own = self.numbers()
+            real, imag = (parts.get(name, own[name].value) for name in OFFSET)
+            offset = torch.complex(*(torch.as_tensor(part, dtype=torch.float64) for part in (real, imag)))
+            tensor = isinstance(real, Tensor) or isinstance(imag, Tensor)
             changes["impedance_offset"] = offset if tensor else complex(offset)
-        state = {name: values[name] for name in ("temperature", "pressure") if name in values}
         if state:
             changes["fluid"] = fluid_at(self.fluid, **state)
-        return self.replace(**changes)
+        return super().with_numbers(changes)
 
 
 def air_state(fluid: Fluid) -> tuple[float, float]:

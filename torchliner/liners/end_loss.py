@@ -14,16 +14,16 @@ a slit; resistance is that of eq. (2.4a).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, real_tensor
-from torchliner.liners.cell import Parameter, omega_of
-from torchliner.liners.facesheet import SpeedLaw, facesheet_impedance, powers
-from torchliner.liners.further import FurtherSDoFLiner, file_of
-from torchliner.liners.parameters import parameter
+from torchliner.checks import plain_number
+from torchliner.liners.cell import omega_of
+from torchliner.liners.parameters import Factor, FactorFrom0, Range, ShareFrom0
+from torchliner.liners.sdof import FlowSDoFLiner
+from torchliner.liners.sheets.perforate import SpeedLaw, linear_impedance, powers
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,12 @@ class EndLossLaw(SpeedLaw):
 
 
 @dataclass(frozen=True)
-class EndLossSDoFLiner(FurtherSDoFLiner):
+class EndLossSDoFLiner(FlowSDoFLiner):
     """``SDoFLiner`` with the module's law in place of eq. (2.4b).
 
     Args:
-        mach: M of the flow over the plane, 0 to 1 (fitted up to 0.3, beyond which the share may
-            pass 1); None: that which the data state, 0 where they state none. The law adds nothing
-            to the resistance.
+        mach: see ``FlowSDoFLiner``; fitted up to 0.3, beyond which the share may pass 1. The law adds nothing to the
+            resistance.
         hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the
             width for slits.
         end_loss: A, 0 to 1.  loss_displacement: B, above 0.  mach_loss: k, at least 0.
@@ -63,13 +62,11 @@ class EndLossSDoFLiner(FurtherSDoFLiner):
 
     model = "sdof-end-loss"
 
-    mach: Parameter | None = parameter(default=None, high=1.0, low_included=True)
-    hydraulic_diameter: Parameter | None = parameter("m", default=None, high=0.2)
-    end_loss: Parameter = parameter(default=0.5, high=1.0, low_included=True)
-    loss_displacement: Parameter = parameter(default=0.29)  # scripts/mass_loss.py
-    mach_loss: Parameter = parameter(default=1.54, low_included=True)  # the same
-    combination: Parameter = parameter(default=2.0, high=8.0)
-    name: str = "sdof-end-loss"
+    hydraulic_diameter: Annotated[Any, Range("m", high=0.2)] = None
+    end_loss: ShareFrom0 = 0.5
+    loss_displacement: Factor = 0.29  # scripts/mass_loss.py
+    mach_loss: FactorFrom0 = 1.54  # the same
+    combination: Annotated[Any, Range(high=8.0)] = 2.0
 
     def __post_init__(self) -> None:
         if self.hydraulic_diameter is None:
@@ -84,19 +81,17 @@ class EndLossSDoFLiner(FurtherSDoFLiner):
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """See ``SDoFLiner``."""
         law, omega = super().speed_law(frequency), omega_of(frequency)
-        own = self._tensors(omega.device)
-        porosity, thickness = real_tensor(self.porosity), real_tensor(self.facesheet_thickness)
-        radius = real_tensor(self.orifice_diameter) / 2
-        plate = facesheet_impedance(omega, thickness, radius, porosity, self.fluid)
+        number = self.tensors(omega.device)
+        porosity, thickness = number["porosity"], number["facesheet_thickness"]
+        plate = linear_impedance(omega, thickness, number["orifice_diameter"] / 2, porosity, self.fluid)
         inside = omega * thickness / (self.fluid.sound_speed * porosity)
-        ends = (plate.imag - inside) / self.open_area_fraction
-        ends = ends + real_tensor(torch.as_tensor(self.impedance_offset).imag)
-        half = own["loss_displacement"] * porosity * omega
-        half = half * own["hydraulic_diameter"] / self._gain()
+        ends = (plate.imag - inside) / self.open_area_fraction + torch.as_tensor(self.impedance_offset).imag.double()
+        half = number["loss_displacement"] * porosity * omega * number["hydraulic_diameter"] / self.gain()
         return EndLossLaw(
-            law.resistance, law.reactance, law.a, law.b, ends, half**2.5, own["end_loss"],
-            own["mach_loss"] * own.get("mach", 0.0), own["combination"],
-        )  # fmt: skip
-
-
-EndLossFile = file_of(EndLossSDoFLiner)
+            *(law.resistance, law.reactance, law.a, law.b),
+            ends,
+            half**2.5,
+            number["end_loss"],
+            floor=number["mach_loss"] * number.get("mach", 0.0),
+            power=number["combination"],
+        )

@@ -10,75 +10,18 @@ with the g = j k_c of eq. (2.2d), depth h and share phi of the cell. On the back
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, plain_number, real_tensor, require_choice
-from torchliner.fluid import Fluid
-from torchliner.liners.cavity import cavity_propagation
-from torchliner.liners.cell import CELL, CellLiner, Parameter, omega_of, speed_of
-from torchliner.liners.model import Number
-from torchliner.liners.parameters import parameter
-from torchliner.liners.sheets.sheet import Layer, Sheet
-from torchliner.names import SHEET_LAWS, resolve
-
-LARGEST = 10.0  # m; more are millimetres given as metres
-SEPTUM = {"septum_ratio": "1", "septum_speed": "m/s"}  # and units
-
-
-@dataclass(frozen=True)
-class Cavity(Layer):
-    """Air between two sheets, or between a sheet and the backplate.
-
-    Args:
-        depth: H_c, m, at most 10.  hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
-        porosity: phi_c, its share of the cell.
-    """
-
-    law = "cavity"
-
-    depth: Parameter = parameter("m", high=LARGEST)
-    hydraulic_radius: Parameter = parameter("m", high=LARGEST)
-    porosity: Parameter = parameter(default=1.0, high=1.0)
-
-    def down(self, omega: Tensor, below: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
-        """Admittance v/p at its mouth, and velocity at its bottom over that at its mouth.
-
-        Args:
-            omega: rad/s.  below: admittance at its bottom, 0 for the backplate.  fluid: gas.
-        """
-        number = self.tensors(omega)
-        share = number["porosity"]
-        way = cavity_propagation(omega, number["hydraulic_radius"], fluid) * number["depth"]
-        slope, back = torch.tanh(way), torch.exp(-2 * way)
-        mouth = (below + share * slope) / (1 + slope * below / share)
-        return mouth, 2 * torch.exp(-way) * below / (below + share + (below - share) * back)
-
-
-def layer_kinds() -> dict[str, type[Layer]]:
-    """Classes of layers by their ``kind`` in liner files."""
-    return {**{law: resolve(home) for law, home in SHEET_LAWS.items()}, Cavity.law: Cavity}
-
-
-def sheet(law: str, **numbers: Any) -> Sheet:
-    """A sheet of a liner.
-
-    Args:
-        law: one of ``names.SHEET_LAWS``.  numbers: its parameters, SI (docs/liners.md).
-    Raises:
-        ValueError: no such law or parameter (the nearest is named), or a value out of range.
-    """
-    made = resolve(SHEET_LAWS[require_choice("law of a sheet", law, SHEET_LAWS)])
-    for name in numbers:
-        require_choice(f"parameter of sheet {law!r}", name, [f.name for f in fields(made)])
-    found: Sheet = made(**numbers)
-    return found
+from torchliner.checks import plain_number, real_tensor
+from torchliner.liners.cell import CellLiner, omega_of, speed_of
+from torchliner.liners.layers import Cavity, Layer, Sheet
+from torchliner.liners.parameters import Factor, Number, Range
 
 
 @dataclass(frozen=True)
@@ -91,17 +34,17 @@ class LayeredLiner(CellLiner):
     what ``septum_ratio`` or ``septum_speed`` state.
 
     Args:
-        layers: from the flow down: ``Sheet``s (``names.SHEET_LAWS``) and ``Cavity``s. The first is
-            a sheet, the last a cavity. In ``numbers`` and messages they are called facesheet,
-            facesheet2, ... (above the first cavity), septum, septum2, ..., cavity, cavity2, ...
-        open_area_fraction, velocity_reading, velocity_gain, impedance_offset, cell_pitch,
-            flow_facing_porosity, fluid, name: as for ``SDoFLiner``.
+        layers: from the flow down: ``sheet``s and ``Cavity``s. The first is a sheet, the last a cavity. In ``numbers``
+            and messages they are called facesheet, facesheet2, ... (above the first cavity), septum, septum2, ...,
+            cavity, cavity2, ...
         septum_ratio: |v| at every septum over |v| at the upper sheet; None: the linear transfer.
         septum_speed: |v| at every septum, m/s, whatever |v| is above.
+        open_area_fraction, velocity_reading, velocity_gain, impedance_offset, cell_pitch, flow_facing_porosity, fluid,
+            name: by keyword, see ``CellLiner``.
     Raises:
         TypeError: something else than layers.
         ValueError: an order of layers that is no liner; both rules for the septum, or one where
-            there is none; as ``SDoFLiner``.
+            there is none; a value outside its range.
     Source: transfer matrices of plane waves; cavities and, with the law ``perforate``, sheets as
         Roncen et al. (2026), eqs (2.2) and (2.4): with one of each it is ``SDoFLiner``. The paper
         names liners of two degrees of freedom in section 7.5 and gives no equations; that the
@@ -117,40 +60,29 @@ class LayeredLiner(CellLiner):
     model = "layered"
 
     layers: tuple[Layer, ...]
-    open_area_fraction: Parameter = 1.0
-    velocity_reading: str = "as_measured"
-    impedance_offset: complex | Tensor = 0j
-    cell_pitch: float | None = None
-    flow_facing_porosity: float | None = None
-    fluid: Fluid = field(default_factory=Fluid)
-    name: str = "layered"
-    velocity_gain: Parameter = 1.0
-    septum_ratio: Parameter | None = None
-    septum_speed: Parameter | None = None
+    septum_ratio: Factor = None
+    septum_speed: Annotated[Any, Range("m/s")] = None
 
     def __post_init__(self) -> None:
-        make_plain(self, tensors=True)
         object.__setattr__(self, "layers", tuple(self.layers))
-        self._check_layers()
-        self._check({**CELL, **self._septum()})
+        self._check_layers(f"liner {self.name or self.model!r}")
+        super().__post_init__()
 
-    def _check_layers(self) -> None:
-        where = f"liner {self.name!r}"
+    def _check_layers(self, where: str) -> None:
         for place, layer in enumerate(self.layers):
-            if not isinstance(layer, (Sheet, Cavity)):
-                raise TypeError(f"{where}: layer {place + 1} is {layer!r}; a Sheet or a Cavity")
+            if not isinstance(layer, Layer):
+                raise TypeError(f"{where}: layer {place + 1} is {layer!r}; a sheet or a Cavity")
         if not self.layers:
             raise ValueError(f"{where} has no layers; a sheet and a cavity are the least")
-        named = [*self.named_layers()]
-        if isinstance(self.layers[0], Cavity):
-            raise ValueError(f"{where} begins with {named[0]}; the first layer is the sheet that faces the flow")
+        named = self.named_layers()
+        if not isinstance(self.layers[0], Sheet):
+            raise ValueError(f"{where} begins with cavity; the first layer is the sheet that faces the flow")
         if not isinstance(self.layers[-1], Cavity):
             raise ValueError(
-                f"{where} ends in {named[-1]} ({self.layers[-1].label}), on the backplate or below "
-                "it; the last layer is a cavity, whose depth is that from the lowest sheet to the "
-                "backplate"
+                f"{where} ends in {[*named][-1]} (sheet {self.layers[-1].kind!r}); the last layer is a cavity, whose "
+                "depth is that from the lowest sheet to the backplate"
             )
-        rules = [*self._septum()]
+        rules = [name for name in ("septum_ratio", "septum_speed") if getattr(self, name) is not None]
         if len(rules) == 2:
             raise ValueError(f"{where}: {' and '.join(rules)} are stated; one of them says |v|")
         if rules and "septum" not in named:
@@ -177,20 +109,20 @@ class LayeredLiner(CellLiner):
         return self._sheets[0].hole_diameter
 
     @property
-    def _facing(self) -> float | None:
+    def facing(self) -> float | None:
+        """See ``CellLiner``."""
         return self._sheets[0].open_area
 
     @property
     def flow_resistance(self) -> float:
         """See ``LinerModel``."""
-        added = sum(sheet.flow_resistance for sheet in self._sheets)
-        return added / plain_number(self.open_area_fraction)
+        return sum(sheet.flow_resistance for sheet in self._sheets) / plain_number(self.open_area_fraction)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
         """Normalised impedance at |v| = ``speed``; arguments, value and errors as ``SDoFLiner``."""
         omega = omega_of(frequency)
         alpha = real_tensor(self.open_area_fraction).to(omega.device)
-        upper = speed_of(speed).to(omega.device) * self._gain().to(omega.device)
+        upper = speed_of(speed).to(omega.device) * self.gain().to(omega.device)
         cell, _ = self._stack(omega, self._speeds(omega, upper))
         return cell / alpha + self.impedance_offset
 
@@ -215,8 +147,7 @@ class LayeredLiner(CellLiner):
         first = list(named).index("cavity")
         if self.septum_ratio is not None or self.septum_speed is not None:
             ratio, fixed = (
-                real_tensor(0.0 if stated is None else stated).to(omega.device)
-                for stated in (self.septum_ratio, self.septum_speed)
+                real_tensor(rule or 0.0).to(omega.device) for rule in (self.septum_ratio, self.septum_speed)
             )
             return [upper] * first + [ratio * upper + fixed] * (len(named) - first)
         speeds = [upper]
@@ -224,26 +155,23 @@ class LayeredLiner(CellLiner):
             speeds.append(ratio.abs() * speeds[-1])
         return speeds
 
-    def _septum(self) -> dict[str, tuple[str, float]]:
-        """What is stated of |v| at the septum."""
-        stated = [name for name in SEPTUM if getattr(self, name) is not None]
-        return {name: (SEPTUM[name], math.inf) for name in stated}
-
-    def _arguments(self) -> dict[str, Number]:
+    def numbers(self) -> dict[str, Number]:
+        """Those of the layers, as "facesheet.porosity", and the others."""
         of_layers = {
             f"{name}.{key}": number
             for name, layer in self.named_layers().items()
             for key, number in layer.numbers().items()
         }
-        return of_layers | self._named({**CELL, **self._septum()})
+        return of_layers | super().numbers()
 
-    def _changes(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        changes = {name: values[name] for name in (*CELL, *SEPTUM) if name in values}
-        layers = []
-        for name, layer in self.named_layers().items():
-            own = {n: values[f"{name}.{n}"] for n in layer.numbers() if f"{name}.{n}" in values}
-            layers.append(replace(layer, **own))
-        return {**changes, "layers": tuple(layers)}
+    def with_numbers(self, values: Mapping[str, Any]) -> Self:
+        """See ``LinerModel``."""
+        layers = [
+            layer.with_numbers({key: values[f"{name}.{key}"] for key in layer.numbers() if f"{name}.{key}" in values})
+            for name, layer in self.named_layers().items()
+        ]
+        others = {name: value for name, value in values.items() if "." not in name}
+        return super().with_numbers({**others, "layers": tuple(layers)})
 
     def facts(self) -> dict[str, Any]:
         """Layers by name, the other arguments, and the resonance, None where there is none."""

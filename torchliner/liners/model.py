@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
 from torch import Tensor
 
-from torchliner.checks import plain_number, require_choice
+from torchliner.checks import make_plain, plain_number, require_choice
 from torchliner.fluid import Fluid
-from torchliner.units import FACTORS
-
-QUANTITIES = {next(iter(units)): quantity for quantity, units in FACTORS.items()}  # by SI unit
+from torchliner.liners.parameters import Number, arguments_of, checked, numbers_of
 
 
 class Liner(Protocol):
@@ -25,46 +22,40 @@ class Liner(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Number:
-    """A real parameter of a model that may be varied.
-
-    Args:
-        value: SI.  unit: SI, "1" if it has none.
-        low, high: what makes sense: above ``low``, at most ``high``.
-        low_included: whether ``low`` itself makes sense.
-    """
-
-    value: float
-    unit: str = "1"
-    low: float = 0.0
-    high: float = math.inf
-    low_included: bool = False
-
-    @property
-    def quantity(self) -> str:
-        """Kind of its units, a key of ``units.FACTORS``."""
-        return QUANTITIES.get(self.unit, "number")
-
-
 class LinerModel:
     """Base class of liner models. ``impedance`` is all that a model must define.
 
     The rest is what the package asks of a liner; each default says that the model does not state
-    it. As a frozen dataclass of its parameters a model has ``replace``, ``describe`` and
-    ``with_numbers`` without further code.
+    it. A frozen dataclass whose fields have the types of ``parameters.py`` has the checks of their
+    values, ``numbers``, ``with_numbers``, ``describe`` and the keys of its liner files from them.
     """
 
     model: ClassVar[str] = ""
     """Name of the model in liner files, a key of ``names.LINER_MODELS``."""
+    file_keys: ClassVar[Mapping[str, Any] | None] = None
+    """Keys of its liner files, for pydantic; None: its fields."""
     groups: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Names that stand for several of ``numbers``."""
+    name: str = ""
+    """For labels."""
     cell_pitch: float | None = None
     """L_c, m, for averages over cells."""
     fluid: Fluid | None = None
     """Gas, compared with that of the data."""
     files: tuple[str, ...] = ()
     """Names of the files it was read from; of presets and changed copies none."""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.model)
+        make_plain(self, tensors=True)
+        for name, value in checked(type(self), vars(self), f"liner {self.name!r}").items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
+        """The liner from the keys of a file, beside which others are found."""
+        return cls(**keys)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
         """Normalised impedance, complex, time dependence e^(j omega t).
@@ -122,7 +113,7 @@ class LinerModel:
 
     def numbers(self) -> dict[str, Number]:
         """The real parameters that sensitivities, tolerances and fits may vary, by name."""
-        return {}
+        return numbers_of(type(self), vars(self))
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
         """A copy with other ``numbers``.
@@ -139,7 +130,8 @@ class LinerModel:
 
     def describe(self) -> dict[str, Any]:
         """The model and all its arguments as plain values, for provenance and liner files."""
-        stated: dict[str, Any] = plain_fields(self) if dataclasses.is_dataclass(self) else {}
+        kind: Any = type(self)
+        stated = {name: plain(getattr(self, name)) for name in arguments_of(kind)}
         return {"model": self.model or type(self).__name__, **stated}
 
     def facts(self) -> dict[str, Any]:
@@ -147,25 +139,20 @@ class LinerModel:
         return self.describe()
 
 
-def plain_fields(record: Any) -> dict[str, Any]:
-    """Fields of a dataclass as plain values."""
-    plain: dict[str, Any] = {}
-    for name in (each.name for each in dataclasses.fields(record)):
-        value = getattr(record, name)
-        if isinstance(value, Tensor):
-            value = value.detach().item()
-        if isinstance(value, Fluid):
-            value = dataclasses.asdict(value)
-        if isinstance(value, complex):
-            value = [value.real, value.imag]
-        if isinstance(value, tuple):
-            value = [each.describe() if hasattr(each, "describe") else each for each in value]
-        plain[name] = value
-    return plain
+def plain(value: Any) -> Any:
+    """An argument of a model as a plain value."""
+    if isinstance(value, Tensor):
+        value = value.detach().item()
+    if isinstance(value, Fluid):
+        return {name: plain(each) for name, each in vars(value).items()}
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if isinstance(value, tuple):
+        return [each.describe() if hasattr(each, "describe") else each for each in value]
+    return value
 
 
-STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range",
-          "speed_max", "surface_porosity")  # fmt: skip
+STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "speed_max", "surface_porosity")
 
 
 def as_liner(liner: Any) -> LinerModel:
@@ -201,9 +188,8 @@ def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict
     numbers = liner.numbers()
     if not numbers:
         raise TypeError(
-            f"liner is {type(liner).__name__}, whose numbers() names no parameter to vary; an "
-            "SDoFLiner has them, a table has none, and a model of your own states them by "
-            "deriving from LinerModel and defining numbers()"
+            f"liner is {type(liner).__name__}, whose numbers() names no parameter to vary; a model of your own states "
+            "them by the types of its fields (CONTRIBUTING.md)"
         )
     found: dict[str, Number] = {}
     for name in numbers if names is None else names:

@@ -1,80 +1,137 @@
-"""Parameters as fields of frozen dataclasses: unit and range stand where the field does, and from
-them follow checks, keys of liner files, and what sensitivities and fits may vary."""
+"""Parameters, declared once: the type of a field, or of a keyword of a law, holds its unit and range.
+
+From the declaration follow the check of a value, the key of a liner file, and what sensitivities, tolerances and fits
+may vary. ``Length``, ``Share`` and the like are such types; ``Annotated[Any, Range("kg/m2")]`` is a new one. A value is
+a number, or a 0-d float64 tensor through which derivatives pass.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+import inspect
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, get_type_hints
 
-from pydantic import Field
+import torch
 from torch import Tensor
 
-from torchliner.checks import one_number
-from torchliner.liners.model import Number
+from torchliner.checks import one_number, plain_number, real_tensor
+from torchliner.units import SI_QUANTITY
 
-REQUIRED: Any = dataclasses.MISSING
 SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
 
 
-def parameter(
-    unit: str = "1", *, default: Any = REQUIRED, low: float = 0.0, high: float = math.inf,
-    low_included: bool = False,
-) -> Any:  # fmt: skip
-    """A field: a number, or a 0-d float64 tensor through which derivatives pass.
+@dataclass(frozen=True)
+class Number:
+    """A real parameter of a model that may be varied.
 
     Args:
-        unit: SI, "1" if it has none.
-        default: SI; without one it must be given.
+        value: SI.  unit: SI, "1" if it has none.
         low, high: what makes sense: above ``low``, at most ``high``.
         low_included: whether ``low`` itself makes sense.
     """
-    metadata = {"unit": unit, "low": low, "high": high, "low_included": low_included}
-    return dataclasses.field(default=default, metadata=metadata)
+
+    value: float
+    unit: str = "1"
+    low: float = 0.0
+    high: float = math.inf
+    low_included: bool = False
+
+    @property
+    def quantity(self) -> str:
+        """Kind of its units, a key of ``units.FACTORS``."""
+        return SI_QUANTITY.get(self.unit, "number")
+
+    def require(self, name: str) -> None:
+        """Refuse a value that is not finite or outside the range.
+
+        Raises:
+            ValueError: name, value, unit, range.
+        """
+        below = self.value < self.low or (self.value == self.low and not self.low_included)
+        if not below and math.isfinite(self.value) and self.value <= self.high:
+            return
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        limits = []
+        if self.low > -math.inf:
+            limits.append(f"{'at least' if self.low_included else 'above'} {self.low:g}{unit}")
+        if self.high < math.inf:
+            limits.append(f"at most {self.high:g}{unit}")
+        slip = SLIPS.get(self.unit, "") if self.value > self.high else ""
+        raise ValueError(f"{name} is {self.value:g}{unit}; it is {' and '.join(limits) or 'finite'}{slip}")
 
 
-def parameters_of(kind: Any) -> Iterator[dataclasses.Field[Any]]:
-    """The fields of a dataclass, or of an instance, that are parameters."""
-    return (each for each in dataclasses.fields(kind) if each.metadata)
+@dataclass(frozen=True)
+class Range:
+    """Unit and range of a parameter, as in ``Number``; ``varied``: whether it is one of a liner's ``numbers``."""
+
+    unit: str = "1"
+    low: float = 0.0
+    high: float = math.inf
+    low_included: bool = False
+    varied: bool = True
+
+    def number(self, value: Any) -> Number:
+        """A value with this unit and range."""
+        return Number(plain_number(value), self.unit, self.low, self.high, self.low_included)
 
 
-def numbers_of(record: Any, label: str) -> dict[str, Number]:
-    """Parameters by name, without those left at a default of None; ``label`` names the record in messages."""
-    return {
-        each.name: Number(one_number(f"{label}: {each.name}", plain), **each.metadata)
-        for each in parameters_of(record)
-        for given in (getattr(record, each.name),)
-        if not (given is None and each.default is None)
-        for plain in (given.detach() if isinstance(given, Tensor) else given,)
-    }
+Length = Annotated[Any, Range("m", high=0.1)]  # of plates; more are millimetres given as metres
+Depth = Annotated[Any, Range("m", high=10.0)]  # of cavities, likewise
+Share = Annotated[Any, Range(high=1.0)]
+Factor = Annotated[Any, Range()]
+FactorFrom0 = Annotated[Any, Range(low_included=True)]
+Coefficient = Annotated[Any, Range(low=-math.inf)]
+ShareFrom0 = Annotated[Any, Range(high=1.0, low_included=True)]
+Mach = ShareFrom0
+Pitch = Annotated[float | None, Range("m", varied=False)]
 
 
-def require_ranges(numbers: Mapping[str, Number], label: str) -> None:
-    """Refuse what is not finite or outside its range.
+@cache
+def arguments_of(declared: Any) -> dict[str, tuple[Any, Any]]:
+    """Type and default of each argument of a class or a function, by name; those that only keywords give come last."""
+    hints = get_type_hints(declared, include_extras=True)
+    given = inspect.signature(declared).parameters
+    return {name: (hints.get(name, Any), each.default) for name, each in given.items()}
+
+
+@cache
+def ranges_of(declared: Any) -> dict[str, Range]:
+    """Ranges of the parameters of a class or a function, by name."""
+    marks = {name: getattr(hint, "__metadata__", ()) for name, (hint, _) in arguments_of(declared).items()}
+    return {name: mark for name, held in marks.items() for mark in held if isinstance(mark, Range)}
+
+
+def stated(declared: Any, values: Mapping[str, Any]) -> Iterable[tuple[str, Range, Any]]:
+    """Parameters with range and value; those left at a default of None are passed over."""
+    for name, within in ranges_of(declared).items():
+        if values[name] is not None or arguments_of(declared)[name][1] is not None:
+            yield name, within, values[name]
+
+
+def checked(declared: Any, values: Mapping[str, Any], label: str) -> dict[str, float | Tensor]:
+    """Parameters as Python's numbers, and tensors as they are.
 
     Raises:
-        ValueError: label, name, value, unit, range.
+        TypeError: no number; ``label`` says of what it is a parameter.
+        ValueError: outside its range.
     """
-    for name, number in numbers.items():
-        below = number.value < number.low or (number.value == number.low and not number.low_included)
-        if below or not math.isfinite(number.value) or number.value > number.high:
-            unit = "" if number.unit == "1" else f" {number.unit}"
-            edge = f"{'at least' if number.low_included else 'above'} {number.low:g}{unit}"
-            most = "" if number.high == math.inf else f"at most {number.high:g}{unit}"
-            limits = " and ".join(filter(None, [edge if number.low > -math.inf else "", most]))
-            slip = SLIPS.get(number.unit, "") if number.value > number.high else ""
-            raise ValueError(f"{label}: {name} is {number.value:g}{unit}; it is "
-                             f"{limits or 'finite'}{slip}")  # fmt: skip
-
-
-def keys_of(kind: type) -> dict[str, Any]:
-    """Keys of a liner file for the fields of a class, with ranges and defaults, for pydantic."""
-    found: dict[str, Any] = {}
-    for each in dataclasses.fields(kind):
-        limits: dict[str, Any] = {}
-        if about := each.metadata:
-            limits = {"ge" if about["low_included"] else "gt": about["low"], "le": about["high"]}
-        default: Any = ... if each.default is REQUIRED else each.default
-        found[each.name] = (float if limits else Any, Field(default, **limits))
+    found = {}
+    for name, within, value in stated(declared, values):
+        known = value.detach() if isinstance(value, Tensor) else value
+        number = one_number(f"{label}: {name}", known)
+        within.number(number).require(f"{label}: {name}")
+        found[name] = value if isinstance(value, Tensor) else number
     return found
+
+
+def numbers_of(declared: Any, values: Mapping[str, Any]) -> dict[str, Number]:
+    """Parameters that may be varied, by name."""
+    return {name: within.number(value) for name, within, value in stated(declared, values) if within.varied}
+
+
+def tensors_of(declared: Any, values: Mapping[str, Any], device: torch.device) -> dict[str, Tensor]:
+    """Parameters as float64 tensors, gradients kept."""
+    return {name: real_tensor(value).to(device) for name, _, value in stated(declared, values)}

@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, plain_number, real_tensor
-from torchliner.fluid import Fluid
+from torchliner.checks import plain_number
 from torchliner.liners.cavity import cavity_impedance
-from torchliner.liners.cell import DEPTH, PLATE, SHARE, CellLiner, Parameter, omega_of, speed_of
-from torchliner.liners.facesheet import (
-    SpeedLaw,
-    facesheet_impedance,
-    require_mass,
-    speed_law_coefficients,
-)
-from torchliner.liners.model import Number
+from torchliner.liners.cell import CellLiner, omega_of, speed_of
+from torchliner.liners.parameters import Depth, Length, Mach, Share, tensors_of
+from torchliner.liners.sheets.perforate import SpeedLaw, coefficients, linear_impedance, require_mass
 
-NUMBERS = {  # arguments above 0: unit and highest value
-    "facesheet_thickness": PLATE,
-    "orifice_diameter": PLATE,
-    "porosity": SHARE,
-    "cavity_depth": DEPTH,
-    "cavity_hydraulic_radius": DEPTH,
-    "cavity_porosity": SHARE,
-    "open_area_fraction": SHARE,
-    "vena_contracta": SHARE,
-    "velocity_gain": ("1", math.inf),
-}
+SAME_MACH = 0.01
 
 
 @dataclass(frozen=True)
@@ -48,19 +30,9 @@ class SDoFLiner(CellLiner):
         porosity: phi_p of the facesheet the orifices see, 0 to 1: local if ``open_area_fraction``
             carries the walls, global otherwise.
         cavity_depth: H_c, m.  cavity_hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
-        cavity_porosity: phi_c, 0 to 1.
-        open_area_fraction: alpha, the share of the surface that is cell and not rigid wall in
-            parallel (section 5.3), 0 to 1.
-        vena_contracta: C_vc.
-        velocity_reading: which |v| the cell sees: ``as_measured``, |v_c| = |v|, or ``conserved``,
-            |v_c| = |v|/alpha. The paper leaves it open.
-        velocity_gain: factor on |v|, for a measured velocity that is not that of the cell: |v_c| is
-            this times the reading above. 1 in the paper.
-        impedance_offset: constant added to Z, normalised (a correction fixed by a measurement).
-        cell_pitch: L_c, m, for averages over cells; None if there are no cells.
-        flow_facing_porosity: porosity of the whole surface for eq. (2.7);
-            default porosity x open_area_fraction.
-        fluid: gas.  name: for labels.
+        cavity_porosity: phi_c, 0 to 1.  vena_contracta: C_vc.
+        open_area_fraction, velocity_reading, velocity_gain, impedance_offset, cell_pitch, flow_facing_porosity, fluid,
+            name: by keyword, see ``CellLiner``.
     Raises:
         ValueError: a length or porosity outside its range, a hole larger than the pitch, or a thin
             plate so open that it would feed sound.
@@ -70,25 +42,16 @@ class SDoFLiner(CellLiner):
 
     model = "sdof"
 
-    facesheet_thickness: Parameter
-    orifice_diameter: Parameter
-    porosity: Parameter
-    cavity_depth: Parameter
-    cavity_hydraulic_radius: Parameter
-    cavity_porosity: Parameter = 1.0
-    open_area_fraction: Parameter = 1.0
-    vena_contracta: Parameter = 0.8
-    velocity_reading: str = "as_measured"
-    impedance_offset: complex | Tensor = 0j
-    cell_pitch: float | None = None
-    flow_facing_porosity: float | None = None
-    fluid: Fluid = field(default_factory=Fluid)
-    name: str = "sdof"
-    velocity_gain: Parameter = 1.0
+    facesheet_thickness: Length
+    orifice_diameter: Length
+    porosity: Share
+    cavity_depth: Depth
+    cavity_hydraulic_radius: Depth
+    cavity_porosity: Share = 1.0
+    vena_contracta: Share = 0.8
 
     def __post_init__(self) -> None:
-        make_plain(self, tensors=True)
-        self._check(NUMBERS)
+        super().__post_init__()
         plate = (self.facesheet_thickness, self.orifice_diameter, self.porosity)
         require_mass(f"liner {self.name!r}", *map(plain_number, plate))
 
@@ -98,19 +61,24 @@ class SDoFLiner(CellLiner):
         return plain_number(self.orifice_diameter)
 
     @property
-    def _facing(self) -> float:
+    def facing(self) -> float:
+        """See ``CellLiner``."""
         return plain_number(self.porosity)
+
+    def tensors(self, device: torch.device) -> dict[str, Tensor]:
+        """Parameters as float64 tensors, gradients kept."""
+        return tensors_of(type(self), vars(self), device)
 
     def speed_law(self, frequency: Any) -> SpeedLaw:
         """Z(|v|) at fixed frequencies as coefficients, each of the shape of ``frequency`` (Hz)."""
         omega = omega_of(frequency)
-        number = {n: real_tensor(getattr(self, n)).to(omega.device) for n in NUMBERS}
+        number = self.tensors(omega.device)
         radius, porosity = number["orifice_diameter"] / 2, number["porosity"]
-        alpha, k = number["open_area_fraction"], self._gain().to(omega.device)
-        linear = facesheet_impedance(omega, number["facesheet_thickness"], radius, porosity, self.fluid)
+        alpha, k = number["open_area_fraction"], self.gain().to(omega.device)
+        linear = linear_impedance(omega, number["facesheet_thickness"], radius, porosity, self.fluid)
         cavity = cavity_impedance(omega, number["cavity_depth"], number["cavity_hydraulic_radius"], self.fluid)
         linear = (linear + cavity / number["cavity_porosity"]) / alpha + self.impedance_offset
-        a, b, c, d = speed_law_coefficients(omega, radius, porosity, number["vena_contracta"], self.fluid)
+        a, b, c, d = coefficients(omega, radius, porosity, number["vena_contracta"], self.fluid)
         # |v_c| = k |v|: v_c^2/(v_c + b) = k v^2/(v + b/k), v_c^2.5/(v_c^2.5 + d) likewise.
         return SpeedLaw(linear.real, linear.imag, a * k / alpha, b / k, c / alpha, d / k**2.5)
 
@@ -129,8 +97,33 @@ class SDoFLiner(CellLiner):
         law = self.speed_law(frequency)
         return torch.complex(*law.parts(speed_of(speed).to(law.a.device)))
 
-    def _arguments(self) -> dict[str, Number]:
-        return self._named(NUMBERS)
 
-    def _changes(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        return {name: value for name, value in values.items() if name in NUMBERS}
+@dataclass(frozen=True)
+class FlowSDoFLiner(SDoFLiner):
+    """Base of ``SDoFLiner``s whose own ``speed_law`` takes the Mach number of the flow over the plane.
+
+    Args:
+        mach: 0 to 1; None: that which the data state, 0 where they state none.
+    """
+
+    mach: Mach = None
+
+    def in_flow(self, mach: float | None) -> Self:
+        """See ``LinerModel``."""
+        if mach is None:
+            return self
+        if self.mach is None:
+            return self.replace(mach=mach)
+        stated = plain_number(self.mach)
+        if abs(stated - mach) > SAME_MACH:
+            raise ValueError(
+                f"liner {self.name!r} states mach {stated:g}, and the data {mach:g}; leave mach out of the liner, "
+                "which then takes that of the data"
+            )
+        return self
+
+    @classmethod
+    def of(cls, liner: SDoFLiner, **further: Any) -> Self:
+        """The same liner with further parameters, SI; those it has already stay otherwise."""
+        own = {each.name: getattr(liner, each.name) for each in fields(liner)}
+        return cls(**own | further)

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Mapping
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, make_plain, plain_array, real_tensor, tell
+from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
-from torchliner.text_columns import Array, Column, number_of, read_columns
-from torchliner.toml_files import read_text
+from torchliner.liners.parameters import Pitch
+from torchliner.text_columns import Array, Column, cells_of, read_columns, read_lines, separator_of
 
-COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance",
-           "reactance": "impedance"}  # fmt: skip
-EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
+COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,38 +34,39 @@ class TabulatedLiner(LinerModel):
     """
 
     model = "table"
+    file_keys: ClassVar = {
+        "file": (str | None, None),
+        "cell_pitch": (float | None, None),
+        **dict.fromkeys(COLUMNS, (list[Any] | None, None)),
+    }
 
     frequency: Any
     values: Any
     speed: Any = None
-    cell_pitch: float | None = None
-    name: str = "table"
+    cell_pitch: Pitch = None
+    name: str = ""
 
     def __post_init__(self) -> None:
-        make_plain(self)
+        super().__post_init__()
+        where = f"table {self.name!r}"
         frequency = real_tensor(self.frequency).reshape(-1)
+        speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
         values = self.values
         if not isinstance(values, Tensor):  # a list of complex would become complex64
-            values = torch.from_numpy(
-                np.array(plain_array(values, f"table {self.name!r}: values"), dtype=np.complex128)
-            )
+            values = torch.from_numpy(np.array(plain_array(values, f"{where}: values"), dtype=np.complex128))
         values = values.to(torch.complex128)
-        speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
         wanted = (len(frequency),) if speed is None else (len(frequency), len(speed))
         if tuple(values.shape) != wanted:
-            raise ValueError(f"table {self.name!r}: values have shape {tuple(values.shape)}, the axes {wanted}")
-        if not bool(torch.isfinite(values.real).all() and torch.isfinite(values.imag).all()):
-            raise ValueError(f"table {self.name!r} holds values that are not finite")
-        for label, axis in (("frequency", frequency), ("speed", speed)):
-            fewest = 1 if label == "frequency" else 2
+            raise ValueError(f"{where}: values have shape {tuple(values.shape)}, the axes {wanted}")
+        if not bool(torch.isfinite(torch.view_as_real(values)).all()):
+            raise ValueError(f"{where} holds values that are not finite")
+        for label, axis, fewest in (("frequency", frequency, 1), ("speed", speed, 2)):
             if axis is not None and (len(axis) < fewest or not bool((axis.diff() > 0).all())):
-                least = f" and have at least {fewest} value{'s' * (fewest > 1)}"
-                raise ValueError(f"table {self.name!r}: {label} must increase{least}")
+                raise ValueError(f"{where}: {label} must increase; values needed: {fewest} or more")
         if speed is not None and float(speed[0]) != 0:
-            raise ValueError(f"table {self.name!r}: speed starts at {float(speed[0]):g}, not at 0")
-        object.__setattr__(self, "frequency", frequency)
-        object.__setattr__(self, "values", values)
-        object.__setattr__(self, "speed", speed)
+            raise ValueError(f"{where}: speed starts at {float(speed[0]):g}, not at 0")
+        for name, value in (("frequency", frequency), ("values", values), ("speed", speed)):
+            object.__setattr__(self, name, value)
 
     @property
     def frequency_range(self) -> tuple[float, float]:
@@ -87,12 +85,11 @@ class TabulatedLiner(LinerModel):
         return () if self.speed is None else tuple(self.speed.tolist())
 
     @classmethod
-    def read_csv(cls, path: str | Path, **options: Any) -> TabulatedLiner:
+    def read_csv(cls, path: str | Path, **options: Any) -> Self:
         """Read columns ``frequency, resistance, reactance`` or ``frequency, speed, ...``.
 
-        One header row with these names in lower case, commas or semicolons between the cells,
-        decimal points, no remarks; other columns are passed over. Units Hz, m/s and rho c. Rows
-        over frequency and speed form a full grid in any order.
+        One header row with these names in lower case, commas or semicolons between the cells, no remarks; other
+        columns are passed over. Units Hz, m/s and rho c. Rows over frequency and speed form a full grid in any order.
 
         Raises:
             ValueError: a missing column, a value that is no number (with its line), a gap or a
@@ -100,24 +97,38 @@ class TabulatedLiner(LinerModel):
         """
         options.setdefault("name", Path(path).stem)
         with naming(path):
-            return cls._from_columns(_read_columns(Path(path)), path, **options)
+            columns = _read_columns(Path(path))
+            frequency, row = np.unique(columns["frequency"], return_inverse=True)
+            speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
+            values = np.full((len(frequency), len(speed)), np.nan, dtype=complex)
+            values[row, column] = columns["resistance"] + 1j * columns["reactance"]
+            gaps = np.argwhere(np.isnan(values))
+            if len(row) > values.size - len(gaps):
+                raise ValueError(f"{len(row) - values.size + len(gaps)} row(s) repeat a frequency and speed")
+            if len(gaps):
+                f, v = frequency[gaps[0][0]], speed[gaps[0][1]]
+                raise ValueError(f"no row for {f:g} Hz and {v:g} m/s; the grid is full")
+            if "speed" not in columns:
+                return cls(frequency, values[:, 0], **options)
+            return cls(frequency, values, speed, **options)
 
     @classmethod
-    def _from_columns(cls, columns: dict[str, Array], path: str | Path, **options: Any) -> TabulatedLiner:
-        wall = columns["resistance"] + 1j * columns["reactance"]
-        if "speed" not in columns:
-            order = columns["frequency"].argsort(kind="stable")
-            return cls(columns["frequency"][order], wall[order], **options)
-        rows = list(zip(columns["frequency"].tolist(), columns["speed"].tolist(), strict=True))
-        frequency, speed = (sorted(set(axis)) for axis in zip(*rows, strict=True))
-        found = dict(zip(rows, wall.tolist(), strict=True))
-        if len(found) < len(rows):
-            raise ValueError(f"{path}: {len(rows) - len(found)} row(s) repeat a frequency and speed")
-        for f in frequency:
-            for v in speed:
-                if (f, v) not in found:
-                    raise ValueError(f"{path}: no row for {f:g} Hz and {v:g} m/s; the grid is full")
-        return cls(frequency, [[found[f, v] for v in speed] for f in frequency], speed, **options)
+    def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
+        """See ``LinerModel``: a CSV beside the file, or the numbers as ``describe`` has them."""
+        about = {name: keys[name] for name in ("name", "cell_pitch")}
+        frequency, speed, *parts = (keys[name] for name in COLUMNS)
+        if keys["file"] is not None and not any((frequency, speed, *parts)):
+            return cls.read_csv(folder / keys["file"], **about)
+        if keys["file"] is not None or frequency is None or None in parts:
+            raise ValueError(
+                "a table is file, a .csv beside this one, or frequency, resistance "
+                "and reactance, with speed where they depend on it"
+            )
+        arrays = [plain_array(part, name) for part, name in zip(parts, ("resistance", "reactance"), strict=True)]
+        real, imaginary = (real_tensor(array).numpy() for array in arrays)
+        if real.shape != imaginary.shape:
+            raise ValueError(f"resistance has shape {real.shape}, reactance {imaginary.shape}; they are of one shape")
+        return cls(frequency, real + 1j * imaginary, speed, **about)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
         """Normalised impedance, complex128, of the broadcast shape.
@@ -128,27 +139,28 @@ class TabulatedLiner(LinerModel):
             ValueError: outside the table; none is given.
         """
         f, v = real_tensor(frequency), real_tensor(speed)
-        low, high = self.frequency_range
-        _require_inside(f, low, high, f"table {self.name!r}: frequency", "Hz")
-        row, across = _bracket(self.frequency, f)
-        above = (row + 1).clamp(max=len(self.frequency) - 1)
+        _require_inside(f, *self.frequency_range, f"table {self.name!r}: frequency", "Hz")
+        row, above, across = _bracket(self.frequency, f)
         if self.speed is None:
             flat = self.values[row] * (1 - across) + self.values[above] * across
             return flat.broadcast_to(np.broadcast_shapes(f.shape, v.shape))
         _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
-        column, along = _bracket(self.speed, v)
-        lower, upper = (self.values[i, column] * (1 - along) + self.values[i, column + 1] * along for i in (row, above))
+        column, beside, along = _bracket(self.speed, v)
+        lower, upper = (self.values[i, column] * (1 - along) + self.values[i, beside] * along for i in (row, above))
         return lower * (1 - across) + upper * across
 
     def describe(self) -> dict[str, Any]:
         """All of the table, so that a result that holds it can be repeated without its file."""
         values = self.values.detach()
         return {
-            "model": self.model, "name": self.name, "cell_pitch": self.cell_pitch,
+            "model": self.model,
+            "name": self.name,
+            "cell_pitch": self.cell_pitch,
             "frequency": self.frequency.tolist(),
             "speed": None if self.speed is None else self.speed.tolist(),
-            "resistance": values.real.tolist(), "reactance": values.imag.tolist(),
-        }  # fmt: skip
+            "resistance": values.real.tolist(),
+            "reactance": values.imag.tolist(),
+        }
 
     def facts(self) -> dict[str, Any]:
         """See ``LinerModel``."""
@@ -158,31 +170,20 @@ class TabulatedLiner(LinerModel):
 
 def _read_columns(path: Path) -> dict[str, Array]:
     """The columns of a table by name, finite numbers."""
-    text = read_text(path)
-    separator = ";" if ";" in text.partition("\n")[0] else ","
-    reader = csv.reader(StringIO(text), delimiter=separator, skipinitialspace=True)
-    with naming(path):
-        labels = [label.strip() for label in next(reader, [])]
-        rows = [([cell.strip() for cell in row], reader.line_num) for row in reader if row]
+    head, *lines = read_lines(path)
+    separator = separator_of(head)
+    labels = cells_of(head, separator)
     for name in COLUMNS:
         if labels.count(name) != 1 and (name != "speed" or name in labels):
             state = "named twice" if name in labels else f"missing; there are: {', '.join(labels)}"
-            raise ValueError(f"{path}: column {name!r} is {state}; write {EXAMPLE}")
+            raise ValueError(
+                f"column {name!r} is {state}; write frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
+            )
+    rows = {number: cells_of(line, separator) for number, line in enumerate(lines, 2) if line.strip()}
     if not rows:
-        raise ValueError(f"{path} holds no values: the file ends at line 1")
-    others = {i: label for i, label in enumerate(labels) if label not in COLUMNS}
-    if separator == "," and any(
-        number_of(cell) == number_of(cell) for row, _ in rows for i, cell in enumerate(row) if i in others
-    ):
-        # A decimal comma shifts the cells of a row by one, into a column that nobody reads.
-        tell(
-            f"{path}: numbers in the columns {', '.join(map(repr, others.values()))} are passed "
-            "over; if they stem from decimal commas, part the cells by semicolons and write points"
-        )
-    cells, numbers = zip(*rows, strict=True)
-    columns = [Column(name, labels.index(name), 1.0, COLUMNS[name]) for name in COLUMNS
-               if name in labels]  # fmt: skip
-    return read_columns(cells, numbers, columns, path, len(labels), special=(), comma=False)
+        raise ValueError("it holds no values: the file ends at line 1")
+    columns = [Column(name, labels.index(name), 1.0, kind) for name, kind in COLUMNS.items() if name in labels]
+    return read_columns([*rows.values()], [*rows], columns, path, len(labels), special=(), comma=separator != ",")
 
 
 def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:
@@ -195,10 +196,11 @@ def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str
         raise ValueError(f"{name} is {worst:g} {unit}, outside the table's {low:g}-{high:g} {unit}")
 
 
-def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
-    """Lower neighbour and share of the step, clamped to the axis."""
+def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Both neighbours and the share of the step between them, clamped to the axis."""
     if len(axis) == 1:
-        return torch.zeros_like(value, dtype=torch.int64), torch.zeros_like(value)
+        here = torch.zeros_like(value, dtype=torch.int64)
+        return here, here, torch.zeros_like(value)
     index = (torch.searchsorted(axis, value.contiguous(), right=True) - 1).clamp(0, len(axis) - 2)
     share = (value - axis[index]) / (axis[index + 1] - axis[index])
-    return index, share.clamp(0, 1)
+    return index, index + 1, share.clamp(0, 1)

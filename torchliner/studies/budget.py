@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.liners.model import Number
+from torchliner.liners.parameters import Number
 from torchliner.names import LIMITS
 from torchliner.units import parse_tolerance
 

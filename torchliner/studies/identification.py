@@ -13,8 +13,8 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.nodes import interpolation_error
-from torchliner.liners.further import FurtherSDoFLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.sdof import FlowSDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.budget import standard_of
 from torchliner.studies.calibrate import LARGEST_MODEL_ERROR
@@ -141,7 +141,7 @@ class Identification:
         if self.best.fitted.is_curve:
             return self.table()
         found = self.runs[0].liner.with_numbers(self.best.fitted.values)
-        flow = {"mach": None} if isinstance(found, FurtherSDoFLiner) else {}
+        flow = {"mach": None} if isinstance(found, FlowSDoFLiner) else {}
         return found.replace(name=self._name, **flow)
 
     def predict(self, plane: Records, liner: Liner | None = None, frequency: Any = None) -> PlanePrediction:

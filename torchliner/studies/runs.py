@@ -21,9 +21,8 @@ from torchliner.conversions import admittance_from_reflection, impedance_from_ad
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
 from torchliner.liners.adjusted import AdjustedSDoFLiner
-from torchliner.liners.further import FurtherSDoFLiner
 from torchliner.liners.model import LinerModel
-from torchliner.liners.sdof import SDoFLiner
+from torchliner.liners.sdof import FlowSDoFLiner, SDoFLiner
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
@@ -191,7 +190,7 @@ def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
     is."""
     if not isinstance(liner, SDoFLiner):
         return liner
-    if isinstance(liner, FurtherSDoFLiner):
+    if isinstance(liner, FlowSDoFLiner):
         return liner.replace(mach=mach or 0.0)
     return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
 

@@ -19,7 +19,8 @@ from torch.autograd import forward_ad
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import checked_speeds, response
 from torchliner.forward_mode import dual_level, slopes_of
-from torchliner.liners.model import Liner, LinerModel, Number, as_liner, named_numbers
+from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
+from torchliner.liners.parameters import Number
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.budget import Budget, budget_of, values_of
 from torchliner.studies.variants import Records

@@ -15,9 +15,17 @@ from torchliner.io import line_file, map_file, microphone_file, point_file, wall
 from torchliner.io.hdf5 import open_file, text_attribute
 from torchliner.io.tables import FileKind
 from torchliner.io.whole_file import HDF5, printable, writable
-from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, PointImpedances
+from torchliner.records import (
+    FieldFit,
+    ImpedanceLine,
+    ImpedanceMap,
+    MicrophoneLine,
+    PointImpedances,
+    WallEduction,
+)
 from torchliner.report.page.of_map import page_of_map
-from torchliner.report.page.of_others import page_of_duct, page_of_line, page_of_points, page_of_wall
+from torchliner.report.page.of_stations import page_of_line, page_of_points
+from torchliner.report.page.of_wall import page_of_duct, page_of_wall
 from torchliner.report.page.render import ENDING, Page, require_report
 
 RESULTS: tuple[tuple[FileKind, Callable[[Path], Any]], ...] = (
@@ -36,14 +44,19 @@ PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
 }
 
 
-def write_report(result: Any, path: str | Path, *others: Any) -> None:
+def write_report(
+    result: ImpedanceMap | ImpedanceLine | PointImpedances | WallEduction | FieldFit | DuctField | SettledField,
+    path: str | Path,
+    *others: Any,
+) -> None:
     """One self-contained HTML page of a result, as its ``report``; ``others``: eductions beside the first."""
     require_report()
     writable(path, ENDING)
+    shown: Any = result if type(result) in PAGES else (result, *others)
     if isinstance(result, DuctField | SettledField):
         field = result.field if isinstance(result, SettledField) else result
-        result = solved_line(setup_of(field), result)
-    page_of(result if type(result) in PAGES else (result, *others)).write(path)
+        shown = solved_line(setup_of(field), result)
+    page_of(shown).write(path)
 
 
 def page_of(result: Any, source: Path | None = None) -> Page:

@@ -1,0 +1,105 @@
+r"""Terms that several laws of plates with round holes share: the tube, the jet, ends, grazing flow.
+
+Every |v| in this room is the rms velocity in front of the sheet; in the holes it is |v|/sigma.
+Where a law is written for another, its docstring converts. Two ways lead from the quasi-steady
+drop of a jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, to a resistance per rms velocity:
+
+- the slope itself, dp/v at a steady v = |v|: factor 1;
+- the part of dp in phase with a tone v = V sin: the mean of |sin|^3 over that of sin^2 is 8/(3 pi),
+  and V = sqrt(2) |v|, so the factor is 8 sqrt(2)/(3 pi) = 1.2004, Melling's "1.2"; for the peak
+  velocity, 1/2 times 8/(3 pi) is the 4/(3 pi) that others print. The two are one law.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, TypeVar
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import real_tensor
+from torchliner.fluid import Fluid
+from torchliner.liners.cavity import ratio_i2_i0
+from torchliner.liners.parameters import Range, ranges_of
+
+TONE = 8 * 2**0.5 / (3 * math.pi)
+FOK = (1, -1.40925, 0, 0.33818, 0, 0.06793, -0.02287, 0.03015, -0.01641, 0.01729, -0.01248, 0.01205, -0.00985)
+Real = TypeVar("Real", float, Tensor)
+
+
+def tube_impedance(omega: Tensor, length: Tensor, diameter: Tensor, fluid: Fluid) -> Tensor:
+    r"""Air in a tube with friction, normalised: :math:`j\omega L/(c F)`, F = I2(s)/I0(s).
+
+    32 nu L/(c d^2) + 4/3 j omega L/c at low frequency (Poiseuille), j omega L/c at high.
+
+    Args:
+        omega: rad/s.  length: L, m.  diameter: d, m.  fluid: gas.
+    Source: Crandall (1926); F = 1 - 2 J1(x)/(x J0(x)), x = d/2 sqrt(-j omega/nu), is I2/I0 of
+        s = d/2 sqrt(j omega/nu), which keeps its digits as s tends to 0.
+    """
+    shear = torch.sqrt(1j * omega) * (diameter / (2 * fluid.kinematic_viscosity**0.5))
+    return 1j * omega * length / fluid.sound_speed / ratio_i2_i0(shear)
+
+
+def jet_resistance(speed: Tensor, porosity: Tensor, discharge: Tensor, fluid: Fluid) -> Tensor:
+    """(1 - sigma^2) |v|/(2 c sigma^2 C_D^2): the slope of the quasi-steady drop, normalised."""
+    lost = (1 - porosity**2) / (porosity * discharge) ** 2
+    return lost * speed / (2 * fluid.sound_speed)
+
+
+def ingard_end(diameter: Tensor, porosity: Tensor) -> Tensor:
+    """0.85 d (1 - 0.7 sqrt(sigma)), m, both sides: 0.85 is 8/(3 pi). Source: Ingard (1953)."""
+    return 0.85 * diameter * (1 - 0.7 * torch.sqrt(porosity))
+
+
+def left_by_flow(mach: Tensor) -> Tensor:
+    """1/(1 + 305 M^3): what grazing flow leaves of the end correction.
+
+    Source: Rice & Heidelberg, as quoted with the two-parameter model of ``laws.py``.
+    """
+    return 1 / (1 + 305 * mach**3)
+
+
+def fok_sum(porosity: Tensor) -> Tensor:
+    """What the neighbours leave of a hole's end correction: 1/psi of Fok, at xi = sqrt(sigma).
+
+    1 - 1.40925 xi + 0.33818 xi^3 + ...; the 12 powers end at -0.005 instead of 0 for xi = 1, and
+    what is below 0 is taken as 0.
+
+    Source: Fok, as in Melling (1973); coefficients as in OpenPulse (perforated_plate.py).
+    """
+    root, total = torch.sqrt(porosity), torch.zeros_like(porosity)
+    for coefficient in reversed(FOK):
+        total = total * root + coefficient
+    return total.clamp(min=0)
+
+
+def goodrich_resistance(
+    bulk_mach: Annotated[Real, Range(high=1.0, low_included=True)],
+    flow_facing_porosity: Annotated[Real, Range(high=1.0)],
+    displacement_thickness: Annotated[Real, Range("m", low_included=True)],
+    diameter: Annotated[Real, Range("m")],
+) -> Real:
+    r"""Resistance added by grazing flow, normalised: M/(phi (2 + 1.256 delta*/d)).
+
+    Args:
+        bulk_mach: M_b, 0 to 1.
+        flow_facing_porosity: open area over the whole liner surface (the global porosity).
+        displacement_thickness: delta*, m.  diameter: orifice diameter d, m.
+    Raises:
+        ValueError: a Mach number or porosity outside 0 to 1, a porosity or diameter of 0, what is
+            negative or not finite.
+    Source: Yu et al. (2008) as quoted in Roncen et al. (2026), eq. (2.7). Departure from print: M_b
+        stands twice there; once reproduces the paper's own shift (1.03-1.22 for its 0.94-1.12
+        between Mach 0.1 and 0.3), twice gives 0.41-0.49.
+
+    >>> round(tl.goodrich_resistance(0.3, 0.0395, 1.73e-3, 0.7e-3), 3)
+    1.488
+    """
+    given = (bulk_mach, flow_facing_porosity, displacement_thickness, diameter)
+    for (name, within), value in zip(ranges_of(goodrich_resistance).items(), given, strict=True):
+        values = real_tensor(value).detach()
+        for end in values.aminmax() if values.numel() else ():
+            within.number(end).require(f"goodrich_resistance: {name}")
+    return bulk_mach / (flow_facing_porosity * (2 + 1.256 * displacement_thickness / diameter))
