@@ -11,7 +11,7 @@ from conftest import FREQUENCY, RATE, plane_of, turbulence
 from test_level_check import LEVELS, MODEL, OF_AIR, facesheet_record, incident_level_of, plane, square_wave
 
 import torchliner as tl
-from torchliner.liners.layered import Cavity
+from torchliner.liners.layers import Cavity
 from torchliner.records.notes import Note
 from torchliner.report.page.sizes import KINDS, passing
 from torchliner.report.page.subject import subject_of
