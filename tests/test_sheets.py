@@ -220,9 +220,8 @@ def test_maa_against_his_approximation(constant):
 
 
 @pytest.mark.parametrize(
-    ("law", "longer"), [("maa", 0.0), ("melling", 0.849 * 0.689), ("goodrich", 0.85 * 0.843),
-                        ("two-parameter", 0.0)]
-)  # fmt: skip
+    ("law", "longer"), [("maa", 0.0), ("melling", 0.849 * 0.689), ("goodrich", 0.85 * 0.843), ("two-parameter", 0.0)]
+)
 def test_slow_flow_is_poiseuilles(law, longer):
     """32 nu L/(c sigma d^2), L the thickness or with its end correction, in diameters; in the
     two-parameter model over C_D. Guess has no such limit: friction vanishes with omega."""
@@ -286,11 +285,19 @@ def test_flow_adds_resistance_and_takes_mass(law):
 def test_passive_and_finite_everywhere(data, frequency, speed):
     """Re Z >= 0, so |R| <= 1, of every law, for any plate and flow, 1e-3 Hz to 1 MHz."""
     law = data.draw(st.sampled_from(LAWS))
-    ranges = {"thickness": (1e-5, 0.1), "orifice_diameter": (1e-5, 0.1), "porosity": (1e-3, 1),
-              "mach": (0, 1), "displacement_thickness": (1e-6, 0.1), "edge_factor": (0, 10),
-              "discharge_coefficient": (0.1, 1), "vena_contracta": (0.1, 1),
-              "resistance_rayl": (0, 1e5), "resistance_slope_rayl": (0, 1e5),
-              "surface_mass": (0, 10)}  # fmt: skip
+    ranges = {
+        "thickness": (1e-5, 0.1),
+        "orifice_diameter": (1e-5, 0.1),
+        "porosity": (1e-3, 1),
+        "mach": (0, 1),
+        "displacement_thickness": (1e-6, 0.1),
+        "edge_factor": (0, 10),
+        "discharge_coefficient": (0.1, 1),
+        "vena_contracta": (0.1, 1),
+        "resistance_rayl": (0, 1e5),
+        "resistance_slope_rayl": (0, 1e5),
+        "surface_mass": (0, 10),
+    }
     numbers = {name: data.draw(st.floats(*ranges[name])) for name in FIELDS[law]}
     ends = numbers.get("orifice_diameter", 0) * (1.14 * numbers.get("porosity", 0) ** 0.5 - 1)
     if law == "goodrich":
@@ -338,10 +345,12 @@ BAD = [
     ("two-parameter", {"mach": 0.3, "displacement_thickness": 1.5}, "is 1.5 m; .*at most 0.1 m"),
     ("mesh", {"resistance_rayl": -1.0}, "resistance_rayl is -1 Pa s/m; it is at least 0"),
     ("mesh", {"surface_mass": float("nan")}, "surface_mass is nan"),
-    *((law, {"discharge_coefficient": 1.2}, "discharge_coefficient is 1.2; .*at most 1")
-      for law in ("two-parameter", "maa", "melling")),
+    *(
+        (law, {"discharge_coefficient": 1.2}, "discharge_coefficient is 1.2; .*at most 1")
+        for law in ("two-parameter", "maa", "melling")
+    ),
     ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15 .* holds to 1, law 'two-p"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("law", "change", "message"), BAD)
