@@ -64,7 +64,7 @@ def _units(liner: Any) -> dict[str, str]:
     """Units of what has one, by name; those of a layer as in "facesheet.thickness"."""
     from torchliner.liners.parameters import ranges_of
 
-    stated = {**ranges_of(type(liner)), **liner.numbers()}
+    stated: dict[str, Any] = {**ranges_of(type(liner)), **liner.numbers()}
     return {name: f" {each.unit}" for name, each in stated.items() if each.unit != "1"}
 
 
