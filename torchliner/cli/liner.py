@@ -64,7 +64,8 @@ def _units(liner: Any) -> dict[str, str]:
     """Units of what has one, by name; those of a layer as in "facesheet.thickness"."""
     from torchliner.liners.parameters import ranges_of
 
-    stated: dict[str, Any] = {**ranges_of(type(liner)), **liner.numbers()}
+    kind: Any = type(liner)
+    stated = {**ranges_of(kind), **liner.numbers()}
     return {name: f" {each.unit}" for name, each in stated.items() if each.unit != "1"}
 
 
