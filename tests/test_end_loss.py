@@ -48,9 +48,12 @@ def ends(made, frequency=1400.0):
 def test_the_share_is_that_of_the_formula(mach, reading):
     """X at rest less X is s E, with s written out; the resistance is the paper's."""
     made = liner(
-        mach=mach, hydraulic_diameter=1.368e-3, open_area_fraction=0.7, velocity_reading=reading,
+        mach=mach,
+        hydraulic_diameter=1.368e-3,
+        open_area_fraction=0.7,
+        velocity_reading=reading,
         velocity_gain=1.3,
-    )  # fmt: skip
+    )
     for speed in (0.05, 0.4, 3.0):
         cell = speed * 1.3 / (0.7 if reading == "conserved" else 1)
         xi = cell / (made.porosity * 2 * math.pi * 1400 * 1.368e-3)
@@ -92,8 +95,7 @@ def test_reactance_falls_with_speed_and_flow_and_the_wall_stays_passive(mach, p,
 def test_derivatives_are_exact():
     """In all parameters of the law, also at rest and without flow."""
     made = liner(mach=0.1)
-    names = ("end_loss", "loss_displacement", "mach_loss", "mach", "combination",
-             "hydraulic_diameter", "porosity")  # fmt: skip
+    names = ("end_loss", "loss_displacement", "mach_loss", "mach", "combination", "hydraulic_diameter", "porosity")
     start = [torch.tensor(made.numbers()[n].value, dtype=torch.float64) for n in names]
     speed = torch.tensor([0.3, 2.0], dtype=torch.float64)
 

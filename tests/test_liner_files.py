@@ -8,18 +8,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.campaign.campaign_file import read_campaign
 from torchliner.engine.nodes import ANY_LINER, choose_nodes, interpolation_error
 from torchliner.liners.catalogue import preset_text
 from torchliner.liners.model import LinerModel, as_liner, named_numbers
 from torchliner.liners.sheets.table import LAWS
 
 PRESETS = (
-    "double_layer_example", "goodrich_example", "guess_example",
-    "lbm_orifice", "lbm_orifice_coarse", "lbm_slit", "lbm_slit_coarse",
-    "melling_example", "mesh_example", "microperforate_example", "onera", "polito",
-    "polito_as_printed", "two_parameter_example",
-)  # fmt: skip
+    "double_layer_example",
+    "goodrich_example",
+    "guess_example",
+    "lbm_orifice",
+    "lbm_orifice_coarse",
+    "lbm_slit",
+    "lbm_slit_coarse",
+    "melling_example",
+    "mesh_example",
+    "microperforate_example",
+    "onera",
+    "polito",
+    "polito_as_printed",
+    "two_parameter_example",
+)
 GRID_F, GRID_V = (500.0, 800.0, 1400.0, 3000.0), (0.0, 0.5, 4.0)
 
 
@@ -77,14 +86,13 @@ def test_moments_hold_every_preset(name):
     ("name", "changes", "resonance"),
     [
         ("onera", {"porosity": 0.0395, "open_area_fraction": 1.0}, 1243.5),
-        ("onera", {"porosity": 0.0395, "open_area_fraction": 1.0,
-                   "cavity_porosity": (9.91 / 12.44) ** 2}, 1451.3),
+        ("onera", {"porosity": 0.0395, "open_area_fraction": 1.0, "cavity_porosity": (9.91 / 12.44) ** 2}, 1451.3),
         ("onera", {}, 1489.7),
         ("polito_as_printed", {}, 1409.0),
         ("polito_as_printed", {"porosity": 0.0878}, 1636.3),
         ("polito", {}, 1608.5),
     ],
-)  # fmt: skip
+)
 def test_resonance_frequencies(name, changes, resonance):
     assert tl.load_liner(name).replace(**changes).resonance() == pytest.approx(resonance, abs=0.06)
 
@@ -157,22 +165,16 @@ def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
         ("name = 'x'", r"a.toml: model is None.*; it is one of sdof, "),
         ("model = ['sdof']", r"a.toml: model is \['sdof'\]"),
         ("model = 'table'", r"a.toml: a table is file, a .csv beside this one"),
-        (preset_text("onera").replace("12.44e-3", "0.5e-3"),
-         r"a.toml: liner 'onera': orifice_diameter is 0.000991 m, larger than cell_pitch, 0.0005 m"),
+        (
+            preset_text("onera").replace("12.44e-3", "0.5e-3"),
+            r"a.toml: liner 'onera': orifice_diameter is 0.000991 m, larger than cell_pitch, 0.0005 m",
+        ),
         (preset_text("onera") + "\n[fluid]\nsound_speed = inf", r"sound_speed = inf: .*finite"),
     ],
-)  # fmt: skip
+)
 def test_bad_toml_is_refused(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
         tl.load_liner(write(tmp_path / "a.toml", text))
-
-
-def test_text_that_is_not_utf8_is_refused(tmp_path):
-    (tmp_path / "a.toml").write_bytes('description = "\xb5"'.encode("latin-1"))
-    with pytest.raises(ValueError, match=r"a.toml is not UTF-8 text: .*; save it as UTF-8"):
-        tl.load_liner(tmp_path / "a.toml")
-    with pytest.raises(FileNotFoundError, match=r"b.toml"):
-        tl.load_liner(tmp_path / "b.toml")
 
 
 @given(f=st.floats(500, 3000), v=st.floats(0, 4))
@@ -180,16 +182,6 @@ def test_interpolation_is_exact_on_a_bilinear_function(f, v):
     values = [[bilinear(a, b) for b in GRID_V] for a in GRID_F]
     found = tl.TabulatedLiner(GRID_F, values, GRID_V).impedance(f, v)
     assert abs(complex(found) - bilinear(f, v)) < 1e-12
-
-
-def test_nodes_are_returned_in_full_precision():
-    """Values that float32 cannot hold come back in float64 at every node, the last included."""
-    noise = torch.Generator().manual_seed(0)
-    values = torch.randn(4, 3, dtype=torch.complex128, generator=noise)
-    for given_values in (values, values.tolist(), values.numpy()):
-        liner = tl.TabulatedLiner(GRID_F, given_values, GRID_V)
-        found = liner.impedance(torch.tensor(GRID_F)[:, None], GRID_V)
-        torch.testing.assert_close(found, values, rtol=1e-15, atol=1e-15)
 
 
 def test_table_over_frequency_alone_ignores_the_speed():
@@ -265,16 +257,10 @@ HEAD = "frequency,speed,resistance,reactance"
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (["f,resistance,reactance", "1,2,3"], r"t.csv: column 'frequency' is missing; there are"),
-        (["Frequency,resistance,reactance", "1,2,3"], r"column 'frequency' is missing; there are"),
+        (["f,resistance,reactance", "1,2,3"], r"'frequency' is missing; there are: f, .* write frequency, \[speed"),
         (["frequency [kHz],resistance,reactance", "1,2,3"], r"column 'frequency' is missing"),
         (["# source = me", HEAD, "1,0,2,3"], r"column 'frequency' is missing; there are: # source"),
-        ([HEAD, "1,0,2,3", "# a remark"], r"line 3, column 'frequency' is '# a remark'; a number"),
         ([HEAD.replace(",", ";"), "1;0;2,5;3.5"], r"mixes decimal marks: line 2 has '2,5'"),
-        (
-            ["note", "1"],
-            r"t.csv: column 'frequency' is missing.* write frequency, \[speed,\] res",
-        ),
         ([""], r"t.csv is empty"),
         ([HEAD], r"t.csv: it holds no values: the file ends at line 1"),
         ([HEAD, "1,0,2,3", "", "2,0,two,3"], r"t.csv: line 4, column 'resistance' is 'two'; a num"),
@@ -315,103 +301,6 @@ def test_any_object_with_an_impedance_is_a_liner(liner):
         named_numbers(found)
 
 
-MINE = """
-import torch
-
-cell_pitch = 5e-3
-orifice_diameter = 1e-3
-
-
-def impedance(frequency, speed):
-    return torch.complex(0.2 + 0.3 * speed + 0 * frequency, 1e-3 * frequency + 0 * speed)
-"""
-
-
-def test_a_python_file_is_a_liner(tmp_path):
-    """Its function in float64, what it states, and a digest of its text for provenance."""
-    found = tl.load_liner(write(tmp_path / "mine.py", MINE))
-    assert found.impedance([[500.0], [800.0]], [0.0, 2.0]).tolist() == [
-        [0.2 + 0.5j, 0.8 + 0.5j], [0.2 + 0.8j, 0.8 + 0.8j],
-    ]  # fmt: skip
-    assert (found.cell_pitch, found.hole_diameter, found.fluid) == (5e-3, 1e-3, None)
-    about = found.describe()
-    assert (about["model"], about["name"], about["file"]) == ("python", "mine", "mine.py")
-    assert len(about["sha256"]) == 64
-    steady = torch.full((2, 900), 2.0, dtype=torch.float64)
-    plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=800.0, x=[0.0, 2e-3])
-    assert complex(tl.educe(plane, found, interval=None).answer[0]) == pytest.approx(0.8 + 0.8j)
-
-
-def test_a_python_file_may_hold_an_object(tmp_path):
-    """A model as it is; any other object is guarded like a function; numpy and lists are taken."""
-    lines = ["import torchliner as tl", "liner = tl.load_liner('onera').replace(name='mine')"]
-    found = tl.load_liner(write(tmp_path / "a.py", *lines))
-    assert found == tl.load_liner("onera").replace(name="mine")
-    lines = ["class Mine:", "    speed_max = 3.0", "    def impedance(self, f, v):",
-             "        return [1 + 0.1j]", "liner = Mine()"]  # fmt: skip
-    found = tl.load_liner(write(tmp_path / "b.py", *lines))
-    assert found.speed_max == 3.0
-    assert found.impedance([1.0, 2.0], 0.0).tolist() == [1 + 0.1j] * 2  # not in complex64
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("def impedance(f, v:\n    return f", r"mine.py, line 1: SyntaxError: '\(' was never c"),
-        ("x = 1\n\ny = x / 0", r"mine.py, line 3: ZeroDivisionError: division by zero"),
-        ("import nothing_of_that_name", r"mine.py, line 1: ModuleNotFoundError: No module named"),
-        ("import sys\nsys.exit(3)", r"mine.py, line 2: SystemExit: 3"),
-        ("def impedence(f, v): return 1j", r"mine.py defines no function impedance\(frequency, "
-         r"speed\) \(did you mean 'impedence'\?\)"),
-        ("impedance = 3", r"mine.py defines no function impedance"),
-        ("liner = 'onera'", r"mine.py defines no function impedance.* and no object 'liner'"),
-        ("fluid = 'air'\ndef impedance(f, v): return 1j", r"mine.py: fluid is 'air'; a torchliner"),
-    ],
-)  # fmt: skip
-def test_python_files_that_are_no_liner_are_refused(tmp_path, text, message):
-    with pytest.raises(ValueError, match=message):
-        tl.load_liner(write(tmp_path / "mine.py", text))
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ("    x = 1\n    return f.nothing", r"mine.py, line 3: .* failed for tensors of shape "
-         r"\(2,\) and \(\): AttributeError: .*nothing"),
-        ("    return f + v", r"mine.py, line 1: .* gave real numbers; .* add 1j times"),
-        ("    return [1j] * 3", r"mine.py, line 1: .* gave shape \(3,\) for frequency \(2,\) "
-         r"and speed \(\); \(2,\) is needed"),
-        ("    return f * float('nan') + 1j", r"mine.py, line 1: .* gave nan, inf or -1 between 50"),
-    ],
-)  # fmt: skip
-def test_functions_that_fail_are_named_with_their_line(tmp_path, body, message):
-    found = tl.load_liner(write(tmp_path / "mine.py", "def impedance(f, v):", body))
-    with pytest.raises(ValueError, match=message):
-        found.impedance([500.0, 800.0], 0.0)
-
-
-def test_a_function_of_one_argument_is_refused(tmp_path):
-    found = tl.load_liner(write(tmp_path / "mine.py", "def impedance(f): return f * 1j"))
-    with pytest.raises(ValueError, match=r"mine.py, line 1: .* takes 1 positional argument but 2"):
-        found.impedance(500.0, 0.0)
-
-
-def test_no_toml_runs_a_python_file(tmp_path):
-    """Neither as the table of a liner file nor as the liner of a campaign."""
-    ran = tmp_path / "ran"
-    write(tmp_path / "mine.py", f"open({str(ran)!r}, 'w').close()", MINE)
-    for text in ("model = 'table'\nfile = 'mine.py'", "model = 'mine.py'"):
-        with pytest.raises(ValueError, match=r"a.toml|mine.py"):
-            tl.load_liner(write(tmp_path / "a.toml", text))
-    write(tmp_path / "c.toml", "liners = ['mine.py']", "[[planes]]", "files = 'x.h5'")
-    (tmp_path / "x.h5").touch()
-    with pytest.raises(ValueError, match=r"liner mine.py is a program, which no campaign runs"):
-        read_campaign(tmp_path / "c.toml")
-    assert not ran.exists()
-    tl.load_liner(tmp_path / "mine.py")
-    assert ran.exists()
-
-
 def test_a_description_that_leaves_numbers_to_defaults_is_refused():
     """Of a map that somebody edited: the default would be another liner, and nothing would say."""
     whole = tl.load_liner("lbm_orifice_coarse").describe()
@@ -436,8 +325,13 @@ def test_a_description_that_leaves_numbers_to_defaults_is_refused():
 )
 def test_numbers_of_a_table_are_a_full_grid(change, words):
     """Lists of other lengths would be stretched over the table."""
-    table = {"model": "table", "name": "t", "frequency": [1000.0, 1400.0, 2000.0],
-             "resistance": [0.5, 0.6, 0.7], "reactance": [-0.5, 0.0, 0.5]}  # fmt: skip
+    table = {
+        "model": "table",
+        "name": "t",
+        "frequency": [1000.0, 1400.0, 2000.0],
+        "resistance": [0.5, 0.6, 0.7],
+        "reactance": [-0.5, 0.0, 0.5],
+    }
     assert tl.load_liner(table).impedance(1400.0).tolist() == 0.6 + 0j
     with pytest.raises(ValueError, match=words):
         tl.load_liner({**table, **change})

@@ -53,8 +53,13 @@ def test_every_law_stands_in_the_table_with_its_parameters():
     rows = dict(re.findall(r"^\| `([\w-]+)` \| (.*)\|$", PAGE, re.MULTILINE))
     assert set(rows) == set(LAWS)
     for law, text in rows.items():
-        layers = [each for name in tl.preset_names() if name.endswith("_example")
-                  for each in tl.load_liner(name).layers if each.kind == law]  # fmt: skip
+        layers = [
+            each
+            for name in tl.preset_names()
+            if name.endswith("_example")
+            for each in tl.load_liner(name).layers
+            if each.kind == law
+        ]
         own = set(layers[0].numbers()) - {"thickness", "orifice_diameter", "porosity"}
         assert own == {word for word in re.findall(r"`(\w+)`", text) if word in own}, law
         assert own == set(re.findall(r"`(\w+)`", text.rsplit("|", 1)[-1])), law

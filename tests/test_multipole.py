@@ -52,9 +52,14 @@ def test_a_perforated_liner_is_met_by_a_stable_and_passive_model(liner: str, pol
     assert float(model.poles.real.max()) < 0
     assert float(model.reflection(EVERYWHERE).abs().max()) < 1 + 1e-6
     assert model.error < error
-    stated = (model.reflection(FREQUENCY) - tl.reflection_from_impedance(
-        tl.load_liner(liner).impedance(FREQUENCY, torch.tensor(3.0).double())
-    )).abs().max()  # fmt: skip
+    stated = (
+        (
+            model.reflection(FREQUENCY)
+            - tl.reflection_from_impedance(tl.load_liner(liner).impedance(FREQUENCY, torch.tensor(3.0).double()))
+        )
+        .abs()
+        .max()
+    )
     assert float(stated) == pytest.approx(model.error, rel=1e-6)
     conjugates = (model.poles[:, None] - model.poles.conj()).abs().amin(0)
     assert float((conjugates / model.poles.abs()).max()) < 1e-12

@@ -46,8 +46,10 @@ def test_bessel_ratio_gradient():
 
 
 # Origin: 40-digit evaluation of (2.2), phi_p = 3.95 %, phi_c = 1, r_c = D/2.
-FROZEN_LINEAR = {200.0: 0.199725391961607285 - 6.79900864116535933j,
-                 1400.0: 0.110928309183128547 + 0.269990980796316172j}  # fmt: skip
+FROZEN_LINEAR = {
+    200.0: 0.199725391961607285 - 6.79900864116535933j,
+    1400.0: 0.110928309183128547 + 0.269990980796316172j,
+}
 
 
 @pytest.mark.parametrize(("frequency", "wanted"), FROZEN_LINEAR.items())
@@ -98,8 +100,7 @@ def test_rest_is_the_linear_limit():
 )
 def test_passive_everywhere(frequency, speed, porosity, reading):
     """|R| < 1 and finite from 1e-3 Hz to 1 MHz, up to 20 m/s."""
-    liner = tl.SDoFLiner(0.6e-3, 1e-3, porosity, 38e-3, 5e-3, open_area_fraction=0.63,
-                         velocity_reading=reading)  # fmt: skip
+    liner = tl.SDoFLiner(0.6e-3, 1e-3, porosity, 38e-3, 5e-3, open_area_fraction=0.63, velocity_reading=reading)
     found = complex(tl.reflection_from_impedance(liner.impedance(frequency, speed)))
     assert abs(found) <= 1
 
@@ -133,8 +134,15 @@ def test_broadcasting_and_kinds():
 
 def test_every_parameter_has_a_gradient():
     """gradcheck of Z over all seven numeric parameters."""
-    names = ("facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth",
-             "cavity_hydraulic_radius", "open_area_fraction", "vena_contracta")  # fmt: skip
+    names = (
+        "facesheet_thickness",
+        "orifice_diameter",
+        "porosity",
+        "cavity_depth",
+        "cavity_hydraulic_radius",
+        "open_area_fraction",
+        "vena_contracta",
+    )
     liner = tl.load_liner("onera")
     scales = [float(getattr(liner, name)) for name in names]
 
@@ -191,9 +199,13 @@ def test_bad_geometry(change, message):
 
 @pytest.mark.parametrize(
     ("frequency", "speed", "message"),
-    [(0.0, 1.0, "frequency.*is 0"), (-5.0, 1.0, "is -5"), (1400.0, -1.0, "not negative"),
-     (1400.0, float("nan"), "finite")],
-)  # fmt: skip
+    [
+        (0.0, 1.0, "frequency.*is 0"),
+        (-5.0, 1.0, "is -5"),
+        (1400.0, -1.0, "not negative"),
+        (1400.0, float("nan"), "finite"),
+    ],
+)
 def test_bad_arguments(frequency, speed, message):
     """A frequency of 0 or a negative |v| has no impedance."""
     with pytest.raises(ValueError, match=message):

@@ -20,7 +20,7 @@ from torchliner.liners.parameters import arguments_of, ranges_of
 from torchliner.liners.sheets.table import LAWS as ROWS
 from torchliner.liners.sheets.terms import TONE, fok_sum, tube_impedance
 
-LAWS = [name for name in ROWS if name != "weave"]  # that of tests/test_layered.py
+LAWS = [*ROWS]
 FIELDS = {name: [*ranges_of(row.impedance)] for name, row in ROWS.items()}
 PLATES = [name for name in LAWS if "porosity" in FIELDS[name]]
 GRAZED = [name for name in PLATES if "mach" in FIELDS[name]]
@@ -220,9 +220,8 @@ def test_maa_against_his_approximation(constant):
 
 
 @pytest.mark.parametrize(
-    ("law", "longer"), [("maa", 0.0), ("melling", 0.849 * 0.689), ("goodrich", 0.85 * 0.843),
-                        ("two-parameter", 0.0)]
-)  # fmt: skip
+    ("law", "longer"), [("maa", 0.0), ("melling", 0.849 * 0.689), ("goodrich", 0.85 * 0.843), ("two-parameter", 0.0)]
+)
 def test_slow_flow_is_poiseuilles(law, longer):
     """32 nu L/(c sigma d^2), L the thickness or with its end correction, in diameters; in the
     two-parameter model over C_D. Guess has no such limit: friction vanishes with omega."""
@@ -243,13 +242,6 @@ def test_fast_flow_is_a_mass(law):
     wanted = 20 * math.tau * 0.1 / (AIR.sound_speed * 0.2)
     assert found.imag == pytest.approx(wanted, rel=0.02)
     assert 0 <= found.real < 0.01 * wanted
-
-
-def test_linear_laws_agree():
-    """The common plate at 1500 Hz: the laws differ by their end corrections and edges alone."""
-    found = {law: z(make(law), 1500.0) for law in PLATES}
-    assert {law for law, each in found.items() if not 0.07 < each.real < 0.12} == {"two-parameter"}
-    assert all(0.83 < each.imag < 0.96 for each in found.values())
 
 
 @pytest.mark.parametrize("law", PLATES)
@@ -285,32 +277,6 @@ def test_flow_adds_resistance_and_takes_mass(law):
     assert difference.imag == pytest.approx(-lost, rel=0.12)
 
 
-@pytest.mark.parametrize("law", [name for name in PLATES if name not in GRAZED])
-def test_laws_without_flow_say_so(law):
-    """An eduction warns by ``flow_resistance``: 0 where turbulence enters by |v| alone."""
-    assert make(law).flow_resistance == 0
-
-
-@pytest.mark.parametrize("law", ["goodrich", "two-parameter"])
-def test_shift_of_the_paper(law):
-    """1.03-1.22 between Mach 0.1 and 0.3 for delta* 2 +- 0.3 mm, with one M_b in eq. (2.7)."""
-    onera = {"thickness": 0.635e-3, "orifice_diameter": 0.991e-3, "porosity": 0.0395}
-    shifts = [
-        in_flow(law, 0.3, **onera, displacement_thickness=delta).flow_resistance
-        - in_flow(law, 0.1, **onera, displacement_thickness=delta).flow_resistance
-        for delta in (1.7e-3, 2.3e-3)
-    ]
-    assert shifts == pytest.approx([1.22, 1.03], abs=0.01)
-
-
-def test_goodrich_mass_ends_where_it_says():
-    """|v| = sigma (t + epsilon d)/2.07e-5 s: 3.66 m/s for the common plate; friction adds to it."""
-    sheet = make("goodrich")
-    length = 0.8e-3 + 0.85e-3 * (1 - 0.7 * 0.05**0.5)
-    assert 0.05 * length / 2.07e-5 == pytest.approx(3.66, abs=0.01)
-    assert z(sheet, 1e6, 3.66).imag == pytest.approx(0, abs=0.01 * z(sheet, 1e6).imag)
-
-
 # Everywhere, and derivatives.
 
 
@@ -319,11 +285,19 @@ def test_goodrich_mass_ends_where_it_says():
 def test_passive_and_finite_everywhere(data, frequency, speed):
     """Re Z >= 0, so |R| <= 1, of every law, for any plate and flow, 1e-3 Hz to 1 MHz."""
     law = data.draw(st.sampled_from(LAWS))
-    ranges = {"thickness": (1e-5, 0.1), "orifice_diameter": (1e-5, 0.1), "porosity": (1e-3, 1),
-              "mach": (0, 1), "displacement_thickness": (1e-6, 0.1), "edge_factor": (0, 10),
-              "discharge_coefficient": (0.1, 1), "vena_contracta": (0.1, 1),
-              "resistance_rayl": (0, 1e5), "resistance_slope_rayl": (0, 1e5),
-              "surface_mass": (0, 10)}  # fmt: skip
+    ranges = {
+        "thickness": (1e-5, 0.1),
+        "orifice_diameter": (1e-5, 0.1),
+        "porosity": (1e-3, 1),
+        "mach": (0, 1),
+        "displacement_thickness": (1e-6, 0.1),
+        "edge_factor": (0, 10),
+        "discharge_coefficient": (0.1, 1),
+        "vena_contracta": (0.1, 1),
+        "resistance_rayl": (0, 1e5),
+        "resistance_slope_rayl": (0, 1e5),
+        "surface_mass": (0, 10),
+    }
     numbers = {name: data.draw(st.floats(*ranges[name])) for name in FIELDS[law]}
     ends = numbers.get("orifice_diameter", 0) * (1.14 * numbers.get("porosity", 0) ** 0.5 - 1)
     if law == "goodrich":
@@ -357,18 +331,6 @@ def test_derivatives(law):
     assert all(float(slope.abs()) > 1e-9 for slope in slopes), "a parameter does not enter"
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_shapes(law):
-    """omega and |v| broadcast; the values are those one by one."""
-    omega = torch.tensor([[1e3], [1e4]], dtype=torch.float64)
-    speed = torch.tensor([0.0, 1.0, 4.0], dtype=torch.float64)
-    found = make(law, **({"surface_mass": 0.01} if law == "mesh" else {})).impedance(omega, speed, AIR)
-    assert found.dtype == torch.complex128
-    assert torch.broadcast_to(found, (2, 3)).shape == (2, 3)
-    if law != "mesh":
-        assert complex(found[1, 2]) == pytest.approx(z(make(law), 1e4 / math.tau, 4.0), rel=1e-14)
-
-
 # Bad input.
 
 BAD = [
@@ -383,10 +345,12 @@ BAD = [
     ("two-parameter", {"mach": 0.3, "displacement_thickness": 1.5}, "is 1.5 m; .*at most 0.1 m"),
     ("mesh", {"resistance_rayl": -1.0}, "resistance_rayl is -1 Pa s/m; it is at least 0"),
     ("mesh", {"surface_mass": float("nan")}, "surface_mass is nan"),
-    *((law, {"discharge_coefficient": 1.2}, "discharge_coefficient is 1.2; .*at most 1")
-      for law in ("two-parameter", "maa", "melling")),
+    *(
+        (law, {"discharge_coefficient": 1.2}, "discharge_coefficient is 1.2; .*at most 1")
+        for law in ("two-parameter", "maa", "melling")
+    ),
     ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15 .* holds to 1, law 'two-p"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("law", "change", "message"), BAD)

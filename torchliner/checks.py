@@ -129,7 +129,7 @@ def _without_array(value: Any) -> Any:
 
 
 KINDS = {
-    "float": one_number, "Parameter": one_number, "int": whole_number, "bool": truth_value,
+    "float": one_number, "int": whole_number, "bool": truth_value,
     "complex | Tensor": _complex_number, "Mapping[str, complex]": _named_values,
     "Mapping[str, Any]": _mapping, "Fluid": _gas,
 }  # fmt: skip

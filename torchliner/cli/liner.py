@@ -43,9 +43,12 @@ def run(options: argparse.Namespace) -> int:
             for v in options.speed
         ]
         found.append({"liner": liner.facts(), "table": table})
+    units = [_units(liner) for liner in liners.values()]
     show_results(
         options,
-        lambda: "\n".join(_text(one["liner"], one["table"], options.speed) for one in found),
+        lambda: "\n".join(
+            _text(one["liner"], of, one["table"], options.speed) for one, of in zip(found, units, strict=True)
+        ),
         lambda: found if len(found) > 1 else found[0],
         figure=lambda path: _draw(liners, options.speed, path),
     )
@@ -57,7 +60,16 @@ def _inside(liner: Any, frequency: float) -> bool:
     return known is None or known[0] <= frequency <= known[1]
 
 
-def _text(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float]) -> str:
+def _units(liner: Any) -> dict[str, str]:
+    """Units of what has one, by name; those of a layer as in "facesheet.thickness"."""
+    from torchliner.liners.parameters import ranges_of
+
+    kind: Any = type(liner)
+    stated = {**ranges_of(kind), **liner.numbers()}
+    return {name: f" {each.unit}" for name, each in stated.items() if each.unit != "1"}
+
+
+def _text(facts: dict[str, Any], units: dict[str, str], table: list[dict[str, Any]], speeds: list[float]) -> str:
     from torchliner.report.table import format_complex
 
     lines = []
@@ -65,8 +77,8 @@ def _text(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float
         if key == "fluid":
             value = ", ".join(f"{name} {number:g}" for name, number in value.items())
         layer = dict(value) if isinstance(value, dict) else {}
-        lines.append(_fact(key, layer.pop("kind", value)))
-        lines += [_fact(f"  {name}", number) for name, number in layer.items()]
+        lines.append(_fact(key, layer.pop("kind", value), units.get(key, "")))
+        lines += [_fact(f"  {name}", number, units.get(f"{key}.{name}", "")) for name, number in layer.items()]
     lines.append("\nZ, normalised by rho c, at |v| in m/s")
     lines.append(f"{'f Hz':>8s}" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds))
     for first in range(0, len(table), len(speeds)):
@@ -76,8 +88,7 @@ def _text(facts: dict[str, Any], table: list[dict[str, Any]], speeds: list[float
     return "\n".join(lines)
 
 
-def _fact(key: str, value: Any) -> str:
-    unit = " m" if key.endswith(("thickness", "diameter", "depth", "radius", "pitch")) else ""
+def _fact(key: str, value: Any, unit: str) -> str:
     return f"{key:26s} {value:.6g}{unit}" if isinstance(value, float) else f"{key:26s} {value}"
 
 

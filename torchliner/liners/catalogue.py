@@ -102,9 +102,10 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
             f"it is one of {', '.join(LINER_MODELS)}"
         )
     made: type[LinerModel] = resolve(LINER_MODELS[kind])
-    layers = {name: _table(name, kind=(Literal[name], ...), **_keys(of)) for name, of in layer_kinds().items()}
     keys = {**ABOUT, **(made.file_keys or _keys(made)), "model": (str, ...)}
+    layers: dict[str, type[Strict]] = {}
     if "layers" in keys:
+        layers = {name: _table(name, kind=(Literal[name], ...), **_keys(of)) for name, of in layer_kinds().items()}
         keys["layers"] = (_layers_of(layers), ...)
     table = validated(_table(made.__name__, **keys), content, path, {"fluid": FluidTable, **layers})
     given = {name: getattr(table, name) for name in keys if name not in ("model", "description", "source")}
