@@ -65,7 +65,7 @@ def test_what_was_taken_at_a_frequency_is_not_asked_for_at_another(liner):
     own = tl.educe(plane_of(v), bare, running_window=1 / FREQUENCY, frequency=700.0, **running)
     same = known.educe(bare, 700.0, running_window=1 / FREQUENCY, **running)
     assert relative_error(same.answer, own.answer) < 1e-6
-    with pytest.raises(ValueError, match=r"coherence of v.* at 1400, .* and not with 700 Hz"):
+    with pytest.raises(ValueError, match=r"coherence of v.* at 1400, .* and not at 700 Hz"):
         tl.moments(plane_of(v)).educe(bare, 700.0, wall_filter=0.5)
 
 
