@@ -119,7 +119,7 @@ def test_a_duct_that_is_not_the_measured_one_says_so(upstream):
     """An end that reflects, unknown to the model: the misfit is far above the errors."""
     _, blind = upstream
     line, _ = solved(end_reflection=(0.2, 0.0))
-    with pytest.warns(tl.DataWarning, match=r"at 900 Hz the residuals are .* times the stated"):
+    with pytest.warns(tl.DataWarning, match=r"at 2 of 2 values, .* the residuals are .* times the stated"):
         found = fit_field(line, blind, far_end="stated", start=2.0)
     assert float(found.misfit.min()) > 3
 
@@ -148,7 +148,7 @@ def test_an_end_that_gains_is_doubted():
     with pytest.warns(tl.DataWarning, match="end_reflection has a modulus of 1.3, above 1"):
         line, _ = solved(end_reflection=(1.3, 0.0))
     _, blind = solved()
-    with pytest.warns(tl.DataWarning, match=r"at 900 Hz the far end would reflect 1\.3 times what"):
+    with pytest.warns(tl.DataWarning, match=r"first at 900 Hz, the far end would reflect 1\.3 times what"):
         fit_field(line, blind)
 
 
@@ -269,7 +269,7 @@ def test_bad_lines_are_refused(upstream):
     two = line.select([0, 1])
     with pytest.raises(ValueError, match=r"has 2 microphones; .* 2 complex unknowns, need at least 3"):
         fit_field(two, solver, far_end="stated")
-    with pytest.raises(ValueError, match=r"b2a has mach 0\.1, the duct 0\.3; state one"):
+    with pytest.raises(ValueError, match=r"b2a has mach 0\.1, the duct 0\.3; state the same"):
         fit_field(dataclasses.replace(line, mach=0.1), solver)
     with pytest.raises(ValueError, match=r"duct_height \(m\) 0\.04, the duct 0\.05"):
         fit_field(dataclasses.replace(line, duct_height=0.04), solver)
@@ -279,7 +279,7 @@ def test_bad_lines_are_refused(upstream):
         fit_field(dataclasses.replace(line, x=line.x + 0.146, liner_start=None, liner_end=None), solver)
     with pytest.raises(ValueError, match=r"frequencies \[900.0, 1600.0\] Hz, the duct"):
         fit_field(dataclasses.replace(line, frequency=[900.0, 1600.0]), solver)
-    with pytest.raises(ValueError, match=r"has its liner from x = 0 to 0\.14 m, the duct from 0 to"):
+    with pytest.raises(ValueError, match=r"liner_end \(m\) 0\.14, the duct 0\.15"):
         fit_field(dataclasses.replace(line, liner_end=0.14), solver)
     with pytest.raises(ValueError, match="3 complex unknowns, need at least 4"):
         fit_field(line.select([0, 1, 2]), solver)
@@ -337,7 +337,6 @@ def test_a_fit_that_leans_on_a_growing_wave_says_so():
     )  # fmt: skip
     right, wrong = (fit_field(line, duct, start=2.0) for duct in (flat, sheared))
     assert abs(complex(right.impedance[0]) - (0.8 + 0.4j)) < 1e-6
-    assert not any("grows along the liner" in note for note in right.notes)
+    assert right.notes == ()
     assert abs(complex(wrong.impedance[0]) - (0.8 + 0.4j)) > 0.5
-    for said in ("grows along the liner", "times the stated errors"):
-        assert any(said in note for note in wrong.notes)
+    assert {"growing-wave", "model-misfit"} <= {note.code for note in wrong.notes}

@@ -185,7 +185,7 @@ def test_a_field_of_an_unknown_source_is_asked_for(solved_files, tmp_path, capsy
     [
         ([], "a fit of the field needs the duct: state --duct with a preset or a .toml file"),
         (["--duct", "b3a"], "unknown duct 'b3a' (did you mean 'b2a'?)"),
-        (["--duct", "ufsc"], "has duct_height (m) 0.05, the duct 0.04; state one and the same"),
+        (["--duct", "ufsc"], "has duct_height (m) 0.05, the duct 0.04; state the same in both"),
         (["--duct", "nothing.toml"], "nothing.toml: no such file"),
         (["--duct", "b2a", "--order", "3"], "--order is no option of --method field"),
         (["--duct", "b2a", "--margin", "3"], "--margin is no option of --method field"),

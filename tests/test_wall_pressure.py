@@ -137,11 +137,11 @@ def test_signals_in_parts_are_signals_one_by_one(monkeypatch):
     """But for rounding, with any leading axes."""
     generator = torch.Generator().manual_seed(1)
     signal = torch.randn(3, 5, 12, dtype=torch.complex128, generator=generator)
-    whole = vars(find_exponentials(signal, 2, 6))
+    whole = find_exponentials(signal, 2, 6)
     for count in (1, 4, 15):
         monkeypatch.setattr("torchliner.pressure.kumaresan_tufts.SIGNALS", count)
-        for name, value in vars(find_exponentials(signal, 2, 6)).items():
-            assert torch.allclose(value, whole[name], rtol=1e-11, atol=1e-13), name
+        for value, wanted in zip(find_exponentials(signal, 2, 6), whole, strict=True):
+            assert torch.allclose(value, wanted, rtol=1e-11, atol=1e-13)
 
 
 def test_exponentials_by_hand():
@@ -288,7 +288,7 @@ def test_single_precision_data():
         ({"order": 0}, "fewer than twice the order, 0"),
         (
             {"rank": 7},
-            "12 microphones allow an order of 6, half of them, which is below the rank, 7",
+            "12 microphones allow an order of 6, half of them, below the rank, 7",
         ),
         ({"rank": 7, "order": 6}, "rank is 7; it must be 1 to the order, 6"),
         ({"rank": 0}, "rank is 0"),
@@ -348,13 +348,13 @@ def test_a_source_on_the_wrong_side():
         kumaresan_tufts(conjugated, rank=1)
 
 
+@pytest.mark.filterwarnings("ignore:.*draws have no impedance")
 def test_doubts_are_warned_of_and_kept():
     """Higher modes, half a wavelength, a wave that gains, frequencies without a wave."""
     limit = cut_on_frequency(HEIGHT, 0.3, tl.Fluid().sound_speed)
     frequency = torch.tensor([1000.0, 1500.0, limit + 1]).double()
     line = line_of(wave("upstream")[0], frequency=frequency)
-    with pytest.warns(tl.DataWarning, match=rf"from {limit:.4g} Hz on the duct's height, 50 mm, car"
-                      r"ries a higher mode .* 1 of 3 frequencies"):  # fmt: skip
+    with pytest.warns(tl.DataWarning, match=rf"from {limit:.4g} Hz on the duct's height, 50 mm, .* mode: 1 of 3 freq"):
         found = kumaresan_tufts(line)
     assert len(found.notes) == 1
     with pytest.warns(tl.DataWarning, match="the duct's width, 150 mm"):
@@ -363,15 +363,16 @@ def test_doubts_are_warned_of_and_kept():
     with pytest.warns(tl.DataWarning, match=r"above 1115 Hz the spacing, 200 mm, is more than half"):
         kumaresan_tufts(line_of(torch.exp(-1j * (5 - 0.5j) * x[:, None]).expand(-1, 3), x=x))
     gain = torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)
-    with pytest.warns(tl.DataWarning, match="the resistance is negative at 3 of 3 values"):
+    with pytest.warns(tl.DataWarning, match="at 3 of 3 values, .* the resistance is negative"):
         kumaresan_tufts(line_of(gain))
     mixed = wave("upstream")[0].clone()
     mixed[:, 1] = mixed[:, 1].conj()
-    with pytest.warns(tl.DataWarning, match="at 1 of 3 values no wave .* first at 1000 Hz"):
+    with pytest.warns(tl.DataWarning, match="at 1 of 3 values, first at 1000 Hz, no wave"):
         found = kumaresan_tufts(line_of(mixed), rank=1, draws=10)
     assert torch.isnan(found.impedance[1].real)
     assert found.failed.tolist() == [0, 10, 0]
-    assert "10 of 30 draws have no impedance" in found.notes[-1]
+    (lost,) = (note.text for note in found.notes if note.code == "lost-draws")
+    assert "10 of 30 draws have no impedance" in lost
     assert torch.isfinite(found.mean[[0, 2]]).all()
 
 

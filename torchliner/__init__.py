@@ -60,7 +60,7 @@ _HOMES = {
     "decompose_waves": "torchliner.pressure.plane_wave_fit",
     "kumaresan_tufts": "torchliner.pressure.kumaresan_tufts",
     "two_wave_fit": "torchliner.pressure.two_waves",
-    "sort_waves": "torchliner.pressure.sort_waves",
+    "sort_waves": "torchliner.pressure.plane_wave_fit",
     "impedance_from_wavenumber": "torchliner.duct.dispersion",
     "wavenumber_from_impedance": "torchliner.duct.dispersion",
     "audit": "torchliner.studies.audit",

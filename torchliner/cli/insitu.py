@@ -22,22 +22,22 @@ OPTIONS = {
         "--segment S": "of the H1 estimate, s; default the whole record",
     }
     | shared("--frequency", "--json", "--quiet"),
-} | choice_options(CHOICES)  # fmt: skip
+} | choice_options(CHOICES)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print every method the record has signals for, beside the file's own values."""
     from torchliner.io.pressure_file import read_pressure
-    from torchliner.pressure.every_method import in_situ_report
+    from torchliner.pressure.time_blocks import LEVEL
     from torchliner.records.origin import with_choices
-    from torchliner.report.in_situ_report import draw_in_situ, format_in_situ, in_situ_table
+    from torchliner.report.in_situ_report import draw_in_situ, every_method, format_in_situ, in_situ_table
 
     chosen = chosen_from(options, CHOICES) | stated(options, ("losses", "start", "window", "segment"))
     if options.microphones is not None:
         chosen["pair"] = tuple(options.microphones)
     record = read_pressure(options.record)
-    report = in_situ_report(record, options.frequency, **chosen)
-    points, table = report.points, in_situ_table(report.rows)
+    rows, points, notes = every_method(record, options.frequency, **chosen)
+    table, level = in_situ_table(rows), chosen.get("interval", LEVEL)
     points = points and with_choices(points, command=options.typed)
     as_rows = options.output is None or options.output.suffix.lower() == ".csv"
     if points is None and not (as_rows and options.figure is None):
@@ -47,12 +47,12 @@ def run(options: argparse.Namespace) -> int:
         )
     show_results(
         options,
-        lambda: format_in_situ(record, report),
+        lambda: format_in_situ(record, rows, level),
         lambda: {
             "title": record.title,
-            "interval_level": report.level,
+            "interval_level": level,
             "rows": table.as_rows(),
-            "notes": report.notes,
+            "notes": [str(note) for note in notes],
         },
         output=table.write_csv if as_rows or points is None else points.write,
         figure=None if points is None else lambda path: draw_in_situ(record, points, path),

@@ -22,16 +22,14 @@ MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METH
 OPTIONS = {
     "": {
         "lines LINE ...": "microphone lines: .csv, .h5 or .nc",
-        "--method": {
-            "choices": list(METHODS), "default": "kt", "help": f"{MEANINGS}; default kt"},
+        "--method": {"choices": list(METHODS), "default": "kt", "help": f"{MEANINGS}; default kt"},
         **frequency_option("those of the file"),
         "--segment S": "of time signals, s; default: the whole record",
         "--source-side": (names.SOURCES, "side that the sound comes from; default: the file's"),
         "--mach M": "bulk Mach number, 0 for no flow; default: the file's, which must state one",
         "--figure PICTURE": "draw impedance and levels there",
     }
-    | {"--output FILE": "write the rows as .csv, or all of the result as .h5 or .nc, for "
-       "torchliner report"}
+    | {"--output FILE": "write the rows as .csv, or all of the result as .h5 or .nc, for torchliner report"}
     | shared("--json", "--quiet"),
     "kt and fits of two waves": {
         "--rank N": "of kt: waves that are kept; default 2",
@@ -52,7 +50,7 @@ OPTIONS = {
         "--phase-error DEG": "standard error of a phase, degrees, likewise; default 0.1",
         "--seed N": {"default": 0, "help": "of the draws; default 0"},
     },
-}  # fmt: skip
+}
 
 
 def run(options: argparse.Namespace) -> int:
@@ -85,14 +83,21 @@ def run(options: argparse.Namespace) -> int:
     show_results(
         options,
         lambda: "\n\n".join(map(format_wall, lines, found)),
-        lambda: {"lines": [
-            {"name": line.name, "title": line.title, "choices": dict(one.choices),
-             "rows": wall_table(rows).as_rows(), "notes": [str(note) for note in (*line.notes, *one.notes)]}
-            for line, one, rows in zip(lines, found, tables, strict=True)
-        ]},
+        lambda: {
+            "lines": [
+                {
+                    "name": line.name,
+                    "title": line.title,
+                    "choices": dict(one.choices),
+                    "rows": wall_table(rows).as_rows(),
+                    "notes": [str(note) for note in (*line.notes, *one.notes)],
+                }
+                for line, one, rows in zip(lines, found, tables, strict=True)
+            ]
+        },
         output=write,
         figure=lambda path: draw_wall(lines, found, path),
-    )  # fmt: skip
+    )
     return 0
 
 

@@ -57,7 +57,7 @@ TEXTS = {
     "covariance": "covariance of resistance (0) and reactance (1)",
     "misfit": "squared residual over that which the assumed errors leave",
     "rank": "waves that were kept", "order": "order of the prediction",
-    "freedom": "real degrees of freedom behind the covariance",
+    "freedom": "real degrees of freedom of the residuals",
     "rise": "{part} at the liner's downstream edge less that at the upstream one",
     "rise_error": "standard error of the {part} of the rise",
     "amplitude": "{part} part of the peak amplitude of the source's wave",
@@ -99,6 +99,7 @@ FIELD = described((
     real("residual", "1", EACH),
     real("misfit", "1", EACH),
     real("converged", "1", EACH, flag=True),
+    *numbers({"freedom": "1"}),
 ), TEXTS)  # fmt: skip
 INTERVAL = described(
     [impedance(name, f"{{}}_{name}", ("frequency",)) for name in ("low", "high", "deviation")],

@@ -20,12 +20,13 @@ from torch import Tensor
 
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import PressureRecord
+from torchliner.records.notes import Note
 
 NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 
 
-def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[str]]:
+def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[Note]]:
     """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and warnings.
 
     Raises:
@@ -57,9 +58,9 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
             )
         gain = abs(math.pi * turn / math.tan(math.pi * turn))
         if gain > LARGE_GAIN:
-            notes.append(
+            text = (
                 f"{record.name}: {f:g} Hz lies near a velocity node of the cavity's mouth, "
-                f"{f * max(order, 1) / turn:.6g} Hz; 1 % in depth or sound speed is {gain:.3g} % "
-                "in Z"
+                f"{f * max(order, 1) / turn:.6g} Hz; 1 % in depth or sound speed is {gain:.3g} % in Z"
             )
+            notes.append(Note("mouth-node", text))
     return record.cavity_porosity * ratio, notes

@@ -63,8 +63,7 @@ def impedance_covariance(place: Tensor, covariance: Tensor) -> Tensor:
         slope[..., 1, 0] = 4 * place[..., 1] * far[..., 0] ** 3
         slope[..., 1, 1] = 2 * far[..., 0] ** 2
     # A complex factor a + jb acts on (Re, Im) as [[a, -b], [b, a]].
-    rows = torch.stack([torch.stack([slope.real, -slope.imag], -1),
-                        torch.stack([slope.imag, slope.real], -1)], -2)  # fmt: skip
+    rows = torch.stack([torch.stack([slope.real, -slope.imag], -1), torch.stack([slope.imag, slope.real], -1)], -2)
     turn = rows.transpose(-3, -2).flatten(-4, -3).flatten(-2, -1)
     infinite = torch.diag_embed(torch.full_like(covariance[..., 0], torch.inf))
     return torch.where(like_rigid(place, covariance)[..., None, None], infinite, turn @ covariance @ turn.mT)

@@ -1,13 +1,11 @@
 """Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
-No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected
-and evanescent waves of a short liner are part of the model. ``impedance_search.py``
-says what is minimised.
+No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected and evanescent waves
+of a short liner are part of the model. ``impedance_search.py`` says what is minimised.
 
-An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second
-amplitude, and since the field is linear in both, no reflection is iterated on; with the far end
-``stated`` it is what the case says, and a reflection of 0.05 that the case does not know of moves Z
-by more than any error of the microphones.
+An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second amplitude, and since the
+field is linear in both, no reflection is iterated on; with the far end ``stated`` it is what the case says, and a
+reflection of 0.05 that the case does not know of moves Z by more than any error of the microphones.
 """
 
 from __future__ import annotations
@@ -22,34 +20,42 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.duct.case import DuctCase, other_side
+from torchliner.duct.case import other_side
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
 from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance
-from torchliner.pressure.fit_warnings import largest_misfit, warnings_of
-from torchliner.pressure.impedance_search import STEPS, Solution, constant_wall, search
+from torchliner.pressure.field_notes import field_notes
+from torchliner.pressure.impedance_search import Solution, constant_wall, search
 from torchliner.pressure.microphone_errors import (
+    CONTRADICTED,
     LEVEL_ERROR,
     PHASE_ERROR,
-    draw_pressures,
-    require_draws,
+    MicrophoneErrors,
+    largest_misfit,
 )
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
+from torchliner.records.notes import Note
 from torchliner.version import __version__
 
-SAME = 1e-6  # relative, of what line and case both state
-SAME_PLACE = 1e-6  # m
+SAME = 1e-6  # relative, and m, of what line and case both state
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
 
 
 def fit_field(
-    line: MicrophoneLine, solver: DuctSolver, *, wall: str = "opposite", far_end: str = "fitted",
-    variation: str = "constant", start: complex | None = None, draws: int = 0,
-    level_error: float = LEVEL_ERROR, phase_error: float = PHASE_ERROR,
+    line: MicrophoneLine,
+    solver: DuctSolver,
+    *,
+    wall: str = "opposite",
+    far_end: str = "fitted",
+    variation: str = "constant",
+    start: complex | None = None,
+    draws: int = 0,
+    level_error: float = LEVEL_ERROR,
+    phase_error: float = PHASE_ERROR,
     generator: torch.Generator | None = None,
-) -> FieldFit:  # fmt: skip
+) -> FieldFit:
     """Impedance of the liner of a duct that fits a line of microphones best.
 
     Args:
@@ -58,93 +64,82 @@ def fit_field(
         wall: of the microphones, ``opposite`` or ``lined``.
         far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
         variation: of Z along the liner, ``constant`` or ``linear``.
-        start: impedance where the search begins; default the best of those from a grid. Soft walls,
-            and those near the greatest attenuation, have minima beside the true one.
-        draws: of the microphones' errors, 0 for none, else at least 2; the paper takes 500 for its
-            method. Those whose fit does not settle have no impedance (nan).
-        level_error, phase_error: standard deviations, dB and degrees; they weight the fit.
+        start: impedance where the search begins; default the best of those from a grid. Soft walls, and those near the
+            greatest attenuation, have minima beside the true one.
+        draws: of the microphones' errors, 0 for none, else at least 2; the paper takes 500 for its method. Those whose
+            fit does not settle have no impedance (nan).
+        level_error, phase_error: standard deviations that are assumed, dB and degrees; they weight the fit. Covariance
+            and draws take errors that are larger by the root of the misfit where 1 right model in 20 has a larger one.
         generator: of random numbers; default one with seed 0.
     Returns:
         The fit, without gradients.
     Raises:
-        ValueError: too few microphones (four; three with the far end stated; one more for a linear
-            variation) or one outside the duct, an error below 1e-4, a solver for other frequencies,
-            another height, Mach number, sound speed or liner, or with several patches; a stated far
-            end whose reflection is stated for a source on the other side.
+        ValueError: too few microphones (four; three with the far end stated; one more for a linear variation) or one
+            outside the duct, an error below 1e-4, a solver for other frequencies, another height, Mach number, sound
+            speed or liner, or with several patches; a stated far end whose reflection is stated for a source on the
+            other side.
     Warns:
-        DataWarning: a fit that did not converge, a misfit that one right model in 100 has, a wall
-            that cannot be distinguished from a rigid one, a negative resistance, an end that
-            reflects more than it gets, a field that a growing wave feeds; the same text is in
-            ``notes``. A misfit tells of a wrong duct only as far as there are more microphones
-            than unknowns.
+        DataWarning: the answer is doubtful; the same text is in ``notes``, with a code: unsettled, model-misfit,
+            rigid-wall, near-rigid-wall, active-wall, active-end, growing-wave, lost-draws.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
-    require_draws(draws)
+    errors = MicrophoneErrors(level_error, phase_error, draws, generator)
+    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
+        if value < SMALLEST:
+            raise ValueError(f"{name} is {value:g}; it weights the fit and must be at least {SMALLEST:g}")
     waves = {"stated": 1, "fitted": 2}[far_end]
     unknowns = waves + 1 + VARIATIONS.index(variation)
-    _check(line, solver, unknowns)
-    _check_stated_ends(line, solver.case, far_end)
-    sources = (line.source_side, other_side(line.source_side))[:waves]
-    errors: dict[str, Any] = {"level_error": level_error, "phase_error": phase_error}
-    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
-        if not SMALLEST <= value < math.inf:
-            raise ValueError(f"{name} is {value:g}; it weights the fit and must be finite and at least {SMALLEST:g}")
-    pressure = line.pressure.detach().to(torch.complex128)
-    weights = (1 / (math.log(10) / 20 * level_error), 1 / math.radians(phase_error))
-    model = FieldModel(solver, sources, line.x, wall)
+    _check(line, solver, unknowns, far_end)
+    model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
+    weights = (1 / errors.parts[0], 1 / errors.parts[1])
     freedom = 2 * (line.microphones - unknowns)
+    limit = largest_misfit(freedom, CONTRADICTED)
+    choices = {
+        "method": "field",
+        "wall": wall,
+        "far_end": far_end,
+        "variation": variation,
+        **errors.choices,
+        "largest_misfit": limit,
+        "draws": draws,
+        "source_side": line.source_side,
+        "source": line.name,
+        "microphones": line.microphones,
+        "mach": float(solver.case.profile.bulk_mach),
+        "unknowns": solver.mesh.unknowns,
+        "version": __version__,
+    }
+
+    pressure = line.pressure.detach().to(torch.complex128)
     target = _cases(pressure)
     if start is None:
-        found = constant_wall(model, target, weights, largest_misfit(freedom))
+        found = constant_wall(model, target, weights, freedom * largest_misfit(freedom))
     else:
         found = search(model, target, _begin(start, target), weights)
     if variation == "linear":
-        begin = torch.cat([found.place, torch.zeros_like(found.place)], -1)
-        found = search(model, target, begin, weights)
-    result = _result(found, model, pressure, line, freedom)
-    choices = {"method": "field", "wall": wall, "far_end": far_end, "variation": variation,
-               **errors, "draws": draws, "source_side": line.source_side, "source": line.name,
-               "microphones": line.microphones,
-               "mach": float(solver.case.profile.bulk_mach),
-               "unknowns": solver.mesh.unknowns, "version": __version__}  # fmt: skip
-    notes = warnings_of(result, found, line, wall, freedom, model.gains(found.place))
-    result = replace(result, choices=choices, notes=notes)
-    tell(notes)
+        found = search(model, target, torch.cat([found.place, torch.zeros_like(found.place)], -1), weights)
+    misfit = found.cost / freedom
+    used = torch.where(misfit > limit, misfit, 1.0)[..., None, None]
+    found = found._replace(covariance=used * found.covariance)
+    result = replace(_result(found, model, pressure, line, freedom), choices=choices)
+    notes = field_notes(result, found, model.gains(found.place))
     if draws:
-        random = generator or torch.Generator().manual_seed(0)
-        noisy = draw_pressures(pressure, draws, random, **errors)
-        again = search(model, _cases(noisy), found.place.repeat(draws, 1, 1), weights)
-        drawn = _settled(_result(again, model, noisy, line, freedom))
-        choices = {**choices, "seed": random.initial_seed()}
-        result = replace(result, draws=drawn, choices=choices)
-        lost = int((~drawn.converged).sum())
+        drawn, said = errors.drawn(pressure, result.error_scale, freedom)
+        again = search(model, _cases(drawn), found.place.repeat(draws, 1, 1), weights)
+        settled = _settled(_result(again, model, drawn, line, freedom))
+        result = replace(result, draws=settled, choices={**choices, **said})
+        lost = int((~settled.converged).sum())
         if lost:
-            note = (
-                f"{line.name}: {lost} of {drawn.converged.numel()} draws did not settle in {STEPS} "
-                "steps and are left out of mean, deviation, interval and range"
-            )
-            tell(note)
-            result = replace(result, notes=(*result.notes, note))
-    return result
+            text = f"{lost} of {settled.converged.numel()} draws did not settle and are left out of mean and interval"
+            notes = (*notes, Note("lost-draws", f"{line.name}: {text}"))
+    tell([str(note) for note in notes])
+    return replace(result, notes=notes)
 
 
 def _cases(pressure: Tensor) -> Tensor:
     """(..., N, F) as (B, F, N)."""
     return pressure.movedim(-2, -1).reshape(-1, pressure.shape[-1], pressure.shape[-2])
-
-
-def _settled(drawn: FieldFit) -> FieldFit:
-    """With nan where the fit did not settle."""
-    bad = ~drawn.converged
-    nothing = complex(math.nan, math.nan)
-    return replace(
-        drawn,
-        impedance=drawn.impedance.masked_fill(bad, nothing),
-        rise=drawn.rise.masked_fill(bad, nothing),
-        pressure=drawn.pressure.masked_fill(bad[..., None, :], nothing),
-        pressure_along=drawn.pressure_along.masked_fill(bad[..., None, :], nothing),
-    )
 
 
 def _begin(start: complex, pressure: Tensor) -> Tensor:
@@ -156,6 +151,16 @@ def _begin(start: complex, pressure: Tensor) -> Tensor:
         raise ValueError(f"start is {start}; an impedance other than -1 is needed")
     wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
     return coordinates(wall.to(pressure.device))
+
+
+def _settled(drawn: FieldFit) -> FieldFit:
+    """With nan where the fit did not settle."""
+    bad, nothing = ~drawn.converged, complex(math.nan, math.nan)
+    at_frequencies = {name: getattr(drawn, name).masked_fill(bad, nothing) for name in ("impedance", "rise")}
+    along = {
+        name: getattr(drawn, name).masked_fill(bad[..., None, :], nothing) for name in ("pressure", "pressure_along")
+    }
+    return replace(drawn, **at_frequencies, **along)
 
 
 def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
@@ -178,72 +183,63 @@ def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, st
 
     Args:
         line: its frequencies are taken; height, Mach number and gas must be the file's.
-        duct: see ``load_duct``. Its source may be on the other side, unless it states reflections
-            that are to be believed.
+        duct: see ``load_duct``. Its source may be on the other side, unless it states reflections that are to be
+            believed.
     """
     setup = load_duct(duct, frequency=line.frequency.tolist())
     return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
 
 
-def _check_stated_ends(line: MicrophoneLine, case: DuctCase, far_end: str) -> None:
-    """Reflections of a case are those of its source's end and of the other."""
-    if far_end != "stated" or line.source_side == case.source:
-        return
-    for name in ("end_reflection", "source_reflection"):
-        if bool(torch.as_tensor(getattr(case, name)).abs().max() > 0):
-            raise ValueError(
-                f"the {name} of the duct is stated for a source {case.source}, {line.name} has its "
-                f"source {line.source_side}; state the duct for that source, or leave the far end "
-                "to the fit (far_end='fitted')"
-            )
-
-
-def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
-    case = solver.case
+def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
+    """Refuse what cannot be fitted, or is of another duct."""
+    case, name = solver.case, line.name
     if line.source_side not in SOURCES:
         raise ValueError(
-            f"{line.name}: source_side is {line.source_side!r}; state upstream or downstream (in "
-            "the file, or with --source-side)"
+            f"{name}: source_side is {line.source_side!r}; state upstream or downstream (in the file, or with "
+            "--source-side)"
         )
     if line.microphones <= unknowns:
         raise ValueError(
-            f"{line.name} has {line.microphones} microphones; impedances and amplitudes, "
-            f"{unknowns} complex unknowns, need at least {unknowns + 1}"
-        )
-    if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
-        raise ValueError(
-            f"{line.name} has frequencies {line.frequency.tolist()} Hz, the duct "
-            f"{solver.frequency.tolist()} Hz; build the solver for those of the line"
+            f"{name} has {line.microphones} microphones; impedances and amplitudes, {unknowns} complex unknowns, need "
+            f"at least {unknowns + 1}"
         )
     if line.pressure.numel() == 0:
-        raise ValueError(f"{line.name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}")
-    for name in ("end_reflection", "source_reflection"):
-        if torch.as_tensor(getattr(case, name)).ndim > 1:
-            raise ValueError(f"the {name} of the duct has leading axes; a fit takes one duct")
+        raise ValueError(f"{name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}")
+    if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
+        raise ValueError(
+            f"{name} has frequencies {line.frequency.tolist()} Hz, the duct {solver.frequency.tolist()} Hz; build the "
+            "solver for those of the line"
+        )
     if len(case.liner) != 1:
         raise ValueError(f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch")
-    stated = {
+    for end in ("end_reflection", "source_reflection"):
+        reflection = torch.as_tensor(getattr(case, end))
+        if reflection.ndim > 1:
+            raise ValueError(f"the {end} of the duct has leading axes; a fit takes one duct")
+        # Reflections of a case are those of its source's end and of the other.
+        if far_end == "stated" and line.source_side != case.source and bool(reflection.abs().max() > 0):
+            raise ValueError(
+                f"the {end} of the duct is stated for a source {case.source}, {name} has its source "
+                f"{line.source_side}; state the duct for that source, or leave the far end to the fit "
+                "(far_end='fitted')"
+            )
+    start, end_ = case.liner[0]
+    both = {  # of line and duct; the line may leave a number out
         "duct_height (m)": (line.duct_height, case.height),
         "mach": (line.mach, case.profile.bulk_mach),
         "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
+        "liner_start (m)": (line.liner_start, start),
+        "liner_end (m)": (line.liner_end, end_),
     }
-    for name, (mine, theirs) in stated.items():
-        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME):
-            raise ValueError(
-                f"{line.name} has {name} {float(mine):g}, the duct {float(theirs):g}; state one and the same in both"
-            )
-    if line.liner_start is not None and line.liner_end is not None:
-        start, end = case.liner[0]
-        if max(abs(line.liner_start - start), abs(line.liner_end - end)) > SAME_PLACE:
-            raise ValueError(
-                f"{line.name} has its liner from x = {line.liner_start:g} to {line.liner_end:g} m, "
-                f"the duct from {start:g} to {end:g} m; state one and the same in both"
-            )
+    for what, (mine, theirs) in both.items():
+        slack = SAME if "liner" in what else 0.0
+        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=slack):
+            raise ValueError(f"{name} has {what} {float(mine):g}, the duct {float(theirs):g}; state the same in both")
     outside = (line.x < case.start) | (line.x > case.end)
     if bool(outside.any()):
         raise ValueError(
-            f"{line.name}: a microphone at x = {float(line.x[outside][0]):g} m lies outside the "
-            f"duct, {case.start:g} to {case.end:g} m"
+            f"{name}: a microphone at x = {float(line.x[outside][0]):g} m lies outside the duct, {case.start:g} to "
+            f"{case.end:g} m"
         )
 
 
@@ -253,7 +249,6 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
     along = fine_places(line.x)
     at, between, far = model.heard(found.place, found.amplitude, along)
     at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
-    left = (at - pressure).abs().square().sum(-2)
     wall = impedance_at(found.place)
     covariance = impedance_covariance(found.place, found.covariance)
     rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
@@ -262,12 +257,22 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
         spread = covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
         rise_error = torch.complex(2 * spread[..., 0], 2 * spread[..., 1])
     return FieldFit(
-        method="LEE fit", frequency=line.frequency, x=line.x, impedance=wall[..., 0].reshape(shape),
-        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2), rise=rise.reshape(shape),
+        method="LEE fit",
+        frequency=line.frequency,
+        x=line.x,
+        impedance=wall[..., 0].reshape(shape),
+        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
+        rise=rise.reshape(shape),
         rise_error=rise_error.reshape(shape),
         amplitude=model.solver.case.incident * found.amplitude[..., 0].reshape(shape),
-        end_reflection=far.reshape(shape), pressure=at, along=along, pressure_along=between,
-        residual=(left / pressure.abs().square().sum(-2)).sqrt(),
-        misfit=(found.cost / freedom).reshape(shape), converged=found.converged.reshape(shape),
-        source_side=line.source_side, line=line,
-    )  # fmt: skip
+        end_reflection=far.reshape(shape),
+        pressure=at,
+        along=along,
+        pressure_along=between,
+        residual=(at - pressure).norm(dim=-2) / pressure.norm(dim=-2),
+        misfit=(found.cost / freedom).reshape(shape),
+        converged=found.converged.reshape(shape),
+        source_side=line.source_side,
+        line=line,
+        freedom=freedom,
+    )

@@ -1,38 +1,31 @@
-r"""Impedance from evenly spaced microphones: Kumaresan and Tufts' wavenumber, then the dispersion
-relation.
+r"""Impedance from evenly spaced microphones: Kumaresan and Tufts' wavenumber, then the dispersion relation.
 
-A signal of damped exponentials :math:`p_n = \sum_k a_k\lambda_k^n` obeys, conjugated and read
-backwards, the prediction :math:`p^*_n = -\sum_{l=1}^{L} b_l\,p^*_{n+l}`, and each
-:math:`1/\lambda_k^*` is a root of :math:`z^L + b_1 z^{L-1} + \dots + b_L`. The equations are solved
-through the K largest singular values alone, which leaves noise out. Damped signals,
-\|lambda\| < 1, then have their roots outside the unit circle, and the L - K roots that stand for
-nothing lie inside it: so the K largest \|z\| are taken.
+A signal of damped exponentials :math:`p_n = \sum_k a_k\lambda_k^n` obeys, conjugated and read backwards, the prediction
+:math:`p^*_n = -\sum_{l=1}^{L} b_l\,p^*_{n+l}`, and each :math:`1/\lambda_k^*` is a root of
+:math:`z^L + b_1 z^{L-1} + \dots + b_L`. The equations are solved through the K largest singular values alone, which
+leaves noise out. Damped signals, \|lambda\| < 1, then have their roots outside the unit circle, and the L - K roots
+that stand for nothing lie inside it: so the K largest \|z\| are taken.
 
-Of the K exponentials found, those that run with the source are kept, and of these the one with most
-energy over the array is the wave whose impedance is returned. That the others play no part in it is
-the method's assumption; a short liner's reflected and higher waves fold into it
-(``docs/wall_pressure.md``).
+Of the K exponentials found, those that run with the source are kept, and of these the one with most energy over the
+array is the wave whose impedance is returned. That the others play no part in it is the method's assumption; a short
+liner's reflected and higher waves fold into it (``docs/wall_pressure.md``).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import whole_number
-from torchliner.pressure.from_source import (
-    FromSource,
-    duct_notes,
-    over_liner,
-    runs_with_source,
-    wall_eduction,
-)
-from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR
-from torchliner.pressure.wave_errors import with_errors
+from torchliner.pressure.from_source import seen_from_source
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
+from torchliner.pressure.wave_eduction import Waves, educe_waves
+from torchliner.pressure.wave_notes import Notes, noted
 from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.records.notes import Note
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
@@ -40,11 +33,18 @@ SIGNALS = 1 << 14  # solved at once, 4 kB each: draws of many frequencies are no
 
 
 def kumaresan_tufts(
-    line: MicrophoneLine, *, rank: int = RANK, order: int | None = None,
-    source_side: str | None = None, condition: str = "ingard-myers", margin: float = 0.0,
-    draws: int = 0, level_error: float = LEVEL_ERROR, phase_error: float = PHASE_ERROR,
+    line: MicrophoneLine,
+    *,
+    rank: int = RANK,
+    order: int | None = None,
+    source_side: str | None = None,
+    condition: str = "ingard-myers",
+    margin: float = 0.0,
+    draws: int = 0,
+    level_error: float = LEVEL_ERROR,
+    phase_error: float = PHASE_ERROR,
     generator: torch.Generator | None = None,
-) -> WallEduction:  # fmt: skip
+) -> WallEduction:
     """Impedance by Kumaresan and Tufts' prediction of evenly spaced microphones.
 
     Args:
@@ -62,53 +62,50 @@ def kumaresan_tufts(
         Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:
         TypeError: rank, order or draws is no whole number.
-        ValueError: unequal spacing, fewer microphones than twice the order, rank above the order
-            or above half the microphones, no known side of the source or
-            Mach number.
+        ValueError: unequal spacing, fewer microphones than twice the order, rank above the order, no known side of the
+            source or Mach number.
         RuntimeError: no wave runs with the source at any frequency.
     Warns:
-        DataWarning: higher modes are cut on, the spacing is above half a wavelength, no wave runs
-            with the source somewhere or it is not the strongest, phases look conjugated, the wall
-            looks rigid, the resistance is negative, or the waves leave more than the assumed errors
-            do ("model-misfit"); the same text is in ``notes``.
+        DataWarning: the answer is doubtful; the same text is in ``notes``, with a code: higher-modes, aliasing,
+            no-wave, lost-draws, source-side, conjugated-phases, rigid-wall, active-wall, model-misfit.
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
-    seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
-    line = seen.line
-    spacing = line.require_equal_spacing("Kumaresan and Tufts' method")
+    seen = seen_from_source(line.over_liner(margin), source_side)
+    spacing = seen.line.require_equal_spacing("Kumaresan and Tufts' method")
     rank = whole_number("rank", rank)
-    length = line.microphones // 2 if order is None else whole_number("order", order)
+    length = seen.line.microphones // 2 if order is None else whole_number("order", order)
     if order is None and rank > length > 0:
         raise ValueError(
-            f"{line.name}: {line.microphones} microphones allow an order of {length}, half of "
-            f"them, which is below the rank, {rank}; use at least {2 * rank} microphones, or keep "
-            "fewer waves (rank)"
+            f"{line.name}: {seen.line.microphones} microphones allow an order of {length}, half of them, below the "
+            f"rank, {rank}; use at least {2 * rank} microphones, or keep fewer waves (rank)"
         )
 
-    def educe(pressure: Tensor) -> WallEduction:
-        """From pressures along s, (..., N, F), with any leading axes."""
+    def waves_of(pressure: Tensor) -> Waves:
         found = find_exponentials(pressure.movedim(-2, -1), rank, length)
         along = 1j * torch.log(found.ratio) / spacing  # (..., F, K)
-        with_source = runs_with_source(along)
+        # A wave runs along s if its phase does and it does not grow faster than it turns, or if it decays faster than
+        # its phase turns against s, which then tells nothing.
+        with_source = along.real > along.imag
         best = torch.where(with_source, found.energy, -1.0).argmax(-1, keepdim=True)
         wave = torch.where(with_source.any(-1), along.gather(-1, best)[..., 0], math.nan + 0j)
-        return wall_eduction(
-            seen, wave, along, found.amplitude, found.residual, method="Kumaresan-Tufts",
-            condition=condition, found={"spacing": spacing},
-            choices={"method": "kumaresan-tufts", "rank": rank, "order": length},
-            singular_values=found.singular_values.movedim(-1, -2), rank=rank, order=length,
-        )  # fmt: skip
+        modes, amplitudes, singular = (each.movedim(-1, -2) for each in (along, found.amplitude, found.singular_values))
+        return Waves(wave, modes, amplitudes, found.residual, singular)
 
-    result = educe(seen.pressure)
-    notes = (*duct_notes(line), *_aliasing_notes(seen, spacing), *_lost_notes(result, line.name))
-    return with_errors(
-        result, notes, educe, seen.pressure, unknowns=2 * rank, draws=draws, generator=generator,
-        level_error=level_error, phase_error=phase_error,
-    )  # fmt: skip
+    return educe_waves(
+        seen,
+        waves_of,
+        method="Kumaresan-Tufts",
+        unknowns=2 * rank,
+        condition=condition,
+        errors=MicrophoneErrors(level_error, phase_error, draws, generator),
+        rank=rank,
+        order=length,
+        choices={"method": "kumaresan-tufts", "rank": rank, "order": length, "margin": margin, "spacing": spacing},
+        notes=_notes,
+    )
 
 
-@dataclass(frozen=True)
-class Exponentials:
+class Exponentials(NamedTuple):
     """What a signal is made of.
 
     Args:
@@ -130,11 +127,13 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     r"""Ratios and amplitudes of K exponentials by backward linear prediction.
 
     Args:
-        signal: complex, (..., N).  rank: K, 1 to L.  order: L, at most N/2.
+        signal: complex, (..., N).
+        rank: K, 1 to L.
+        order: L, at most N/2.
     Raises:
         ValueError: rank or order out of range.
-    Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833, the method that Watson et al. (2015)
-        and section 5.5.5 of Roncen et al. (2026) use; neither rank nor order is stated there.
+    Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833, the method that Watson et al. (2015) and section 5.5.5
+        of Roncen et al. (2026) use; neither rank nor order is stated there.
     """
     samples = signal.shape[-1]
     if order < 1 or samples < 2 * order:
@@ -145,23 +144,18 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}")
     values = signal.to(torch.complex128)
     parts = [_exponentials(each, rank, order) for each in values.reshape(-1, samples).split(SIGNALS)]
-    return Exponentials(*(
-        torch.cat(each).reshape((*values.shape[:-1], *each[0].shape[1:]))
-        for each in zip(*(tuple(vars(part).values()) for part in parts), strict=True)
-    ))  # fmt: skip
+    whole = (torch.cat(each) for each in zip(*parts, strict=True))
+    return Exponentials(*(each.reshape(values.shape[:-1] + each.shape[1:]) for each in whole))
 
 
 def _exponentials(values: Tensor, rank: int, order: int) -> Exponentials:
     """Of some signals, (S, N)."""
-    windows = values.conj().unfold(-1, order + 1, 1)  # (..., N - L, L + 1)
+    windows = values.conj().unfold(-1, order + 1, 1)  # (S, N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
-    floor = ROUNDING * s[..., :1]
-    inverse = torch.where(s > floor, 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]
-    aside = inverse * (u[..., :rank].mH @ windows[..., :1])
-    weights = -(vh[..., :rank, :].mH @ aside)[..., 0]
+    inverse = torch.where(s > ROUNDING * s[..., :1], 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]
+    weights = -(vh[..., :rank, :].mH @ (inverse * (u[..., :rank].mH @ windows[..., :1])))[..., 0]
     roots = _polynomial_roots(weights)
-    chosen = roots.abs().argsort(-1, descending=True)[..., :rank]
-    kept = roots.gather(-1, chosen)
+    kept = roots.gather(-1, roots.abs().argsort(-1, descending=True)[..., :rank])
     # A root at 0, of a rank above what the signal holds, is no exponential; it gets no amplitude.
     ratio = 1 / torch.where(kept.abs() > ROUNDING, kept, ROUNDING).conj()
     amplitude, energy, residual = _fit_amplitudes(values, ratio)
@@ -171,60 +165,47 @@ def _exponentials(values: Tensor, rank: int, order: int) -> Exponentials:
 def _polynomial_roots(weights: Tensor) -> Tensor:
     """Roots of z^L + b_1 z^(L-1) + ... + b_L, (..., L), as eigenvalues of the companion matrix."""
     order = weights.shape[-1]
-    companion = torch.zeros(*weights.shape, order, dtype=weights.dtype, device=weights.device)
-    companion[..., 0, :] = -weights
-    if order > 1:
-        companion[..., range(1, order), range(order - 1)] = 1
+    below = torch.eye(order, dtype=weights.dtype, device=weights.device)[:-1]
+    companion = torch.cat([-weights[..., None, :], below.expand(*weights.shape[:-1], -1, -1)], -2)
     return torch.linalg.eigvals(companion)
 
 
 def _fit_amplitudes(signal: Tensor, ratio: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Amplitudes at the first sample (..., K), energies (..., K) and relative residual (...).
-
-    Args:
-        signal: complex, (..., N).  ratio: lambda, (..., K).
-    """
+    """Amplitudes at the first sample (..., K), energies (..., K) and relative residual (...), of lambda (..., K)."""
     steps = torch.arange(signal.shape[-1], dtype=torch.float64, device=signal.device)
     # Growing waves are referred to the last sample, so that no power overflows.
-    grows = ratio.abs() > 1
-    shift = torch.where(grows, steps[-1], 0.0)
+    shift = torch.where(ratio.abs() > 1, steps[-1], 0.0)
     columns = (ratio[..., None, :] + 0j) ** (steps[:, None] - shift[..., None, :])
     amplitude = (torch.linalg.pinv(columns) @ signal[..., None])[..., 0]
     left = signal - (columns @ amplitude[..., None])[..., 0]
     whole = signal.abs().square().sum(-1)
     energy = amplitude.abs().square() * columns.abs().square().sum(-2) / whole[..., None]
-    at_first = amplitude * ratio ** (-shift)
-    return at_first, energy, (left.abs().square().sum(-1) / whole).sqrt()
+    return amplitude * ratio ** (-shift), energy, (left.abs().square().sum(-1) / whole).sqrt()
 
 
-def _aliasing_notes(seen: FromSource, spacing: float) -> tuple[str, ...]:
-    """Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that."""
-    line = seen.line
-    speed = float(line.fluid.sound_speed) * (1 + seen.mach)
-    limit = speed / (2 * spacing)
-    above = line.frequency[line.frequency >= limit]
-    if not len(above):
-        return ()
-    return (
-        f"{line.name}: above {limit:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half "
-        f"the wavelength of a rigid duct's wave, and wavenumbers differ by 2 pi/spacing from the "
-        f"true ones: {len(above)} frequencies from {float(above.min()):g} Hz on",
-    )
+def _notes(result: WallEduction) -> Notes:
+    """A spacing above half a wavelength, and frequencies without a wave.
 
-
-def _lost_notes(result: WallEduction, name: str) -> tuple[str, ...]:
-    """Frequencies without a wave; RuntimeError if there is none at all."""
+    Raises:
+        RuntimeError: there is no wave at all.
+    """
+    notes, name, frequency = [], result.choices["source"], result.frequency
+    spacing, sign = result.choices["spacing"], 1 if result.source_side == "upstream" else -1
+    # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
+    limit = result.choices["sound_speed"] * (1 + sign * result.choices["mach"]) / (2 * spacing)
+    above = frequency[frequency >= limit]
+    if len(above):
+        text = (
+            f"{name}: above {limit:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a "
+            f"rigid duct's wave, and wavenumbers may be off by 2 pi/spacing: {len(above)} frequencies from "
+            f"{float(above.min()):g} Hz on"
+        )
+        notes.append(Note("aliasing", text))
     lost = ~torch.isfinite(result.wavenumber)
     if bool(lost.all()):
         raise RuntimeError(
-            f"{name}: none of the waves found runs away from a source {result.source_side}; the "
-            "source may be on the other side, or the phases of the other sign (exp(+j omega t) is "
-            "needed)"
+            f"{name}: none of the waves found runs away from a source {result.source_side}; the source may be on the "
+            "other side, or the phases of the other sign (exp(+j omega t) is needed)"
         )
-    if not bool(lost.any()):
-        return ()
-    where = result.frequency[lost.reshape(-1, lost.shape[-1]).any(0).cpu()].tolist()
-    return (
-        f"{name}: at {int(lost.sum())} of {lost.numel()} values no wave runs away from a source "
-        f"{result.source_side}, first at {where[0]:g} Hz; they are nan",
-    )
+    text = f"no wave runs away from a source {result.source_side}; they are nan"
+    return (*notes, *noted(result, lost, "no-wave", text))

@@ -13,6 +13,8 @@ of its own, as Student's interval has it.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from scipy.special import chdtri
@@ -23,56 +25,75 @@ from torchliner.checks import whole_number
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
 POOR = 0.01  # share of right models that are warned of
 CONTRADICTED = 0.05  # share of right models whose errors are taken for larger than they are
-
-
-def require_draws(draws: int) -> None:
-    """Refuse a number of draws that has no deviation; 0 is none.
-
-    Raises:
-        TypeError, ValueError: no whole number, below 0, or 1.
-    """
-    if whole_number("draws", draws) < 0 or draws == 1:
-        raise ValueError(f"draws is {draws}; 0 for none, or at least 2, since one has no deviation")
-
-
-def error_parts(level_error: float, phase_error: float) -> tuple[float, float]:
-    """dB and degrees as nepers and radians.
-
-    Raises:
-        ValueError: an error is not finite or below 0.
-    """
-    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
-        if not 0 <= value < math.inf:
-            raise ValueError(f"{name} is {value:g}; it must be finite and at least 0")
-    return level_error * math.log(10) / 20, math.radians(phase_error)
-
-
-def error_freedom(spare: int, level_error: float, phase_error: float) -> float:
-    """nu, real degrees of freedom of what errors (dB, degrees) leave.
-
-    Args:
-        spare: N - U, microphones less complex unknowns.
-    """
-    level, phase = error_parts(level_error, phase_error)
-    return spare * (level**2 + phase**2) ** 2 / (level**4 + phase**4)
-
-
-def misfit_of(residual: Tensor, microphones: int, unknowns: int, level_error: float, phase_error: float) -> Tensor:
-    """Squared residual over that which the errors leave, of the residual's shape: 1 in the mean where model and errors
-    are right; nan without a degree of freedom, and for errors of 0.
-
-    Args:
-        residual: rms of what a fit leaves over that of the pressures.
-        microphones: N.  unknowns: U, complex.  level_error: dB.  phase_error: degrees.
-    """
-    level, phase = error_parts(level_error, phase_error)
-    expected = (level**2 + phase**2) * (1 - unknowns / microphones)
-    return residual.square() / expected if expected > 0 else torch.full_like(residual, math.nan)
+ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 
 
 def largest_misfit(freedom: float, share: float = POOR) -> float:
     """That which only a share of right models exceeds, over its mean of 1; freedom above 0, or inf."""
     return float(chdtri(freedom, share)) / freedom if math.isfinite(freedom) else 1.0
+
+
+@dataclass(frozen=True)
+class MicrophoneErrors:
+    """Standard deviations that are assumed, and how many draws of them an eduction takes.
+
+    Args:
+        level: of the SPL, dB.
+        phase: degrees.
+        draws: 0 for none; 500 in the paper.
+        generator: of random numbers, on the CPU; default one with seed 0.
+    Raises:
+        TypeError: draws is no whole number.
+        ValueError: an error is not finite or below 0; draws is below 0 or 1, which has no deviation.
+    """
+
+    level: float = LEVEL_ERROR
+    phase: float = PHASE_ERROR
+    draws: int = 0
+    generator: torch.Generator | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("level_error (dB)", self.level), ("phase_error (degrees)", self.phase)):
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} is {value:g}; it must be finite and at least 0")
+        if whole_number("draws", self.draws) < 0 or self.draws == 1:
+            raise ValueError(f"draws is {self.draws}; 0 for none, or at least 2, since one has no deviation")
+
+    @property
+    def parts(self) -> tuple[float, float]:
+        """Nepers and radians."""
+        return self.level * math.log(10) / 20, math.radians(self.phase)
+
+    @property
+    def choices(self) -> dict[str, float]:
+        """As a result states them."""
+        return {"level_error": self.level, "phase_error": self.phase}
+
+    def freedom(self, spare: int) -> float:
+        """nu of N - U spare microphones; inf where nothing can contradict the errors."""
+        level, phase = self.parts
+        if spare < 1 or level + phase == 0:
+            return math.inf
+        return spare * (level**2 + phase**2) ** 2 / (level**4 + phase**4)
+
+    def misfit(self, residual: Tensor, microphones: int, unknowns: int) -> Tensor:
+        """Squared residual over that which the errors leave, of the residual's shape: 1 in the mean where model and
+        errors are right; nan without a spare microphone, and for errors of 0.
+
+        Args:
+            residual: rms of what a fit leaves over that of the pressures.
+            microphones: N.
+            unknowns: U, complex.
+        """
+        level, phase = self.parts
+        expected = (level**2 + phase**2) * (1 - unknowns / microphones)
+        return residual.square() / expected if expected > 0 else torch.full_like(residual, math.nan)
+
+    def drawn(self, pressure: Tensor, scale: Tensor | None = None, freedom: float = math.inf) -> tuple[Tensor, Any]:
+        """Pressures with errors, (D, ..., N, F), and what a result says of them; arguments as of ``draw_pressures``."""
+        source = self.generator or torch.Generator().manual_seed(0)
+        drawn = draw_pressures(pressure, self.draws, source, **self.choices, scale=scale, freedom=freedom)
+        return drawn, {"draws": self.draws, "seed": source.initial_seed()}
 
 
 def draw_pressures(
@@ -91,22 +112,15 @@ def draw_pressures(
         pressure: complex, Pa, (..., N, F).
         draws: D.
         generator: of random numbers, on the CPU.
-        level_error: standard deviation of the SPL, dB.
-        phase_error: standard deviation of the phase, degrees.
+        level_error, phase_error: standard deviations, dB and degrees.
         scale: factor of both errors, (..., F); where it is above 1 it was estimated.
         freedom: real degrees of freedom behind it.
-    Raises:
-        ValueError: no draw, or an error below 0.
     Source: Roncen et al. (2026), section 5.5.5: 0.1 dB, 0.1 degrees, 500 realisations, no misfit.
     """
-    if draws < 1:
-        raise ValueError(f"draws is {draws}; at least 1")
-    level, phase = error_parts(level_error, phase_error)
+    level, phase = MicrophoneErrors(level_error, phase_error).parts
     noise = torch.randn(2, draws, *pressure.shape, generator=generator, dtype=torch.float64)
     if scale is not None and bool((scale > 1).any()):
         own = scale.cpu()
         power = torch.randn(max(1, int(freedom)), draws, *own.shape, generator=generator, dtype=torch.float64)
-        drawn = torch.where(own > 1, own / power.square().mean(0).sqrt(), own)
-        noise = noise * drawn[..., None, :]
-    factor = torch.exp(torch.complex(noise[0] * level, noise[1] * phase)).to(pressure.device)
-    return pressure * factor
+        noise = noise * torch.where(own > 1, own / power.square().mean(0).sqrt(), own)[..., None, :]
+    return pressure * torch.exp(torch.complex(noise[0] * level, noise[1] * phase)).to(pressure.device)

@@ -1,148 +1,245 @@
-"""Impedance from microphones at any places: an incident and a reflected wave of one wall.
+r"""Impedance from microphones at any places: least squares for two waves between the ends of a lined section.
 
-``paired_waves`` says what is fitted. The start is the best of a grid of impedances, refined from
-the three best, so that no guess is needed; draws start from the result.
+.. math:: p(s) = A e^{-j\alpha_+ s} + B e^{-j\alpha_- (s - S)}, \quad 0 \le s \le S.
+
+Amplitudes are solved for at every step, and Gauss-Newton has one complex unknown or two:
+
+- free: alpha+ and alpha- each by itself;
+- tied: alpha+ alone. Both belong to one wall, F(alpha+, Z) = F(alpha-, Z) = 0, so alpha- follows it
+  (``carry_wavenumber``), and with (r, s) the two parts of the relation at alpha+, (R, S) those at alpha-, S r = R s
+  gives :math:`d\alpha_-/d\alpha_+ = -(s'R - r'S)/(sR' - rS')`.
+
+alpha+ is a better unknown than Z: the model is smooth in it at a rigid wall too. The start is the best of a grid of
+impedances, refined from the three best, so that no guess is needed; draws start from the result.
 """
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.duct.dispersion import wavenumber_from_impedance
-from torchliner.duct.relation import DIRECTIONS, duct_of
+from torchliner.duct.dispersion import carry_wavenumber, wavenumber_from_impedance
+from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
+from torchliner.least_squares import Minimum, Problem, System, least_squares
 from torchliner.names import WEIGHTS
-from torchliner.pressure.from_source import (
-    FromSource,
-    duct_notes,
-    over_liner,
-    wall_eduction,
-)
-from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR
-from torchliner.pressure.paired_waves import Pairs, WavePairs
-from torchliner.pressure.wave_errors import with_errors
+from torchliner.pressure.from_source import FromSource, seen_from_source
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
+from torchliner.pressure.variable_projection import project, solve_linear
+from torchliner.pressure.wave_eduction import Waves, educe_waves
+from torchliner.pressure.wave_notes import Notes
 from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.records.notes import Note
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
 STARTS = 3
 FEWEST = 4  # microphones: more equations than the three unknowns
+EXACT = 1e-26  # of |p|^2
 
 
 def two_wave_fit(
-    line: MicrophoneLine, *, source_side: str | None = None, condition: str = "ingard-myers",
-    tied: bool = True, weights: str = "absolute", margin: float = 0.0, draws: int = 0,
-    level_error: float = LEVEL_ERROR, phase_error: float = PHASE_ERROR,
+    line: MicrophoneLine,
+    *,
+    source_side: str | None = None,
+    condition: str = "ingard-myers",
+    tied: bool = True,
+    weights: str = "absolute",
+    margin: float = 0.0,
+    draws: int = 0,
+    level_error: float = LEVEL_ERROR,
+    phase_error: float = PHASE_ERROR,
     generator: torch.Generator | None = None,
-) -> WallEduction:  # fmt: skip
+) -> WallEduction:
     """Impedance by least squares over a wave with the source and one against it.
 
     Args:
         line: microphones at any places; those over the liner are used, all if it names no liner.
-        source_side, condition, margin, draws, level_error, phase_error, generator: as for
-            ``kumaresan_tufts``.
-        tied: both wavenumbers belong to one impedance; else each is free, and the impedance is
-            that of the wave with the source.
+        source_side, condition, margin, draws, level_error, phase_error, generator: as for ``kumaresan_tufts``.
+        tied: both wavenumbers belong to one impedance; else each is free, and the impedance is that of the wave with
+            the source.
         weights: ``absolute``, of equal errors in Pa, or ``relative``, of equal errors in dB.
     Returns:
         Wavenumbers of both waves in ``modes``, the one with the source first.
     Raises:
         ValueError: fewer than four microphones (five if free), as for ``kumaresan_tufts``.
     Warns:
-        DataWarning: higher modes are cut on, a fit did not settle; as for ``kumaresan_tufts``.
+        DataWarning: as for ``kumaresan_tufts``; unsettled: a fit did not settle.
     """
     require_choice("weights", weights, WEIGHTS)
-    seen = over_liner(line, source_side, margin=margin, condition=condition, draws=draws)
-    line = seen.line
-    fewest = FEWEST + (not tied)
-    if line.microphones < fewest:
-        raise ValueError(
-            f"{line.name}: {line.microphones} microphones are used; two "
-            f"{'tied' if tied else 'free'} waves need at least {fewest}"
-        )
-    first = _educe(seen.pressure, seen, condition, tied, weights, None)
-    start = seen.sign * first.modes
-
-    def educe(pressure: Tensor) -> WallEduction:
-        return _educe(pressure, seen, condition, tied, weights, start)
-
-    unit = None if weights == WEIGHTS[0] else seen.pressure.abs()
-    notes, lost = duct_notes(line), first.choices["unsettled"]
-    if lost:
-        notes += (
-            f"{line.name}: {lost} of {first.impedance.numel()} fits did not settle; their waves may not be the best",
-        )
-    return with_errors(
-        first, notes, educe, seen.pressure, unknowns=4 - tied, draws=draws, generator=generator, unit=unit,
-        level_error=level_error, phase_error=phase_error,
-    )  # fmt: skip
+    seen = seen_from_source(line.over_liner(margin), source_side)
+    count, fewest = seen.line.microphones, FEWEST + (not tied)
+    if count < fewest:
+        words = "tied" if tied else "free"
+        raise ValueError(f"{line.name}: {count} microphones are used; two {words} waves need at least {fewest}")
+    relative = weights == "relative"
+    search = _Search(seen, condition, tied, relative)
+    choices = {"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin}
+    return educe_waves(
+        seen,
+        search,
+        method="two waves" if tied else "two free waves",
+        unknowns=4 - tied,
+        condition=condition,
+        errors=MicrophoneErrors(level_error, phase_error, draws, generator),
+        choices=choices,
+        notes=_unsettled,
+        unit=seen.pressure.abs() if relative else None,
+    )
 
 
 free_wave_fit = functools.partial(two_wave_fit, tied=False)
 
 
-def _educe(
-    pressure: Tensor, seen: FromSource, condition: str, tied: bool, weights: str,
-    start: Tensor | None,
-) -> WallEduction:  # fmt: skip
-    """From pressures along s, (..., N, F); ``start`` is (..., 2, F) or None for the grid."""
-    line = seen.line
-    values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
-    lead = values.shape[:-1]
-    duct, _ = duct_of(
-        values[..., 0], line.frequency.to(values.device), line.duct_height, seen.mach,
-        line.fluid.sound_speed, condition,
-    )  # fmt: skip
-    flat, duct = values.reshape(-1, values.shape[-1]), duct.flattened()
-    weight = torch.ones_like(flat.real) if weights == WEIGHTS[0] else 1 / flat.abs()
-    distance = seen.distance.to(values.device)
-    lines = WavePairs(flat, distance, weight, duct, tied)
-    if start is None:
-        grid = _grid(
-            tuple(line.frequency.tolist()), line.duct_height, seen.mach, line.fluid.sound_speed,
-            condition,
-        )  # fmt: skip
-        grid = grid.to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
-        found = _best_of_grid(lines, grid)
-    else:
-        found = lines.fit(start.movedim(-2, -1).expand(*lead, 2).reshape(-1, 2))
-    wave, amplitude = found.wavenumber, found.amplitude.clone()
-    # The reflected wave is referred to the far end in the fit, to the origin in the record.
-    amplitude[:, 1] *= torch.exp(1j * wave[:, 1] * distance[-1])
-    return wall_eduction(
-        seen, wave[:, 0].reshape(lead), wave.reshape(*lead, 2), amplitude.reshape(*lead, 2),
-        found.residual.reshape(lead),
-        method="two waves" if tied else "two free waves",
+def _unsettled(result: WallEduction) -> Notes:
+    lost = result.choices["unsettled"]
+    text = f"{lost} of {result.impedance.numel()} fits did not settle; their waves may not be the best"
+    return (Note("unsettled", f"{result.choices['source']}: {text}"),) if lost else ()
+
+
+class _Search:
+    """Waves of pressures along s; the first search begins at a grid, others where the first one ended."""
+
+    def __init__(self, seen: FromSource, condition: str, tied: bool, relative: bool) -> None:
+        self.seen, self.condition, self.tied, self.relative = seen, condition, tied, relative
+        self.start: Tensor | None = None
+
+    def __call__(self, pressure: Tensor) -> Waves:
+        """Pressures, (..., N, F)."""
+        line, mach = self.seen.line, self.seen.mach
+        values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
+        lead, frequency = values.shape[:-1], line.frequency.to(values.device)
+        duct, _ = duct_of(values[..., 0], frequency, line.duct_height, mach, line.fluid.sound_speed, self.condition)
+        flat, distance = values.reshape(-1, values.shape[-1]), self.seen.distance.to(values.device)
+        weight = 1 / flat.abs() if self.relative else torch.ones_like(flat.real)
+        pairs = WavePairs(flat, distance, weight, duct.flattened(), self.tied)
+        if self.start is None:
+            both = [_grid(line, mach, self.condition, direction).to(values.device) for direction in DIRECTIONS]
+            grid = torch.stack(both, -1).expand(*lead, -1, 2)
+            found = _from_best(pairs, grid.reshape(len(flat), -1, 2))
+            self.start = found.place.reshape(*lead, 2)
+        else:
+            found = least_squares(pairs, self.start.expand(*lead, 2).reshape(-1, 2))
+        amplitude = found.system.amplitude.clone()
+        # The reflected wave is referred to the far end in the fit, to the origin in the record.
+        amplitude[:, 1] *= torch.exp(1j * found.place[:, 1] * distance[-1])
+        residual = (found.system.cost / pairs.whole).sqrt()
+        wave, modes = found.place[:, 0].reshape(lead), found.place.reshape(*lead, 2).movedim(-1, -2)
+        amplitudes = amplitude.reshape(*lead, 2).movedim(-1, -2)
+        settled = found.converged.reshape(lead)
+        return Waves(wave, modes, amplitudes, residual.reshape(lead), settled=settled)
+
+
+def _grid(line: MicrophoneLine, mach: float, condition: str, direction: str) -> Tensor:
+    """Wavenumbers of a grid of impedances along s, (F, G)."""
+    walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
+    return wavenumber_from_impedance(
+        walls,
+        line.frequency[:, None],
+        height=line.duct_height,
+        mach=mach,
+        sound_speed=line.fluid.sound_speed,
         condition=condition,
-        choices={"method": "two-wave fit", "tied": tied, "weights": weights},
-        found={"unsettled": int((~found.settled).sum())},
-    )  # fmt: skip
+        direction=direction,
+    )
 
 
-@functools.lru_cache(maxsize=8)  # the draws of a line, and other lines of a duct, share it
-def _grid(frequency: tuple[float, ...], height: float, mach: float, sound_speed: float, condition: str) -> Tensor:
-    """Both wavenumbers of a grid of impedances along s, (F, G, 2)."""
-    wanted = torch.tensor(frequency, dtype=torch.float64)[:, None]
-    walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES])
-    both = [
-        wavenumber_from_impedance(
-            walls.to(torch.complex128), wanted, height=height, mach=mach,
-            sound_speed=sound_speed, condition=condition, direction=direction,
-        )
-        for direction in DIRECTIONS
-    ]  # fmt: skip
-    return torch.stack(both, -1)
-
-
-def _best_of_grid(lines: WavePairs, grid: Tensor) -> Pairs:
+def _from_best(pairs: WavePairs, grid: Tensor) -> Minimum:
     """Refined from the best starts, (P, G, 2), of each line."""
-    best = lines.residuals(grid).argsort(-1)[:, :STARTS]
+    best = pairs.residuals(grid).argsort(-1)[:, :STARTS]
     begin = grid.gather(1, best[..., None].expand(-1, -1, 2)).reshape(-1, 2)
     row = torch.arange(len(grid), device=grid.device)
-    found = lines.at(row.repeat_interleave(best.shape[1])).fit(begin)
-    residual = torch.where(torch.isfinite(found.residual), found.residual, torch.inf)
-    index = residual.reshape(best.shape).argmin(-1) + row * best.shape[1]
-    return Pairs(*(part[index] for part in found))
+    found = least_squares(pairs.at(row.repeat_interleave(best.shape[1])), begin)
+    cost = torch.where(torch.isfinite(found.system.cost), found.system.cost, torch.inf)
+    index = cost.reshape(best.shape).argmin(-1) + row * best.shape[1]
+    return Minimum(found.place[index], System(*(part[index] for part in found.system)), found.converged[index])
+
+
+@dataclass(frozen=True, eq=False)
+class WavePairs(Problem):
+    """Lines of microphones, each to be fitted by two waves, from alpha+ and alpha-, (P, 2), which are of one wall if
+    tied.
+
+    Args:
+        pressure: complex, (P, N).
+        distance: s, m, (N,), from 0 to S.
+        weight: of each microphone, (P, N).
+        duct: of each line, (P,), the flow along s.
+        tied: one wall for both waves.
+    """
+
+    pressure: Tensor
+    distance: Tensor
+    weight: Tensor
+    duct: Duct
+    tied: bool
+
+    # Sizes are relative to k + |alpha|.
+    longest, tolerance, most_damping, rounding = 0.3, 1e-10, 1e10, 1e-13
+
+    @property
+    def whole(self) -> Tensor:
+        """Sum of squares of the weighted pressures, (P,)."""
+        return (self.weight * self.pressure).abs().square().sum(-1)
+
+    @property
+    def exact(self) -> Tensor:  # type: ignore[override]
+        """Cost of rounding."""
+        return EXACT * self.whole
+
+    @property
+    def from_ends(self) -> Tensor:
+        """s and s - S, m, (N, 2)."""
+        return self.distance[:, None] - torch.stack([torch.zeros_like(self.distance[-1]), self.distance[-1]])
+
+    def at(self, index: Tensor) -> WavePairs:
+        """Some lines."""
+        return WavePairs(self.pressure[index], self.distance, self.weight[index], self.duct.at(index), self.tied)
+
+    def residuals(self, wave: Tensor) -> Tensor:
+        """Relative residuals of pairs (P, G, 2), (P, G)."""
+        columns = self.weight[:, None, :, None] * torch.exp(-1j * wave[..., None, :] * self.from_ends)
+        left = solve_linear(columns, (self.weight * self.pressure)[:, None])[-1]
+        return (left.abs().square().sum(-1) / self.whole[:, None]).sqrt()
+
+    def system(self, place: Tensor, index: Tensor) -> System:
+        """Residuals and their change with alpha+, and with alpha- if it is free."""
+        part = self.at(index)
+        columns = part.weight[..., None] * torch.exp(-1j * place[:, None, :] * self.from_ends)
+        slopes = torch.diag_embed(-1j * self.from_ends * columns).movedim(-2, -3)  # (P, 2, N, 2)
+        if self.tied:
+            slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, part.duct)[:, None, None, None]
+        return project(columns, slopes, part.weight * part.pressure)
+
+    def size(self, place: Tensor, step: Tensor, index: Tensor) -> Tensor:
+        """Of k + |alpha|."""
+        return step.abs().amax(-1) / (self.duct.wavenumber[index] + place.abs().amax(-1))
+
+    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
+        """Both wavenumbers after a step, and whether alpha- could follow."""
+        if not self.tied:
+            return place + step, True
+        duct, ahead = self.duct.at(index), place[:, 0] + step[:, 0]
+        begin, end = _wall_of(place[:, 0], duct), _wall_of(ahead, duct)
+        # Both pairs are known up to a factor; the straight way between them is to be the short one.
+        inner = begin[0].conj() * end[0] + begin[1].conj() * end[1]
+        turn = torch.where(inner.abs() > 0, inner.conj() / inner.abs().clamp(min=1e-300), 1 + 0j)
+        behind, there = carry_wavenumber(duct, place[:, 1], begin, (end[0] * turn, end[1] * turn), first_step=1.0)
+        return torch.stack([ahead, behind], -1), there & torch.isfinite(behind)
+
+
+def _slope(wave: Tensor, duct: Duct) -> Tensor:
+    """d alpha-/d alpha+ at one wall."""
+    (r, r1), (s, s1) = relation(wave[:, 0], duct)
+    (far_r, far_r1), (far_s, far_s1) = relation(wave[:, 1], duct)
+    return -(s1 * far_r - r1 * far_s) / (s * far_r1 - r * far_s1)
+
+
+def _wall_of(wavenumber: Tensor, duct: Duct) -> tuple[Tensor, Tensor]:
+    """The wall (a, b), a : b = Z : 1 and |a|^2 + |b|^2 = 1, at which alpha is a root."""
+    rigid, soft = relation(wavenumber, duct)
+    size = (rigid[0].abs().square() + soft[0].abs().square()).sqrt().clamp(min=1e-300)
+    return soft[0] / size, rigid[0] / size

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 from scipy.special import ndtri, stdtrit
@@ -26,7 +28,9 @@ class DrawnImpedance(Written):
         impedance: Z, normalised, (..., F).
         draws: the same eduction over draws of the error, (D, ..., F); None without.
         covariance: of (resistance, reactance), (..., F, 2, 2); None if unknown.
-        freedom: real degrees of freedom that it was estimated from; None if it was stated.
+        freedom: real degrees of freedom of the residuals that it may be estimated from.
+        misfit: squared residual over that which the assumed errors of the microphones leave, (..., F); None if unknown.
+        choices: every option; ``level_error`` and ``phase_error`` are the errors that were assumed.
     """
 
     method: str
@@ -36,6 +40,8 @@ class DrawnImpedance(Written):
     draws: DrawnImpedance | None
     covariance: Tensor | None
     freedom: int | None = None
+    misfit: Tensor | None
+    choices: Mapping[str, Any]
 
     @property
     def source_line(self) -> MicrophoneLine:
@@ -45,8 +51,9 @@ class DrawnImpedance(Written):
             ValueError: none was kept; it has leading axes, as lines of draws do.
         """
         if self.line is None:
-            raise ValueError(f"{self.method}: the line of microphones was not kept; a file or a "
-                             "page of an eduction needs it")  # fmt: skip
+            raise ValueError(
+                f"{self.method}: the line of microphones was not kept; a file or a page of an eduction needs it"
+            )
         if self.impedance.ndim != 1:
             raise ValueError(
                 f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a "
@@ -87,6 +94,25 @@ class DrawnImpedance(Written):
         return places, spl_from_pressure_amplitude(pressure)
 
     @property
+    def error_scale(self) -> Tensor:
+        """Of the errors used over those assumed, (..., F): the root of the misfit where that is above
+        ``choices["largest_misfit"]``, else 1."""
+        if self.misfit is None:
+            return torch.ones_like(self.impedance.real)
+        return torch.where(self.misfit > self.choices.get("largest_misfit", 1.0), self.misfit, 1.0).sqrt()
+
+    @property
+    def used_errors(self) -> tuple[Tensor, Tensor]:
+        """Standard deviations in level, dB, and in phase, degrees, that the draws have, (..., F)."""
+        level, phase = (self.choices.get(name, torch.nan) for name in ("level_error", "phase_error"))
+        return level * self.error_scale, phase * self.error_scale
+
+    @property
+    def estimated(self) -> Tensor:
+        """Where ``covariance`` comes from residuals, not from errors that were stated, (..., F)."""
+        return torch.ones_like(self.impedance.real, dtype=torch.bool)
+
+    @property
     def mean(self) -> Tensor:
         """Mean impedance of the draws that have one, (..., F)."""
         return _mean(self._drawn())
@@ -122,9 +148,9 @@ class DrawnImpedance(Written):
         if not 0 < level < 1:
             raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
         if self.draws is None:
-            normal = ndtri((1 + level) / 2)
-            reach = normal if self.freedom is None else stdtrit(self.freedom, (1 + level) / 2)
-            away = float(reach) * self.standard_error
+            share = (1 + level) / 2
+            student = float(ndtri(share) if self.freedom is None else stdtrit(self.freedom, share))
+            away = torch.where(self.estimated, student, float(ndtri(share))) * self.standard_error
             return self.impedance - away, self.impedance + away
         drawn = self._drawn()
         return tuple(

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.drawn_impedance import DrawnImpedance
 from torchliner.records.microphone_line import MicrophoneLine
+from torchliner.records.notes import Note
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +24,8 @@ class FieldFit(DrawnImpedance):
         frequency: Hz, (F,).
         x: microphones, m, (N,).
         impedance: Z, normalised, (..., F); its mean along the liner if it varies.
-        covariance: of (resistance, reactance) for the stated errors of the microphones, (..., F, 2,
-            2): the Laplace approximation, inverse of the Hessian (Gauss-Newton's) with the
+        covariance: of (resistance, reactance) for the errors of the microphones, as stated or as the misfit asks for
+            (``error_scale``), (..., F, 2, 2): the Laplace approximation, inverse of Gauss-Newton's Hessian with the
             amplitudes fitted too; infinite where the microphones do not tell the liner from a rigid
             wall, and too small near that, where the error of 1/Z, |dZ|/|Z|^2, still holds.
         rise: Z at the liner's downstream edge less that at the upstream one, (..., F); 0 unless it
@@ -41,6 +42,7 @@ class FieldFit(DrawnImpedance):
             the errors are as stated.
         converged: whether the last step was below the tolerance, (..., F).
         source_side: ``upstream`` or ``downstream``.
+        freedom: real degrees of freedom of the misfit.
         draws: the same fit over draws of the errors, (D, ..., F); None without.
         choices: every option.  notes: warnings, with numbers.
         line: microphones that were used; files and pages need them.
@@ -64,8 +66,14 @@ class FieldFit(DrawnImpedance):
     source_side: str
     draws: FieldFit | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note | str, ...] = ()
     line: MicrophoneLine | None = None
+    freedom: int | None = None
+
+    @property
+    def estimated(self) -> Tensor:
+        """Where the errors come from the misfit, not as they were stated, (..., F)."""
+        return self.error_scale > 1
 
     @property
     def liner_impedance(self) -> Tensor:

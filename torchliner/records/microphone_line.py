@@ -140,9 +140,12 @@ class MicrophoneLine(Written):
         size = pressure_amplitude_from_spl(levels)
         line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
         notes = unit_warnings(
-            name, levels, phases.reshape(line.pressure.shape),
-            line.frequency / line.fluid.sound_speed, float(line.x[-1] - line.x[0]),
-        )  # fmt: skip
+            name,
+            levels,
+            phases.reshape(line.pressure.shape),
+            line.frequency / line.fluid.sound_speed,
+            float(line.x[-1] - line.x[0]),
+        )
         tell(notes)
         return replace(line, notes=line.notes + notes)
 
@@ -161,11 +164,8 @@ class MicrophoneLine(Written):
 
     def _check_pressure(self, frequencies: int) -> None:
         pressure = self.pressure
-        pressure = (
-            pressure
-            if isinstance(pressure, Tensor)
-            else torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
-        )
+        if not isinstance(pressure, Tensor):
+            pressure = torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
         if not pressure.is_complex():
             raise TypeError(
                 f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "

@@ -9,6 +9,7 @@ from typing import Any
 from torch import Tensor
 
 from torchliner.checks import index_of_frequency, require_complex
+from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
 from torchliner.records.uncertainty import PointUncertainty
 
@@ -50,7 +51,7 @@ class PointImpedances(Result):
     point_z: Tensor
     point_impedance: Tensor
     choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note | str, ...] = ()
     uncertainty: PointUncertainty | None = None
 
     def __post_init__(self) -> None:

@@ -117,8 +117,7 @@ class PressureRecord(Written, AtProbes):
     def _check_pressures(self) -> None:
         """Facesheet and backplate, or neither but microphones; one time base."""
         if (self.facesheet is None) != (self.backplate is None):
-            there, missing = ("facesheet", "backplate") if self.backplate is None else (
-                "backplate", "facesheet")  # fmt: skip
+            there, missing = ("facesheet", "backplate") if self.backplate is None else ("backplate", "facesheet")
             raise ValueError(
                 f"{self.name}: {missing} pressure is missing; the in situ method needs it beside the {there} pressure"
             )

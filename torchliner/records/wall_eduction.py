@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -78,8 +78,7 @@ class WallEduction(DrawnImpedance):
             raise ValueError(
                 f"{self.method}: wavenumber has shape {tuple(shape)} for {len(self.frequency)} frequencies"
             )
-        for label, wanted in (("impedance", shape), ("residual", shape),
-                              ("amplitudes", self.modes.shape)):  # fmt: skip
+        for label, wanted in (("impedance", shape), ("residual", shape), ("amplitudes", self.modes.shape)):
             if getattr(self, label).shape != wanted:
                 raise ValueError(
                     f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; {tuple(wanted)} is needed"
@@ -122,21 +121,3 @@ class WallEduction(DrawnImpedance):
         self._drawn()
         assert self.draws is not None
         return deviation(self.draws.wavenumber)
-
-    @property
-    def used_errors(self) -> tuple[Tensor, Tensor]:
-        """Standard deviations in level, dB, and in phase, degrees, that the draws have, (..., F): those assumed, and
-        larger by the root of the misfit where that is above ``choices["largest_misfit"]``."""
-        level, phase = (self.choices.get(name, torch.nan) for name in ("level_error", "phase_error"))
-        return level * self.error_scale, phase * self.error_scale
-
-    @property
-    def error_scale(self) -> Tensor:
-        """Of the errors used over those assumed, (..., F); at least 1."""
-        if self.misfit is None:
-            return torch.ones_like(self.residual)
-        return torch.where(self.misfit > self.choices.get("largest_misfit", 1.0), self.misfit, 1.0).sqrt()
-
-    def with_notes(self, *notes: Note | str) -> WallEduction:
-        """The same with further notes."""
-        return replace(self, notes=(*self.notes, *notes))

@@ -9,10 +9,11 @@ from typing import Any
 import torch
 
 from torchliner.conversions import impedance_from_admittance
-from torchliner.pressure.every_method import ORDERS
 from torchliner.records import ImpedanceMap, PointImpedances
 from torchliner.report.numbers import COMPLEX_PART, Curves, height_label, over_z, part_of
 from torchliner.report.table import format_bounds, format_complex
+
+ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))  # of averaging
 
 
 def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
@@ -62,8 +63,11 @@ def differences(results: Sequence[ImpedanceMap], frequency_index: int) -> list[d
                     "frequency": float(result.frequency[frequency_index]),
                     "between": f"{result.averaging} less {other.name}, {order}",
                     "difference": complex(result.answer[frequency_index]) - value,
-                    "low": None, "high": None, "differs": None, "of_map_alone": theirs is None,
-                }  # fmt: skip
+                    "low": None,
+                    "high": None,
+                    "differs": None,
+                    "of_map_alone": theirs is None,
+                }
                 if mine is not None:
                     row |= joint_bounds(mine, theirs or (value, value))
                 found.append(row)
@@ -110,7 +114,13 @@ def draw_cells(axis: Any, found: PointImpedances, part: str, index: int, label: 
     for (end, order), face, size in zip(ORDERS, ("black", "white"), (5, 9), strict=True):
         values = part_of(getattr(found, f"cell_impedance{end}")[:, index], part)
         axis.plot(
-            1e3 * found.cell_x.numpy(), values, "X",
-            markersize=size, markerfacecolor=face, markeredgecolor="black", markeredgewidth=0.7,
-            zorder=9 - 0.1 * size, label=f"{label}{order}",
-        )  # fmt: skip
+            1e3 * found.cell_x.numpy(),
+            values,
+            "X",
+            markersize=size,
+            markerfacecolor=face,
+            markeredgecolor="black",
+            markeredgewidth=0.7,
+            zorder=9 - 0.1 * size,
+            label=f"{label}{order}",
+        )

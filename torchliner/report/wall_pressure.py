@@ -68,12 +68,12 @@ def draw_cloud(axis: Any, one: Educed, colour: str, marker: str, label: str, f: 
         drawn = one.draws.impedance[:, f].numpy()
         drawn = drawn[np.isfinite(drawn)]
         shown = near_cloud(drawn)
-        axis.plot(drawn[shown].real, drawn[shown].imag, ".", color=colour, markersize=1.5,
-                  alpha=0.4)  # fmt: skip
+        axis.plot(drawn[shown].real, drawn[shown].imag, ".", color=colour, markersize=1.5, alpha=0.4)
         if not shown.all():
             label += f" ({int((~shown).sum())} of {len(drawn)} draws outside)"
-    axis.plot(value.real, value.imag, marker, color=colour, markeredgecolor="k", label=label,
-              markersize=6, linestyle="none")  # fmt: skip
+    axis.plot(
+        value.real, value.imag, marker, color=colour, markeredgecolor="k", label=label, markersize=6, linestyle="none"
+    )
 
 
 def near_cloud(values: np.ndarray) -> np.ndarray:
@@ -85,9 +85,14 @@ def near_cloud(values: np.ndarray) -> np.ndarray:
 
 
 def draw_levels(
-    axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str, f: int = 0,
+    axis: Any,
+    line: MicrophoneLine,
+    one: Educed,
+    colour: str,
+    marker: str,
+    f: int = 0,
     style: Any = "-",
-) -> None:  # fmt: skip
+) -> None:
     """Measured and fitted SPL; the shade is the range over the draws (figure 14b)."""
     x, level = one.level_along()
     if one.draws is not None:
@@ -95,8 +100,14 @@ def draw_levels(
         low, high = np.nanmin(drawn, 0), np.nanmax(drawn, 0)
         draw_band(axis, 1e3 * x.numpy(), low, high, colour, 0.25)
     axis.plot(1e3 * x.numpy(), level[:, f].numpy(), color=colour, linestyle=style)
-    axis.plot(1e3 * line.x.numpy(), line.level[:, f].numpy(), marker=marker, color=colour,
-              markerfacecolor="none", linestyle="none")  # fmt: skip
+    axis.plot(
+        1e3 * line.x.numpy(),
+        line.level[:, f].numpy(),
+        marker=marker,
+        color=colour,
+        markerfacecolor="none",
+        linestyle="none",
+    )
 
 
 def draw_phases(axis: Any, x: Any, pressure: Any, style: str, **looks: Any) -> None:
@@ -125,8 +136,9 @@ def draw_along(found: Sequence[Educed], there: Sequence[tuple[int, int]], labels
         draw_levels(axes[0, 0], line, one, colour, marker, f, style)
         places, fitted = one.fitted_along()
         draw_phases(axes[0, 1], places.numpy(), fitted[:, f].numpy(), style, color=colour)
-        draw_phases(axes[0, 1], line.x.numpy(), measured.numpy(), "none", color=colour,
-                    marker=marker, markerfacecolor="none")  # fmt: skip
+        draw_phases(
+            axes[0, 1], line.x.numpy(), measured.numpy(), "none", color=colour, marker=marker, markerfacecolor="none"
+        )
         entry(axes[0, 0], labels[i], color=colour, linestyle=style)
     entry(axes[0, 0], "measured", "o", markerfacecolor="none")
     label_axes(axes[0, 0], "$x$ (mm)", "SPL (dB re 20 µPa)")
@@ -141,8 +153,9 @@ def spectrum_of(one: Educed, label: str) -> Curves:
         parts |= dict(zip((" low", " high"), one.interval(LEVEL), strict=True))
     values = {
         f"{part}{end}": np.where(np.isfinite(shown := part_of(value, part)), shown, np.nan)
-        for part, _ in PARTS for end, value in parts.items()
-    }  # fmt: skip
+        for part, _ in PARTS
+        for end, value in parts.items()
+    }
     return Curves(one.frequency.numpy(), values, label, "frequency (Hz)")
 
 
@@ -165,9 +178,11 @@ def draw_spectra(found: Sequence[Educed], labels: Sequence[str], path: str | Pat
 
 @styled
 def draw_impedances(
-    found: Sequence[Educed], there: Sequence[tuple[int, int]], labels: Sequence[str],
+    found: Sequence[Educed],
+    there: Sequence[tuple[int, int]],
+    labels: Sequence[str],
     known: Mapping[str, complex],
-) -> Figure:  # fmt: skip
+) -> Figure:
     """Z of eductions in its plane, each with its draws or its interval, and what is known of it;
     arguments as of ``draw_along``."""
     figure, axes = subplots(1, 1, 3.4)
@@ -180,17 +195,18 @@ def draw_impedances(
                 axes[0, 0].plot([low.real, high.real], [z.imag] * 2, color=COLOURS[i])
                 axes[0, 0].plot([z.real] * 2, [low.imag, high.imag], color=COLOURS[i])
     for i, (name, z) in enumerate(known.items()):
-        axes[0, 0].plot(z.real, z.imag, "*x+1234"[i % 7], color="k", markersize=7,
-                        linestyle="none", label=name)  # fmt: skip
+        axes[0, 0].plot(z.real, z.imag, "*x+1234"[i % 7], color="k", markersize=7, linestyle="none", label=name)
     label_axes(axes[0, 0], PARTS[0][1], PARTS[1][1])
     return finish(figure, None, legend=2)
 
 
 @styled
 def draw_waves(
-    found: Sequence[Any], there: Sequence[tuple[int, int]], labels: Sequence[str],
+    found: Sequence[Any],
+    there: Sequence[tuple[int, int]],
+    labels: Sequence[str],
     rigid: Sequence[float],
-) -> Figure:  # fmt: skip
+) -> Figure:
     """Wavenumbers of eductions by waves in their plane: filled, the wave whose impedance is given,
     and its draws; open, the others; ticks on the axis, the plane waves of the rigid duct.
 
@@ -199,18 +215,33 @@ def draw_waves(
     figure, axes = subplots(1, 1, 3.4)
     axis, seen = axes[0, 0], [complex(value) for value in rigid]
     axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-    axis.plot(rigid, np.zeros(len(rigid)), "|", color="k", markersize=9, markeredgewidth=1.4,
-              linestyle="none", label="rigid duct")  # fmt: skip
+    axis.plot(
+        rigid,
+        np.zeros(len(rigid)),
+        "|",
+        color="k",
+        markersize=9,
+        markeredgewidth=1.4,
+        linestyle="none",
+        label="rigid duct",
+    )
     for i, f in there:
         one = found[i]
         modes, kept = one.modes[:, f].numpy(), complex(one.wavenumber[f])
         if one.draws is not None:
             drawn = one.draws.wavenumber[:, f].numpy()
             axis.plot(drawn.real, drawn.imag, ".", color=COLOURS[i], markersize=1.5, alpha=0.4)
-        axis.plot(modes.real, modes.imag, MARKERS[i], color=COLOURS[i], markerfacecolor="none",
-                  markersize=5)  # fmt: skip
-        axis.plot(kept.real, kept.imag, MARKERS[i], color=COLOURS[i], markeredgecolor="k",
-                  markersize=6, linestyle="none", label=labels[i])  # fmt: skip
+        axis.plot(modes.real, modes.imag, MARKERS[i], color=COLOURS[i], markerfacecolor="none", markersize=5)
+        axis.plot(
+            kept.real,
+            kept.imag,
+            MARKERS[i],
+            color=COLOURS[i],
+            markeredgecolor="k",
+            markersize=6,
+            linestyle="none",
+            label=labels[i],
+        )
         seen += [*modes, kept]
     entry(axis, "other waves", "o", markerfacecolor="none")
     for part, limit in (("real", axis.set_xlim), ("imag", axis.set_ylim)):

@@ -42,8 +42,12 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
     """
     if found.impedance.ndim != 1:
         raise ValueError(f"{line.name} holds {tuple(found.impedance.shape[:-1])} lines; a table needs one")
-    head = {"line": line.title or line.name, "source": found.source_side, "method": found.method,
-            "mach": found.choices.get("mach", line.mach)}  # fmt: skip
+    head = {
+        "line": line.title or line.name,
+        "source": found.source_side,
+        "method": found.method,
+        "mach": found.choices.get("mach", line.mach),
+    }
     names = ["frequency", "impedance", "residual"]
     names += ["wavenumber", "energy_share"] if isinstance(found, WallEduction) else FIT
     values: dict[str, Any] = {name: getattr(found, name) for name in names}
@@ -93,14 +97,13 @@ COLUMNS = (
     Column("misfit", lambda row: _number(row["misfit"])),
     *real_and_imaginary("end_reflection_real", "end_reflection_imag", "end_reflection"),
     *real_and_imaginary("rise_of_resistance", "rise_of_reactance", "rise"),
-    *real_and_imaginary("rise_of_resistance_error", "rise_of_reactance_error",
-                        "rise_error"),
+    *real_and_imaginary("rise_of_resistance_error", "rise_of_reactance_error", "rise_error"),
     Column("energy_share", lambda row: _number(row["energy_share"])),
     Column("mach"),
     Column("level_error_used", lambda row: _number(row["level_error"])),
     Column("phase_error_used", lambda row: _number(row["phase_error"])),
     *real_and_imaginary("known_resistance", "known_reactance", "known"),
-)  # fmt: skip
+)
 
 
 def wall_table(rows: Sequence[Row]) -> Table:
@@ -110,8 +113,7 @@ def wall_table(rows: Sequence[Row]) -> Table:
 
 def format_wall(line: MicrophoneLine, found: Educed) -> str:
     """A text table of one line."""
-    kind = "" if isinstance(found, FieldFit) or found.rank is None else (
-        f", rank {found.rank}, order {found.order}")  # fmt: skip
+    kind = "" if isinstance(found, FieldFit) or found.rank is None else (f", rank {found.rank}, order {found.order}")
     head = (
         f"{line.title or line.name}: {found.method}{kind}, source {found.source_side}, "
         f"{len(found.x)} microphones from {1e3 * float(found.x[0]):.4g} to "
