@@ -281,18 +281,14 @@ def test_the_line_file_has_units_and_a_title_and_other_files_stay(folder, tmp_pa
     assert line.names == ("s0", "s1", "s2")
 
 
-def test_a_table_that_changed_is_another_liner(tmp_path):
+def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
     """The numbers of a table count, not its name."""
-    from torchliner.bursts.line import liner_fingerprint
-
-    found = []
-    for factor in (1.0, 2.0):
-        path = tmp_path / "table.csv"
+    path, parts, seen = tmp_path / "table.csv", tmp_path / "parts", counted(monkeypatch)
+    for factor, made in ((1.0, 3), (1.0, 3), (2.0, 6)):
         rows = [f"{f},{v},{factor * (0.5 + v)},0.1" for f in (500, 3000) for v in (0, 10, 20)]
         path.write_text("frequency,speed,resistance,reactance\n" + "\n".join(rows))
-        found.append(liner_fingerprint(tl.load_liner(path)))
-    assert found[0] != found[1]
-    assert liner_fingerprint(tl.load_liner("onera")) == liner_fingerprint(tl.load_liner("onera"))
+        tl.educe_bursts(folder, tl.load_liner(path), parts=parts, segment=0.04)
+        assert len(seen) == made
 
 
 def test_parts_that_are_none_are_refused_with_the_remedy(tmp_path):

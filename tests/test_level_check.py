@@ -401,7 +401,7 @@ def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
         torch.testing.assert_close(line.level_check.cells.level[0], wanted)
         gap = line.level_check.liner
         assert bool((gap.level_low < gap.level).all() & (gap.level < gap.level_high).all())
-        assert any("level check at" in note for note in line.notes) == line.level_check.failed
+        assert any("level check at" in note.text for note in line.notes) == line.level_check.failed
     assert "level check: off the stated 131 dB at the wall" in format_line(line)
     line.write(tmp_path / "line.h5")
     again = tl.read_line(tmp_path / "line.h5").level_check

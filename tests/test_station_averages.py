@@ -120,7 +120,7 @@ def test_no_interval_from_three_segments(onera):
     assert int(found.segments[0]) == 3
     assert found.interval is None
     assert found.average.interval is None
-    assert any("no error bars: a station has 3 segments" in note for note in found.notes)
+    assert any("no error bars: a station has 3 segments" in note.text for note in found.notes)
 
 
 @pytest.mark.slow

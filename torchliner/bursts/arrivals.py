@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,25 +49,59 @@ class ArrivalGrid:
     method: str
     band: float
 
+    @classmethod
+    def of(
+        cls, times: Tensor, rate: float | None, method: str, frequency: float | None, band: float | None, name: str
+    ) -> ArrivalGrid:
+        """The grid of checked arrivals; arguments and errors as of ``onto_grid``."""
+        require_choice("method", method, GRID_METHODS)
+        seconds = float(times[-1] - times[0])
+        own = (len(times) - 1) / seconds
+        if rate is None:
+            rate = STEPS_AN_ARRIVAL * own
+            if frequency is not None:
+                require_positive("frequency (Hz)", frequency)
+                rate = frequency * max(STEPS_A_PERIOD, math.ceil(rate / frequency))
+        require_positive("rate of the grid (Hz)", rate)
+        band = BAND_SHARE * own if band is None else band
+        require_positive("band (Hz)", band)
+        if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
+            raise ValueError(
+                f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
+                f"arrivals, more than {MOST_POINTS} for each; are the times in s?"
+            )
+        grid = cls(times, float(rate), method, float(band))
+        if grid.samples < 2:
+            raise ValueError(
+                f"{name}: {seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, take "
+                "a longer record or a higher rate"
+            )
+        return grid
+
     @property
     def start(self) -> float:
         """Of the grid, s on the clock of the arrivals."""
         return float(self.arrival_times[0])
 
     @functools.cached_property
+    def seconds(self) -> float:
+        """From the first arrival to the last one."""
+        return float(self.arrival_times[-1] - self.arrival_times[0])
+
+    @property
     def samples(self) -> int:
         """T."""
-        return math.floor(float(self.arrival_times[-1] - self.arrival_times[0]) * self.rate + ROUNDING) + 1
+        return math.floor(self.seconds * self.rate + ROUNDING) + 1
 
     @property
     def times(self) -> Tensor:
         """s, (T,), float64."""
         return self.start + torch.arange(self.samples, dtype=torch.float64) / self.rate
 
-    @functools.cached_property
+    @property
     def mean_rate(self) -> float:
-        """Arrivals a second."""
-        return mean_rate(self.arrival_times)
+        """Arrivals a second: intervals over their sum."""
+        return (len(self.arrival_times) - 1) / self.seconds
 
     @functools.cached_property
     def longest_gap(self) -> tuple[float, float]:
@@ -126,78 +159,31 @@ def onto_grid(
         DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
     """
-    found = gridded(arrival_times, values, rate, method, frequency, band, name)
-    tell(found.notes)
-    return found
-
-
-def gridded(
-    arrival_times: Any,
-    values: Any,
-    rate: float | None,
-    method: str,
-    frequency: float | None,
-    band: float | None,
-    name: str,
-) -> GridSignal:
-    """``onto_grid`` without a warning."""
-    require_choice("method", method, GRID_METHODS)
     times, numbers = checked_bursts(arrival_times, values, name)
-    if frequency is not None:
-        require_positive("frequency (Hz)", frequency)
-    own, seconds = mean_rate(times), float(times[-1] - times[0])
-    if rate is None:
-        rate = STEPS_AN_ARRIVAL * own
-        if frequency is not None:
-            rate = frequency * max(STEPS_A_PERIOD, math.ceil(rate / frequency))
-    require_positive("rate of the grid (Hz)", rate)
-    band = BAND_SHARE * own if band is None else band
-    require_positive("band (Hz)", band)
-    if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
-        raise ValueError(
-            f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
-            f"arrivals, more than {MOST_POINTS} for each; are the times in s?"
-        )
-    grid = ArrivalGrid(times, float(rate), method, float(band))
-    if grid.samples < 2:
-        raise ValueError(
-            f"{name}: {seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, take a "
-            "longer record or a higher rate"
-        )
-    return GridSignal(grid(numbers), grid, tuple(_gap(grid, name)))
-
-
-def _gap(grid: ArrivalGrid, name: str) -> Iterator[str]:
-    length, begin = grid.longest_gap
+    grid = ArrivalGrid.of(times, rate, method, frequency, band, name)
+    (length, begin), notes = grid.longest_gap, []
     if length * grid.mean_rate > LONG_GAP:
-        yield (
+        notes = [
             f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
-            f"{length * grid.mean_rate:.3g} mean intervals (limit {1e3 * LONG_GAP / grid.mean_rate:.3g} ms); what lies "
-            "in it is made up"
-        )
-
-
-def mean_rate(arrival_times: Tensor) -> float:
-    """Arrivals a second: intervals over their sum."""
-    return (len(arrival_times) - 1) / float(arrival_times[-1] - arrival_times[0])
+            f"{length * grid.mean_rate:.3g} mean intervals (limit {LONG_GAP:g}); what lies in it is made up"
+        ]
+    tell(notes)
+    return GridSignal(grid(numbers), grid, tuple(notes))
 
 
 def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor]:
     """Times and values as ``onto_grid`` needs them, float64, (N,)."""
     times, numbers = real_tensor(arrival_times).cpu(), real_tensor(values).cpu()
-    if times.ndim != 1 or times.shape != numbers.shape:
+    if times.ndim != 1 or times.shape != numbers.shape or len(times) < 2:
         raise ValueError(
             f"{name}: times have shape {tuple(times.shape)}, values {tuple(numbers.shape)}; both are (N,), of one "
-            "station"
+            "station and two samples at least"
         )
-    if len(times) < 2:
-        raise ValueError(f"{name}: {len(times)} samples; two or more are needed")
-    for kind, each in (("times", times), ("values", numbers)):
-        bad = (~torch.isfinite(each)).nonzero()
-        if len(bad):
-            raise ValueError(
-                f"{name}: {len(bad)} {kind} are nan or inf, the first is sample {int(bad[0])}; leave these samples out"
-            )
+    bad = (~torch.isfinite(times + numbers)).nonzero()
+    if len(bad):
+        raise ValueError(
+            f"{name}: {len(bad)} samples are nan or inf, the first is sample {int(bad[0])}; leave these samples out"
+        )
     back = (times.diff() <= 0).nonzero()
     if len(back):
         i = int(back[0])
@@ -216,21 +202,17 @@ def _spline_fit(arrival_times: Tensor, values: Tensor, points: Tensor, band: flo
     """
     from scipy.interpolate import BSpline  # takes half a second or more to import
     from scipy.linalg import solveh_banded
+    from scipy.sparse import diags_array
 
     times = arrival_times.numpy()
-    pieces = math.floor((times[-1] - times[0]) * 2 * band) + 1
-    knots = times[0] + np.arange(-DEGREE, pieces + DEGREE + 1) / (2 * band)
+    count = math.floor((times[-1] - times[0]) * 2 * band) + 1 + DEGREE
+    knots = times[0] + np.arange(-DEGREE, count + 1) / (2 * band)
     design = BSpline.design_matrix(times, knots, DEGREE)
-    normal = (design.T @ design).tocsr()
-    count = pieces + DEGREE
+    difference = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
+    normal = design.T @ design + SMOOTHING * len(times) / count * (difference.T @ difference)
     bands = np.zeros((DEGREE + 1, count))  # upper form: row DEGREE - d holds diagonal d
-    # D'D of the second differences has the diagonals 6, -4, 1 but for the ends.
-    difference = np.array([1.0, -2.0, 1.0])
     for d in range(DEGREE + 1):
         bands[DEGREE - d, d:] = normal.diagonal(d)
-        for i in range(3 - d):
-            last = count - 2 + i
-            bands[DEGREE - d, i + d : last + d] += SMOOTHING * len(times) / count * difference[i] * difference[i + d]
     flat = values.reshape(-1, len(times)).detach().numpy()
     coefficients = solveh_banded(bands, design.T @ flat.T)
     within = np.clip(points.numpy(), times[0], times[-1])

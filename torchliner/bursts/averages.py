@@ -53,20 +53,20 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> LineAv
     Raises:
         ValueError: no station counts.
     """
-    if not bool(line.used.any()):
+    used = line.used
+    if not bool(used.any()):
         raise ValueError(
             "no station counts: all are flagged; look at them with 'torchliner ldv info', or take them as they are "
             "with flagged='use'"
         )
-    admittance, counts = segment_admittances(line), line.segments[line.used]
+    admittance, counts = segment_admittances(line), line.segments[used]
     drawn = monte_carlo(admittance, counts, draws, SEED)
-    impedance = line.impedance[line.used]
-    several = len(impedance) > 1  # one station has no spread
+    impedance = line.impedance[used]
     return LineAverage(
         impedance=mean_impedance(mean_over_segments(admittance, counts)),
         monte_carlo=mean_impedance(drawn),
         monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
-        spatial_spread=_deviation(impedance) if several else torch.full_like(drawn[0], torch.nan),
+        spatial_spread=_deviation(impedance),
         interval=_line_interval(line, admittance, counts, level),
         stations=len(impedance),
     )
@@ -94,10 +94,14 @@ def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Te
 
 
 def _deviation(values: Tensor) -> Tensor:
+    """Of R and of X over the first axis; nan of a single value, which has none."""
+    if len(values) == 1:
+        return torch.full_like(values[0], torch.nan)
     return torch.complex(values.real.std(0), values.imag.std(0))
 
 
 def _line_interval(line: ImpedanceLine, admittance: Tensor, counts: Tensor, level: float | None) -> Interval | None:
+    """Of 1/mean(1/Z), from the scatter of the admittances over the segments of each station."""
     if level is None or int(counts.min()) < FEWEST_BLOCKS:
         return None
     found = []

@@ -1,15 +1,18 @@
-"""What is open between bursts and segments, in one validated place."""
+"""Every choice between bursts and averages, in one validated place; those of the eduction itself are a plane's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from torchliner.bursts.filters import BurstFilters
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS
+from torchliner.velocity.choices import Choices
 
 NAMED = {"method": GRID_METHODS, "correction": CORRECTIONS, "window": STATION_WINDOWS, "flagged": FLAGGED}
 MOST_DRAWS = 1_000_000
+OF_PLANES = {"averaging": "admittance", "background_rms": None, "missing": "refuse"}  # what a single place has
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,26 @@ class StationChoices:
         make_plain(self)
         for name, known in NAMED.items():
             require_choice(name, getattr(self, name), known)
-        require_positive("segment (s)", self.segment)
-        for name in ("grid_rate", "band_limit"):
+        for name, unit in (("segment", "s"), ("grid_rate", "Hz"), ("band_limit", "Hz")):
             if getattr(self, name) is not None:
-                require_positive(f"{name} (Hz)", getattr(self, name))
+                require_positive(f"{name} ({unit})", getattr(self, name))
         if self.band_limit is not None and self.method != "band-limited":
             raise ValueError(f"band_limit is for method 'band-limited', not {self.method!r}; leave it out")
         if not 0 <= self.overlap < 1:
             raise ValueError(f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1")
         if not 2 <= self.monte_carlo <= MOST_DRAWS:
             raise ValueError(f"monte_carlo is {self.monte_carlo}; it is 2 to {MOST_DRAWS} draws")
+
+
+def split_choices(options: dict[str, Any]) -> tuple[StationChoices, Choices]:
+    """Those of stations, and those of the eduction of a single place.
+
+    Raises:
+        ValueError: a choice that is for planes of many probes.
+    """
+    of_stations = {key: options[key] for key in options.keys() & StationChoices.__dataclass_fields__.keys()}
+    rest = {key: value for key, value in options.items() if key not in of_stations}
+    for name, only in OF_PLANES.items():
+        if rest.setdefault(name, only) != only:
+            raise ValueError(f"{name} is {rest[name]!r}; it is for planes of many probes: leave {name} out")
+    return StationChoices(**of_stations), Choices(**rest)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -52,18 +53,12 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
     if filters.times:
         record = _in_order_of_time(record)
     if filters.zero_runs is not None:
-        keep = torch.ones(record.bursts, dtype=torch.bool)
-        for values in record.components.values():
-            keep &= run_lengths(values == 0) < filters.zero_runs
-        record = record.keep(keep, {ZERO_RUN: int((~keep).sum())})
+        runs = torch.stack([run_lengths(values == 0) for values in record.components.values()])
+        bad = (runs >= filters.zero_runs).any(0)
+        record = record.keep(~bad, {ZERO_RUN: int(bad.sum())})
     if filters.outliers is not None:
-        keep = torch.ones(record.bursts, dtype=torch.bool)
-        for values in record.components.values():
-            away = (values - weighted_median(values, record.weights)).abs()
-            spread = GAUSSIAN_MAD * weighted_median(away, record.weights)
-            # Where more than half of the values are equal the median deviation is 0 and says nothing.
-            keep &= away <= filters.outliers * torch.clamp(spread, min=resolution(values))
-        record = record.keep(keep, {OUTLIER: int((~keep).sum())})
+        bad = torch.stack([_outlying(v, record.weights, filters.outliers) for v in record.components.values()]).any(0)
+        record = record.keep(~bad, {OUTLIER: int(bad.sum())})
     return record
 
 
@@ -71,18 +66,14 @@ def _in_order_of_time(record: BurstRecord) -> BurstRecord:
     """Bursts later than all before them; of equal times the first stays."""
     time = record.arrival_time
     step = torch.cat([time.new_ones(1), time[1:] - torch.cummax(time, 0).values[:-1]])
-    repeated, backwards = int((step == 0).sum()), int((step < 0).sum())
-    if 2 * backwards > record.bursts:
-        raise ValueError(
-            f"{record.name}: {backwards} of {record.bursts} bursts come before an earlier one: the times run "
-            "backwards, or several records stand one after another; sort or split them"
-        )
-    if 2 * repeated > record.bursts:
-        raise ValueError(
-            f"{record.name}: {repeated} of {record.bursts} arrival times repeat the one before; the column is no "
-            "arrival time, or was written with too few digits"
-        )
-    return record.keep(step > 0, {BACKWARDS: backwards, REPEATED: repeated})
+    counts = {BACKWARDS: int((step < 0).sum()), REPEATED: int((step == 0).sum())}
+    for reason, remedy in (
+        (BACKWARDS, "the times run backwards, or several records stand one after another; sort or split them"),
+        (REPEATED, "the column is no arrival time, or was written with too few digits"),
+    ):
+        if 2 * counts[reason] > record.bursts:
+            raise ValueError(f"{record.name}: {reason} at {counts[reason]} of {record.bursts} bursts; {remedy}")
+    return record.keep(step > 0, counts)
 
 
 def run_lengths(flag: Tensor) -> Tensor:
@@ -92,12 +83,17 @@ def run_lengths(flag: Tensor) -> Tensor:
     return torch.where(flag, torch.bincount(member)[member], 0)
 
 
-def weighted_median(values: Tensor, weights: Tensor) -> Tensor:
-    """Smallest value (N,) at which half of the weight, (N,), at least 0, is reached, 0-d."""
-    order = values.argsort()
-    reached = weights[order].cumsum(0)
-    place = torch.searchsorted(reached, reached[-1] / 2)
-    return values[order[place.clamp(max=len(values) - 1)]]
+def _outlying(values: Tensor, weights: Tensor, limit: float) -> Tensor:
+    """Values beyond so many standard deviations of the median, bool, (N,)."""
+    away = (values - weighted_median(values, weights)).abs()
+    spread = GAUSSIAN_MAD * weighted_median(away, weights)
+    # Where more than half of the values are equal the median deviation is 0 and says nothing.
+    return away > limit * max(spread, resolution(values))
+
+
+def weighted_median(values: Tensor, weights: Tensor) -> float:
+    """Smallest value (N,) at which half of the weight, (N,), at least 0, is reached."""
+    return float(np.quantile(values.numpy(), 0.5, weights=weights.numpy(), method="inverted_cdf"))
 
 
 def resolution(values: Tensor) -> float:

@@ -26,11 +26,6 @@ from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_check import turned_back
 
 CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart
-NO_CLOCK = (
-    "not checked: without a reference channel the phases of V at the stations disagree, its mean is {:.2f} of its mean "
-    "size (on one clock {:.2f} at least). Give a reference channel, or count the times of all stations from one "
-    "instant of the generator"
-)
 
 
 def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
@@ -43,29 +38,38 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
     speed, turns = float(line.fluid.sound_speed), torch.ones_like(own)
     if kind != INCIDENT:
         turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency, speed)
-    share, least = _shares((turns * own)[used], error[used], choices.level_limit)
+    # The mean of V in shares of its mean size, and the least of it that noise leaves on one clock.
+    size = own[used].abs()
+    share = (turns * own)[used].mean(0).abs() / size.mean(0)
+    noise = (size * error[used].clamp(max=1).square()).mean(0) / 2 / size.mean(0)
+    noise = noise * float(chdtri(max(1, len(size) - 1), CHANCE)) / len(size)
+    least = (1 - noise) / 10 ** (choices.level_limit / 20)
     apart = (share < least) & ~pressure.isnan() & (not line.choices["referred"])
     if bool(apart.any()):
         if kind == INCIDENT:
-            return NO_CLOCK.format(float(share[apart]), float(least[apart]))
+            return (
+                "not checked: without a reference channel the phases of V at the stations disagree, its mean is "
+                f"{float(share[apart]):.2f} of its mean size (on one clock {float(least[apart]):.2f} at least). Give a "
+                "reference channel, or count the times of all stations from one instant of the generator"
+            )
         words = f"{words}, mean size of V, as the phases of the stations disagree"
         turns = torch.where(apart, own.conj() / own.abs().clamp(min=1e-300), turns)
     mean = (turns * own)[used].mean(0)
-    spread = (own.abs() * error)[used].square().sum(0).sqrt() / int(used.sum())
-    line_of = line.average.impedance[None], mean[None], (spread / mean.abs())[None], line.average.interval
-    gaps = []
-    for (z, velocity, of_velocity, interval), y in (
-        (line_of, line.y[used].nanmean()[None]),
-        ((line.impedance, own, error, line.interval), line.y),
-    ):
-        implied = z * velocity
+    spread = (size * error[used]).square().sum(0).sqrt() / len(size)
+
+    def gap(z: Tensor, velocity: Tensor, of_velocity: Tensor, interval: Interval | None, y: Tensor) -> Gap:
+        """Implied over stated pressure, of values (N, F) at heights (N,)."""
+        implied, value = z * velocity, z
         if kind == INCIDENT:
             angle = 2 * torch.pi / speed * torch.nan_to_num(y)[:, None] * line.frequency
-            at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
-            implied = at_wall * (z + mean / velocity) / 2
+            value = z + mean / velocity
+            implied = velocity / (angle.cos() + 1j * angle.sin() * z) * value / 2
         ratio = float(line.fluid.characteristic_impedance) * implied / pressure
-        value = z + mean / velocity if kind == INCIDENT else z
-        gaps.append(gap_of(ratio[None], _ends(value, of_velocity, interval, choices), False))
+        return gap_of(ratio[None], _ends(value, of_velocity, interval, choices), False)
+
+    average = line.average
+    middle = line.y[used].nanmean()[None]
+    whole = gap(average.impedance[None], mean[None], (spread / mean.abs())[None], average.interval, middle)
     return LevelCheck(
         averagings=("stations",),
         averaging="stations",
@@ -75,18 +79,9 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
         limit=choices.level_limit + choices.level_uncertainty,
         uncertainty=choices.level_uncertainty,
         confidence=None if line.interval is None else choices.interval,
-        liner=Gap(*(value[:, 0] for value in vars(gaps[0]).values())),
-        cells=gaps[1],
+        liner=Gap(*(value[:, 0] for value in vars(whole).values())),
+        cells=gap(line.impedance, own, error, line.interval, line.y),
     )
-
-
-def _shares(velocity: Tensor, error: Tensor, limit: float) -> tuple[Tensor, Tensor]:
-    """Of the mean size of V, (N, F), in the size of its mean: what there is, and the least on one clock, where noise of
-    relative standard error ``error`` and ``limit`` dB are allowed, (F,)."""
-    count, size = len(velocity), velocity.abs()
-    noise = (size * error.clamp(max=1).square()).mean(0) / 2 / size.mean(0)
-    noise = noise * float(chdtri(max(1, count - 1), CHANCE)) / count
-    return velocity.mean(0).abs() / size.mean(0), (1 - noise) / 10 ** (limit / 20)
 
 
 def _velocity_error(line: ImpedanceLine) -> Tensor:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
@@ -15,10 +14,10 @@ import torch
 from torch import Tensor
 
 from torchliner.bursts.averages import average_line
-from torchliner.bursts.choices import StationChoices
+from torchliner.bursts.choices import StationChoices, split_choices
 from torchliner.bursts.level_check import line_level_check
+from torchliner.bursts.line_notes import notes_of
 from torchliner.bursts.station import CASE, educe_station
-from torchliner.bursts.warnings_of import warnings_of
 from torchliner.checks import real_tensor, tell
 from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
@@ -34,7 +33,6 @@ Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
 SHARED = ("frequency", "goodrich")  # tensors that are those of the whole line
 LISTS = ("names", "flags", "dropped", "station_notes")
 PADDED = ("reflection", "segment_start")  # nan for the segments that a shorter station lacks
-ONE_PLACE = {"averaging": "admittance", "background_rms": None, "missing": "refuse"}
 
 
 def educe_bursts(
@@ -85,25 +83,20 @@ def educe_bursts(
         flagged stations do not count in averages, intervals.
     """
     places, model = _stations(stations), as_liner(liner)
-    own, chosen = _split(choices)
+    own, chosen = split_choices(choices)
     if reference_phase is not None and chosen.phase != "given":
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
-    references = list(reference) if isinstance(reference, (list, tuple)) else [reference] * len(places)
-    if len(references) != len(places):
-        raise ValueError(
-            f"{len(references)} reference channels for {len(places)} stations; one for all or one a station, in their "
-            "order"
-        )
-    phases = _phases(reference_phase, len(places))
+    references = _each("reference channels", reference, len(places))
+    phases = _each("reference phases", _radians(reference_phase), len(places))
     tasks = [(places[i], references[i], phases[i]) for i in _order(places)]
     work = partial(tasks_in_order, client, _read_and_educe, (model, frequency, own, chosen))
     if parts is None:
         made = work(tasks)
     else:
         kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-        wanted = frequency.tolist() if hasattr(frequency, "tolist") else frequency
-        shared = [liner_fingerprint(model), wanted, dataclasses.asdict(own), chosen.describe()]
-        keys = [_key(station, _channel(channel, station), [*shared, phase]) for station, channel, phase in tasks]
+        shared = [*_facts_of(model), frequency, own, chosen.describe()]
+        keys = [_digest(*_facts_of(place), *_facts_of(_channel(channel, place)), phase, *shared)
+                for place, channel, phase in tasks]  # fmt: skip
         missing = work([task for task, key in zip(tasks, keys, strict=True) if not kept.holds(key)])
         made = (kept.take_up(key, partial(next, missing)) for key in keys)
     lines = []
@@ -116,8 +109,8 @@ def educe_bursts(
     check = line_level_check(line, chosen)
     if isinstance(check, LevelCheck):
         line, check = dataclasses.replace(line, level_check=check), "checked"
-    notes = tuple(warnings_of(line))
-    tell(notes)
+    notes = tuple(notes_of(line))
+    tell([note.text for note in notes])
     known = None if reference_phase is None else phases
     origin = origin_of(_inputs(places, references, model), reference_phase=known)
     return with_choices(dataclasses.replace(line, notes=notes), level_check=check, **origin)
@@ -135,30 +128,21 @@ def _stations(stations: Any) -> list[Station]:
     return found
 
 
-def _split(choices: dict[str, Any]) -> tuple[StationChoices, Choices]:
-    """Choices between bursts and segments, and those of the eduction."""
-    names = StationChoices.__dataclass_fields__
-    rest = {key: value for key, value in choices.items() if key not in names}
-    for name, only in ONE_PLACE.items():
-        if rest.setdefault(name, only) != only:
-            raise ValueError(
-                f"{name} is {rest[name]!r}; it is for planes. A station is one place without neighbours, and bursts "
-                f"without a value are dropped: leave {name} out"
-            )
-    return StationChoices(**{key: value for key, value in choices.items() if key in names}), Choices(**rest)
+def _radians(phase: Any) -> list[float] | None:
+    if phase is None:
+        return None
+    values = real_tensor(phase).reshape(-1)
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError("reference_phase holds values that are not finite; it is in rad")
+    return [float(each) for each in values]
 
 
-def _phases(value: Any, stations: int) -> list[float | None]:
-    """``reference_phase`` of each station."""
-    if value is None:
-        return [None] * stations
-    values = real_tensor(value).reshape(-1)
-    if len(values) not in (1, stations) or not bool(torch.isfinite(values).all()):
-        raise ValueError(
-            f"reference_phase holds {len(values)} values for {stations} stations; one for all or one a station, "
-            "finite, in rad"
-        )
-    return [float(each) for each in values.expand(stations)]
+def _each(what: str, given: Any, stations: int) -> list[Any]:
+    """Of each station, from one for all or one a station."""
+    found = list(given) if isinstance(given, (list, tuple)) else [given]
+    if len(found) not in (1, stations):
+        raise ValueError(f"{len(found)} {what} for {stations} stations; one for all or one a station, in their order")
+    return found * stations if len(found) == 1 else found
 
 
 def _order(stations: Sequence[Station]) -> list[int]:
@@ -206,11 +190,17 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
     """Stations of several lines as one, in the order given; averages are not carried over.
 
     Raises:
-        ValueError: lines of different cases or frequencies.
+        ValueError: lines of different cases or frequencies; phases relative to a channel beside phases on a clock.
     """
     first, most = lines[0], max(line.segment_start.shape[1] for line in lines)
     for other in lines[1:]:
-        _require_same_case(first, other)
+        for what, mine in _case(first).items():
+            theirs = _case(other)[what]
+            if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
+                raise ValueError(
+                    f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}; the stations of a line share one "
+                    "case"
+                )
     joined: dict[str, Any] = {}
     for name, value in vars(first).items():
         values = [getattr(line, name) for line in lines]
@@ -228,45 +218,36 @@ def _padded(values: Tensor, segments: int) -> Tensor:
     return torch.cat([values, missing + 1j * missing if values.is_complex() else missing], dim=1)
 
 
-def _require_same_case(first: ImpedanceLine, other: ImpedanceLine) -> None:
-    """Refuse stations of other cases, and phases relative to a channel beside phases on a clock."""
-    for (what, mine), (_, theirs) in zip(_case(first), _case(other), strict=True):
-        if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
-            raise ValueError(
-                f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}; the stations of a line share one case"
-            )
+def _case(line: ImpedanceLine) -> dict[str, Any]:
+    """What the stations of a line share."""
+    return {
+        "frequency (Hz)": line.frequency.tolist(),
+        "phases relative to": "a reference channel" if line.choices["referred"] else "the clock of its arrivals",
+        "tone (Hz)": line.choices["tone"],
+        **{key: getattr(line, key) for key in CASE},
+        "displacement thickness that makes eq. (2.7)": None if line.goodrich is None else line.goodrich.tolist(),
+    }
 
 
-def _case(line: ImpedanceLine) -> Iterator[tuple[str, Any]]:
-    yield "frequency (Hz)", line.frequency.tolist()
-    yield "phases relative to", "a reference channel" if line.choices["referred"] else "the clock of its arrivals"
-    yield "tone (Hz)", line.choices["tone"]
-    yield from ((key, getattr(line, key)) for key in CASE)
-    yield "displacement thickness that makes eq. (2.7)", None if line.goodrich is None else line.goodrich.tolist()
-
-
-def liner_fingerprint(liner: LinerModel) -> str:
-    """Hash of a liner's description and impedances: the name of a table says too little."""
-    low, high = liner.frequency_range or (300.0, 3500.0)
-    speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
+def _facts_of(source: Any) -> list[Any]:
+    """All that a liner, a station or a channel is made of: the name of a table says too little."""
+    if source is None:
+        return [None]
+    if isinstance(source, StationSource):
+        return [source.digest(), source.name]
+    if isinstance(source, (BurstRecord, ReferenceChannel)):
+        return list(vars(source).values())
+    low, high = source.frequency_range or (300.0, 3500.0)
+    speeds = torch.linspace(0, min(20.0, source.speed_max or 20.0), 41, dtype=torch.float64)
     frequencies = torch.linspace(float(low), float(high), 9).tolist()
     with torch.no_grad():
-        values = [torch.as_tensor(liner.impedance(f, speeds)).to(torch.complex128) for f in frequencies]
-    return _hash([torch.view_as_real(torch.stack(values)), json.dumps(liner.describe(), default=str)])
+        values = [torch.as_tensor(source.impedance(f, speeds)).to(torch.complex128) for f in frequencies]
+    return [torch.stack(values), source.describe()]
 
 
-def _key(station: Station, reference: ReferenceChannel | None, choices: list[Any]) -> str:
-    """Of a station's part: hash of the data, the reference channel and all choices, 32 hexadecimal digits."""
-    source = (
-        f"{station.digest()} {station.name}" if isinstance(station, StationSource) else _hash(vars(station).values())
-    )
-    channel = [] if reference is None else [reference.values, reference.sampling_rate, reference.start]
-    text = json.dumps([__version__, source, _hash(channel), *choices], default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def _hash(values: Any) -> str:
-    digest = hashlib.sha256()
-    for value in values:
-        digest.update(value.numpy().tobytes() if hasattr(value, "numpy") else repr(value).encode())
-    return digest.hexdigest()
+def _digest(*facts: Any) -> str:
+    """Hash of what a part follows from, 32 hexadecimal digits."""
+    digest = hashlib.sha256(__version__.encode())
+    for fact in facts:
+        digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
+    return digest.hexdigest()[:32]

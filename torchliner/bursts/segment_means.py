@@ -22,9 +22,8 @@ from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.windows import make_window
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import reading_of, take_moments
-from torchliner.velocity.review import texts
 
-WINDOWS = {"whole-periods": {0: 1.0}, "hann": {0: 0.5, 1: -0.25, -1: -0.25}}  # c_q by q
+WINDOWS = {"whole-periods": ("boxcar", {0: 1.0}), "hann": ("hann", {0: 0.5, 1: -0.25, -1: -0.25})}  # c_q by q
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +33,6 @@ class SegmentMeans:
     Args:
         a, b: <R> and <R e^{-2 j omega t}>, complex128, (S, F).
         velocity: half the complex peak amplitude of v into the liner, m/s, (S, F).
-        coherence: squared, of v with a steady tone over the blocks of a segment, (S, F).
         weights: of the samples of a segment, (n,).
         moments: of the segments as probes.
         model_error: of the model table, in R.
@@ -43,20 +41,9 @@ class SegmentMeans:
     a: Tensor
     b: Tensor
     velocity: Tensor
-    coherence: Tensor
     weights: Tensor
     moments: Moments
     model_error: float
-
-    @property
-    def blocks(self) -> int:
-        """Of a segment."""
-        return self.moments.survey.blocks.count
-
-    @property
-    def notes(self) -> list[str]:
-        """Warnings of the reading."""
-        return texts(self.moments.notes)
 
 
 def segment_means(
@@ -69,44 +56,33 @@ def segment_means(
         liner: whose R.  frequency: Hz, (F,).  choices: of the eduction.
         window: ``whole-periods`` or ``hann``.
     """
-    rate, samples, whole = plane.sampling_rate, plane.samples, window == "whole-periods"
-    orders, step = WINDOWS[window], 0.0 if whole else rate / samples
-    shifts = step * torch.tensor(list(orders), dtype=torch.float64)
+    rate, samples, (kind, orders) = plane.sampling_rate, plane.samples, WINDOWS[window]
+    shifts = rate / samples * torch.tensor(list(orders), dtype=torch.float64)  # Hz, (Q,)
+    shares = torch.tensor(list(orders.values()), dtype=torch.float64)
     read = frequency[:, None] - shifts  # Hz, (F, Q)
     nodes = choose_nodes([liner], read.flatten(), choices.tolerance(plane.velocity.dtype))
     reading = reading_of(plane, [liner], frequency, dataclasses.replace(choices, interval=None), nodes=nodes)
-    if not whole:
-        blocks = dataclasses.replace(reading.blocks, borders=(*reading.blocks.borders[:-1], samples))
-        reading = dataclasses.replace(reading, blocks=blocks)
+    blocks = reading.blocks
+    if window == "hann":  # over all samples, whole periods or not
+        blocks = dataclasses.replace(blocks, borders=(*blocks.borders[:-1], samples))
     # Waves e^{+j shift t}, and then e^{-j (2 f - shift) t}.
-    known = take_moments(
-        dataclasses.replace(reading, turns=torch.cat([shifts, (2 * frequency[:, None] - shifts).flatten()]))
-    )
-    seen, end = known.survey, known.survey.blocks.borders[-1]
-    weights = make_window("boxcar" if whole else "hann", end).weights
-    weights = torch.nn.functional.pad(weights, (0, samples - end))
-    if known.nodes is None:
-        square = seen.mean_square - (seen.mean**2 if choices.mean == "removed" else 0)
+    turns = torch.cat([shifts, (2 * frequency[:, None] - shifts).flatten()])
+    known = take_moments(dataclasses.replace(reading, blocks=blocks, turns=turns))
+    end, error = blocks.borders[-1], 0.0
+    weights = torch.nn.functional.pad(make_window(kind, end).weights, (0, samples - end))
+    if known.nodes is None:  # drive rms: one speed for the whole segment
+        square = known.survey.mean_square - (known.survey.mean**2 if choices.mean == "removed" else 0)
         a = response(liner, frequency, square.clamp(min=0).sqrt().cpu()).T
-        b, error = torch.zeros_like(a), 0.0
+        b = torch.zeros_like(a)
     else:
-        shares = torch.tensor(list(orders.values()), dtype=torch.float64)
         c = nodes.coefficients(response(liner, read.flatten(), nodes.speeds)).unflatten(0, read.shape)  # (F, Q, K)
-        a, b = _lines(known.sums["admittance"].sum(0).cpu(), c * shares[:, None])
-        zero = orders[0] * end
-        twice = sum(share * geometric(2 * frequency - q * step, rate, 0, end) for q, share in orders.items())
-        a = a / zero
-        b = (b - twice * a) / zero
+        cosine, sine = known.sums["admittance"].sum(0).cpu()[1:].unflatten(0, (2, -1))
+        waves = torch.complex(cosine, -sine)  # sums of T_k e^{-j g t}, (Q + F Q, K, S)
+        forth, back = waves[: len(shifts)].conj(), waves[len(shifts) :].unflatten(0, read.shape)
+        zero = shares[0] * end
+        twice = (shares * torch.stack([geometric(2 * frequency - shift, rate, 0, end) for shift in shifts], 1)).sum(1)
+        a = torch.einsum("q,fqk,qks->sf", shares.to(c), c, forth) / zero
+        b = torch.einsum("q,fqk,fqks->sf", shares.to(c), c, back) / zero - twice / zero * a
         error = interpolation_error(nodes, liner, frequency, known.top_speed(liner))[0]
     velocity = -tone_amplitudes(plane.load().velocity, frequency, rate, weights)
-    return SegmentMeans(a, b, velocity, seen.coherence(frequency).cpu(), weights, known, error)
-
-
-def _lines(total: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
-    """Lines at f of the replies to e^{j omega t} and e^{-j omega t}, (S, F), from sums (1 + 2 Q (1 + F), K, S)."""
-    frequencies, orders, _ = c.shape
-    cosine, sine = total[1:].unflatten(0, (2, -1))
-    waves = torch.complex(cosine, -sine)  # sums of T_k e^{-j g t}
-    forward = torch.einsum("fqk,qks->sf", c, waves[:orders].conj())
-    backward = torch.einsum("fqk,fqks->sf", c, waves[orders:].unflatten(0, (frequencies, orders)))
-    return forward, backward
+    return SegmentMeans(a, b, velocity, weights, known, error)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -13,8 +12,8 @@ from torch import Tensor
 from torchliner.bursts.averages import station_interval
 from torchliner.bursts.choices import StationChoices
 from torchliner.bursts.reference import follow_reference
-from torchliner.bursts.segment_means import SegmentMeans, segment_means
-from torchliner.bursts.segments import Segments, cut_into_segments
+from torchliner.bursts.segment_means import segment_means
+from torchliner.bursts.segments import cut_into_segments
 from torchliner.bursts.stations import Station
 from torchliner.checks import stated_frequency
 from torchliner.engine.phase import PHASE_RULES, Sound
@@ -27,6 +26,7 @@ from torchliner.velocity.review_answer import review_rule
 from torchliner.version import __version__
 
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
+DAMPED = 0.95  # warned of below
 NO_TONE = 0.05  # squared coherence with v below which a reference knows no phase
 WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole record
 
@@ -35,7 +35,7 @@ def educe_station(
     record: BurstRecord,
     liner: LinerModel,
     frequency: Any,
-    station_choices: StationChoices,
+    own: StationChoices,
     choices: Choices,
     reference: ReferenceChannel | None = None,
     reference_phase: float | None = None,
@@ -45,16 +45,16 @@ def educe_station(
     Args:
         record: bursts as read.  liner: its model.
         frequency: Hz, one or several; None takes the record's tone.
-        station_choices, choices: from bursts to segments; of the eduction.
+        own, choices: from bursts to segments; of the eduction.
         reference: channel that carries the phase of the sound.
         reference_phase: psi in rad for ``given``, see ``educe_bursts``.
     Raises:
         ValueError: see ``educe_bursts``.
     """
     liner = liner.in_flow(record.mach)
-    station = Station.of(record, station_choices.filters)
+    station = Station.of(record, own.filters)
     kept, flags = station.kept, station.flags
-    if flags and station_choices.flagged == "refuse":
+    if flags and own.flagged == "refuse":
         raise ValueError(
             f"{record.name} is flagged: {'; '.join(flags)}. Leave it out of the averages with flagged='exclude', or "
             "take it as it is with flagged='use'"
@@ -62,28 +62,48 @@ def educe_station(
     wanted = stated_frequency(frequency, record.frequency, record.name)
     if len(wanted.unique()) < len(wanted):
         raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
-    cut = cut_into_segments(kept, wanted, station_choices)
-    known = segment_means(cut.plane, liner, wanted, choices, station_choices.window)
-    clock = 2 * torch.pi * torch.outer(cut.start, wanted)  # phase of a steady tone at each segment's first sample
-    phases, velocity, coherence, referred = clock, known.velocity, known.coherence, reference is not None
-    if reference is not None:
-        phases, velocity, coherence = follow_reference(cut, reference, wanted, known)
-    elif choices.phase == "given" and reference_phase is None:
+    if choices.phase == "given" and reference is None and reference_phase is None:
         raise ValueError(
             "phase='given' needs a reference channel, or reference_phase in rad on the clock of the arrivals"
         )
+    cut = cut_into_segments(kept, wanted, own)
+    known = segment_means(cut.plane, liner, wanted, choices, own.window)
+    seen, nodes = known.moments.survey, known.moments.nodes
+    clock = 2 * torch.pi * torch.outer(cut.start, wanted)  # phase of a steady tone at each segment's first sample
+    steady = seen.coherence(wanted).cpu()
+    phases, velocity, coherence = clock, known.velocity, steady
+    if reference is not None:
+        block = cut.plane.duration / seen.blocks.count
+        phases, velocity, coherence = follow_reference(cut, reference, wanted, known.weights, block)
     held = (coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")
     held = held.expand(velocity.shape)
     sound = Sound(velocity, held, phases + (reference_phase or 0.0))
     reflection = PHASE_RULES[choices.phase](known.a, known.b, sound)
-    coherence = coherence if referred else coherence.mean(0)
-    notes = [*cut.notes, *known.notes, *texts(review_rule(held, known.blocks, choices))]
-    notes += [*_wandering(known, cut, wanted, _mean_amplitude(known, clock), choices)]
-    if referred:
-        notes += [*_unrelated(coherence, wanted)]
-    vertical = station.moments.components["wall_normal"]
+    coherence = coherence if reference is not None else coherence.mean(0)
+
+    notes = [*kept.notes, *texts(known.moments.notes), *texts(review_rule(held, seen.blocks.count, choices))]
+    if not bool(cut.corrected.any()) and cut.left < DAMPED:
+        notes.append(
+            f"the stated tone of {cut.tone:g} Hz, of which {own.method} reconstruction leaves {cut.left:.3f}, is "
+            "corrected: it drives |v| at all frequencies"
+        )
+    # Over the whole record a tone that wanders has less amplitude than in its segments.
+    left = _mean_amplitude(known.velocity, clock).abs() / (2 * known.velocity.abs().mean(0)).clamp(min=1e-300)
+    wanders = cut.corrected & (left < WANDERS) & (steady.mean(0) > choices.minimum_coherence / 2)
+    for i, f in enumerate(wanted.tolist()):
+        if bool(wanders[i]):
+            notes.append(
+                f"the tone of {f:g} Hz wanders: over the whole record {float(left[i]):.2f} of its amplitude in the "
+                "segments is left, and the correction, made over the record, misses the rest"
+            )
+        if reference is not None and float(coherence[i]) < NO_TONE:
+            notes.append(
+                f"the squared coherence of v with the reference is {float(coherence[i]):.2g} at {f:g} Hz (limit "
+                f"{NO_TONE:g}): it tells nothing of the phase of the sound there"
+            )
+
+    vertical, grid = station.moments.components["wall_normal"], cut.signal.grid
     interval = station_interval(reflection, choices.interval)
-    grid, nodes = cut.signal.grid, known.moments.nodes
     return ImpedanceLine(
         frequency=wanted,
         reflection=reflection[None],
@@ -93,7 +113,7 @@ def educe_station(
         z=_one(record.z),
         mean_velocity=_one(vertical.weighted_mean),
         velocity_rms=_one(vertical.weighted_rms),
-        velocity_amplitude=_mean_amplitude(known, phases)[None],
+        velocity_amplitude=_mean_amplitude(known.velocity, phases)[None],
         coherence=coherence[None],
         attenuation=cut.attenuation[None],
         corrected=cut.corrected[None],
@@ -103,10 +123,10 @@ def educe_station(
         longest_gap=_one(grid.longest_gap[0]),
         received=torch.tensor([record.received]),
         bursts=torch.tensor([kept.bursts]),
-        used=torch.tensor([not flags or station_choices.flagged == "use"]),
+        used=torch.tensor([not flags or own.flagged == "use"]),
         wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
         interval=None if interval is None else interval.map(lambda value: value[None]),
-        names=(record.title or record.name,),
+        names=(station.name,),
         flags=(flags,),
         dropped=(dict(kept.dropped),),
         station_notes=(tuple(notes),),
@@ -117,11 +137,11 @@ def educe_station(
             "liner": liner.describe(),
             "tone": record.frequency,
             "surface": record.liner,
-            "blocks": known.blocks,
-            "referred": referred,
+            "blocks": seen.blocks.count,
+            "referred": reference is not None,
             "nodes": None if nodes is None else nodes.describe(),
             "model_error": known.model_error,
-            **asdict(station_choices),
+            **asdict(own),
         },
         **{key: getattr(record, key) for key in CASE},
     )
@@ -132,28 +152,6 @@ def _one(value: float | None) -> Tensor:
     return torch.tensor([math.nan if value is None else float(value)], dtype=torch.float64)
 
 
-def _mean_amplitude(known: SegmentMeans, phases: Tensor) -> Tensor:
+def _mean_amplitude(velocity: Tensor, phases: Tensor) -> Tensor:
     """Complex peak amplitude of v into the liner, (F,): over the segments, less their phases, (S, F)."""
-    return 2 * (known.velocity * torch.exp(-1j * phases)).mean(0)
-
-
-def _wandering(
-    known: SegmentMeans, cut: Segments, frequency: Tensor, steady: Tensor, choices: Choices
-) -> Iterator[str]:
-    """A tone that wanders past the correction, by its amplitude over the record."""
-    left = steady.abs() / (2 * known.velocity.abs().mean(0)).clamp(min=1e-300)
-    has_tone = known.coherence.mean(0) > choices.minimum_coherence / 2
-    for i in (cut.corrected & (left < WANDERS) & has_tone).nonzero().flatten().tolist():
-        yield (
-            f"the tone of {float(frequency[i]):g} Hz wanders: over the whole record {float(left[i]):.2f} of its "
-            "amplitude in the segments is left, and the correction, made over the record, misses the rest"
-        )
-
-
-def _unrelated(coherence: Tensor, frequency: Tensor) -> Iterator[str]:
-    """A reference that v does not follow."""
-    for f, found in zip(frequency[coherence < NO_TONE], coherence[coherence < NO_TONE], strict=True):
-        yield (
-            f"the squared coherence of v with the reference is {float(found):.2g} at {float(f):g} Hz: "
-            "it tells nothing of the phase of the sound there"
-        )
+    return 2 * (velocity * torch.exp(-1j * phases)).mean(0)

@@ -108,59 +108,51 @@ class Station:
         kept = validate_bursts(raw, filters)
         return cls(raw, kept, burst_moments(kept))
 
-    @functools.cached_property
-    def flags(self) -> tuple[str, ...]:
-        """Why it cannot be trusted, in words: no average takes it unless asked to."""
-        return tuple(_flags(self.raw, self.kept, self.moments, self.zero_shares))
+    @property
+    def name(self) -> str:
+        """Its title, or the name of its file."""
+        return self.kept.title or self.kept.name
 
     @property
     def zero_shares(self) -> dict[str, float]:
         """Share of velocities that are exactly 0, 0 to 1, by component, of those read."""
         return {name: float((v == 0).sum()) / self.raw.bursts for name, v in self.raw.components.items()}
 
-    @property
-    def name(self) -> str:
-        """Its title, or the name of its file."""
-        return self.kept.title or self.kept.name
+    @functools.cached_property
+    def flags(self) -> tuple[str, ...]:
+        """Why it cannot be trusted, with number and limit: no average takes it unless asked to."""
+        return tuple(self._flags())
 
-    def component(self, name: str) -> ComponentMoments | None:
-        """Moments of ``wall_normal`` or ``streamwise``, if it was measured."""
-        return self.moments.components.get(name)
-
-
-def _flags(raw: BurstRecord, kept: BurstRecord, found: BurstMoments, zeros: dict[str, float]) -> Iterator[str]:
-    """Each with its number and limit; zeros are counted before any are dropped."""
-    for name, share in zeros.items():
-        if share > MOST_ZEROS:
+    def _flags(self) -> Iterator[str]:
+        kept, found = self.kept, self.moments
+        for name, share in self.zero_shares.items():
+            if share > MOST_ZEROS:
+                yield f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated?"
+        gone = 1 - kept.bursts / kept.received
+        if gone > MOST_DROPPED:
+            yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
+        for name, values in self.raw.components.items():
+            step, rms = resolution(values), found.components[name].rms
+            # Rounding to a step d adds d^2/12 to the variance.
+            share = step**2 / 12 / rms**2 if rms > 0 else math.inf
+            if step == 0:
+                yield f"{name} is constant, {float(values[0]):g} m/s: a dead channel"
+            elif share > MOST_ROUNDING:
+                yield (
+                    f"{name} is resolved to {step:g} m/s: rounding alone is {100 * min(share, 1):.0f} % of its "
+                    f"variance (limit {100 * MOST_ROUNDING:g} %)"
+                )
+        if not found.rate > 0:
+            yield f"{kept.bursts} bursts: no rate, no intervals"
+            return
+        # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
+        gap = found.rate * found.longest_gap
+        chance = (kept.bursts - 1) * math.exp(-gap)
+        if chance < GAP_CHANCE:
             yield (
-                f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated, or the "
-                "wall's light; dropping them does not mend the rest"
+                f"a gap of {1e3 * found.longest_gap:.3g} ms, {gap:.3g} mean intervals (chance in a Poisson process "
+                f"{chance:.0e}, limit {GAP_CHANCE:g})"
             )
-    gone = 1 - kept.bursts / kept.received
-    if gone > MOST_DROPPED:
-        yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
-    for name, moments in found.components.items():
-        step = resolution(raw.components[name])
-        # Rounding to a step d adds d^2/12 to the variance.
-        share = step**2 / 12 / moments.rms**2 if moments.rms > 0 else math.inf
-        if step == 0:
-            yield f"{name} is constant, {float(raw.components[name][0]):g} m/s: a dead channel"
-        elif share > MOST_ROUNDING:
-            yield (
-                f"{name} is resolved to {step:g} m/s: rounding alone is "
-                f"{'all' if share >= 1 else f'{100 * share:.0f} %'} of its variance (limit {100 * MOST_ROUNDING:g} %)"
-            )
-    if not found.rate > 0:
-        yield f"{kept.bursts} bursts: no rate, no intervals"
-        return
-    # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
-    gap = found.rate * found.longest_gap
-    chance = (kept.bursts - 1) * math.exp(-gap)
-    if chance < GAP_CHANCE:
-        yield (
-            f"a gap of {1e3 * found.longest_gap:.3g} ms, {gap:.3g} mean intervals (chance in a Poisson process "
-            f"{chance:.0e}, limit {GAP_CHANCE:g})"
-        )
-    if kept.frequency is not None and found.rate < FEWEST_PER_PERIOD * kept.frequency:
-        per_period = found.rate / kept.frequency
-        yield f"{per_period:.2g} bursts a period of {kept.frequency:g} Hz (limit {FEWEST_PER_PERIOD:g})"
+        if kept.frequency is not None and found.rate < FEWEST_PER_PERIOD * kept.frequency:
+            per_period = found.rate / kept.frequency
+            yield f"{per_period:.2g} bursts a period of {kept.frequency:g} Hz (limit {FEWEST_PER_PERIOD:g})"

@@ -12,20 +12,17 @@ lets :math:`\hat A` depend on the phase.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, gridded
-from torchliner.checks import frequency_tensor, tell
+from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, checked_bursts
+from torchliner.checks import frequency_tensor
 from torchliner.signals.tones import tone_amplitudes
 from torchliner.signals.windows import make_window
 
-DAMPED = 0.95  # warned of below
-ARRIVALS_A_PERIOD = 8.0  # warned of below
 LEAST_FACTOR = 0.3  # below, a correction would raise noise by more than a factor 3
 
 
@@ -38,7 +35,6 @@ class ToneAttenuation:
         frequency: Hz, (F,).
         grid: with the arrivals and the method that they hold for.
         weights: of the window, (T,).
-        notes: what was warned of.
     """
 
     factor: Tensor
@@ -46,7 +42,6 @@ class ToneAttenuation:
     frequency: Tensor
     grid: ArrivalGrid
     weights: Tensor
-    notes: tuple[str, ...] = ()
 
     def line(self, signal: GridSignal) -> Tensor:
         """Of the tones as they stand in a gridded signal, phase at the grid's start, complex128, (F,)."""
@@ -60,23 +55,6 @@ class ToneAttenuation:
         """A from the windowed lines GA + HA* of the gridded signal, (F,), exactly."""
         determinant = self.factor.abs() ** 2 - self.image.abs() ** 2
         return (self.factor.conj() * line - self.image * line.conj()) / determinant
-
-    def doubts(self, name: str, corrected: Tensor | None = None) -> Iterator[str]:
-        """Tones that are damped below 0.95, but for those corrected, bool, (F,); few arrivals a period."""
-        grid = self.grid
-        for i, frequency in enumerate(self.frequency.tolist()):
-            size = float(self.factor[i].abs())
-            if size < DAMPED and not (corrected is not None and bool(corrected[i])):
-                yield (
-                    f"{name}: {grid.method} reconstruction from {grid.mean_rate:.6g} arrivals a second damps the tone "
-                    f"of {frequency:g} Hz to {size:.3f}, and |v|, which varies at {2 * frequency:g} Hz, more; correct "
-                    "the tone with corrected_coherent_part"
-                )
-            if grid.mean_rate < ARRIVALS_A_PERIOD * frequency:
-                yield (
-                    f"{name}: {grid.mean_rate / frequency:.3g} arrivals a period of {frequency:g} Hz, fewer than "
-                    f"{ARRIVALS_A_PERIOD:g}: |v(t)| between them is guessed"
-                )
 
 
 def tone_attenuation(
@@ -100,23 +78,13 @@ def tone_attenuation(
     Raises:
         ValueError: the mean rate is below twice a frequency, a frequency is outside ``band`` or not below half the
             grid's rate, or as ``onto_grid``.
-    Warns:
-        DataWarning: a factor below 0.95, with the number; fewer than 8 arrivals a period.
     """
     wanted = frequency_tensor(frequency)
+    highest = float(wanted.max())
     if isinstance(arrivals, GridSignal):
         grid = arrivals.grid
     else:
-        grid = gridded(arrivals, arrivals, rate, method, float(wanted.max()), band, name).grid
-    found = attenuation_on(grid, wanted, window, name)
-    notes = tuple(found.doubts(name))
-    tell(notes)
-    return replace(found, notes=notes)
-
-
-def attenuation_on(grid: ArrivalGrid, frequency: Tensor, window: Any, name: str) -> ToneAttenuation:
-    """``tone_attenuation`` without warnings."""
-    highest = float(frequency.max())
+        grid = ArrivalGrid.of(checked_bursts(arrivals, arrivals, name)[0], rate, method, highest, band, name)
     if grid.mean_rate < 2 * highest:
         raise ValueError(
             f"{name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of {highest:g} "
@@ -127,15 +95,16 @@ def attenuation_on(grid: ArrivalGrid, frequency: Tensor, window: Any, name: str)
             f"{name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; a quarter of the mean rate, "
             f"{0.25 * grid.mean_rate:g} Hz, is what these arrivals carry"
         )
-    frequency_tensor(frequency, grid.rate)
+    frequency_tensor(wanted, grid.rate)
     weights, lines = make_window(window, grid.samples).weights, []
-    for f, turns in zip(frequency, 2 * torch.pi * torch.outer(frequency, grid.arrival_times - grid.start), strict=True):
+    for f in wanted:
+        turns = 2 * torch.pi * f * (grid.arrival_times - grid.start)
         both = grid(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
         lines.append(tone_amplitudes(both, f[None], grid.rate, weights)[:, 0])
     # The fit of a line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line
     # 2aC - 2bS equals GA + HA* for all a, b with G = C + jS, H = C - jS.
     cosine, sine = torch.stack(lines, 1)
-    return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, frequency, grid, weights)
+    return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, wanted, grid, weights)
 
 
 def corrected_coherent_part(
@@ -156,16 +125,16 @@ def corrected_coherent_part(
         ValueError: the attenuation is that of another signal; a factor below 0.3 (the correction would raise noise by
             more than 3).
     """
-    if attenuation.grid is not signal.grid:
+    grid, frequency = signal.grid, attenuation.frequency
+    if attenuation.grid is not grid:
         raise ValueError(f"{name} and the attenuation have grids of their own; use tone_attenuation(signal, frequency)")
     smallest = float(attenuation.factor.abs().min())
     if smallest < LEAST_FACTOR:
         raise ValueError(
-            f"{name}: {signal.grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise "
-            f"noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}). More arrivals are needed, or no "
-            "correction (correction='none')"
+            f"{name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise noise "
+            f"{1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}). More arrivals are needed, or no correction "
+            "(correction='none')"
         )
-    grid, frequency = signal.grid, attenuation.frequency
     line = attenuation.line(signal)
     amplitude = attenuation.true_amplitude(line)
     seconds = grid.times - grid.start

@@ -17,6 +17,7 @@ from torchliner.conversions import (
 )
 from torchliner.fluid import Fluid
 from torchliner.records.level_check import LevelCheck, words_of
+from torchliner.records.notes import Note
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.summaries import (
     Facts,
@@ -125,7 +126,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised):
     goodrich: Tensor | None = None
     title: str = ""
     choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     level_check: LevelCheck | None = None
 
     @property

@@ -47,47 +47,34 @@ def draw_lines(
     Area: three standard deviations over the segments, as in the paper. Dark band: the statistical
     interval of the mean. Crosses: stations that do not count in averages.
     """
-    if isinstance(lines, ImpedanceLine):
-        lines = [lines]
+    lines = [lines] if isinstance(lines, ImpedanceLine) else lines
     figure, panels = impedance_panels(3.5, place_along(lines[0])[1], axes)
     names = labels_of(lines, labels)
     for axis, part in panels:
         for i, line in enumerate(lines):
             _draw_line(axis, line, part, frequency_index, i, names[i])
-    _name_bands(panels[0][0], lines)
-    return finish(figure, path, title or _head(lines, frequency_index), 3, axes)
+    first, f = lines[0], float(lines[0].frequency[frequency_index])
+    entry(panels[0][0], f"{PAPER_WIDTHS:g} standard deviations over segments", width=5, color="0.85")
+    if first.interval is not None:
+        share = 100 * float(first.choices["interval"])
+        entry(panels[0][0], f"{share:g} % statistical interval of the mean", width=5, color="0.5")
+    if any(not bool(line.used.all()) for line in lines):
+        entry(panels[0][0], "not in averages", "x", markersize=6)
+    shared = first.title if len({line.title for line in lines}) == 1 else ""
+    return finish(figure, path, title or ", ".join(filter(None, (shared, f"{f:g} Hz"))), 3, axes)
 
 
 def _draw_line(axis: Any, line: ImpedanceLine, part: str, f: int, i: int, label: str) -> None:
     x, _ = place_along(line)
-    colour = COLOURS[i]
-    middle = part_of(line.impedance[:, f], part)
-    wide = PAPER_WIDTHS * part_of(line.segment_spread[:, f], part)
-    draw_band(axis, x, middle - wide, middle + wide, colour, 0.18)
+    middle, wide = (part_of(value[:, f], part) for value in (line.impedance, line.segment_spread))
+    draw_band(axis, x, middle - PAPER_WIDTHS * wide, middle + PAPER_WIDTHS * wide, COLOURS[i], 0.18)
     if line.interval is not None:
         low, high = (part_of(end[:, f], part) for end in (line.interval.low, line.interval.high))
-        draw_band(axis, x, low, high, colour, 0.5)
-    axis.plot(x, middle, color=colour, linewidth=0.8, linestyle=LINES[i], marker=MARKERS[i],
-              markersize=2.5 if len(x) > 40 else 4, label=label)  # fmt: skip
+        draw_band(axis, x, low, high, COLOURS[i], 0.5)
+    style = {"linewidth": 0.8, "linestyle": LINES[i], "marker": MARKERS[i], "markersize": 2.5 if len(x) > 40 else 4}
+    axis.plot(x, middle, color=COLOURS[i], label=label, **style)
     left_out = ~line.used.numpy()
     axis.plot(x[left_out], middle[left_out], "x", color="k", markersize=6, zorder=5)
-
-
-def _name_bands(axis: Any, lines: Sequence[ImpedanceLine]) -> None:
-    first = lines[0]
-    words = f"{PAPER_WIDTHS:g} standard deviations over segments"
-    entry(axis, words, width=5, color="0.85")
-    if first.interval is not None:
-        share = 100 * float(first.choices["interval"])
-        entry(axis, f"{share:g} % statistical interval of the mean", width=5, color="0.5")
-    if any(not bool(line.used.all()) for line in lines):
-        entry(axis, "not in averages", "x", markersize=6)
-
-
-def _head(lines: Sequence[ImpedanceLine], f: int) -> str:
-    title = lines[0].title if len({line.title for line in lines}) == 1 else ""
-    frequency = f"{float(lines[0].frequency[f]):g} Hz"
-    return f"{title}, {frequency}" if title else frequency
 
 
 def labels_of(lines: Sequence[ImpedanceLine], labels: Sequence[str] | None) -> list[str]:
