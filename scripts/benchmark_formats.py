@@ -3,7 +3,7 @@
     python scripts/benchmark_formats.py [--megabytes 500] [--folder DIR]
 
 Every row educes the same velocity, in one reading, and must give the same R; text holds fewer
-probes. ``convert`` stands beside ``cp``. For clusters and resuming see ``benchmark_cluster.py``.
+probes. ``convert`` stands beside ``cp``. For clusters see ``benchmark_cluster.py``.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def copies(path: Path) -> None:
     """The same file by ``convert`` and by ``cp``, from cold."""
     for name, work in (
         ("cp", lambda to: subprocess.run(["cp", path, to], check=True)),
-        ("convert", lambda to: write_plane(tl.read_plane(path, lazy=True), to, source="bench")),
+        ("convert", lambda to: write_plane(tl.read_plane(path, lazy=True), to)),
     ):
         forget(path)
         target = path.with_name(f"{name}.h5")
