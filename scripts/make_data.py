@@ -18,10 +18,10 @@ import torch
 from torch import Tensor
 
 from common import DATA, parser_of
+from studies.resolved_cases import read_channel, read_resolved
 from studies.resolved_pressure import read_resolved_pressure
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.pressure_file import write_pressure
-from torchliner.io.resolved import read_channel, read_resolved
 from torchliner.records import VelocityPlane
 
 SLIT_FILE, ORIFICE_FILE = "resolved_liner_lbm.h5", "resolved_orifice_3d.h5"

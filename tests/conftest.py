@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import os
-import signal
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,22 +41,6 @@ def liner() -> tl.SDoFLiner:
 @pytest.fixture(scope="session")
 def onera() -> tl.SDoFLiner:
     return tl.load_liner("onera")
-
-
-def in_fork(work) -> int:
-    """Status of a forked process that ends with 0 if ``work`` is true; killed after a minute."""
-    child = os.fork()
-    if not child:
-        try:
-            os._exit(not work())
-        finally:  # or an error would go on with the tests in two processes
-            os._exit(2)
-    deadline = time.monotonic() + 60
-    while not (ended := os.waitpid(child, os.WNOHANG))[0]:
-        if time.monotonic() > deadline:
-            os.kill(child, signal.SIGKILL)
-        time.sleep(0.01)
-    return ended[1]
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "torchliner"
 FLOORS = {
     "version": 0, "names": 0, "ranges": 0, "file_names": 0, "forward_mode": 0, "checks": 0.5,
-    "units": 0.5, "file_checks": 0.5, "rehearsal": 0.5,
+    "units": 0.5, "file_checks": 0.5,
     "fluid": 1, "conversions": 1, "least_squares": 2,
     "text_columns": 2, "toml_files": 2, "records": 3, "liners": 4,
     "signals": 4, "engine": 5, "duct": 5.5,

@@ -6,7 +6,6 @@ import os
 
 import pytest
 
-from torchliner import rehearsal
 from torchliner.cli import fetch_ahead
 
 
@@ -25,19 +24,6 @@ def large(tmp_path):
     with path.open("wb") as file:
         file.truncate(2 * fetch_ahead.SMALLEST)
     return str(path)
-
-
-def test_files_with_a_structure_are_rehearsed_first(tmp_path, monkeypatch, asked):
-    rehearsed: list[str] = []
-    monkeypatch.setattr(rehearsal, "rehearse", rehearsed.append)
-    monkeypatch.setattr(fetch_ahead, "_torch_is_to_come", lambda: True)
-    names = [str(tmp_path / name) for name in ("a.h5", "b.NC", "c.csv", "there is none.h5")]
-    for name in names[:3]:
-        with open(name, "wb") as file:
-            file.truncate(fetch_ahead.SMALLEST if name.endswith("a.h5") else 9)
-    fetch_ahead._ahead(names)
-    assert rehearsed == names[:2]
-    assert len(asked) == fetch_ahead.SMALLEST // fetch_ahead.CHUNK
 
 
 def test_nothing_is_fetched_once_torch_is_there(large, asked, monkeypatch):

@@ -6,8 +6,8 @@ import torch
 from conftest import DATA, SHARED
 
 import torchliner as tl
+from studies.resolved_cases import read_resolved
 from torchliner.cli.main import main
-from torchliner.io.resolved import read_resolved
 from torchliner.records.holes import merged_bands
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")

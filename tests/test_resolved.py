@@ -9,9 +9,8 @@ import pytest
 import torch
 
 import torchliner as tl
-from torchliner.cli.main import main
-from torchliner.io.resolved import read_channel, read_resolved
-from torchliner.io.resolved_liner import GEOMETRY, resolved_cases, resolved_liner
+from studies.resolved_cases import read_channel, read_resolved
+from studies.resolved_liner import GEOMETRY, resolved_cases, resolved_liner
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SAMPLES, COLUMNS, ROWS = 6, 5, 4
@@ -151,18 +150,6 @@ def test_presets_are_the_liners_of_the_files(cells, case, preset):
     known = tl.load_liner(preset)
     for name in GEOMETRY:
         assert getattr(found, name) == pytest.approx(getattr(known, name), rel=1e-5), name
-
-
-def test_the_command_writes_the_liner_of_a_case(cells, tmp_path, capsys):
-    arguments = ["convert", str(cells), "--layout", "resolved", "--case", "slit", "-o",
-                 str(tmp_path / "p.h5"), "--liner-file", str(tmp_path / "l.toml")]  # fmt: skip
-    assert main([*arguments, "--linear", "0.1+0.2j"]) == 0
-    written = tl.load_liner(tmp_path / "l.toml")
-    assert complex(written.impedance(1400.0)) == pytest.approx(0.1 + 0.2j, abs=1e-12)
-    assert main([*arguments, "--linear", "slat"]) == 2
-    assert "no case 'slat' (did you mean 'slit'?)" in capsys.readouterr().err
-    assert main([*arguments[:4], *arguments[6:]]) == 2
-    assert "--layout resolved needs --case; " in capsys.readouterr().err
 
 
 def test_times_that_are_not_uniform_are_refused(cells, channel):

@@ -1,17 +1,14 @@
 """HDF5 of others: what was never written, is packed, linked or damaged is said or refused."""
 
-import os
-
 import h5py
 import numpy as np
 import pytest
 import torch
-from conftest import in_fork
 from test_map_file import hand_map
 from test_plane_file import RATE, make_plane
 
 import torchliner as tl
-from torchliner import file_checks, rehearsal
+from torchliner import file_checks
 from torchliner.io import stored_values
 from torchliner.io.arrays import read_array
 from torchliner.io.burst_file import read_burst_file, write_bursts
@@ -332,47 +329,6 @@ def outcome(read, path):
     except (ValueError, OSError) as error:
         return str(error)
     return path.name
-
-
-HUNG = """
-from torchliner import rehearsal
-rehearsal.LIMIT = 1
-rehearsal.walk = lambda _: [0 for _ in iter(int, 1)]
-rehearsal.serve()
-"""
-
-
-@pytest.mark.parametrize(
-    ("code", "patience", "message"),
-    [
-        ("import os; print(flush=True); input(); os.abort()", 60.0, "crashes on its structure"),
-        ("import time; print(flush=True); time.sleep(60)", 1.0, "not come to an end"),
-        (HUNG, 60.0, "does not come to an end within"),
-    ],
-    ids=["crash", "sleep", "loop"],
-)
-def test_a_file_that_breaks_the_library_is_refused(tmp_path, monkeypatch, code, patience, message):
-    """It breaks another process, whose end is told; the next file has a new one."""
-    path, read = edited(tmp_path, lambda _: None)
-    (tmp_path / "child.py").write_text(code)
-    with monkeypatch.context() as patch:
-        patch.setattr(rehearsal, "__file__", str(tmp_path / "child.py"))
-        patch.setattr(rehearsal, "PATIENCE", patience)
-        patch.setattr(rehearsal, "_children", {})
-        with pytest.raises(ValueError, match=f"a.h5: the library that reads it .*{message}"):
-            read(path)
-        (tmp_path / "child.py").write_text("no Python")
-        assert read(path).samples == 20  # where it cannot be tried, it is read all the same
-    assert read(path).samples == 20
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_a_fork_need_not_wait_for_threads_of_its_parent(tmp_path):
-    """None of them goes on in the child, to end what it had begun with another file."""
-    path, read = edited(tmp_path, lambda _: None)
-    with rehearsal._lock:
-        assert in_fork(lambda: read(path).samples == 20) == 0
 
 
 @pytest.mark.parametrize("read", [*READERS.values(), read_array])

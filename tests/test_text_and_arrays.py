@@ -10,11 +10,11 @@ import torch
 import xarray
 
 import torchliner as tl
+from studies.resolved_cases import read_channel
 from torchliner import file_checks
 from torchliner.io.arrays import plane_from_array, read_array
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.microphone_file import read_microphones
-from torchliner.io.resolved import read_channel
 from torchliner.io.signal_file import read_signal
 from torchliner.toml_files import parse_toml
 

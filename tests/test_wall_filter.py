@@ -9,7 +9,7 @@ import torch
 from conftest import FREQUENCY, RATE, SHARED, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.io.resolved import read_resolved
+from studies.resolved_cases import read_resolved
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 

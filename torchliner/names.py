@@ -86,8 +86,6 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 # Files. A new format is a file with the function and a row here.
 PLANE_LAYOUTS = {  # of `convert`: function of a path and of options by name to a plane; what it is
     "array": ("torchliner.io.arrays:read_array_plane", "one variable, all stated here"),
-    "resolved": ("torchliner.io.resolved:read_resolved", "group of a simulation file"),
-    "channel": ("torchliner.io.resolved:read_channel", "simulation file of a channel"),
 }
 ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to an array
     ".npy": "torchliner.io.arrays:read_npy",

@@ -6,11 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.checks import plain_number
-from torchliner.io.axes import read_times
-from torchliner.io.hdf5 import open_file, read_attribute, read_si
-from torchliner.io.resolved import resolved_provenance, time_last
-from torchliner.io.resolved_liner import (
+from studies.resolved_cases import resolved_provenance, time_last
+from studies.resolved_liner import (
     complex_attribute,
     liner_of_group,
     require_case,
@@ -18,6 +15,9 @@ from torchliner.io.resolved_liner import (
     resolved_fluid,
     truth_of,
 )
+from torchliner.checks import plain_number
+from torchliner.io.axes import read_times
+from torchliner.io.hdf5 import open_file, read_attribute, read_si
 from torchliner.records import PressureRecord
 
 # The file's own impedances by the name a reader knows them under.
@@ -34,7 +34,7 @@ def read_resolved_pressure(path: str | Path, case: str, stride: int = 1) -> Pres
     """Surface, cavity and microphone pressures of one case of a resolved liner.
 
     Args:
-        path: file with one group a case; see ``io.resolved.read_resolved``.
+        path: file with one group a case; see ``resolved_cases.read_resolved``.
         case: group.
         stride: keep every n-th surface point along x (and z).
     Returns:

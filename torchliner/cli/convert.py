@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import time
-from contextlib import suppress
 from dataclasses import replace
 from inspect import signature
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchliner.cli.files import show_results, write_text
-from torchliner.cli.options import CASE, count, dest, progress_bar, shared, spelled, stated
+from torchliner.cli.files import show_results
+from torchliner.cli.options import CASE, dest, progress_bar, shared, spelled, stated
 from torchliner.cli.plane_options import plane_options, reading
 from torchliner.names import ARRAY_ENDINGS, PLANE_LAYOUTS, resolve
-from torchliner.version import __version__
 
 if TYPE_CHECKING:
     from torchliner.records import VelocityPlane
@@ -34,15 +29,6 @@ OPTIONS = {
     }
     | shared("--json", "--quiet"),
     **plane_options(further=False),
-    "resolved, channel": {
-        "--case NAME": "resolved: group; required there",
-        "--line I": "index of the height; default 0",
-        "--stride N": {"type": count, "help": "resolved: keep every N-th x; default 1"},
-        "--liner-file FILE": "write the case's own liner, of --layout resolved, .toml; default: "
-                             "none",
-        "--linear CASE": "resolved: case of low level, or Z as 0.243-0.203j, of the same lattice, "
-                         "that fixes the linear part of --liner-file; default: the model's",
-    },
     "arrays": {
         "--towards-liner": "data are positive INTO it",
         "--y ARRAY": "heights of particle images, FILE or FILE:VARIABLE; default: none",
@@ -58,8 +44,7 @@ OPTIONS = {
     },
 }  # fmt: skip
 ABOUT = ["height", *map(dest, CASE)]
-OF_LAYOUTS = ("case", "line", "stride", "towards_liner", "y", "row")  # beside ``reading``
-HOW = ("output", "json", "quiet", "memory", "figure")  # options that change nothing of the data
+OF_LAYOUTS = ("towards_liner", "y", "row")  # beside ``reading``
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,15 +52,10 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.checks import tell
     from torchliner.io.plane_selection import scaled
     from torchliner.io.plane_writer import write_plane
-    from torchliner.io.planes import paths_of
     from torchliner.records.unit_checks import plane_unit_warnings
 
-    if options.liner_file is not None and options.layout != "resolved":
-        raise ValueError("--liner-file is for --layout resolved, whose files state a geometry")
-    for given, of in (("linear", "liner_file"), ("compress_level", "compress")):
-        if getattr(options, given) is not None and not getattr(options, of):
-            first, second = spelled([given]), spelled([of])
-            raise ValueError(f"{first} is of {second}; give that as well, or leave {first} out")
+    if options.compress_level is not None and not options.compress:
+        raise ValueError("--compress-level is of --compress; give that as well, or leave --compress-level out")
     plane, facts = _read(options), stated(options, ABOUT)
     if "incident_level" in facts:  # of the plane as written
         plane = replace(plane, incident_level=None)
@@ -83,17 +63,12 @@ def run(options: argparse.Namespace) -> int:
         plane = scaled(plane, options.scale_length, options.scale_velocity)
     plane = replace(plane, **facts, provenance={**plane.provenance, "file": options.source.name})
     tell(plane_unit_warnings(plane, plane.frequency))
-    if options.liner_file is not None:
-        _write_liner(options)
     size = plane.velocity.dtype.itemsize * plane.probes * plane.samples
     size *= 1 if plane.streamwise is None else 2
     level = True if options.compress_level is None else options.compress_level
     began = time.monotonic()
     with progress_bar(size, options.source.name, options, unit="B") as step:
-        write_plane(
-            plane, options.output, options.compress and level,
-            memory=options.memory, source=_digest(options, paths_of(options.source)), progress=step,
-        )  # fmt: skip
+        write_plane(plane, options.output, options.compress and level, memory=options.memory, progress=step)
     took = time.monotonic() - began
     found = {"output": str(options.output), "probes": list(plane.probe_shape),
              "samples": plane.samples, "sampling_rate": float(plane.sampling_rate)}  # fmt: skip
@@ -123,9 +98,6 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
             raise
         layout = "array"
     if layout is None:
-        if given := sorted({*stated(options, OF_LAYOUTS)} - {"towards_liner"}):
-            raise ValueError(f"{spelled(given)}: for --layout resolved or channel; state that, or "
-                             "leave this out")  # fmt: skip
         plane = read_plane(options.source, lazy=True, **reading(options))
         return select(plane, factor=-1.0) if options.towards_liner else plane
     read = resolve(PLANE_LAYOUTS[layout][0])
@@ -136,30 +108,3 @@ def _read(options: argparse.Namespace) -> VelocityPlane:
               if (value := getattr(options, name, None)) is not None}  # fmt: skip
     part = {name: getattr(options, name) for name in ("start", "stop", "region")}
     return select(read(options.source, **wanted), **part, every=options.every or 1)
-
-
-def _digest(options: argparse.Namespace, paths: list[Path]) -> str:
-    """Words for what is written: the files as they are now, and all that is asked of them."""
-    from torchliner.records.origin import series_of
-
-    files: list[Path] = []
-    for path in paths:
-        files += sorted(path.rglob("*")) if path.is_dir() else [path, *series_of(path)]
-    facts = [(str(each), each.stat().st_size, each.stat().st_mtime_ns) for each in files]
-    asked = {name: str(value) for name, value in vars(options).items() if name not in HOW}
-    words = json.dumps([__version__, facts, sorted(asked.items())])
-    return hashlib.sha256(words.encode()).hexdigest()
-
-
-def _write_liner(options: argparse.Namespace) -> None:
-    """The liner of a resolved case as a file of its own."""
-    from torchliner.io.resolved_liner import resolved_liner
-    from torchliner.liners.catalogue import liner_text
-
-    linear = options.linear
-    if linear is not None:
-        with suppress(ValueError):
-            linear = complex(linear)
-    liner = resolved_liner(options.source, options.case, linear)
-    source = f"{options.source.name}, case {options.case}; linear part: {options.linear or 'model'}"
-    write_text(liner_text(liner, source), options.liner_file)

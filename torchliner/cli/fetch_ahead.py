@@ -9,8 +9,6 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from torchliner.io.whole_file import HDF5
-
 CHUNK = 1 << 20  # bytes that a system takes on at once; of a longer range it fetches the first part
 SMALLEST = 1 << 24  # bytes of a file that is worth it
 MOST = 1 << 30  # bytes altogether: what a disk gives in the second that the imports take
@@ -18,19 +16,12 @@ WAITING = 1 << 24  # bytes asked for at once: whoever reads another part of a fi
 
 
 def fetch_ahead(names: Sequence[str]) -> None:
-    """Rehearse HDF5 files, and ask the system for the beginnings of large ones, in the background;
-    never fails."""
+    """Ask the system for the beginnings of large files, in the background; never fails."""
     threading.Thread(target=_ahead, args=(list(names),), daemon=True).start()
 
 
 def _ahead(names: Sequence[str]) -> None:
     with contextlib.suppress(Exception):  # the reader says what is wrong
-        # First: small reads here and there would wait behind each of the large ones.
-        for name in names:
-            if name.lower().endswith(HDF5) and Path(name).is_file():
-                from torchliner.rehearsal import rehearse
-
-                rehearse(name)
         if hasattr(os, "posix_fadvise"):
             _fetch(names)
 

@@ -30,7 +30,6 @@ from torchliner.io.point_layout import (
 )
 from torchliner.io.stored_values import read_values
 from torchliner.records import VelocityPlane
-from torchliner.rehearsal import rehearse
 
 TAKES = ("variable", "axes", "velocity_units", "length_units", "sampling_rate", "normal")
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
@@ -87,7 +86,6 @@ class Matlab5File(ArrayFile):
     """Before v7.3: an array is read whole, when its first part is asked for, and kept."""
 
     def __init__(self, path: Path) -> None:
-        rehearse(path)
         found = _mat5(whosmat, path)
         kinds = {"single": "f4", "double": "f8", "char": "O", "cell": "O", "struct": "O"}
         types = {name: np.dtype(kinds.get(kind, "i8")) for name, _, kind in found}

@@ -17,7 +17,6 @@ from torchliner.io.hdf5 import open_file
 from torchliner.io.stored_values import read_values
 from torchliner.names import ARRAY_ENDINGS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
-from torchliner.rehearsal import rehearse
 from torchliner.units import si_factor
 
 AXES = ("time", "z", "x", "y", "probe")
@@ -59,7 +58,6 @@ def read_matlab(path: Path, variable: str | None) -> np.ndarray:
     """An array of a MATLAB file, v7.3 (HDF5) or before."""
     if h5py.is_hdf5(path):
         return read_hdf5(path, variable).T
-    rehearse(path)
     there = {name: shape for name, shape, _ in _mat5(whosmat, path)}
     chosen = _pick(list(there), variable, path)
     require_memory(8 * math.prod(there[chosen]), f"{path}: {chosen}, {there[chosen]},")

@@ -15,7 +15,6 @@ import numpy as np
 
 from torchliner.file_checks import naming, require_regular
 from torchliner.io.stored_values import read_values, require_stored
-from torchliner.rehearsal import rehearse
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
@@ -38,11 +37,9 @@ def hold_open(path: str | Path) -> h5py.File:
     Raises:
         FileNotFoundError: no such file.
         OSError: a folder or a device, not HDF5, or truncated.
-        ValueError: the library breaks down on it.
     """
     path = Path(path)
     require_regular(path)
-    rehearse(path)
     try:
         return _opened(path, locking=False)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""One run at a time in a folder of results, or at a file."""
+"""One run at a time in a folder of results."""
 
 from __future__ import annotations
 
@@ -18,34 +18,18 @@ def locked(folder: Path) -> Iterator[None]:
     """A folder for one run at a time; the lock ends with the process, however that ends.
 
     Raises:
-        OSError: another run holds it.
+        OSError: another run holds it, and which.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with locked_by(folder / ".lock", folder):
-        yield
-
-
-@contextmanager
-def locked_by(path: Path, name: str | Path) -> Iterator[None]:
-    """A lock in a file of its own; the holder may delete that file before the block ends.
-
-    Args:
-        path: of the lock.
-        name: what it guards, for the message.
-    Raises:
-        OSError: another run holds it.
-    """
-    with path.open("ab+", buffering=0) as file:
+    with (folder / ".lock").open("ab+", buffering=0) as file:
         try:
             _lock(file)
-            if not os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                raise BlockingIOError  # the holder deleted it meanwhile
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 file.seek(0)
                 holder = file.read().decode(errors="replace").strip() or "unknown"
                 raise OSError(
-                    f"{name} is in use by another run ({holder}); wait for its end, or name another --output"
+                    f"{folder} is in use by another run ({holder}); wait for its end, or name another --output"
                 ) from None
         with suppress(OSError):  # the disk is full; the words are for the message alone
             file.truncate(0)

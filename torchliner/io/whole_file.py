@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import os
 import re
 import socket
@@ -13,11 +12,8 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-from torchliner.io.lock import locked_by
 
 HDF5 = (".h5", ".hdf5", ".nc")
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".eps", ".ps", ".tif", ".tiff", ".webp")
@@ -127,7 +123,7 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     """A temporary path beside the file, renamed onto it when the block ends well.
 
     A crash or an interrupt leaves the old file as it was; what killed runs have left beside it is
-    deleted. A link is followed, and a file that is replaced keeps its mode.
+    deleted. A link is followed, and a file that is replaced keeps its mode and owner.
 
     Args:
         path, endings: as for ``writable``.
@@ -137,115 +133,28 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     target = writable(path, *endings)
     _clean(target.parent)
     try:
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f"{PART}{os.getpid()}-", suffix=".part")
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f"{PART}{os.getpid()}-", suffix=".part")
     except OSError as error:
         raise OSError(f"{path} cannot be written: {error.strerror}") from error
     os.close(handle)
+    temporary = Path(name)
     try:
-        with _told(path, temporary):
-            yield Path(temporary)
-            _dress(temporary, target)
-            os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-@contextmanager
-def _told(path: str | Path, temporary: str | Path, part: Part | None = None) -> Iterator[None]:
-    """Failures to write, of a full disk above all, by the name that the user gave.
-
-    ``part``: it stays if any of it was marked.
-    """
-    try:
-        yield
+        yield temporary
+        _dress(temporary, target)
+        os.replace(temporary, target)
     except (OSError, RuntimeError) as error:
         full = isinstance(error, OSError) and error.errno in FULL
         at_end = "errno" in str(error) and "read" not in str(error)  # HDF5 writes or closes
-        if full or at_end or (isinstance(error, OSError) and str(temporary) in str(error)):
-            text = str(error).replace(str(temporary), str(path))
-            if said := re.search(r"error message = '([^']+)'", text):  # HDF5's page of words
-                text = said[1]
-            remedy = ""
-            if part is not None and part.done:
-                remedy = f"; what is written stays in {part.path}: free space and run this again"
-            raise OSError(f"{path} cannot be written: {text}{remedy}") from error
+        if full or at_end or (isinstance(error, OSError) and name in str(error)):
+            said = re.search(r"error message = '([^']+)'", str(error))  # in HDF5's page of words
+            text = said[1] if said else str(error).replace(name, str(path))
+            raise OSError(f"{path} cannot be written: {text}") from error
         raise
+    finally:
+        temporary.unlink(missing_ok=True)  # gone already where all went well
 
 
-@dataclass
-class Part:
-    """A file that is being written, and how far it is.
-
-    Args:
-        path: of what is written so far.
-        source: words for what is written.
-        done: units of it that are there.
-    """
-
-    path: Path
-    source: str
-    done: int = 0
-
-    @property
-    def mark(self) -> Path:
-        """The file that says how far it is."""
-        return self.path.with_name(f"{self.path.name}-mark")
-
-    def reached(self, done: int) -> None:
-        """Say so in the mark, which is whole or the old one."""
-        new = self.mark.with_name(f"{self.mark.name}-new")
-        try:
-            new.write_text(json.dumps({"source": self.source, "done": done}), encoding="utf-8")
-            os.replace(new, self.mark)
-        finally:
-            new.unlink(missing_ok=True)
-        self.done = done
-
-
-@contextmanager
-def part_of(path: str | Path, source: str, *endings: str) -> Iterator[Part]:
-    """A file that is written beside, as FILE.part, and renamed when the block ends well.
-
-    If the block does not, what was marked as written stays, and the next block with the same
-    ``source`` goes on there. One block at a time writes a file, as FILE.part-lock has it.
-
-    Args:
-        path, endings: as for ``writable``.
-        source: words that differ for different contents.
-    Raises:
-        ValueError, OSError: as ``writable``; the disk is full; another run writes the file.
-    """
-    target = writable(path, *endings)
-    part = Part(target.with_name(f"{target.name}.part"), source)
-    lock = target.with_name(f"{target.name}.part-lock")
-    with locked_by(lock, path):
-        try:
-            yield from _part_written(part, path, target)
-        finally:
-            with contextlib.suppress(OSError):  # open files stay on Windows
-                lock.unlink()
-
-
-def _part_written(part: Part, path: str | Path, target: Path) -> Iterator[Part]:
-    """Of ``part_of`` what the lock guards."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        found = json.loads(part.mark.read_text(encoding="utf-8"))
-        if found["source"] == part.source and part.path.is_file():
-            part.done = int(found["done"])
-    try:
-        with _told(path, part.path, part):
-            yield part
-            _dress(str(part.path), target)
-            os.replace(part.path, target)
-    except BaseException:
-        if not part.mark.exists():
-            part.path.unlink(missing_ok=True)
-        raise
-    part.mark.unlink(missing_ok=True)
-
-
-def _dress(temporary: str, target: Path) -> None:
+def _dress(temporary: Path, target: Path) -> None:
     """Mode and owner of the file that is replaced; a new one has the usual mode."""
     if not target.exists():
         umask = os.umask(0)

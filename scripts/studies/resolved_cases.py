@@ -8,6 +8,15 @@ from typing import Any
 import h5py
 import numpy as np
 
+from studies.resolved_liner import (
+    complex_attribute,
+    preset_of,
+    require_case,
+    resolved_cases,
+    resolved_fluid,
+    resolved_holes,
+    truth_of,
+)
 from torchliner.io.axes import read_times
 from torchliner.io.hdf5 import (
     get_dataset,
@@ -18,15 +27,6 @@ from torchliner.io.hdf5 import (
     read_attribute,
     read_si,
     text_attribute,
-)
-from torchliner.io.resolved_liner import (
-    complex_attribute,
-    preset_of,
-    require_case,
-    resolved_cases,
-    resolved_fluid,
-    resolved_holes,
-    truth_of,
 )
 from torchliner.io.stored_values import read_values
 from torchliner.records import VelocityPlane
@@ -54,7 +54,7 @@ def read_resolved(path: str | Path, case: str | None = None, line: int = 0, stri
     """
     cases = resolved_cases(path)
     if case is None:
-        raise ValueError(f"--layout resolved needs --case; {path} holds {', '.join(cases)}")
+        raise ValueError(f"case is not stated; {path} holds {', '.join(cases)}")
     require_case(path, case, cases)
     if not 0 <= line < len(cases[case]):
         raise ValueError(f"{path}:/{case} has lines 0 to {len(cases[case]) - 1}, not {line}")

@@ -124,7 +124,7 @@ def preset_of(group: h5py.Group, path: str | Path) -> str:
             differing = f"{name} differs: " + ", ".join([*off, f"spacing {spacing:g} for {node:g}"])
     tell(
         f"{path}:{group.name} has the geometry and lattice of no preset (SI; {differing}); its "
-        "liner is not stated: write its own with resolved_liner, or convert --liner-file --linear",
+        "liner is not stated: write its own with resolved_liner",
         2,
     )
     return ""
