@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
+from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor, tell
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Pitch
-from torchliner.text_columns import Array, Column, cells_of, read_columns, read_lines, separator_of
+from torchliner.text_columns import Array, Column, cells_of, number_of, read_columns, read_lines, separator_of
 
 COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"}
 
@@ -182,6 +182,15 @@ def _read_columns(path: Path) -> dict[str, Array]:
     rows = {number: cells_of(line, separator) for number, line in enumerate(lines, 2) if line.strip()}
     if not rows:
         raise ValueError("it holds no values: the file ends at line 1")
+    others = {i: label for i, label in enumerate(labels) if label not in COLUMNS}
+    passed_over = [row[i] for row in rows.values() for i in others if i < len(row)]
+    if separator == "," and any(number_of(cell) == number_of(cell) for cell in passed_over):
+        # A decimal comma shifts the cells of a row by one, into a column that nobody reads.
+        names = ", ".join(map(repr, others.values()))
+        tell(
+            f"{path}: numbers in the columns {names} are passed over; if they stem from decimal commas, part the cells "
+            "by semicolons"
+        )
     columns = [Column(name, labels.index(name), 1.0, kind) for name, kind in COLUMNS.items() if name in labels]
     return read_columns([*rows.values()], [*rows], columns, path, len(labels), special=(), comma=separator != ",")
 
