@@ -38,7 +38,8 @@ SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always al
 MOST_CORRELATED = 0.9
 FEWEST_BLOCKS = 4  # two runs
 QUARTERS = 4  # each long enough to hold most of the correlation
-ANGLES, STEPS = 64, 2  # tried on the ellipse, and of Newton's method from the best
+BENT = 8.0  # an ellipse is small beside its distance to the pole if Z bends this many times less than it moves
+ANGLES, STEPS = 64, 2  # tried on a larger ellipse, and of Newton's method from the best
 
 
 def remaining(sums: Tensor) -> Tensor:
@@ -216,32 +217,27 @@ def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
         factor: k, complex128, (N,).
         axes: half axes of the ellipse, whose middle is 0, complex128, (2, N).
     """
-    angle = 2 * math.pi / ANGLES * torch.arange(ANGLES, dtype=torch.float32, device=axes.device)
-    circle = torch.stack([angle.cos(), angle.sin()])
-    # u/(1 - u) = (u - |u|^2)/|1 - u|^2; to find the best of a few angles single precision is enough.
-    u_real, u_imag = (part.float().T @ circle for part in (axes.real, axes.imag))
-    power = (u_real * u_real).addcmul_(u_imag, u_imag)
-    scale = (1 + power).sub_(u_real, alpha=2).reciprocal_()
-    w_real, w_imag = u_real.sub_(power).mul_(scale), u_imag.mul_(scale)
-    k = factor.sgn()
-    k_real, k_imag = k.real.float()[:, None], k.imag.float()[:, None]
-    real = (k_real * w_real).addcmul_(k_imag, w_imag, value=-1)
-    imag = (k_real * w_imag).addcmul_(k_imag, w_real)
-    places = torch.cat([_place_of_ends(real), _place_of_ends(imag)])
     # The largest real part of these times u/(1 - u) is what is looked for, but for the sign of the least.
     turned = factor * factor.new_tensor([-1, 1, 1j, -1j])[:, None]
-    top = _top(turned, axes, 2 * math.pi / ANGLES * places.double())
+    along, reach = (turned * axes[:, None]).real, axes.abs().sum(0)
+    angle = torch.atan2(along[1], along[0])  # of a small ellipse: there u/(1 - u) is nearly u
+    bent = (torch.hypot(*along) * (1 - reach).clamp(min=0) < BENT * factor.abs() * reach**2).any(0)
+    if axes.is_cpu:
+        columns = bent.nonzero()[:, 0]
+        angle[:, columns] = _best_angles(factor[columns], axes[:, columns])
+    else:
+        angle = torch.where(bent, _best_angles(factor, axes), angle)
+    top = _top(turned, axes, angle)
     return top * top.new_tensor([-1, 1, -1, 1])[:, None]
 
 
-def _place_of_ends(values: Tensor) -> Tensor:
-    """Where the least and the largest of float32 values lie, (N, ANGLES) to int32, (2, N).
-
-    The number of a place takes the last bits of its value: that is ten times as fast as argmin and argmax.
-    """
-    numbers = torch.arange(ANGLES, dtype=torch.int32, device=values.device)
-    numbered = (values.view(torch.int32) & -ANGLES | numbers).view(torch.float32)
-    return torch.stack([numbered.amin(1), numbered.amax(1)]).view(torch.int32) & (ANGLES - 1)
+def _best_angles(factor: Tensor, axes: Tensor) -> Tensor:
+    """The best of ``ANGLES`` for each of the extremes, float64, (4, N); single precision is enough for that."""
+    angle = 2 * math.pi / ANGLES * torch.arange(ANGLES, dtype=torch.float32, device=axes.device)
+    u = axes.T.to(torch.complex64) @ torch.stack([angle.cos(), angle.sin()]).to(torch.complex64)
+    w = factor.sgn().to(u)[:, None] * u / (1 - u)
+    places = [w.real.argmin(1), w.real.argmax(1), w.imag.argmin(1), w.imag.argmax(1)]
+    return 2 * math.pi / ANGLES * torch.stack(places).double()
 
 
 def _top(factor: Tensor, axes: Tensor, angle: Tensor) -> Tensor:
