@@ -1,7 +1,7 @@
 """The sums of a reading on CPUs in C++: built at first use where a compiler is, or brought by the wheel.
 
-The library lies in a folder that only the user can write. ``TORCHLINER_SUMS`` in the environment: ``torch`` never
-uses it, ``native`` insists on it.
+The library lies in a folder that only the user can write, beside its own checksum; what does not match is built anew
+and never loaded. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses it, ``native`` insists on it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import logging
 import os
 import shlex
 import shutil
+import signal
 import stat
 import subprocess
 import tempfile
@@ -95,9 +96,8 @@ def _found() -> CDLL | None:
     for get in (_built, _brought):
         try:
             return get()
-        except (OSError, AttributeError, RuntimeError, ValueError, subprocess.SubprocessError) as problem:
-            output = getattr(problem, "stdout", None) or b""
-            problems.append(f"{problem} {output.decode(errors='replace')[-500:]}".strip())
+        except (OSError, AttributeError, RuntimeError, ValueError, subprocess.TimeoutExpired) as problem:
+            problems.append(str(problem))
     reason = "; ".join(problems)
     logging.getLogger("torchliner").info("moments are summed by torch alone, which is slower: %s", reason)
     return None
@@ -122,7 +122,7 @@ def _brought() -> CDLL:
 
 
 def _built() -> CDLL:
-    """The library for this source, compiler and processor, built unless it is there."""
+    """The library for this source, compiler and processor, built unless it is there and whole."""
     found = [path for name in ("g++", "clang++") if (path := shutil.which(name))]
     compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
     if not compiler:
@@ -131,35 +131,60 @@ def _built() -> CDLL:
     # Unlike machines share home folders: the macros say the compiler's version and the processor's instructions.
     macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
     key = hashlib.sha256(b"\0".join([SOURCE.read_bytes(), shlex.join(command).encode(), macros])).hexdigest()[:16]
-    folder, name = _folder(), f"native-{key}.so"
+    names = f"native-{key}.so", f"native-{key}.sha256"
+    folder = _folder()
     if folder is not None:
-        with contextlib.suppress(OSError, AttributeError):  # damaged: built anew
-            return _loaded(folder / name)
+        with contextlib.suppress(OSError):
+            if (folder / names[1]).read_bytes() == _digest(folder / names[0]):
+                return _loaded(folder / names[0])
+        if not os.access(folder, os.W_OK):
+            folder = None
     # Several processes may build at once: each into a folder of its own, the last one stays. Where no folder is the
     # user's alone, the library lives on in memory.
     with tempfile.TemporaryDirectory(dir=folder, prefix=".native-") as own:
-        part = Path(own) / name
+        part, checksum = (Path(own) / name for name in names)
         _output([*command, "-shared", "-o", str(part), str(SOURCE)])
         library = _loaded(part)
-        if folder is not None:
-            os.replace(part, folder / name)
+        checksum.write_bytes(_digest(part))
+        for file in (part, checksum) if folder is not None else ():
+            file.chmod(0o600)
+            os.replace(file, Path(own).parent / file.name)
     return library
 
 
 def _folder() -> Path | None:
-    """Of the user's cache, if the user, and nobody else, can write it."""
+    """Of the user's cache, if only the user can write it."""
     with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: no home
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "torchliner"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         state = folder.lstat()
-        own = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & 0o022
-        return folder if own and os.access(folder, os.W_OK) else None
+        if stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & 0o022:
+            return folder
     return None
 
 
+def _digest(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).hexdigest().encode()
+
+
 def _output(command: Sequence[str]) -> bytes:
-    """What a compiler prints; subprocess.CalledProcessError with its message where it fails."""
-    about = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    done = subprocess.run(command, check=True, timeout=SECONDS, **about)  # type: ignore[call-overload]
-    text: bytes = done.stdout
+    """What a compiler prints.
+
+    Raises:
+        RuntimeError: with its message, where it fails; subprocess.TimeoutExpired after SECONDS.
+    """
+    # A file, not a pipe, and a session of its own: a compiler's children, which outlive it when it is stopped, would
+    # hold a pipe open.
+    with tempfile.TemporaryFile() as printed:
+        about = {"stdin": subprocess.DEVNULL, "stdout": printed, "stderr": subprocess.STDOUT}
+        with subprocess.Popen(command, start_new_session=True, **about) as process:  # type: ignore[call-overload]
+            try:
+                failed = process.wait(SECONDS)
+            except BaseException:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
+        printed.seek(0)
+        text: bytes = printed.read()
+    if failed:
+        raise RuntimeError(f"{shlex.join(command)} failed with code {failed}: {text.decode(errors='replace')[-500:]}")
     return text
