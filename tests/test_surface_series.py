@@ -7,6 +7,7 @@ import pickle
 import shutil
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +29,6 @@ from plane_files import (
     mutations,
     opened,
     recognised,
-    vectors,
 )
 
 from torchliner.checks import DataWarning
@@ -36,7 +36,7 @@ from torchliner.io import planes
 from torchliner.io.openfoam_surfaces import FORMAT as FOAM
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.surface_frames import Surface
-from torchliner.io.vtk_files import parse_vtk
+from torchliner.io.vtk_frames import parse_vtk
 from torchliner.io.vtk_series import FORMAT as SERIES
 from torchliner.records.origin import series_of
 
@@ -197,10 +197,10 @@ def test_faults_of_a_series(tmp_path):
         plane.load()
     raw = save(surface(5, False), tmp_path / "plane_05.vtp", "raw").read_bytes()
     (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'ts="12"', b'ts="13"'))
-    with pytest.raises(ValueError, match=r"plane_05.vtp has 13 values"):
+    with pytest.raises(ValueError, match=r"cannot read all of .*plane_05.vtp"):
         plane.load()
     (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'Name="U"', b'Name="U" type="Float32"'))
-    with pytest.raises(ValueError, match=r"plane_05.vtp.*12 x 3 of f4 take 144"):
+    with pytest.raises(ValueError, match=r"plane_05.vtp"):
         plane.load()
     save(surface(0, False), tmp_path / "other_00.vtp")
     with pytest.raises(ValueError, match=r"series other_, plane_; name one as group"):
@@ -209,7 +209,7 @@ def test_faults_of_a_series(tmp_path):
         SERIES.open(tmp_path / "other_00.vtp", STATED)
     raw = path.read_bytes()
     (tmp_path / "other_01.vtp").write_bytes(raw.replace(b"PolyData", b"MultiBlock"))
-    with pytest.raises(ValueError, match=r"other_01.vtp is VTK data of type 'MultiBlock'"):
+    with pytest.raises(ValueError, match=r"other_01.vtp is nothing that VTK reads"):
         SERIES.open(tmp_path / "other_00.vtp", STATED).load()
 
 
@@ -394,19 +394,10 @@ def foam(folder, kind, faces=False):
             head = f"# U  {'FACE' if faces else 'POINT'}_DATA {len(values)}\n#  x  y  z  U_x U_y U_z\n"
             rows = (" ".join(f"{n:.8g}" for n in row) for row in np.hstack([centres, values]))
             (here / "U_top.raw").write_text(head + "\n".join(rows) + "\n")
-        else:
-            corners = [f"4({' '.join(map(str, face))})" for face in QUADS]
-            lists = {"points": vectors(POINTS), "faces": corners, "vectorField/U": vectors(values)}
-            for name, items in lists.items():
-                file = here / "top" / name
-                file.parent.mkdir(parents=True, exist_ok=True)
-                about = "FoamFile\n{\n    version 2.0;\n    format ascii;\n}\n// * * //\n"
-                bare = f"\n{len(items)}\n(\n" + "\n".join(items) + "\n)\n\n// ***** //\n"
-                file.write_text(about * (i % 2) + bare)
     return folder
 
 
-@pytest.mark.parametrize(("kind", "faces"), [*product(["vtp", "raw", "foam"], [False, True])])
+@pytest.mark.parametrize(("kind", "faces"), [*product(["vtp", "raw"], [False, True])])
 def test_openfoam_surfaces(tmp_path, kind, faces):
     """One answer from each format that the solver writes, from the folder and from a file in it."""
     folder = foam(tmp_path / "2024/planes", kind, faces)
@@ -454,50 +445,37 @@ def test_rows_of_raw_surfaces_stand_where_they_say(tmp_path, faces):
         opened(FOAM, folder)
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new"),
-    [
-        ("points", "(0.03 0.001 0.005)", "(0.031 0.001 0.005)"),
-        ("faces", "4(0 1 5 4)", "4(4 0 1 5)"),
-    ],
-)
-def test_meshes_of_later_times_are_the_first(tmp_path, name, old, new):
-    """Compared as numbers, whatever their digits."""
-    folder = foam(tmp_path / "planes", "foam", faces=True)
-    path = folder / "0.00104/top" / name
-    wanted, text = opened(FOAM, folder), path.read_text()
-    path.write_text(text.replace(" ", "  ").replace("0.02", "0.0200"))
-    assert np.array_equal(opened(FOAM, folder), wanted)
-    assert old in text
-    path.write_text(text.replace(old, new))
-    with pytest.raises(ValueError, match=r"0.00104/top has other points or faces .*/0.001/top"):
+def test_points_of_later_times_are_the_first(tmp_path):
+    """A restart on other cores may write them in another order."""
+    folder = foam(tmp_path / "planes", "vtp")
+    mesh = surface(4, False)
+    mesh.points = mesh.points[::-1].copy()
+    save(mesh, folder / "0.00104/top.vtp")
+    with pytest.raises(ValueError, match=r"0.00104/top.vtp has 12 points elsewhere than the first frame"):
         opened(FOAM, folder)
 
 
-def test_one_value_for_all(tmp_path):
-    """A uniform field of foamFile."""
-    folder = foam(tmp_path / "planes", "foam")
-    for path in folder.glob("*/top/vectorField/U"):
-        path.write_text("12{(0.25 -0.5 0.125)}\n")
-    assert np.array_equal(opened(FOAM, folder), np.full((3, 4, 9), -0.5))
+def test_foam_files_are_refused_by_name(tmp_path):
+    for time in ("0.1", "0.2"):
+        (tmp_path / time / "top").mkdir(parents=True)
+        (tmp_path / time / "top/points").write_text("1\n(\n(0 0 0)\n)\n")
+    assert recognised(FOAM, tmp_path)
+    with pytest.raises(ValueError, match=r"0.1/top is a surface in the format foamFile.* surfaceFormat vtk or raw"):
+        FOAM.open(tmp_path, UP)
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("vectorField/U", lambda t: t.replace("12\n", "11\n", 1), "11 values for 12 points"),
-        ("vectorField/U", lambda t: t[: len(t) // 2], r"\d+ numbers in 1 rows; 36"),
-        ("points", lambda t: t.replace("12\n", "format binary; 12", 1), "but binary.*ascii"),
-        ("faces", lambda t: t.replace("4(0 1 5 4)", "2(0 1)"), "two|2 corners"),
-        ("faces", lambda t: t.replace("4(0 1 5 4)", "4(0 1 5 44)"), "points 0 to 44; there are 12"),
-    ],
-)  # fmt: skip
-def test_faults_of_foam_files(tmp_path, name, change, message):
-    folder = foam(tmp_path / "planes", "foam", faces=name == "faces")
-    path = folder / "0.001/top" / name
-    path.write_text(change(path.read_text()))
-    with pytest.raises(ValueError, match=rf"{path}.*({message})|{message}"):
-        FOAM.open(folder, UP).load()
+STORED = Path(__file__).parent / "stored/solver_files"
+
+
+def test_what_solvers_wrote():
+    """OpenFOAM v1912 states four times the bytes of its binary .vtp; ParaView has U on points and on cells."""
+    found = {kind: opened(FOAM, STORED / kind) for kind in ("vtp", "legacy_binary", "legacy", "raw")}
+    assert np.array_equal(found["vtp"], found["legacy_binary"])
+    for text in ("legacy", "raw"):
+        assert np.allclose(found[text], found["vtp"], atol=1e-5)
+    of_cells = [SERIES.open(STORED / f"paraview/slice_0{ending}", STATED) for ending in (".vtp", ".vtk")]
+    assert {plane.provenance["values"] for plane in of_cells} == {"faces"}
+    assert np.array_equal(*(plane.load().velocity for plane in of_cells))
 
 
 def test_faces_are_where_they_are():
@@ -521,15 +499,6 @@ def test_mutated_bytes(tmp_path_factory, marks, cut, how):
     clean = opened(SERIES, path, STATED)
     mutate(path, marks, cut)
     answer_or_error(SERIES, path, STATED, "plane_", clean)
-
-
-@FUZZED
-@given(marks=mutations, cut=cuts, name=st.sampled_from(["points", "faces", "vectorField/U"]))
-def test_mutated_foam_files(tmp_path_factory, marks, cut, name):
-    folder = foam(tmp_path_factory.mktemp("foam") / "planes", "foam")
-    clean = opened(FOAM, folder)
-    mutate(folder / "0.001/top" / name, marks, cut)
-    answer_or_error(FOAM, folder, UP, "planes", clean)
 
 
 @pytest.mark.skipif(not SAMPLES.exists(), reason="samples of a run are not here")

@@ -1,4 +1,4 @@
-"""OpenFOAM's sampled surfaces: a folder for each time, in it VTK files, foamFile or raw."""
+"""OpenFOAM's sampled surfaces: a folder for each time, in it files of VTK or raw."""
 
 from __future__ import annotations
 
@@ -11,36 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.file_checks import require_regular
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import SAME, named
-from torchliner.io.surface_frames import (
-    Frame,
-    FrameArray,
-    Surface,
-    plane_of_frames,
-    read_whole,
-    unpack_faces,
-)
-from torchliner.io.text_rows import (
-    SPACES,
-    bytes_at,
-    last_digit,
-    number_of,
-    parse_rows,
-    parse_vectors,
-)
-from torchliner.io.vtk_files import parse_vtk
+from torchliner.io.surface_frames import Frame, FrameArray, Surface, plane_of_frames, read_whole
+from torchliner.io.text_rows import SPACES, last_digit, number_of, parse_rows, parse_vectors
+from torchliner.io.vtk_frames import vtk_parser
 from torchliner.records import VelocityPlane
 
 # `# U  FACE_DATA 4`, then `# x y z U_x U_y U_z`.
 RAW = re.compile(rb"#\s*(\w+)\s+(FACE|POINT)_DATA\s+(\d+)\s*\n#[^\n]*\n")
 RAW_NAME = re.compile(r"(?:U_(.+)|(.+)_U)\.raw")
-LIST = re.compile(rb"\s*(?:nonuniform\s+List<\w+>\s*)?(\d+)\s*([({])")
-COMMENTS = re.compile(rb"/\*.*?\*/|//[^\n]*|FoamFile\s*\{.*?\}", re.DOTALL)
-HEAD = 4096  # bytes of a file that hold its header
-FIELDS = {"vectorField": 3, "scalarField": 1}
 
 
 def time_folders(path: Path) -> tuple[Path, list[Path]]:
@@ -113,11 +94,11 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
     if len({each.suffix for files in kinds for each in files}) > 1:
         raise ValueError(f"{root} has {group!r} in several formats; leave one of them there")
     paths = [files[0] for files in kinds]
-    parse: Callable[[Path], Frame] = parse_vtk
     if paths[0].is_dir():
-        parse = foam_parser(paths[0])
-    elif paths[0].suffix == ".raw":
-        parse = raw_parser(paths[0])
+        raise ValueError(
+            f"{paths[0]} is a surface in the format foamFile, which is not read: sample with surfaceFormat vtk or raw"
+        )
+    parse = (raw_parser if paths[0].suffix == ".raw" else vtk_parser)(paths[0])
     time = np.array([float(folder.name) for folder in folders])
     digits = max(number_of(folder.name)[1] for folder in folders)
     if len(time) < 2:
@@ -182,91 +163,6 @@ def same_places(rows: np.ndarray, points: np.ndarray, path: Path, first: Path | 
             "sample one that stands still, or give each stretch of times on its own"
         )
     return order
-
-
-def foam_parser(mesh: Path) -> Callable[[Path], Frame]:
-    """The function that parses folders with ``points``, ``faces`` and ``vectorField/NAME``.
-
-    Args:
-        mesh: folder of the first time, which tells how many points and faces there are.
-    Raises:
-        ValueError: as many points as faces, so that no number of values tells where these lie.
-    """
-    points, faces = (_list_head(mesh / name)[0] for name in ("points", "faces"))
-    if points == faces:
-        raise ValueError(f"{mesh} has as many points as faces, {points}; nothing tells on which "
-                         "the values lie: sample as VTK")  # fmt: skip
-    return partial(parse_foam, mesh=mesh, faces=faces)
-
-
-def parse_foam(path: Path, mesh: Path, faces: int) -> Frame:
-    """A folder of a time."""
-    _require_same_mesh(path, mesh)
-    arrays = {}
-    for kind, components in FIELDS.items():
-        for file in sorted((path / kind).iterdir()) if (path / kind).is_dir() else []:
-            count, _ = _list_head(file)
-            arrays[file.name] = FrameArray(count == faces, count, components, partial(_field, file, components))
-    return Frame(partial(_mesh, mesh), arrays)
-
-
-def _require_same_mesh(path: Path, mesh: Path) -> None:
-    """Refuse a time whose points or faces are others, or in another order, than of the first."""
-    names = ("points", "faces") if path != mesh else ()
-    if all(_list(path / name)[1] == _list(mesh / name)[1] for name in names):
-        return
-    here, there = _mesh(path), _mesh(mesh)
-    near = SAME * np.abs(there.points).max(initial=0)
-    if not (
-        here.points.shape == there.points.shape
-        and (np.abs(here.points - there.points) <= near).all()
-        and np.array_equal(here.corners, there.corners)  # type: ignore[arg-type]
-        and np.array_equal(here.ends, there.ends)  # type: ignore[arg-type]
-    ):
-        raise ValueError(
-            f"{path} has other points or faces than the first time, {mesh}, or in another order; a "
-            "plane has the same at all times: sample as raw, or give each stretch of times on its "
-            "own"
-        )
-
-
-def _list_head(path: Path) -> tuple[int, int]:
-    """Length of the list of a file, and where its bracket stands."""
-    require_regular(path)
-    text = COMMENTS.sub(lambda found: b" " * len(found[0]), bytes_at(path, 0, HEAD))
-    found = LIST.match(text)
-    if found is None:
-        binary = b"binary" in bytes_at(path, 0, HEAD)
-        remedy = ", but binary: sample with writeFormat ascii" if binary else ""
-        raise ValueError(f"{path} is no list 'N ( ... )' of text{remedy}")
-    return int(found[1]), found.start(2)
-
-
-def _list(path: Path) -> tuple[int, bytes, bool]:
-    """Length of a list, what stands between its brackets, and whether one value stands for all."""
-    count, begin = _list_head(path)
-    text = read_whole(path)
-    uniform = text[begin : begin + 1] == b"{"
-    end = text.rfind(b"}" if uniform else b")")
-    if end < begin:
-        raise ValueError(f"{path} is truncated: its list has no end")
-    return count, text[begin + 1 : end], uniform
-
-
-def _field(path: Path, components: int, axis: int) -> np.ndarray:
-    """One component of a field."""
-    count, text, uniform = _list(path)
-    found = parse_vectors(text, 1 if uniform else count, components, axis, f"{path}")
-    return np.repeat(found, count) if uniform else found
-
-
-def _mesh(folder: Path) -> Surface:
-    """Points and faces."""
-    count, text, _ = _list(folder / "points")
-    points = parse_vectors(text, count, 3, None, f"{folder / 'points'}")
-    count, text, _ = _list(folder / "faces")
-    flat = np.array(text.translate(SPACES).split(), np.int64)
-    return Surface(points, *unpack_faces(flat, count, f"{folder / 'faces'}"))
 
 
 FORMAT = PlaneFormat("OpenFOAM surfaces", recognises, named(open_surfaces), ("variable", "group", "normal"))

@@ -101,23 +101,6 @@ def _cells_of_grid(points: np.ndarray, size: np.ndarray) -> Surface:
     return Surface(points, corners.reshape(-1), each * np.arange(1, count + 1), kinds)
 
 
-def unpack_faces(flat: np.ndarray, count: int, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and ends of faces that are stored as their number of corners and these, one by one.
-
-    Raises:
-        ValueError: they are not ``count``.
-    """
-    heads: list[int] = []
-    place = 0
-    while place < len(flat) and len(heads) < count and flat[place] > 0:
-        heads.append(place)
-        place += 1 + int(flat[place])
-    if place != len(flat) or len(heads) != count:
-        raise ValueError(f"{label}: {len(flat)} numbers are not {count} faces, each the number of "
-                         "its corners and these")  # fmt: skip
-    return np.delete(flat, heads), np.cumsum(flat[heads])
-
-
 def in_circles(corners: np.ndarray, ends: np.ndarray, kinds: np.ndarray | None) -> np.ndarray:
     """Corners in order around each face: those of VTK's pixels stand row by row.
 

@@ -20,7 +20,7 @@ from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import length_factor, named, velocity_factor
 from torchliner.io.surface_frames import plane_of_frames, read_whole
 from torchliner.io.text_rows import bytes_at, last_digit
-from torchliner.io.vtk_files import is_vtk, parse_vtk
+from torchliner.io.vtk_frames import is_vtk, parse_vtk, vtk_parser
 from torchliner.records import VelocityPlane
 from torchliner.records.numbered_files import numbered_series
 
@@ -72,7 +72,9 @@ def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
                          "state sampling_rate=... (--sampling-rate HZ)")  # fmt: skip
     else:
         _require_all(paths, numbers, path)
-    return plane_of_frames(paths, parse_vtk, request, rate, path, factor, length, start=start, format="VTK series")
+    return plane_of_frames(
+        paths, vtk_parser(paths[0]), request, rate, path, factor, length, start=start, format="VTK series"
+    )
 
 
 def _series(path: Path, group: str | None) -> tuple[list[Path], list[float], list[Decimal]]:

@@ -30,7 +30,6 @@ from torchliner.io.point_layout import (
 from torchliner.io.stored_values import read_values, require_numbers, require_stored
 from torchliner.io.surface_frames import Frame, FrameArray, Surface, grid_surface, pick_array
 from torchliner.io.text_rows import last_digit
-from torchliner.io.vtk_xml import image_points
 from torchliner.records import VelocityPlane
 
 KINDS = ("ImageData", "PolyData", "UnstructuredGrid")
@@ -200,8 +199,9 @@ def _grid(group: h5py.Group, path: Path) -> tuple[Surface, dict[bool, Rows]]:
     if min(sizes) < 1:
         raise ValueError(f"{path}:/VTKHDF has WholeExtent {extent}, which is upside down")
     require_memory(24.0 * sizes[0] * sizes[1] * sizes[2], f"{path}:/VTKHDF: points of its grid")
-    points = image_points(low, high, origin, spacing, turn)
-    return grid_surface(points, high - low + 1), {}
+    axes = [np.arange(first, last + 1) for first, last in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes[::-1], indexing="ij")[::-1], -1).reshape(-1, 3)  # x runs fastest
+    return grid_surface(origin + (spacing * places) @ turn.reshape(3, 3).T, high - low + 1), {}
 
 
 def _mesh(
