@@ -291,3 +291,17 @@ def test_autocast_around_an_eduction_has_no_effect(liner):
     assert torch.equal(found.coherence, wanted.coherence)
     for averaging in wanted.averagings:
         assert torch.equal(found.cells[averaging].reflection, wanted.cells[averaging].reflection)
+
+
+def test_a_velocity_along_the_flow_is_refused_or_noted():
+    """v is nearly all mean there; a v that does not fluctuate at all is the model at one |v|."""
+    liner = tl.load_liner("polito").replace(cell_pitch=None)
+    v = turbulence((2, 600))
+    v = (v - v.mean(1, keepdim=True)) / v.std(1, keepdim=True)
+    with pytest.raises(ValueError, match=r"mean of v is \d+(\.\d)? times its rms \(limit 10\).*--mean removed"):
+        tl.educe(plane_of(v + 20), liner, 1400.0)
+    assert "large-mean" not in {note.code for note in tl.educe(plane_of(v + 20), liner, 1400.0, mean="removed").notes}
+    with pytest.warns(tl.DataWarning, match=r"mean of v is [23]\.?\d* times its rms"):
+        found = tl.educe(plane_of(v + 3), liner, 1400.0)
+    assert "large-mean" in {note.code for note in found.notes}
+    assert tl.educe(plane_of(torch.full_like(v, 20.0)), liner, 1400.0).notes == ()

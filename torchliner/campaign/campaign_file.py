@@ -56,6 +56,7 @@ class PlanesTable(Strict):
     length_units: str | None = None
     sampling_rate: float | None = Field(None, gt=0)
     normal: str | None = None
+    wall_normal_component: bool | None = None
     x: str | None = None
     z: str | None = None
     points: str | None = None

@@ -13,7 +13,7 @@ import numpy as np
 from torchliner.checks import tell
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import component_of, named, plane_at
+from torchliner.io.point_layout import component_of, named, plane_at, require_direction
 from torchliner.io.text_rows import TextRows, bytes_at, index_rows, number_of
 from torchliner.records import VelocityPlane
 
@@ -88,6 +88,9 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
     if (width - 1) % len(points) or each not in (1, 3):
         raise ValueError(f"{files[0]}: rows have {width - 1} values for {len(points)} probes; "
                          "vectors, or one component, are needed")  # fmt: skip
+
+    if each == 1:
+        require_direction(name, request, f"{path}:/{name}")
 
     def columns(axis: int) -> tuple[int, ...]:
         return tuple((1 + each * probe + (axis if each == 3 else 0)).tolist())

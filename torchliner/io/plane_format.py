@@ -29,6 +29,7 @@ class PlaneRequest:
         sampling_rate: Hz.
         normal: wall-normal direction of vectors and points: "x", "y" or "z", with "-" where the
             liner lies on the positive side (the velocity is then turned away from it).
+        wall_normal_component: True: one value a point, whatever its name, is the velocity along the wall normal.
         x, z: coordinates: arrays, or FILE or FILE:VARIABLE.
         points: file of a point list, whose columns are x, y, z.
         holes: a ``Holes``, or FILE of ``read_holes``.
@@ -41,6 +42,7 @@ class PlaneRequest:
     length_units: str | None = None
     sampling_rate: float | None = None
     normal: str | None = None
+    wall_normal_component: bool | None = None
     x: Any = None
     z: Any = None
     points: str | Path | None = None

@@ -17,6 +17,7 @@ from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import JOINED, join_planes
 from torchliner.io.plane_selection import select
+from torchliner.io.point_layout import require_velocity
 from torchliner.io.surface_frames import frames_of
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
@@ -25,7 +26,7 @@ from torchliner.units import si_factor
 HEAD = 4096  # bytes by which a file is recognised
 MAGIC = "*?["
 COORDINATES = ("x", "z")
-ANY = (*COORDINATES, "holes")  # that any format takes from the user
+ANY = (*COORDINATES, "holes", "wall_normal_component")  # that any format takes from the user
 OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
 
 
@@ -50,8 +51,8 @@ def read_plane(
         region: (low, high) of x and, where wanted, of z, m, None for no limit; or text "0:0.1" or
             "0:0.1,-0.01:0.01".
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
-            variable, group, axes, velocity_units, length_units, sampling_rate, normal, x, z,
-            points, holes.
+            variable, group, axes, velocity_units, length_units, sampling_rate, normal,
+            wall_normal_component, x, z, points, holes.
     Raises:
         FileNotFoundError, OSError: missing, truncated, unreadable, of no format that is known; a
             glob that matches nothing.
@@ -159,6 +160,7 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
         if name not in (*found.takes, *ANY):
             raise ValueError(f"{path} is {found.name}, which says {name} itself or has none: leave out {name}=...")
     plane: VelocityPlane = found.open(Path(path), request)
+    require_velocity(plane.name, request)
     # What a converted file tells is of the reading before it was written, not of this one.
     kept = dict(plane.provenance)
     earlier = {key: kept.pop(key) for key in OF_READING if key in kept}

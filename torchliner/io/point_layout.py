@@ -24,7 +24,9 @@ from torchliner.units import require_plausible, si_factor
 
 AXES = "xyz"
 SAME = 1e-5  # of the largest coordinate: points that agree to the digits of a text
-COMPONENT = re.compile(r"([xyz])[ _]?vel(?:ocity)?|(?:u|v|vel|velocity)[ _:]?([xyz])", re.IGNORECASE)
+COMPONENT = re.compile(r"([xyz])[ _]?vel(?:ocity)?|(?:u|v|(?:.*[ _])?vel(?:ocity)?)[ _:[]*([xyz])]?", re.IGNORECASE)
+OTHERS = re.compile(r"p|p[ _]?(rgh|mean|prime|0)|cp|t|rho|k|nut|omega|(.*[ _])?(temperature|density)", re.IGNORECASE)
+PRESSURE = re.compile(r"pressure|press(?![a-z])", re.IGNORECASE)
 Source = Callable[[int, int], np.ndarray]
 
 
@@ -32,6 +34,38 @@ def component_of(name: str | None) -> int | None:
     """0, 1, 2 for names as x_velocity, YVelocity, U_z; None for those of a vector or of others."""
     found = COMPONENT.fullmatch(name or "")
     return AXES.index((found[1] or found[2]).lower()) if found else None
+
+
+def require_velocity(label: str, request: PlaneRequest) -> None:
+    """Refuse what is named as another quantity: a pressure gives an impedance as any numbers do.
+
+    Args:
+        label: FILE:/VARIABLE, or FILE alone where the format names no variable.
+        request: its ``wall_normal_component`` says that it is the velocity all the same.
+    Raises:
+        ValueError: it is.
+    """
+    path, _, name = label.rpartition(":/")
+    name = name.rpartition("/")[2] if path else Path(label).stem
+    if request.wall_normal_component or not (PRESSURE.search(name) or (path and OTHERS.fullmatch(name))):
+        return
+    raise ValueError(
+        f"{label}: {name!r} names no velocity but another quantity; name the velocity (--variable), or state "
+        "wall_normal_component=True (--wall-normal-component) if it is one"
+    )
+
+
+def require_direction(name: str, request: PlaneRequest, label: str) -> None:
+    """Refuse one value a point whose name tells no direction, unless the user says that it is the wall normal.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if component_of(name) is None and not request.wall_normal_component:
+        raise ValueError(
+            f"{label} has one value a point, and its name tells no direction: take a vector or a component "
+            "(--variable), or state wall_normal_component=True (--wall-normal-component)"
+        )
 
 
 def length_factor(request: PlaneRequest, label: str) -> float:

@@ -25,6 +25,7 @@ from torchliner.io.point_layout import (
     length_factor,
     named,
     plane_at,
+    require_direction,
     velocity_factor,
 )
 from torchliner.io.stored_values import read_values, require_numbers, require_stored
@@ -140,6 +141,8 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
                              f"{'faces' if array.on_faces else 'points'}")  # fmt: skip
         require_stored(data, f"{path}:{data.name}", path)
     vectors = array.components == 3
+    if not vectors:
+        require_direction(name, request, f"{path}:/{section}/{name}")
     rate, start = clock_of(time, f"{path}:/VTKHDF/Steps/Values", request.sampling_rate,
                            last_digit(time, 7))  # fmt: skip
     return plane_at(

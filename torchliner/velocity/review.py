@@ -26,6 +26,7 @@ from torchliner.velocity.choices import Choices
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
+DOUBTFUL_MEAN, LARGEST_MEAN = 1.0, 10.0  # |mean| over rms of v, half of the probes beyond: noted, refused
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
 
 
@@ -117,7 +118,8 @@ def require_sound(plane: VelocityPlane, known: Moments) -> None:
     """Refuse data of which no sum means anything; ``plane`` still has its samples if any has.
 
     Raises:
-        ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table.
+        ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table; nearly all of v is its mean, as of a
+            velocity along the flow, and that is not taken off.
     """
     faulty = ~torch.isfinite(known.survey.squares.sum(0).cpu())
     if bool(faulty.any()):
@@ -134,6 +136,19 @@ def require_sound(plane: VelocityPlane, known: Moments) -> None:
             f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of "
             "the data"
         )
+    ratio = mean_ratio(known)
+    if ratio > LARGEST_MEAN and known.settings["mean"] == "kept":
+        raise ValueError(
+            f"{plane.name}: the mean of v is {ratio:.3g} times its rms (limit {LARGEST_MEAN:g}), as of a velocity "
+            "along the flow; name the wall-normal component, or take the mean off with mean='removed' (--mean removed)"
+        )
+
+
+def mean_ratio(known: Moments) -> float:
+    """Median over the probes of |mean of v| over its rms; those that do not fluctuate count as 0."""
+    mean, rms = known.survey.mean.abs().cpu(), known.survey.rms.cpu()
+    steady = rms <= 1e-6 * mean
+    return float(torch.where(steady, 0, mean / rms.clamp(min=1e-300))[known.used].median())
 
 
 def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterator[Note]:
@@ -150,6 +165,10 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterat
     elif bool(flat.any()) and not bool(flat[used].all()):
         text = f"constant, the first at index {int(flat.nonzero()[0])}; dead sensors look like this"
         yield Note("constant-probes", f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are {text}")
+    ratio = mean_ratio(known)
+    if ratio > DOUBTFUL_MEAN and known.settings["mean"] == "kept":
+        text = f"the mean of v is {ratio:.3g} times its rms: this may be a velocity along the flow, or the wall blows"
+        yield Note("large-mean", f"{plane.name}: {text}; mean='removed' (--mean removed) takes the mean off")
     if gone := cells.count - known.cells.count:
         text = f"{gone} of {cells.count} cells hold no probe that is left; they count in no average"
         yield Note("lost-cells", f"{plane.name}: {text}")
