@@ -229,6 +229,15 @@ def test_a_wave_that_is_missing_is_a_misfit():
     assert "over errors: residual over what the assumed errors of 0.1 dB, 0.1 degrees leave" in text
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_residual_of_rounding_is_no_misfit(method):
+    """Exact pressures against assumed errors of 1e-16, of which rounding is a multiple."""
+    tiny = {"level_error": 1e-16 * 20 / math.log(10), "phase_error": math.degrees(1e-16)}
+    found = METHODS[method](line_of(both_ways()[0]), **tiny)
+    assert float(found.misfit.max()) > 3
+    assert found.notes == ()
+
+
 def test_freedom_by_hand():
     """Level and phase alike: two a microphone; the level alone: one. Chi squared of 20, 99 %: 37.57."""
     degrees = math.degrees(0.1 * math.log(10) / 20)
