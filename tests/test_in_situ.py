@@ -225,9 +225,9 @@ def test_options_that_make_no_sense(options, match):
 
 
 def test_a_pressure_of_zero_is_named():
-    with pytest.raises(ValueError, match="backplate pressure is zero at 1400 Hz in 1 of 1"):
+    with pytest.raises(ValueError, match="backplate pressure has no tone at 1400 Hz in 1 of 1"):
         tl.in_situ(record_of([1.0], 0.0))
-    with pytest.raises(ValueError, match="facesheet pressure is zero at 1400 Hz in 1 of 2"):
+    with pytest.raises(ValueError, match="facesheet pressure has no tone at 1400 Hz in 1 of 2"):
         tl.in_situ(record_of([1.0, 0.0], 1.0))
 
 

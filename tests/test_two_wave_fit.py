@@ -15,7 +15,7 @@ import torchliner as tl
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.names import CONDITIONS
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
-from torchliner.pressure.plane_wave_fit import sort_waves
+from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.pressure.wave_notes import resistance_notes
 from torchliner.records import MicrophoneLine

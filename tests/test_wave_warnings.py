@@ -23,7 +23,7 @@ from torchliner.pressure.microphone_errors import (
     draw_pressures,
     largest_misfit,
 )
-from torchliner.pressure.plane_wave_fit import sort_waves
+from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
 from torchliner.records import MicrophoneLine
 from torchliner.report.wall_pressure import draw_wall, near_cloud
