@@ -186,7 +186,7 @@ def test_draws_that_do_not_settle_do_not_count(monkeypatch):
         return found
 
     monkeypatch.setattr(field_fit, "search", some_lost)
-    with pytest.warns(tl.DataWarning, match="2 of 6 draws did not settle and are left"):
+    with pytest.warns(tl.DataWarning, match="2 of 6 draws have no impedance and are left"):
         found = fit_field(line, solver, draws=6)
     assert found.failed.tolist() == [2]
     assert whole.draws is not None

@@ -287,7 +287,7 @@ def test_bad_lines_are_refused(upstream):
         fit_field(line.select([0, 5, 9, 14]), solver, variation="linear")
     with pytest.raises(ValueError, match="unknown variation 'cubic'"):
         fit_field(line, solver, variation="cubic")
-    with pytest.raises(ValueError, match=r"level_error \(dB\) is 0; it weights the fit"):
+    with pytest.raises(ValueError, match=r"level_error \(dB\) is 0; it must be finite and at least 0\.0001"):
         fit_field(line, solver, level_error=0.0)
     with pytest.raises(ValueError, match="unknown far_end 'open'; choose one of: fitted, stated"):
         fit_field(line, solver, far_end="open")

@@ -23,10 +23,10 @@ from torchliner.checks import require_choice, tell
 from torchliner.duct.case import other_side
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
+from torchliner.least_squares import Minimum
 from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
-from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance
-from torchliner.pressure.field_notes import field_notes
-from torchliner.pressure.impedance_search import Solution, constant_wall, search
+from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance, like_rigid
+from torchliner.pressure.impedance_search import constant_wall, covariance_of, search
 from torchliner.pressure.microphone_errors import (
     CONTRADICTED,
     LEVEL_ERROR,
@@ -34,12 +34,13 @@ from torchliner.pressure.microphone_errors import (
     MicrophoneErrors,
     largest_misfit,
 )
+from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
-from torchliner.records.notes import Note
 from torchliner.version import __version__
 
 SAME = 1e-6  # relative, and m, of what line and case both state
+FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
 
 
@@ -85,23 +86,20 @@ def fit_field(
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
     errors = MicrophoneErrors(level_error, phase_error, draws, generator)
-    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
-        if value < SMALLEST:
-            raise ValueError(f"{name} is {value:g}; it weights the fit and must be at least {SMALLEST:g}")
+    errors.require_above(SMALLEST)
     waves = {"stated": 1, "fitted": 2}[far_end]
     unknowns = waves + 1 + VARIATIONS.index(variation)
     _check(line, solver, unknowns, far_end)
     model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
     weights = (1 / errors.parts[0], 1 / errors.parts[1])
     freedom = 2 * (line.microphones - unknowns)
-    limit = largest_misfit(freedom, CONTRADICTED)
     choices = {
         "method": "field",
         "wall": wall,
         "far_end": far_end,
         "variation": variation,
         **errors.choices,
-        "largest_misfit": limit,
+        "largest_misfit": largest_misfit(freedom, CONTRADICTED),
         "draws": draws,
         "source_side": line.source_side,
         "source": line.name,
@@ -110,7 +108,6 @@ def fit_field(
         "unknowns": solver.mesh.unknowns,
         "version": __version__,
     }
-
     pressure = line.pressure.detach().to(torch.complex128)
     target = _cases(pressure)
     if start is None:
@@ -119,20 +116,16 @@ def fit_field(
         found = search(model, target, _begin(start, target), weights)
     if variation == "linear":
         found = search(model, target, torch.cat([found.place, torch.zeros_like(found.place)], -1), weights)
-    misfit = found.cost / freedom
-    used = torch.where(misfit > limit, misfit, 1.0)[..., None, None]
-    found = found._replace(covariance=used * found.covariance)
-    result = replace(_result(found, model, pressure, line, freedom), choices=choices)
-    notes = field_notes(result, found, model.gains(found.place))
-    if draws:
-        drawn, said = errors.drawn(pressure, result.error_scale, freedom)
-        again = search(model, _cases(drawn), found.place.repeat(draws, 1, 1), weights)
-        settled = _settled(_result(again, model, drawn, line, freedom))
-        result = replace(result, draws=settled, choices={**choices, **said})
-        lost = int((~settled.converged).sum())
-        if lost:
-            text = f"{lost} of {settled.converged.numel()} draws did not settle and are left out of mean and interval"
-            notes = (*notes, Note("lost-draws", f"{line.name}: {text}"))
+    result = _result(found, model, pressure, line, freedom, choices)
+
+    def drawn(pressure: Tensor) -> FieldFit:
+        again = search(model, _cases(pressure), found.place.repeat(draws, 1, 1), weights)
+        return _settled(_result(again, model, pressure, line, freedom, choices))
+
+    result = errors.with_draws(result, pressure, freedom, drawn)
+    spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
+    near = [like_rigid(found.place, spread, within).reshape(result.impedance.shape) for within in (2.0, FIRST_ORDER)]
+    notes = field_notes(result, *near, model.gains(found.place).reshape(result.impedance.shape))
     tell([str(note) for note in notes])
     return replace(result, notes=notes)
 
@@ -243,14 +236,19 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
         )
 
 
-def _result(found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int) -> FieldFit:
+def _result(
+    found: Minimum, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int, choices: dict[str, Any]
+) -> FieldFit:
     """The record of a solution for pressures (..., N, F)."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
     along = fine_places(line.x)
-    at, between, far = model.heard(found.place, found.amplitude, along)
+    amplitude = torch.complex(found.amplitude[..., ::2], found.amplitude[..., 1::2])
+    at, between, far = model.heard(found.place, amplitude, along)
     at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
+    misfit = found.cost / freedom
+    used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
     wall = impedance_at(found.place)
-    covariance = impedance_covariance(found.place, found.covariance)
+    covariance = impedance_covariance(found.place, used * covariance_of(found))
     rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
     if wall.shape[-1] == 2:
         rise = 2 * wall[..., 1]
@@ -264,15 +262,16 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
         covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
         rise=rise.reshape(shape),
         rise_error=rise_error.reshape(shape),
-        amplitude=model.solver.case.incident * found.amplitude[..., 0].reshape(shape),
+        amplitude=model.solver.case.incident * amplitude[..., 0].reshape(shape),
         end_reflection=far.reshape(shape),
         pressure=at,
         along=along,
         pressure_along=between,
         residual=(at - pressure).norm(dim=-2) / pressure.norm(dim=-2),
-        misfit=(found.cost / freedom).reshape(shape),
+        misfit=misfit.reshape(shape),
         converged=found.converged.reshape(shape),
         source_side=line.source_side,
+        choices=choices,
         line=line,
         freedom=freedom,
     )

@@ -31,10 +31,10 @@ from torch import Tensor
 from torchliner.checks import tell, whole_number
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.engine.intervals import FROM_REFLECTION
-from torchliner.pressure.from_source import seen_from_source
+from torchliner.least_squares import solve_linear
+from torchliner.pressure.notes import duct_notes
 from torchliner.pressure.tones import LEVEL, Tones, few_blocks_notes, intervals_of
-from torchliner.pressure.variable_projection import solve_linear
-from torchliner.pressure.wave_notes import duct_notes
+from torchliner.pressure.waves import seen_from_source
 from torchliner.records import Interval, MicrophoneLine, PressureRecord
 from torchliner.records.notes import Note
 

@@ -24,13 +24,11 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.duct.dispersion import carry_wavenumber, wavenumber_from_impedance
 from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
-from torchliner.least_squares import Minimum, Problem, System, least_squares
+from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import WEIGHTS
-from torchliner.pressure.from_source import FromSource, seen_from_source
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
-from torchliner.pressure.variable_projection import project, solve_linear
-from torchliner.pressure.wave_eduction import Waves, educe_waves
-from torchliner.pressure.wave_notes import Notes
+from torchliner.pressure.notes import Notes
+from torchliner.pressure.waves import FromSource, Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.records.notes import Note
 
@@ -76,16 +74,14 @@ def two_wave_fit(
         words = "tied" if tied else "free"
         raise ValueError(f"{line.name}: {count} microphones are used; two {words} waves need at least {fewest}")
     relative = weights == "relative"
-    search = _Search(seen, condition, tied, relative)
-    choices = {"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin}
     return educe_waves(
         seen,
-        search,
+        _Search(seen, condition, tied, relative),
         method="two waves" if tied else "two free waves",
         unknowns=4 - tied,
         condition=condition,
         errors=MicrophoneErrors(level_error, phase_error, draws, generator),
-        choices=choices,
+        choices={"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin},
         notes=_unsettled,
         unit=seen.pressure.abs() if relative else None,
     )
@@ -117,45 +113,33 @@ class _Search:
         weight = 1 / flat.abs() if self.relative else torch.ones_like(flat.real)
         pairs = WavePairs(flat, distance, weight, duct.flattened(), self.tied)
         if self.start is None:
-            both = [_grid(line, mach, self.condition, direction).to(values.device) for direction in DIRECTIONS]
-            grid = torch.stack(both, -1).expand(*lead, -1, 2)
-            found = _from_best(pairs, grid.reshape(len(flat), -1, 2))
+            found = _from_grid(pairs, self._grid().to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2))
             self.start = found.place.reshape(*lead, 2)
         else:
             found = least_squares(pairs, self.start.expand(*lead, 2).reshape(-1, 2))
-        amplitude = found.system.amplitude.clone()
         # The reflected wave is referred to the far end in the fit, to the origin in the record.
-        amplitude[:, 1] *= torch.exp(1j * found.place[:, 1] * distance[-1])
-        residual = (found.system.cost / pairs.whole).sqrt()
-        wave, modes = found.place[:, 0].reshape(lead), found.place.reshape(*lead, 2).movedim(-1, -2)
-        amplitudes = amplitude.reshape(*lead, 2).movedim(-1, -2)
-        settled = found.converged.reshape(lead)
-        return Waves(wave, modes, amplitudes, residual.reshape(lead), settled=settled)
+        amplitude = found.amplitude * torch.exp(1j * found.place * distance[-1] * torch.tensor([0, 1]))
+        modes, amplitudes = (each.reshape(*lead, 2).movedim(-1, -2) for each in (found.place, amplitude))
+        residual = (found.cost / pairs.whole).sqrt().reshape(lead)
+        return Waves(modes[..., 0, :], modes, amplitudes, residual, settled=found.converged.reshape(lead))
+
+    def _grid(self) -> Tensor:
+        """Pairs of wavenumbers of a grid of impedances along s, (F, G, 2)."""
+        line = self.seen.line
+        walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
+        about = {"height": line.duct_height, "mach": self.seen.mach, "sound_speed": line.fluid.sound_speed}
+        both = [
+            wavenumber_from_impedance(walls, line.frequency[:, None], **about, condition=self.condition, direction=each)
+            for each in DIRECTIONS
+        ]
+        return torch.stack(both, -1)
 
 
-def _grid(line: MicrophoneLine, mach: float, condition: str, direction: str) -> Tensor:
-    """Wavenumbers of a grid of impedances along s, (F, G)."""
-    walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
-    return wavenumber_from_impedance(
-        walls,
-        line.frequency[:, None],
-        height=line.duct_height,
-        mach=mach,
-        sound_speed=line.fluid.sound_speed,
-        condition=condition,
-        direction=direction,
-    )
-
-
-def _from_best(pairs: WavePairs, grid: Tensor) -> Minimum:
-    """Refined from the best starts, (P, G, 2), of each line."""
-    best = pairs.residuals(grid).argsort(-1)[:, :STARTS]
-    begin = grid.gather(1, best[..., None].expand(-1, -1, 2)).reshape(-1, 2)
-    row = torch.arange(len(grid), device=grid.device)
-    found = least_squares(pairs.at(row.repeat_interleave(best.shape[1])), begin)
-    cost = torch.where(torch.isfinite(found.system.cost), found.system.cost, torch.inf)
-    index = cost.reshape(best.shape).argmin(-1) + row * best.shape[1]
-    return Minimum(found.place[index], System(*(part[index] for part in found.system)), found.converged[index])
+def _from_grid(pairs: WavePairs, grid: Tensor) -> Minimum:
+    """The best minimum from the best starts, (P, G, 2), of each line."""
+    best = pairs.residuals(grid).argsort(-1)[:, :STARTS, None]
+    begin = grid.gather(1, best.expand(-1, -1, 2))
+    return best_of(least_squares(pairs, each) for each in begin.unbind(1))
 
 
 @dataclass(frozen=True, eq=False)

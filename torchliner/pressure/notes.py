@@ -1,0 +1,181 @@
+"""Warnings of impedances from microphones along a duct: one line of a table each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import FEEDS
+from torchliner.duct.dispersion import cut_on_frequency
+from torchliner.pressure.microphone_errors import POOR, largest_misfit
+from torchliner.records import FieldFit, MicrophoneLine, WallEduction
+from torchliner.records.notes import Note
+
+LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
+TURNS, DECAYS = 0.5, 0.1  # rad, neper over the array: a wave's direction can be told from more
+LIKE_RIGID = 0.05  # rad or neper over the array, some times what 0.1 dB and 0.1 degrees tell
+HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
+ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
+GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
+Notes = tuple[Note, ...]
+Row = tuple[Tensor, str, str]
+
+
+def wave_notes(result: WallEduction, freedom: float) -> Notes:
+    """Of waves that may not be those of a lined wall, or leave more than the assumed errors, which have ``freedom``
+    real degrees of freedom."""
+    assert result.line is not None
+    assert result.misfit is not None
+    choices, z, residual, span = result.choices, result.impedance, result.residual, float(result.x[-1] - result.x[0])
+    low = result.energy_share < LEAST_SHARE
+    # exp(-j alpha x) of a decaying wave has Re alpha and Im alpha of opposite signs.
+    strongest = result.modes.gather(-2, result.energies.argmax(-2, keepdim=True))[..., 0, :]
+    turn, decay = strongest.real * span, strongest.imag * span
+    against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
+    against &= 2 * against.sum() > against.numel()
+    sign = 1 if result.source_side == "upstream" else -1
+    k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
+    rigid = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span < LIKE_RIGID
+    rigid &= z.abs() > HARD
+    active = z.real < FEEDS
+    limit = max(largest_misfit(freedom, POOR / result.misfit.numel()), choices["largest_misfit"])
+    poor, size = (result.misfit > limit) & (residual > ROUNDING), None
+    if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
+        spread = result.standard_error if result.draws is None else result.standard_deviation
+        size = float(spread[poor].abs().max())
+    level, phase = (most(used, poor) for used in result.used_errors)
+    rows = (
+        (
+            low,
+            "source-side",
+            f"the wave that runs away from a source {result.source_side} holds {least(result.energy_share, low):.2g} "
+            f"of the energy of the strongest wave at worst, less than {LEAST_SHARE:g}: the source may be on the other "
+            "side (source_side), or phases be those of exp(-j omega t)",
+        ),
+        (
+            against,
+            "conjugated-phases",
+            "the strongest wave grows where its phase runs to: the phases look conjugated; exp(+j omega t) is needed",
+        ),
+        (
+            rigid,
+            "rigid-wall",
+            f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall looks rigid, "
+            f"and the impedance, |Z| {least(z.abs(), rigid):.3g} and more, says only that it is hard",
+        ),
+        (
+            active,
+            "active-wall",
+            f"the resistance is negative, {least(z.real, active):.3g} at least: the wave gains energy at the wall, or "
+            "is not the one assumed",
+        ),
+        (
+            poor,
+            "model-misfit",
+            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
+            f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
+            f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}). There are other waves, or the "
+            f"microphones err by {level:.2g} dB and {phase:.2g} degrees, which draws take: compare ranks, margins and "
+            "methods",
+        ),
+    )
+    return (*duct_notes(result.line), *_lost_draws(result), *noted(result, rows, {"model-misfit": size}))
+
+
+def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) -> Notes:
+    """Of a fit of the field.
+
+    Args:
+        result: the fit.
+        rigid, hard: whether a rigid wall lies within two, and within six standard errors, (..., F).
+        gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
+    """
+    assert result.freedom is not None
+    misfit, end, choices = result.misfit, result.end_reflection.abs(), result.choices
+    limit = largest_misfit(result.freedom, POOR / misfit[..., 0].numel())
+    poor, rigid, hard = misfit > limit, rigid & result.converged, hard & result.converged
+    resistance = result.impedance.real - result.rise.real.abs() / 2  # at the edge of less
+    active = (resistance < FEEDS) & ~rigid
+    level, phase = (most(used, poor) for used in result.used_errors)
+    rows = (
+        (~result.converged, "unsettled", "the fit did not settle; Z is the best one met"),
+        (
+            poor,
+            "model-misfit",
+            f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones (limit "
+            f"{limit**0.5:.3g}): duct, flow, far end or the microphones' wall ({choices['wall']}) are not those of the "
+            "measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors are "
+            f"{level:.2g} dB and {phase:.2g} degrees, which error bars take",
+        ),
+        (rigid, "rigid-wall", "the microphones do not tell the liner from a rigid wall: the error of Z has no bound"),
+        (
+            hard & ~rigid,
+            "near-rigid-wall",
+            "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
+        ),
+        (active, "active-wall", f"the resistance is {least(resistance, active):.3g}, below 0"),
+        (end > GAINS, "active-end", f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
+        (
+            gains > 0,
+            "growing-wave",
+            f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the energy that comes "
+            "in: a wave of its shear layer grows along the liner, and Z leans on the profile of the flow; compare "
+            "other profiles",
+        ),
+    )
+    return (*noted(result, rows), *_lost_draws(result))
+
+
+def duct_notes(line: MicrophoneLine) -> Notes:
+    """Higher modes of the rigid duct that carry sound."""
+    notes = []
+    for what, size in (("height", line.duct_height), ("width", line.duct_width)):
+        if size is None:
+            continue
+        limit = cut_on_frequency(float(size), line.stated_mach, float(line.fluid.sound_speed))
+        above = line.frequency[line.frequency >= limit]
+        if len(above):
+            text = (
+                f"{line.name}: from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher "
+                f"mode: {len(above)} of {len(line.frequency)} frequencies from {float(above.min()):g} Hz on"
+            )
+            notes.append(Note("higher-modes", text))
+    return tuple(notes)
+
+
+def _lost_draws(result: WallEduction | FieldFit) -> Notes:
+    if result.draws is None or not bool(result.failed.any()):
+        return ()
+    lost, count = int(result.failed.sum()), result.draws.impedance.numel()
+    text = f"{lost} of {count} draws have no impedance and are left out of mean and interval"
+    return (Note("lost-draws", f"{result.choices['source']}: {text}"),)
+
+
+def noted(result: WallEduction | FieldFit, rows: Iterable[Row], sizes: dict[str, float | None] | None = None) -> Notes:
+    """A warning of each row that holds anywhere: how often, where first, and what.
+
+    Args:
+        result: an eduction.
+        rows: where something is wrong, (..., F), a code and a text.
+        sizes: how far Z may be off, by code.
+    """
+    notes = []
+    for which, code, text in rows:
+        if bool(which.any()):
+            first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
+            where = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
+            notes.append(Note(code, f"{result.choices['source']}: {where}, {text}", (sizes or {}).get(code)))
+    return tuple(notes)
+
+
+def least(values: Tensor, which: Tensor) -> float:
+    """Of some values; nan of none."""
+    return float(values[which].min()) if bool(which.any()) else math.nan
+
+
+def most(values: Tensor, which: Tensor) -> float:
+    """Of some values; nan of none."""
+    return -least(-values, which)
