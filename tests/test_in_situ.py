@@ -185,7 +185,7 @@ def test_the_node_is_named():
     """sin(kH) = 0 is a velocity node of the mouth; zero frequency is not one."""
     node = FLUID.sound_speed / (2 * DEPTH)
     record = record_of([1.0], 1.0)
-    with pytest.raises(ValueError, match=rf"38 mm its mouth is a velocity node at {node:.6g} Hz"):
+    with pytest.raises(ValueError, match=rf"38 mm a velocity node of the cavity.s mouth, {node:.6g} Hz"):
         tl.in_situ(record, node)
     with pytest.warns(tl.DataWarning, match="near a velocity node"):
         tl.in_situ(record_of([1.0], 1.0, frequency=0.97 * node))

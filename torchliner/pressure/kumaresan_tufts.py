@@ -194,4 +194,5 @@ def _notes(result: WallEduction) -> Notes:
             f"{name}: none of the waves found runs away from a source {result.source_side}; the source may be on the "
             "other side, or the phases of the other sign (exp(+j omega t) is needed)"
         )
-    return (*notes, *noted(result, [(lost, "no-wave", f"no wave runs away from a source {result.source_side}")]))
+    said = {"no-wave": f"no wave runs away from a source {result.source_side}; they are nan"}
+    return (*notes, *noted(result, {"no-wave": lost}, said))

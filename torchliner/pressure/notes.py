@@ -1,9 +1,9 @@
-"""Warnings of impedances from microphones along a duct: one line of a table each."""
+"""Warnings of impedances from microphones along a duct: by their code where they hold, and what they say."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
@@ -21,7 +21,6 @@ HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
 ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 Notes = tuple[Note, ...]
-Row = tuple[Tensor, str, str]
 
 
 def wave_notes(result: WallEduction, freedom: float) -> Notes:
@@ -30,59 +29,43 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
     assert result.line is not None
     assert result.misfit is not None
     choices, z, residual, span = result.choices, result.impedance, result.residual, float(result.x[-1] - result.x[0])
-    low = result.energy_share < LEAST_SHARE
     # exp(-j alpha x) of a decaying wave has Re alpha and Im alpha of opposite signs.
     strongest = result.modes.gather(-2, result.energies.argmax(-2, keepdim=True))[..., 0, :]
     turn, decay = strongest.real * span, strongest.imag * span
     against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
-    against &= 2 * against.sum() > against.numel()
     sign = 1 if result.source_side == "upstream" else -1
     k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
-    rigid = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span < LIKE_RIGID
-    rigid &= z.abs() > HARD
-    active = z.real < FEEDS
+    off = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span
     limit = max(largest_misfit(freedom, POOR / result.misfit.numel()), choices["largest_misfit"])
-    poor, size = (result.misfit > limit) & (residual > ROUNDING), None
+    where = {
+        "source-side": result.energy_share < LEAST_SHARE,
+        "conjugated-phases": against & (2 * against.sum() > against.numel()),
+        "rigid-wall": (off < LIKE_RIGID) & (z.abs() > HARD),
+        "active-wall": z.real < FEEDS,
+        "model-misfit": (result.misfit > limit) & (residual > ROUNDING),
+    }
+    poor, size = where["model-misfit"], None
     if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
         spread = result.standard_error if result.draws is None else result.standard_deviation
         size = float(spread[poor].abs().max())
     level, phase = (most(used, poor) for used in result.used_errors)
-    rows = (
-        (
-            low,
-            "source-side",
-            f"the wave that runs away from a source {result.source_side} holds {least(result.energy_share, low):.2g} "
-            f"of the energy of the strongest wave at worst, less than {LEAST_SHARE:g}: the source may be on the other "
-            "side (source_side), or phases be those of exp(-j omega t)",
-        ),
-        (
-            against,
-            "conjugated-phases",
-            "the strongest wave grows where its phase runs to: the phases look conjugated; exp(+j omega t) is needed",
-        ),
-        (
-            rigid,
-            "rigid-wall",
-            f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall looks rigid, "
-            f"and the impedance, |Z| {least(z.abs(), rigid):.3g} and more, says only that it is hard",
-        ),
-        (
-            active,
-            "active-wall",
-            f"the resistance is negative, {least(z.real, active):.3g} at least: the wave gains energy at the wall, or "
-            "is not the one assumed",
-        ),
-        (
-            poor,
-            "model-misfit",
-            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
-            f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
-            f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}). There are other waves, or the "
-            f"microphones err by {level:.2g} dB and {phase:.2g} degrees, which draws take: compare ranks, margins and "
-            "methods",
-        ),
-    )
-    return (*duct_notes(result.line), *_lost_draws(result), *noted(result, rows, {"model-misfit": size}))
+    said = {
+        "source-side": f"the wave that runs away from a source {result.source_side} holds "
+        f"{least(result.energy_share, where['source-side']):.2g} of the energy of the strongest wave at worst, less "
+        f"than {LEAST_SHARE:g}: the source may be on the other side (source_side), or phases be those of "
+        "exp(-j omega t)",
+        "conjugated-phases": "the strongest wave grows where its phase runs to: the phases look conjugated; "
+        "exp(+j omega t) is needed",
+        "rigid-wall": f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall "
+        f"looks rigid, and the impedance, |Z| {least(z.abs(), where['rigid-wall']):.3g} and more, is only hard",
+        "active-wall": f"the resistance is negative, {least(z.real, where['active-wall']):.3g} at least: the wave "
+        "gains energy at the wall, or is not the one assumed",
+        "model-misfit": f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
+        f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
+        f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}). There are other waves, or the microphones "
+        f"err by {level:.2g} dB and {phase:.2g} degrees, which draws take: compare ranks, margins and methods",
+    }
+    return (*duct_notes(result.line), *_lost_draws(result), *noted(result, where, said, size))
 
 
 def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) -> Notes:
@@ -94,39 +77,35 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
         gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
     """
     assert result.freedom is not None
-    misfit, end, choices = result.misfit, result.end_reflection.abs(), result.choices
+    misfit, end = result.misfit, result.end_reflection.abs()
     limit = largest_misfit(result.freedom, POOR / misfit[..., 0].numel())
-    poor, rigid, hard = misfit > limit, rigid & result.converged, hard & result.converged
     resistance = result.impedance.real - result.rise.real.abs() / 2  # at the edge of less
-    active = (resistance < FEEDS) & ~rigid
+    where = {
+        "unsettled": ~result.converged,
+        "model-misfit": misfit > limit,
+        "rigid-wall": rigid & result.converged,
+        "near-rigid-wall": hard & ~rigid & result.converged,
+        "active-wall": (resistance < FEEDS) & ~(rigid & result.converged),
+        "active-end": end > GAINS,
+        "growing-wave": gains > 0,
+    }
+    poor = where["model-misfit"]
     level, phase = (most(used, poor) for used in result.used_errors)
-    rows = (
-        (~result.converged, "unsettled", "the fit did not settle; Z is the best one met"),
-        (
-            poor,
-            "model-misfit",
-            f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones (limit "
-            f"{limit**0.5:.3g}): duct, flow, far end or the microphones' wall ({choices['wall']}) are not those of the "
-            "measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors are "
-            f"{level:.2g} dB and {phase:.2g} degrees, which error bars take",
-        ),
-        (rigid, "rigid-wall", "the microphones do not tell the liner from a rigid wall: the error of Z has no bound"),
-        (
-            hard & ~rigid,
-            "near-rigid-wall",
-            "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
-        ),
-        (active, "active-wall", f"the resistance is {least(resistance, active):.3g}, below 0"),
-        (end > GAINS, "active-end", f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
-        (
-            gains > 0,
-            "growing-wave",
-            f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the energy that comes "
-            "in: a wave of its shear layer grows along the liner, and Z leans on the profile of the flow; compare "
-            "other profiles",
-        ),
-    )
-    return (*noted(result, rows), *_lost_draws(result))
+    said = {
+        "unsettled": "the fit did not settle; Z is the best one met",
+        "model-misfit": f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones "
+        f"(limit {limit**0.5:.3g}): duct, flow, far end or the microphones' wall ({result.choices['wall']}) are not "
+        "those of the measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors "
+        f"are {level:.2g} dB and {phase:.2g} degrees, which error bars take",
+        "rigid-wall": "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
+        "near-rigid-wall": "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
+        "active-wall": f"the resistance is {least(resistance, where['active-wall']):.3g}, below 0",
+        "active-end": f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets",
+        "growing-wave": f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the "
+        "energy that comes in: a wave of its shear layer grows along the liner, and Z leans on the profile of the "
+        "flow; compare other profiles",
+    }
+    return (*noted(result, where, said), *_lost_draws(result))
 
 
 def duct_notes(line: MicrophoneLine) -> Notes:
@@ -154,20 +133,24 @@ def _lost_draws(result: WallEduction | FieldFit) -> Notes:
     return (Note("lost-draws", f"{result.choices['source']}: {text}"),)
 
 
-def noted(result: WallEduction | FieldFit, rows: Iterable[Row], sizes: dict[str, float | None] | None = None) -> Notes:
-    """A warning of each row that holds anywhere: how often, where first, and what.
+def noted(
+    result: WallEduction | FieldFit, where: Mapping[str, Tensor], said: Mapping[str, str], misfit: float | None = None
+) -> Notes:
+    """A warning for each code that holds anywhere: how often, where first, and what.
 
     Args:
         result: an eduction.
-        rows: where something is wrong, (..., F), a code and a text.
-        sizes: how far Z may be off, by code.
+        where: something is wrong, (..., F), by code.
+        said: of it, by code.
+        misfit: how far Z may be off by a misfit of the model.
     """
     notes = []
-    for which, code, text in rows:
+    for code, which in where.items():
         if bool(which.any()):
             first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
-            where = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
-            notes.append(Note(code, f"{result.choices['source']}: {where}, {text}", (sizes or {}).get(code)))
+            place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
+            size = misfit if code == "model-misfit" else None
+            notes.append(Note(code, f"{result.choices['source']}: {place}, {said[code]}", size))
     return tuple(notes)
 
 

@@ -109,16 +109,16 @@ class _Search:
         values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
         lead, frequency = values.shape[:-1], line.frequency.to(values.device)
         duct, _ = duct_of(values[..., 0], frequency, line.duct_height, mach, line.fluid.sound_speed, self.condition)
-        flat, distance = values.reshape(-1, values.shape[-1]), self.seen.distance.to(values.device)
+        flat, s = values.reshape(-1, values.shape[-1]), self.seen.distance.to(values.device)
         weight = 1 / flat.abs() if self.relative else torch.ones_like(flat.real)
-        pairs = WavePairs(flat, distance, weight, duct.flattened(), self.tied)
+        pairs = WavePairs(weight * flat, weight, torch.stack([s, s - s[-1]], -1), duct.flattened(), self.tied)
         if self.start is None:
             found = _from_grid(pairs, self._grid().to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2))
             self.start = found.place.reshape(*lead, 2)
         else:
             found = least_squares(pairs, self.start.expand(*lead, 2).reshape(-1, 2))
         # The reflected wave is referred to the far end in the fit, to the origin in the record.
-        amplitude = found.amplitude * torch.exp(1j * found.place * distance[-1] * torch.tensor([0, 1]))
+        amplitude = found.amplitude * torch.exp(1j * found.place * s[-1] * torch.tensor([0, 1]).to(s))
         modes, amplitudes = (each.reshape(*lead, 2).movedim(-1, -2) for each in (found.place, amplitude))
         residual = (found.cost / pairs.whole).sqrt().reshape(lead)
         return Waves(modes[..., 0, :], modes, amplitudes, residual, settled=found.converged.reshape(lead))
@@ -148,16 +148,16 @@ class WavePairs(Problem):
     tied.
 
     Args:
-        pressure: complex, (P, N).
-        distance: s, m, (N,), from 0 to S.
+        pressure: weighted, complex, (P, N).
         weight: of each microphone, (P, N).
+        places: s and s - S, m, (N, 2).
         duct: of each line, (P,), the flow along s.
         tied: one wall for both waves.
     """
 
     pressure: Tensor
-    distance: Tensor
     weight: Tensor
+    places: Tensor
     duct: Duct
     tied: bool
 
@@ -166,37 +166,26 @@ class WavePairs(Problem):
 
     @property
     def whole(self) -> Tensor:
-        """Sum of squares of the weighted pressures, (P,)."""
-        return (self.weight * self.pressure).abs().square().sum(-1)
+        """Sum of squares of the pressures, (P,)."""
+        return self.pressure.abs().square().sum(-1)
 
     @property
     def exact(self) -> Tensor:  # type: ignore[override]
         """Cost of rounding."""
         return EXACT * self.whole
 
-    @property
-    def from_ends(self) -> Tensor:
-        """s and s - S, m, (N, 2)."""
-        return self.distance[:, None] - torch.stack([torch.zeros_like(self.distance[-1]), self.distance[-1]])
-
-    def at(self, index: Tensor) -> WavePairs:
-        """Some lines."""
-        return WavePairs(self.pressure[index], self.distance, self.weight[index], self.duct.at(index), self.tied)
-
     def residuals(self, wave: Tensor) -> Tensor:
-        """Relative residuals of pairs (P, G, 2), (P, G)."""
-        columns = self.weight[:, None, :, None] * torch.exp(-1j * wave[..., None, :] * self.from_ends)
-        left = solve_linear(columns, (self.weight * self.pressure)[:, None])[-1]
-        return (left.abs().square().sum(-1) / self.whole[:, None]).sqrt()
+        """What pairs (P, G, 2) leave, (P, G)."""
+        columns = self.weight[:, None, :, None] * torch.exp(-1j * wave[..., None, :] * self.places)
+        return solve_linear(columns, self.pressure[:, None])[-1].norm(dim=-1)
 
     def system(self, place: Tensor, index: Tensor) -> System:
         """Residuals and their change with alpha+, and with alpha- if it is free."""
-        part = self.at(index)
-        columns = part.weight[..., None] * torch.exp(-1j * place[:, None, :] * self.from_ends)
-        slopes = torch.diag_embed(-1j * self.from_ends * columns).movedim(-2, -3)  # (P, 2, N, 2)
+        columns = self.weight[index, :, None] * torch.exp(-1j * place[:, None, :] * self.places)
+        slopes = torch.diag_embed(-1j * self.places * columns).movedim(-2, -3)  # (P, 2, N, 2)
         if self.tied:
-            slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, part.duct)[:, None, None, None]
-        return project(columns, slopes, part.weight * part.pressure)
+            slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, self.duct.at(index))[:, None, None, None]
+        return project(columns, slopes, self.pressure[index])
 
     def size(self, place: Tensor, step: Tensor, index: Tensor) -> Tensor:
         """Of k + |alpha|."""
