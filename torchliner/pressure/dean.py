@@ -30,7 +30,7 @@ from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.intervals import ITSELF, Conversion
 from torchliner.names import LOSSES
 from torchliner.pressure.cavity_mouth import mouth_velocity_ratio
-from torchliner.pressure.tones import LEVEL, Parts, Tones, few_blocks_notes, intervals_of
+from torchliner.pressure.tones import LEVEL, Parts, Tones
 from torchliner.records import PointImpedances, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
@@ -102,12 +102,12 @@ def in_situ(
         for name, (_, way) in made[0][1].items()
     }
     coherence, segments = torch.cat(coherences, -1), min(filter(None, counts), default=0)
-    known, uncertainty = intervals_of(made, interval), None
+    known, uncertainty = tones.intervals(made), None
     if known is not None:
         settings = {"level": interval, "resampled": "time", "blocks": known[1]}
         uncertainty = PointUncertainty(**known[0], settings=settings)
     notes += _notes(record, tones.frequency, coherence, segments)
-    notes += few_blocks_notes(f"{record.name}: in situ", None if uncertainty is None else uncertainty.liner, interval)
+    notes += tones.few_blocks_notes("in situ", None if uncertainty is None else uncertainty.liner)
     tell([str(note) for note in notes])
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     x, z = (unknown if values is None else values for values in record.probe_coordinates())

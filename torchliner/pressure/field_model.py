@@ -1,11 +1,10 @@
-r"""The pressures that a duct model offers for a fit, its answers to waves sent into it, over the
-wall that is varied, in coordinates in which a rigid wall is near.
+r"""Pressures that a duct model offers for a fit, its answers to waves sent into it, over the wall that is varied, in
+coordinates in which a rigid wall is near.
 
-The wall is Z = z_1, or over the lined patch Z(x) = z_1 + z_2 s with s from -1 at its upstream edge
-to 1 at the other. Steps in Z would march to a rigid wall without end; the coordinates are the
-reflection :math:`\rho = (z_1 - 1)/(z_1 + 1)`, which is 1 there, and
-:math:`\tau = 2 z_2/(z_1 + 1)^2`, what z_2 adds to it at the downstream edge to first order. Both
-ways are holomorphic. The only wall without coordinates, Z = -1, feeds sound.
+The wall is Z = z_1, or over the lined patch Z(x) = z_1 + z_2 s with s from -1 at its upstream edge to 1 at the other.
+Steps in Z would march to a rigid wall without end; the coordinates are the reflection
+:math:`\rho = (z_1 - 1)/(z_1 + 1)`, which is 1 there, and :math:`\tau = 2 z_2/(z_1 + 1)^2`, what z_2 adds to it at the
+downstream edge to first order. Both ways are holomorphic. The only wall without coordinates, Z = -1, feeds sound.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
 from torchliner.checks import DataWarning
+from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.case import other_side
 from torchliner.duct.energy import FED, GAIN, PASSIVE
 from torchliner.duct.field import DuctField
@@ -33,9 +33,7 @@ TOGETHER = 64  # impedances at once
 def coordinates(impedance: Tensor) -> Tensor:
     """rho, or rho and tau, (..., P), of z_1, or z_1 and z_2."""
     first = impedance[..., :1]
-    rigid = torch.isinf(first)
-    rho = torch.where(rigid, 1, (first - 1) / torch.where(rigid, 1, first + 1))
-    return bounded(torch.cat([rho, 2 * impedance[..., 1:] / (first + 1) ** 2], -1))
+    return bounded(torch.cat([reflection_from_impedance(first), 2 * impedance[..., 1:] / (first + 1) ** 2], -1))
 
 
 def bounded(place: Tensor) -> Tensor:
@@ -67,8 +65,8 @@ def impedance_covariance(place: Tensor, covariance: Tensor) -> Tensor:
 
 
 def like_rigid(place: Tensor, covariance: Tensor, errors: float = 2.0) -> Tensor:
-    """Whether a rigid wall lies within some standard errors of rho, (...); everything does where
-    the microphones say nothing of the wall, since |1 - rho| of a passive one is at most 2."""
+    """Whether a rigid wall lies within some standard errors of rho, (...); everything does where the microphones say
+    nothing of the wall, since |1 - rho| of a passive one is at most 2."""
     variance = covariance.diagonal(dim1=-2, dim2=-1)[..., :2].sum(-1)
     return (1 - place[..., 0]).abs() < errors * variance.clamp(min=0).sqrt()
 

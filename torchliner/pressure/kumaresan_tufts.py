@@ -21,10 +21,8 @@ from torch import Tensor
 
 from torchliner.checks import whole_number
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
-from torchliner.pressure.notes import Notes, noted
 from torchliner.pressure.waves import Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.records.notes import Note
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
@@ -100,7 +98,6 @@ def kumaresan_tufts(
         rank=rank,
         order=length,
         choices={"method": "kumaresan-tufts", "rank": rank, "order": length, "margin": margin, "spacing": spacing},
-        notes=_notes,
     )
 
 
@@ -168,31 +165,3 @@ def _exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     whole = signal.abs().square().sum(-1)
     energy = amplitude.abs().square() * columns.abs().square().sum(-2) / whole[..., None]
     return Exponentials(ratio, amplitude * ratio ** (-shift), energy, s, (left.abs().square().sum(-1) / whole).sqrt())
-
-
-def _notes(result: WallEduction) -> Notes:
-    """A spacing above half a wavelength, and frequencies without a wave.
-
-    Raises:
-        RuntimeError: there is no wave at all.
-    """
-    notes, name, frequency = [], result.choices["source"], result.frequency
-    spacing, sign = result.choices["spacing"], 1 if result.source_side == "upstream" else -1
-    # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
-    limit = result.choices["sound_speed"] * (1 + sign * result.choices["mach"]) / (2 * spacing)
-    above = frequency[frequency >= limit]
-    if len(above):
-        text = (
-            f"{name}: above {limit:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a "
-            f"rigid duct's wave, and wavenumbers may be off by 2 pi/spacing: {len(above)} frequencies from "
-            f"{float(above.min()):g} Hz on"
-        )
-        notes.append(Note("aliasing", text))
-    lost = ~torch.isfinite(result.wavenumber)
-    if bool(lost.all()):
-        raise RuntimeError(
-            f"{name}: none of the waves found runs away from a source {result.source_side}; the source may be on the "
-            "other side, or the phases of the other sign (exp(+j omega t) is needed)"
-        )
-    said = {"no-wave": f"no wave runs away from a source {result.source_side}; they are nan"}
-    return (*notes, *noted(result, {"no-wave": lost}, said))

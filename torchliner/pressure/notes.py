@@ -35,9 +35,14 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
     against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
     sign = 1 if result.source_side == "upstream" else -1
     k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
+    # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
+    spacing = choices.get("spacing", 0.0)
+    highest = choices["sound_speed"] * (1 + sign * choices["mach"]) / (2 * spacing) if spacing else math.inf
     off = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span
     limit = max(largest_misfit(freedom, POOR / result.misfit.numel()), choices["largest_misfit"])
     where = {
+        "aliasing": result.frequency >= highest,
+        "no-wave": ~torch.isfinite(result.wavenumber),
         "source-side": result.energy_share < LEAST_SHARE,
         "conjugated-phases": against & (2 * against.sum() > against.numel()),
         "rigid-wall": (off < LIKE_RIGID) & (z.abs() > HARD),
@@ -50,6 +55,9 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
         size = float(spread[poor].abs().max())
     level, phase = (most(used, poor) for used in result.used_errors)
     said = {
+        "aliasing": f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of "
+        "a rigid duct's wave, and wavenumbers may be off by 2 pi/spacing",
+        "no-wave": f"no wave runs away from a source {result.source_side}; they are nan",
         "source-side": f"the wave that runs away from a source {result.source_side} holds "
         f"{least(result.energy_share, where['source-side']):.2g} of the energy of the strongest wave at worst, less "
         f"than {LEAST_SHARE:g}: the source may be on the other side (source_side), or phases be those of "
@@ -65,7 +73,11 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
         f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}). There are other waves, or the microphones "
         f"err by {level:.2g} dB and {phase:.2g} degrees, which draws take: compare ranks, margins and methods",
     }
-    return (*duct_notes(result.line), *_lost_draws(result), *noted(result, where, said, size))
+    found = [*duct_notes(result.line), *_lost_draws(result), *noted(result, where, said, size)]
+    if choices.get("unsettled"):
+        text = f"{choices['unsettled']} of {z.numel()} fits did not settle; their waves may not be the best"
+        found.insert(0, Note("unsettled", f"{choices['source']}: {text}"))
+    return tuple(found)
 
 
 def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) -> Notes:

@@ -33,7 +33,7 @@ from torchliner.conversions import impedance_from_reflection, spl_from_pressure_
 from torchliner.engine.intervals import FROM_REFLECTION
 from torchliner.least_squares import solve_linear
 from torchliner.pressure.notes import duct_notes
-from torchliner.pressure.tones import LEVEL, Tones, few_blocks_notes, intervals_of
+from torchliner.pressure.tones import LEVEL, Tones
 from torchliner.pressure.waves import seen_from_source
 from torchliner.records import Interval, MicrophoneLine, PressureRecord
 from torchliner.records.notes import Note
@@ -41,7 +41,6 @@ from torchliner.records.notes import Note
 BIAS = 0.05  # of R: what two waves leave, times the condition number
 SINGULAR = 1e3  # condition number: three digits of every pressure are lost
 LARGE_CONDITION = 20.0
-COINCIDENT = 1e-9  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +106,8 @@ def decompose_waves(
         velocities: use the velocities at the microphones as well.
         window, segment, start, allow_short, interval: as for ``in_situ``.
     Raises:
-        ValueError: microphones are missing, too few, coincide or are half a wavelength apart; one has no pressure; the
-            record is too short; a frequency is at or above Nyquist.
+        ValueError: microphones are missing, too few or half a wavelength apart; one has no pressure; the record is too
+            short; a frequency is at or above Nyquist.
     Warns:
         DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
     """
@@ -137,7 +136,7 @@ def decompose_waves(
         each.append((size, reflection[0], left.square().mean(0).sqrt(), condition))
         made.append((parts, {"": (reflection, FROM_REFLECTION)}))
     size, reflection, residual, condition = (torch.cat(values) for values in zip(*each, strict=True))
-    known = intervals_of(made, interval)
+    known = tones.intervals(made)
     bounds = known and known[0][""]
     name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
     notes = condition_notes(f"{record.name}: {name}", tones.frequency, condition)
@@ -151,7 +150,7 @@ def decompose_waves(
         )
         notes.append(Note("other-waves", text))
     if record.facesheet is None:  # else the in situ method says it
-        notes += few_blocks_notes(f"{record.name}: {name}", bounds, interval)
+        notes += tones.few_blocks_notes(name, bounds)
     tell([str(note) for note in notes])
     return PlaneWaves(name, tones.frequency, size, reflection, 0.0, residual, condition, places, tuple(notes), bounds)
 
@@ -189,8 +188,8 @@ def sort_waves(
             it.
         source_side: ``upstream`` or ``downstream``; default what the line says.
     Raises:
-        ValueError: fewer than two microphones, microphones that coincide or are half a wavelength apart, no known side
-            of the source, a place that is not finite.
+        ValueError: fewer than two microphones, microphones half a wavelength apart, no known side of the source, a
+            place that is not finite.
     Warns:
         DataWarning: badly conditioned, or higher modes cut on; the same text is in ``notes``.
     """
@@ -261,19 +260,13 @@ def split_waves(
         A and B at y = 0, (..., 2, F); relative residual, (..., F), nan for two equations, which two waves always fit;
         condition number, (F,).
     Raises:
-        ValueError: fewer than two microphones (one with velocities), microphones that coincide, or a spacing of half a
-            wavelength.
+        ValueError: fewer than two microphones (one with velocities), or all of them half a wavelength apart,
+            or at one place.
     Source: for M = 0 and two microphones, ISO 10534-2.
     """
     if len(places) < (2 if velocity is None else 1):
         count = f"{len(places)} microphone" if len(places) else "no microphone"
         raise ValueError(f"{count} is given; two waves need at least two")
-    for i, j in combinations(range(len(places)), 2):
-        if abs(float(places[i] - places[j])) < COINCIDENT:
-            raise ValueError(
-                f"microphones {i} and {j} coincide at y = {1e3 * float(places[i]):g} mm; they measure one pressure: "
-                "move or leave out one of them"
-            )
     plus, minus = wavenumbers(frequency, sound_speed, mach)
     towards, away = torch.exp(1j * plus[:, None] * places), torch.exp(-1j * minus[:, None] * places)
     rows, measured = torch.stack([towards, away], -1), pressure.to(torch.complex128)

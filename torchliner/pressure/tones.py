@@ -169,36 +169,32 @@ class Tones:
                 f"{len(signal)} signals, the first is {int(quiet[0])}; leave it out"
             )
 
+    def intervals(
+        self, each: Sequence[tuple[Parts, dict[str, tuple[Tensor, Conversion]]]]
+    ) -> tuple[dict[str, Interval], int] | None:
+        """Intervals of quantities, (..., F), and the fewest parts behind one; None for fewer than four.
 
-def intervals_of(
-    each: Sequence[tuple[Parts, dict[str, tuple[Tensor, Conversion]]]], level: float | None
-) -> tuple[dict[str, Interval], int] | None:
-    """Intervals of quantities, (..., F), and the fewest parts behind one; None for fewer than four.
+        Args:
+            each: at every frequency the parts of the record, and quantities of those that remain,
+                (1 + S + 4, ..., 1), with how Z follows from them.
+        """
+        fewest = min(len(parts.weights) for parts, _ in each)
+        if self.level is None or fewest < FEWEST_BLOCKS:
+            return None
+        found = [
+            {name: jackknife(values, parts.weights, self.level, way) for name, (values, way) in made.items()}
+            for parts, made in each
+        ]
+        return {name: Interval.joined([one[name] for one in found], -1) for name in found[0]}, fewest
 
-    Args:
-        each: at every frequency the parts of the record, and quantities of those that remain, (1 + S + 4, ..., 1), with
-            how Z follows from them.
-        level: of the intervals; None for none.
-    """
-    fewest = min(len(parts.weights) for parts, _ in each)
-    if level is None or fewest < FEWEST_BLOCKS:
-        return None
-    found = [
-        {name: jackknife(values, parts.weights, level, way) for name, (values, way) in made.items()}
-        for parts, made in each
-    ]
-    return {name: Interval.joined([one[name] for one in found], -1) for name in found[0]}, fewest
-
-
-def few_blocks_notes(name: str, found: Interval | None, level: float | None) -> list[Note]:
-    """Where an interval is missing or rough."""
-    if level is None:
-        return []
-    if found is None:
+    def few_blocks_notes(self, method: str, found: Interval | None) -> list[Note]:
+        """Where an interval is missing or rough."""
+        if self.level is None:
+            return []
         text = "no statistical interval, since the record holds fewer than four blocks (periods, or segments)"
-        return [Note("no-intervals", f"{name}: {text}")]
-    runs = float(found.runs.min())
-    if runs >= FEWEST_RUNS or not float(found.widths.max()) > SMALLEST_WIDTH:
-        return []
-    text = f"the error bars rest on {runs:.2g} independent blocks of time, fewer than {FEWEST_RUNS}; they are rough"
-    return [Note("few-blocks", f"{name}: {text}")]
+        if found is not None:
+            runs = float(found.runs.min())
+            if runs >= FEWEST_RUNS or not float(found.widths.max()) > SMALLEST_WIDTH:
+                return []
+            text = f"the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are rough"
+        return [Note("no-intervals" if found is None else "few-blocks", f"{self.record.name}: {method}: {text}")]

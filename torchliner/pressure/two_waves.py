@@ -27,10 +27,8 @@ from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
 from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import WEIGHTS
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
-from torchliner.pressure.notes import Notes
 from torchliner.pressure.waves import FromSource, Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.records.notes import Note
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
@@ -82,18 +80,11 @@ def two_wave_fit(
         condition=condition,
         errors=MicrophoneErrors(level_error, phase_error, draws, generator),
         choices={"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin},
-        notes=_unsettled,
         unit=seen.pressure.abs() if relative else None,
     )
 
 
 free_wave_fit = functools.partial(two_wave_fit, tied=False)
-
-
-def _unsettled(result: WallEduction) -> Notes:
-    lost = result.choices["unsettled"]
-    text = f"{lost} of {result.impedance.numel()} fits did not settle; their waves may not be the best"
-    return (Note("unsettled", f"{result.choices['source']}: {text}"),) if lost else ()
 
 
 class _Search:

@@ -21,7 +21,7 @@ from torchliner.checks import require_choice, tell
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.names import CONDITIONS, SOURCES
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
-from torchliner.pressure.notes import Notes, wave_notes
+from torchliner.pressure.notes import wave_notes
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.version import __version__
 
@@ -96,7 +96,6 @@ def educe_waves(
     condition: str,
     errors: MicrophoneErrors,
     choices: dict[str, Any],
-    notes: Callable[[WallEduction], Notes] = lambda _: (),
     unit: Tensor | None = None,
     **about: Any,
 ) -> WallEduction:
@@ -110,9 +109,10 @@ def educe_waves(
         condition: at the liner.
         errors: of the microphones.
         choices: the method's own.
-        notes: the method's own warnings.
         unit: in whose shares the errors behind the covariance are equal, (..., N, F); default the rms of the line.
         about: further fields of the record.
+    Raises:
+        RuntimeError: no wave runs with the source at any frequency.
     """
     require_choice("condition", condition, CONDITIONS)
     line, pressure, spare = seen.line, seen.pressure, seen.line.microphones - unknowns
@@ -163,6 +163,11 @@ def educe_waves(
         )
 
     result = record_of(pressure)
+    if not bool(torch.isfinite(result.wavenumber).any()):
+        raise RuntimeError(
+            f"{line.name}: none of the waves found runs away from a source {seen.source_side}; the source may be on "
+            "the other side, or the phases of the other sign (exp(+j omega t) is needed)"
+        )
     if spare > 0 and pressure.ndim == 2:
         rms = pressure.abs().square().mean(0).sqrt().expand(pressure.shape)
         slope = _slopes(lambda p: impedance_of(waves_of(p)), pressure, rms if unit is None else unit)
@@ -171,9 +176,9 @@ def educe_waves(
         covariance = variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
         result = replace(result, covariance=covariance)
     result = errors.with_draws(result, pressure, freedom, record_of)
-    found = (*notes(result), *wave_notes(result, freedom))
-    tell([str(note) for note in found], depth=2)
-    return replace(result, notes=found)
+    notes = wave_notes(result, freedom)
+    tell([str(note) for note in notes], depth=2)
+    return replace(result, notes=notes)
 
 
 def _slopes(impedance: Callable[[Tensor], Tensor], pressure: Tensor, unit: Tensor) -> Tensor:
