@@ -166,7 +166,7 @@ def test_what_comes_in_may_be_of_other_types():
     with pytest.raises(TypeError, match="start is the text '2'; a complex number is needed"):
         fit_field(line, solver, start="2")
     none = dataclasses.replace(line, pressure=line.pressure[None][:0])
-    with pytest.raises(ValueError, match=r"holds no lines: its pressures have shape \(0, 18, 1\)"):
+    with pytest.raises(ValueError, match=r"no line in pressures of shape \(0, 18, 1\)"):
         fit_field(none, solver)
     case = dataclasses.replace(solver.case, end_reflection=torch.zeros(3, 1))
     with pytest.raises(ValueError, match="end_reflection of the duct has leading axes"):
@@ -186,7 +186,7 @@ def test_draws_that_do_not_settle_do_not_count(monkeypatch):
         return found
 
     monkeypatch.setattr(field_fit, "search", some_lost)
-    with pytest.warns(tl.DataWarning, match="2 of 6 draws did not settle and are left"):
+    with pytest.warns(tl.DataWarning, match="2 of 6 draws have no impedance and are left"):
         found = fit_field(line, solver, draws=6)
     assert found.failed.tolist() == [2]
     assert whole.draws is not None

@@ -177,7 +177,7 @@ def test_a_field_of_an_unknown_source_is_asked_for(solved_files, tmp_path, capsy
     line.write(tmp_path / "unknown.h5")
     field = ["kt", str(tmp_path / "unknown.h5"), "--method", "field", "--duct", "b2a"]
     assert main(field) == 2
-    assert "state upstream or downstream (in the file, or with --so" in capsys.readouterr().err
+    assert "state upstream or downstream (in the file, or --so" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -185,14 +185,14 @@ def test_a_field_of_an_unknown_source_is_asked_for(solved_files, tmp_path, capsy
     [
         ([], "a fit of the field needs the duct: state --duct with a preset or a .toml file"),
         (["--duct", "b3a"], "unknown duct 'b3a' (did you mean 'b2a'?)"),
-        (["--duct", "ufsc"], "has duct_height (m) 0.05, the duct 0.04; state the same in both"),
+        (["--duct", "ufsc"], "duct_height (m) is 0.05, of the duct 0.04; state the same in both"),
         (["--duct", "nothing.toml"], "nothing.toml: no such file"),
         (["--duct", "b2a", "--order", "3"], "--order is no option of --method field"),
         (["--duct", "b2a", "--margin", "3"], "--margin is no option of --method field"),
         (["--duct", "b2a", "--draws", "1"], "draws is 1; 0 for none, or at least 2"),
         (["--duct", "b2a", "--start", "two"], "--start 'two' cannot be read; write 2.33-0.30j"),
         (["--duct", "b2a", "--start", "-1"], "start is (-1+0j); an impedance other than -1"),
-        (["--duct", "b2a", "--level-error", "0"], "level_error (dB) is 0; it weights the fit"),
+        (["--duct", "b2a", "--level-error", "0"], "level_error (dB) is 0; it must be finite and at least 0.0001"),
     ],
 )
 def test_fit_of_the_field_refuses(solved_files, capsys, arguments, match):

@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from torchliner.least_squares import Problem, System, damped_step, least_squares
+from torchliner.least_squares import Problem, System, best_of, damped_step, least_squares
 
 
 class Rosenbrock(Problem):
@@ -35,7 +35,7 @@ def test_valleys_are_followed_to_their_ends():
     found = least_squares(Rosenbrock(STEEP), START)
     assert bool(found.converged.all())
     assert float((found.place - 1).abs().max()) < 1e-9
-    assert float(found.system.cost.max()) < 1e-18
+    assert float(found.cost.max()) < 1e-18
     assert START[0].tolist() == [-1.2, 1.0]  # starts are left as they are
 
 
@@ -62,8 +62,8 @@ def test_a_quadratic_takes_one_step():
 class Root(Problem):
     """z^2 = c over complex numbers, and a second unknown that changes nothing."""
 
-    def __init__(self, squares, unknowns=2):
-        self.squares, self.unknowns = squares, unknowns
+    def __init__(self, squares):
+        self.squares = squares
 
     def system(self, place, index):
         z = place[..., :1]
@@ -72,14 +72,23 @@ class Root(Problem):
 
 
 def test_holomorphic_residuals():
-    """Complex roots; an unknown without effect stays, and so does one that is not moved."""
+    """Complex roots; an unknown without effect stays."""
     squares = torch.tensor([2j, -1 + 0j, 0.25 + 0j], dtype=torch.complex128)
     start = torch.tensor([[1.5 + 0.5j, 3j], [0.1 + 2j, 0], [1, 1]], dtype=torch.complex128)
-    for problem, places in ((Root(squares), start), (Root(squares, 1), start[:, :1])):
-        found = least_squares(problem, places)
-        assert bool(found.converged.all())
-        assert torch.allclose(found.place[:, 0], squares.sqrt(), atol=1e-12)
-        assert torch.equal(found.place[:, 1:], places[:, 1:])
+    found = least_squares(Root(squares), start)
+    assert bool(found.converged.all())
+    assert torch.allclose(found.place[:, 0], squares.sqrt(), atol=1e-12)
+    assert torch.equal(found.place[:, 1:], start[:, 1:])
+
+
+def test_of_several_minima_the_least_is_kept_each():
+    """The first of equal ones, and none that lost its way."""
+    ends = least_squares(Rosenbrock(STEEP), START), least_squares(Rosenbrock(STEEP), START, steps=1)
+    lost = ends[1]._replace(residual=ends[1].residual * math.nan)
+    for several in (ends, ends[::-1], (lost, *ends)):
+        assert torch.equal(best_of(several).place, ends[0].place)
+    mixed = best_of([ends[1], ends[0]._replace(residual=ends[0].residual + torch.tensor([[0.0], [9e9], [0], [0]]))])
+    assert torch.equal(mixed.place[1], ends[1].place[1])
 
 
 def test_what_has_no_way_is_given_up():

@@ -15,9 +15,9 @@ import torchliner as tl
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.names import CONDITIONS
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
-from torchliner.pressure.plane_wave_fit import sort_waves
+from torchliner.pressure.notes import wave_notes
+from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import two_wave_fit
-from torchliner.pressure.wave_notes import resistance_notes
 from torchliner.records import MicrophoneLine
 
 UNEVEN = torch.tensor([0.0, 0.011, 0.03, 0.037, 0.064, 0.083, 0.1, 0.13], dtype=torch.float64)
@@ -155,7 +155,8 @@ def test_rounding_is_no_negative_resistance():
     found = two_wave_fit(line_of(both_ways()[0]))
     for resistance, count in ((-1e-10, 0), (-1e-8, 1)):
         walls = torch.full_like(found.impedance, complex(resistance, 1.0))
-        assert len(resistance_notes(dataclasses.replace(found, impedance=walls))) == count
+        notes = wave_notes(dataclasses.replace(found, impedance=walls), math.inf)
+        assert [note.code for note in notes] == ["active-wall"] * count
 
 
 def test_refusals_and_doubts():

@@ -212,7 +212,7 @@ def test_half_a_wavelength_is_singular():
         ([0.01], {}, "1 microphone is given; two waves need at least two"),
         ([0.01, 0.02], {"microphones": [1]}, "1 microphone is given"),
         ([0.01, 0.02], {"microphones": []}, "no microphone is given"),
-        ([0.01, 0.02, 0.01], {}, "microphones 0 and 2 coincide at y = 10 mm"),
+        ([0.01, 0.01], {}, "0 mm apart are singular at 1400 Hz"),
         ([0.01, 0.02], {"microphones": [0, 5]}, "has microphones 0 to 1, not 5"),
         ([0.01, 0.02], {"microphones": "both"}, "give indices, 'all' or 'pair'"),
         ([0.01, 0.02], {"frequency": 20000.0}, "at or above Nyquist"),
@@ -232,13 +232,13 @@ def test_missing_parts_are_named():
     with pytest.raises(ValueError, match="no microphone_velocity"):
         tl.decompose_waves(dataclasses.replace(record, microphone_velocity=None), velocities=True)
     silent = dataclasses.replace(record, microphones=record.microphones * torch.tensor([[1.0], [0.0]]))
-    with pytest.raises(ValueError, match="the pressure of microphone 1 is zero"):
+    with pytest.raises(ValueError, match="microphones pressure has no tone at 1400 Hz in 1 of 2"):
         tl.decompose_waves(silent)
     with pytest.raises(ValueError, match="states no frequency"):
         tl.decompose_waves(dataclasses.replace(record, frequency=None))
     both = torch.ones(10)
     with pytest.raises(ValueError, match="has no microphones"):
-        tl.decompose_waves(tl.PressureRecord(both, both, sampling_rate=1.0), 0.1)
+        tl.decompose_waves(tl.PressureRecord(both, both, sampling_rate=1.0), 0.4)
     with pytest.raises(ValueError, match="facesheet pressure is missing"):
         tl.in_situ(record)
     with pytest.raises(ValueError, match="mach is 1; plane waves run both ways"):

@@ -23,7 +23,7 @@ from torchliner.pressure.microphone_errors import (
     draw_pressures,
     largest_misfit,
 )
-from torchliner.pressure.plane_wave_fit import sort_waves
+from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
 from torchliner.records import MicrophoneLine
 from torchliner.report.wall_pressure import draw_wall, near_cloud
@@ -227,6 +227,15 @@ def test_a_wave_that_is_missing_is_a_misfit():
     text = format_wall(line_of(both_ways()[0]), found)
     assert "by the residual; not the error of the model" in text
     assert "over errors: residual over what the assumed errors of 0.1 dB, 0.1 degrees leave" in text
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_residual_of_rounding_is_no_misfit(method):
+    """Exact pressures against assumed errors of 1e-16, of which rounding is a multiple."""
+    tiny = {"level_error": 1e-16 * 20 / math.log(10), "phase_error": math.degrees(1e-16)}
+    found = METHODS[method](line_of(both_ways()[0]), **tiny)
+    assert float(found.misfit.max()) > 3
+    assert found.notes == ()
 
 
 def test_freedom_by_hand():

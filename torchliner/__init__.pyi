@@ -65,8 +65,8 @@ from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.pressure.dean import in_situ as in_situ
 from torchliner.pressure.fit_field import fit_field as fit_field
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
-from torchliner.pressure.plane_wave_fit import decompose_waves as decompose_waves
-from torchliner.pressure.plane_wave_fit import sort_waves as sort_waves
+from torchliner.pressure.plane_waves import decompose_waves as decompose_waves
+from torchliner.pressure.plane_waves import sort_waves as sort_waves
 from torchliner.pressure.two_waves import two_wave_fit as two_wave_fit
 from torchliner.records import BurstRecord as BurstRecord
 from torchliner.records import FieldFit as FieldFit

@@ -1,13 +1,18 @@
 r"""Levenberg and Marquardt's method on many problems at once.
 
-With residuals r and their Jacobian J at a place, each step solves :math:`(J^H J + \lambda D) s =
--J^H r`, D the diagonal of :math:`J^H J`. The damping :math:`\lambda` falls tenfold where the step
-did not raise the cost :math:`|r|^2`; where it did, the step is refused and the damping rises
-tenfold. Residuals may be complex if they are holomorphic in the unknowns.
+With residuals r and their Jacobian J at a place, each step solves :math:`(J^H J + \lambda D) s = -J^H r`, D the
+diagonal of :math:`J^H J`. The damping :math:`\lambda` falls tenfold where the step did not raise the cost
+:math:`|r|^2`; where it did, the step is refused and the damping rises tenfold. Residuals may be complex if they are
+holomorphic in the unknowns.
+
+Where the residual :math:`\Phi(\theta) c - p` is linear in amplitudes c, these are solved for at every place theta
+(Golub and Pereyra 1973). With Q an orthonormal basis of the columns of Phi, what is left changes with theta by
+:math:`(1 - QQ^H)\,\Phi' c` to the order that Kaufman (1975) keeps, which is analytic in theta where Phi is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import torch
@@ -23,7 +28,7 @@ class System(NamedTuple):
     Args:
         residual: r, (B, ..., R).
         jacobian: J, (B, ..., R, U).
-        amplitude: what was solved for at each place, (B, ..., K); for the caller.
+        amplitude: c, what was solved for at each place, (B, ..., K).
     """
 
     residual: Tensor
@@ -40,8 +45,6 @@ class Problem:
     """What is minimised: a subclass gives ``system``, and the rest where it differs.
 
     Attributes:
-        unknowns: how many unknowns of the Jacobian are moved, from the first; None for all. Others
-            are solved for at every place (variable projection).
         longest: size of a step, at most.
         tolerance: size of a step, after which a problem is done.
         settled: size of a step that may be left where the search ended otherwise.
@@ -50,7 +53,6 @@ class Problem:
         rounding: of a cost, by which a step may raise it.
     """
 
-    unknowns: int | None = None
     longest = torch.inf
     tolerance = 1e-9
     settled = 1e-6
@@ -78,14 +80,50 @@ class Minimum(NamedTuple):
 
     Args:
         place: (B, ..., P).
-        system: there.
-        converged: whether the last step was below the tolerance or what is left is settled,
-            (B, ...).
+        residual, jacobian, amplitude: of the system there.
+        converged: whether the last step was below the tolerance or what is left is settled, (B, ...).
     """
 
     place: Tensor
-    system: System
+    residual: Tensor
+    jacobian: Tensor
+    amplitude: Tensor
     converged: Tensor
+
+    @property
+    def cost(self) -> Tensor:
+        """Sum of squares, (B, ...); inf where the search lost its way."""
+        return self.residual.abs().square().sum(-1).nan_to_num(torch.inf)
+
+
+def best_of(found: Iterable[Minimum]) -> Minimum:
+    """Of several minima of the same problems that of least cost each, the first of equal ones."""
+    best, *others = found
+    for other in others:
+        first = best.cost <= other.cost
+        best = Minimum(*(torch.where(_over(first, a), a, b) for a, b in zip(best, other, strict=True)))
+    return best
+
+
+def solve_linear(columns: Tensor, target: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """The basis Q of columns (..., N, K), the best amplitudes (..., K) and what they leave of p, (..., N)."""
+    basis, triangle = torch.linalg.qr(columns)
+    inside = basis.mH @ target[..., None]
+    amplitude = torch.linalg.solve_triangular(triangle, inside, upper=True)[..., 0]
+    return basis, amplitude, target - (basis @ inside)[..., 0]
+
+
+def project(columns: Tensor, slopes: Tensor, target: Tensor) -> System:
+    """The problem at a place, with its amplitudes.
+
+    Args:
+        columns: Phi, (..., N, K).
+        slopes: its derivative by each of U unknowns, (..., U, N, K).
+        target: p, (..., N).
+    """
+    basis, amplitude, left = solve_linear(columns, target)
+    change = (slopes @ amplitude[..., None, :, None])[..., 0].movedim(-2, -1)  # (..., N, U)
+    return System(-left, change - basis @ (basis.mH @ change), amplitude)
 
 
 def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
@@ -111,7 +149,6 @@ def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
         if not len(on):
             break
         step = damped_step(found.residual[on], found.jacobian[on], damping[on])
-        step = step[..., : problem.unknowns]
         size = problem.size(place[on], step, on)
         step = step * (problem.longest / size[..., None]).clamp(max=1)
         tried, possible = problem.move(place[on], step, on)
@@ -122,12 +159,16 @@ def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
         moved[on] = torch.where(tells, size.clamp(max=problem.longest), moved[on])
         damping[on] = torch.where(better, damping[on] / 10, damping[on] * 10).clamp(LEAST_DAMPING)
         for value, new in zip((place, cost, *found), (tried, there.cost, *there), strict=True):
-            which = better.reshape(*better.shape, *[1] * (value.ndim - better.ndim))
-            value[on] = torch.where(which, new, value[on])
+            value[on] = torch.where(_over(better, value), new, value[on])
     left = damped_step(found.residual, found.jacobian, torch.full_like(cost, LEAST_DAMPING))
-    left = problem.size(place, left[..., : problem.unknowns], index)
+    left = problem.size(place, left, index)
     small = (moved < problem.tolerance) | (cost <= problem.exact) | (left < problem.settled)
-    return Minimum(place, found, small)
+    return Minimum(place, *found, small)
+
+
+def _over(which: Tensor, values: Tensor) -> Tensor:
+    """A choice (B, ...) with axes of 1 behind it, to go with values that have more."""
+    return which.reshape(*which.shape, *[1] * (values.ndim - which.ndim))
 
 
 def damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:

@@ -28,7 +28,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print every method the record has signals for, beside the file's own values."""
     from torchliner.io.pressure_file import read_pressure
-    from torchliner.pressure.time_blocks import LEVEL
+    from torchliner.pressure.tones import LEVEL
     from torchliner.records.origin import with_choices
     from torchliner.report.in_situ_report import draw_in_situ, every_method, format_in_situ, in_situ_table
 

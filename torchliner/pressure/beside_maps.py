@@ -16,8 +16,7 @@ SAME_DURATION = 0.01  # relative; warned of beyond
 def with_in_situ(
     maps: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], record: PressureRecord
 ) -> list[ImpedanceMap]:
-    """Maps with the in situ impedances at their frequencies beside them, with intervals of the
-    maps' own level.
+    """Maps with the in situ impedances at their frequencies beside them, with intervals of the maps' own level.
 
     Args:
         maps: one a plane.  planes: what they were educed from.  record: of the same case.

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -29,24 +30,14 @@ from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.intervals import ITSELF, Conversion
 from torchliner.names import LOSSES
 from torchliner.pressure.cavity_mouth import mouth_velocity_ratio
-from torchliner.pressure.time_blocks import (
-    LEVEL,
-    TimeBlocks,
-    few_blocks_notes,
-    frequencies_of,
-    require_level,
-    time_intervals,
-)
+from torchliner.pressure.tones import LEVEL, Parts, Tones
 from torchliner.records import PointImpedances, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
-from torchliner.records.pressure_record import require_record
-from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+from torchliner.signals.transfer import transfer_from_amplitudes
 
-Estimator = Callable[[Tensor, Tensor], Tensor]
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
-NO_TONE = 1e-9  # of a signal's largest value: no tone
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
 FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5
@@ -88,46 +79,42 @@ def in_situ(
         Roncen et al. (2026); H1 with the backplate as input, since the turbulence on the facesheet is then the output's
         noise and leaves no bias.
     """
-    require_record(record)
+    tones = Tones.of(record, frequency, window, segment, start, allow_short, interval)
     require_choice("losses", losses, LOSSES)
     if record.facesheet is None or record.cavity_depth is None:
         missing = "cavity_depth" if record.facesheet is not None else "facesheet pressure"
         raise ValueError(f"{record.name}: {missing} is missing; the in situ method needs it")
-    require_level(interval)
-    wanted = frequencies_of(record, frequency, start, allow_short)
-    drive, notes = mouth_velocity_ratio(record, wanted, losses)
+    ratio, notes = mouth_velocity_ratio(record, tones.frequency, losses)
     cells, rows = _cells_of(record)
     used = rows >= 0
-    options: dict[str, Any] = {"window": window, "segment": segment, "start": start}
-
-    def averages(h1: Estimator, face: Tensor, back: Tensor, drive: Tensor) -> dict[str, tuple[Tensor, Conversion]]:
-        return _in_both_orders(h1, face, (back * drive)[:, rows.clamp(min=0)], cells, used)
-
-    def of_blocks(blocks: TimeBlocks, f: int) -> dict[str, tuple[Tensor, Conversion]]:
-        return averages(blocks.h1, blocks.amplitudes[0], blocks.amplitudes[1], drive[f])
-
-    face, back = _amplitudes(record, wanted, options)
+    made, points, coherences, counts = [], [], [], []
+    for gain, hertz in zip(ratio, tones.frequency[:, None], strict=True):
+        parts = _pressures(tones, hertz, rows)
+        face, back = parts.amplitudes
+        z = parts.h1(gain * back, face)
+        points.append(torch.where(used[:, None], z[0], torch.nan))
+        made.append((parts, _in_both_orders(parts.h1, z, face, gain * back, cells, used)))
+        coherence, segments = _coherence(tones, hertz, rows, parts)
+        coherences.append(cells.average(torch.where(used[:, None], coherence, 0.0), used))
+        counts.append(segments)
     found = {
-        name: conversion.impedance(value)
-        for name, (value, conversion) in averages(_of_segments, face, back, drive).items()
+        name: torch.cat([way.impedance(each[name][0][0]) for _, each in made], -1)
+        for name, (_, way) in made[0][1].items()
     }
-    points = _of_segments((back * drive)[:, rows.clamp(min=0)], face)
-    signals = [getattr(record, label).reshape(-1, record.samples) for label in ("facesheet", "backplate")]
-    known = time_intervals(signals, wanted, record.sampling_rate, options, interval, of_blocks)
-    uncertainty = None
+    coherence, segments = torch.cat(coherences, -1), min(filter(None, counts), default=0)
+    known, uncertainty = tones.intervals(made), None
     if known is not None:
         settings = {"level": interval, "resampled": "time", "blocks": known[1]}
         uncertainty = PointUncertainty(**known[0], settings=settings)
-    coherence, segments = _coherence(record, wanted, (face, back), cells, rows, options)
-    notes += _coherence_notes(record, coherence, segments) + _mode_notes(record, wanted)
-    notes += few_blocks_notes(f"{record.name}: in situ", None if uncertainty is None else uncertainty.liner, interval)
+    notes += _notes(record, tones.frequency, coherence, segments)
+    notes += tones.few_blocks_notes("in situ", None if uncertainty is None else uncertainty.liner)
     tell([str(note) for note in notes])
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     x, z = (unknown if values is None else values for values in record.probe_coordinates())
     choices = {
         "method": "in situ",
         "losses": losses,
-        **options,
+        **tones.choices,
         "source": record.name,
         "cavity_depth": record.cavity_depth,
         "cavity_porosity": record.cavity_porosity,
@@ -136,7 +123,7 @@ def in_situ(
     }
     return PointImpedances(
         name="in situ (Dean)",
-        frequency=wanted,
+        frequency=tones.frequency,
         cell_x=cells.x,
         cell_z=cells.z,
         cell_impedance=found["cells"],
@@ -146,31 +133,38 @@ def in_situ(
         coherence=coherence,
         point_x=x,
         point_z=z,
-        point_impedance=torch.where(used[:, None], points, torch.nan),
+        point_impedance=torch.cat(points, -1),
         choices=choices,
         notes=tuple(notes),
         uncertainty=uncertainty,
     )
 
 
-def _of_segments(driver: Tensor, response: Tensor) -> Tensor:
-    """H1 of segments, (S, ..., F) to (..., F)."""
-    return transfer_from_amplitudes(driver, response).response
+def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
+    """At one frequency (1,) on the facesheet and at the bottom behind each point, (S, P, 1) both."""
+    record = tones.record
+    signals = {name: getattr(record, name).reshape(-1, record.samples) for name in ("facesheet", "backplate")}
+    parts = tones.parts(list(signals.values()), frequency)
+    for (label, signal), amplitude in zip(signals.items(), parts.amplitudes, strict=True):
+        tones.require_tone(label, signal, amplitude, frequency)
+    face, back = parts.amplitudes
+    return replace(parts, amplitudes=(face, back[:, rows.clamp(min=0)]))
 
 
 def _in_both_orders(
-    h1: Estimator, pressure: Tensor, velocity: Tensor, cells: Cells, used: Tensor
+    h1: Callable[[Tensor, Tensor], Tensor], z: Tensor, pressure: Tensor, velocity: Tensor, cells: Cells, used: Tensor
 ) -> dict[str, tuple[Tensor, Conversion]]:
     """What is averaged over cells and the surface in both orders, and how Z follows from it.
 
     Args:
-        h1: of driver and response, (S, ..., F) each; it may give further axes in front.
-        pressure: on the facesheet, (S, P, F).
+        h1: of driver and response, (S, ..., 1) each; it gives all that remain, (1 + S + 4, ..., 1).
+        z: of the points, (1 + S + 4, P, 1).
+        pressure: on the facesheet, (S, P, 1).
         velocity: rho c v_in behind each point, likewise.
         cells, used: of the points.
     """
     inside = ((cells.labels >= 0) & used)[:, None]
-    admittance = cells.average(torch.where(inside, 1 / h1(velocity, pressure), 0), used)
+    admittance = cells.average(torch.where(inside, 1 / z, 0), used)
     pressure, velocity = cells.average(pressure, used), cells.average(velocity, used)
     # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
     return {
@@ -183,111 +177,61 @@ def _in_both_orders(
 
 def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     """The cells, and which row of the backplate belongs to each probe, (P,), -1 for none."""
-    if record.probe_cell is None:
-        cells = sort_into_cells(record, record.cell_pitch)
-    else:
+    cells, rows = sort_into_cells(record, record.cell_pitch), math.prod(record.backplate.shape[:-1])
+    none = torch.zeros(record.probes, dtype=torch.bool)
+    if record.probe_cell is not None:
         labels = record.probe_cell
+        none = labels < 0
         unplaced = torch.full((int(labels.max()) + 1,), torch.nan, dtype=torch.float64)
-        alone = Cells(labels, unplaced, unplaced)
-        centres = [
-            unplaced if values is None else alone.average(values, labels >= 0, 0)
-            for values in record.probe_coordinates()
-        ]
+        cells = Cells(labels, unplaced, unplaced)
+        centres = [unplaced if x is None else cells.average(x, ~none, 0) for x in record.probe_coordinates()]
         cells = Cells(labels, *centres)
-    rows = math.prod(record.backplate.shape[:-1])
-    # A probe that the record puts in no cell has no backplate either.
-    stray = torch.zeros_like(cells.labels) if record.probe_cell is None else cells.labels
-    if rows == 1:
-        return cells, torch.where(stray < 0, -1, 0)
-    if rows == cells.count:
-        first = [int((cells.labels == cell).nonzero()[0]) for cell in range(cells.count)]
-        if record.probe_cell is None and first != sorted(first):
-            tell(
-                f"{record.name}: the rows of the backplate are taken as the cells in rising z, then x, in which order "
-                "the facesheet probes do not come; state probe_cell if the backplate is in the probes' order"
-            )
-        return cells, cells.labels
-    if rows == record.probes:
-        return cells, torch.where(stray < 0, -1, torch.arange(rows))
-    raise ValueError(
-        f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells and {record.probes} facesheet "
-        "probes; give one for all, one per cell or one per probe, and the cells by cell_pitch or probe_cell"
-    )
+    row_of = {record.probes: torch.arange(record.probes), cells.count: cells.labels, 1: torch.zeros_like(cells.labels)}
+    if rows not in row_of:
+        raise ValueError(
+            f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells and {record.probes} "
+            "facesheet probes; give one for all, one per cell or one per probe, and the cells by cell_pitch or "
+            "probe_cell"
+        )
+    first = [int((cells.labels == cell).nonzero()[0]) for cell in range(cells.count)]
+    if 1 < rows == cells.count and record.probe_cell is None and first != sorted(first):
+        tell(
+            f"{record.name}: the rows of the backplate are taken as the cells in rising z, then x, in which order "
+            "the facesheet probes do not come; state probe_cell if the backplate is in the probes' order"
+        )
+    return cells, torch.where(none, -1, row_of[rows])
 
 
-def _amplitudes(record: PressureRecord, frequency: Tensor, options: dict[str, Any]) -> tuple[Tensor, Tensor]:
-    """Tones on the facesheet (S, P, F) and at the backplate (S, C, F)."""
-    found = []
-    for label in ("facesheet", "backplate"):
-        signal = getattr(record, label).reshape(-1, record.samples)
-        lines = segment_amplitudes(signal, frequency, record.sampling_rate, **options)
-        largest = signal.abs().amax(-1).cpu().to(torch.float64)
-        quiet = lines.abs().amax(0) <= NO_TONE * largest[:, None]
-        if bool(quiet.any()):
-            row, column = quiet.nonzero()[0].tolist()
-            what = "is zero" if float(largest[row]) == 0 else "has no tone"
-            raise ValueError(
-                f"{record.name}: {label} pressure {what} at {float(frequency[column]):g} Hz in "
-                f"{int(quiet.any(-1).sum())} of {len(signal)} signals, the first is {row}; leave it out"
-            )
-        found.append(lines)
-    return found[0], found[1]
+def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> tuple[Tensor, int]:
+    """Of the two pressures of each point, (P, 1), and the number of segments.
 
-
-def _coherence(
-    record: PressureRecord,
-    frequency: Tensor,
-    lines: tuple[Tensor, Tensor],
-    cells: Cells,
-    rows: Tensor,
-    options: dict[str, Any],
-) -> tuple[Tensor, int]:
-    """Of the two pressures, mean over a cell's points, (C, F), and the number of segments.
-
-    The amplitudes (S, P, F), (S, C, F) of a single segment say nothing of it; shorter segments do.
+    A single segment says nothing of it; shorter ones do.
     """
-    used = rows >= 0
-
-    def over_cells(face: Tensor, back: Tensor) -> Tensor:
-        found = transfer_from_amplitudes(back[:, rows.clamp(min=0)], face).coherence
-        return cells.average(torch.where(used[:, None], found, 0.0), used)
-
-    if len(lines[0]) > 1:
-        return over_cells(*lines), len(lines[0])
-    seconds = record.duration - options["start"]
-    columns, counts = [], []
-    for f in frequency:
-        segment = COHERENCE_PERIODS / float(f)
-        if seconds < 1.5 * segment or segment * record.sampling_rate < FEWEST_SAMPLES:
-            columns.append(torch.full((cells.count, 1), torch.nan, dtype=torch.float64))
-            continue
-        parts = _amplitudes(record, f[None], {**options, "segment": segment})
-        columns.append(over_cells(*parts))
-        counts.append(len(parts[0]))
-    return torch.cat(columns, -1), min(counts, default=0)
+    if parts.single:
+        segment, record = COHERENCE_PERIODS / float(frequency), tones.record
+        if record.duration - tones.start < 1.5 * segment or segment * record.sampling_rate < FEWEST_SAMPLES:
+            return torch.full((len(rows), 1), torch.nan, dtype=torch.float64), 0
+        parts = _pressures(replace(tones, segment=segment), frequency, rows)
+    face, back = parts.segments
+    found = transfer_from_amplitudes(back, face)
+    return found.coherence, found.segments
 
 
-def _coherence_notes(record: PressureRecord, coherence: Tensor, segments: int) -> list[Note]:
-    low = coherence < LOW_COHERENCE
-    if not bool(low.any()):
-        return []
-    text = (
-        f"{record.name}: the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at "
-        f"worst, below {LOW_COHERENCE:g} in {int(low.sum())} of {low.numel()} values ({segments} segments): there is "
-        "turbulence, or no sound"
-    )
-    return [Note("low-coherence", text)]
-
-
-def _mode_notes(record: PressureRecord, frequency: Tensor) -> list[Note]:
-    """Above c/(2 pitch) a cavity as wide as its cell carries more than the plane wave."""
-    if record.cell_pitch is None:
-        return []
-    limit = record.fluid.sound_speed / (2 * record.cell_pitch)
-    if float(frequency.max()) < limit:
-        return []
-    text = (
-        f"{record.name}: above {limit:.4g} Hz a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, carries "
-        "transverse waves; Dean's formula knows the plane one alone"
-    )
-    return [Note("cavity-modes", text)]
+def _notes(record: PressureRecord, frequency: Tensor, coherence: Tensor, segments: int) -> list[Note]:
+    """Pressures that do not belong together; above c/(2 pitch) a cavity that carries more than the plane wave."""
+    notes, low = [], coherence < LOW_COHERENCE
+    if bool(low.any()):
+        text = (
+            f"{record.name}: the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at "
+            f"worst, below {LOW_COHERENCE:g} in {int(low.sum())} of {low.numel()} values ({segments} segments): there "
+            "is turbulence, or no sound"
+        )
+        notes.append(Note("low-coherence", text))
+    limit = record.fluid.sound_speed / (2 * (record.cell_pitch or math.inf))
+    if record.cell_pitch is not None and float(frequency.max()) >= limit:
+        text = (
+            f"{record.name}: above {limit:.4g} Hz a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, "
+            "carries transverse waves; Dean's formula knows the plane one alone"
+        )
+        notes.append(Note("cavity-modes", text))
+    return notes

@@ -23,10 +23,10 @@ from torchliner.checks import require_choice, tell
 from torchliner.duct.case import other_side
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
+from torchliner.least_squares import Minimum
 from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
-from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance
-from torchliner.pressure.field_notes import field_notes
-from torchliner.pressure.impedance_search import Solution, constant_wall, search
+from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance, like_rigid
+from torchliner.pressure.impedance_search import constant_wall, covariance_of, search
 from torchliner.pressure.microphone_errors import (
     CONTRADICTED,
     LEVEL_ERROR,
@@ -34,12 +34,13 @@ from torchliner.pressure.microphone_errors import (
     MicrophoneErrors,
     largest_misfit,
 )
+from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
-from torchliner.records.notes import Note
 from torchliner.version import __version__
 
 SAME = 1e-6  # relative, and m, of what line and case both state
+FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
 
 
@@ -85,23 +86,20 @@ def fit_field(
     require_choice("far_end", far_end, FAR_ENDS)
     require_choice("variation", variation, VARIATIONS)
     errors = MicrophoneErrors(level_error, phase_error, draws, generator)
-    for name, value in (("level_error (dB)", level_error), ("phase_error (degrees)", phase_error)):
-        if value < SMALLEST:
-            raise ValueError(f"{name} is {value:g}; it weights the fit and must be at least {SMALLEST:g}")
+    errors.require_above(SMALLEST)
     waves = {"stated": 1, "fitted": 2}[far_end]
     unknowns = waves + 1 + VARIATIONS.index(variation)
     _check(line, solver, unknowns, far_end)
     model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
     weights = (1 / errors.parts[0], 1 / errors.parts[1])
     freedom = 2 * (line.microphones - unknowns)
-    limit = largest_misfit(freedom, CONTRADICTED)
     choices = {
         "method": "field",
         "wall": wall,
         "far_end": far_end,
         "variation": variation,
         **errors.choices,
-        "largest_misfit": limit,
+        "largest_misfit": largest_misfit(freedom, CONTRADICTED),
         "draws": draws,
         "source_side": line.source_side,
         "source": line.name,
@@ -110,7 +108,6 @@ def fit_field(
         "unknowns": solver.mesh.unknowns,
         "version": __version__,
     }
-
     pressure = line.pressure.detach().to(torch.complex128)
     target = _cases(pressure)
     if start is None:
@@ -119,20 +116,17 @@ def fit_field(
         found = search(model, target, _begin(start, target), weights)
     if variation == "linear":
         found = search(model, target, torch.cat([found.place, torch.zeros_like(found.place)], -1), weights)
-    misfit = found.cost / freedom
-    used = torch.where(misfit > limit, misfit, 1.0)[..., None, None]
-    found = found._replace(covariance=used * found.covariance)
-    result = replace(_result(found, model, pressure, line, freedom), choices=choices)
-    notes = field_notes(result, found, model.gains(found.place))
-    if draws:
-        drawn, said = errors.drawn(pressure, result.error_scale, freedom)
-        again = search(model, _cases(drawn), found.place.repeat(draws, 1, 1), weights)
-        settled = _settled(_result(again, model, drawn, line, freedom))
-        result = replace(result, draws=settled, choices={**choices, **said})
-        lost = int((~settled.converged).sum())
-        if lost:
-            text = f"{lost} of {settled.converged.numel()} draws did not settle and are left out of mean and interval"
-            notes = (*notes, Note("lost-draws", f"{line.name}: {text}"))
+    result = _result(found, model, pressure, line, freedom, choices)
+
+    def drawn(pressure: Tensor) -> FieldFit:
+        again = search(model, _cases(pressure), found.place.repeat(draws, 1, 1), weights)
+        return _result(again, model, pressure, line, freedom, choices, all_of_them=False)
+
+    result = errors.with_draws(result, pressure, freedom, drawn)
+    spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
+    doubts = like_rigid(found.place, spread), like_rigid(found.place, spread, FIRST_ORDER), model.gains(found.place)
+    rigid, hard, gains = (each.reshape(result.impedance.shape) for each in doubts)
+    notes = field_notes(result, rigid, hard, gains)
     tell([str(note) for note in notes])
     return replace(result, notes=notes)
 
@@ -153,104 +147,99 @@ def _begin(start: complex, pressure: Tensor) -> Tensor:
     return coordinates(wall.to(pressure.device))
 
 
-def _settled(drawn: FieldFit) -> FieldFit:
-    """With nan where the fit did not settle."""
-    bad, nothing = ~drawn.converged, complex(math.nan, math.nan)
-    at_frequencies = {name: getattr(drawn, name).masked_fill(bad, nothing) for name in ("impedance", "rise")}
-    along = {
-        name: getattr(drawn, name).masked_fill(bad[..., None, :], nothing) for name in ("pressure", "pressure_along")
-    }
-    return replace(drawn, **at_frequencies, **along)
-
-
 def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
-    """``fit_field`` in the duct of a preset or TOML file; ``options`` are its own.
+    """``fit_field`` in the duct of a preset or TOML file, at the line's frequencies.
 
+    Args:
+        line: its height, Mach number and gas must be the file's; its source may be on the other side, unless the file
+            states reflections that are to be believed.
+        duct: see ``load_duct``.
+        options: of ``fit_field``; the wall is the file's.
     Raises:
         ValueError: no duct is stated.
     """
     if duct is None:
         raise ValueError(
-            "a fit of the field needs the duct: state --duct with a preset or a .toml file "
-            "(torchliner duct solve NAME --copy FILE writes one to edit)"
+            "a fit of the field needs the duct: state --duct with a preset or a .toml file (torchliner duct solve NAME "
+            "--copy FILE writes one to edit)"
         )
-    solver, wall = duct_of_line(line, duct)
-    return fit_field(line, solver, wall=wall, **options)
-
-
-def duct_of_line(line: MicrophoneLine, duct: str | Path) -> tuple[DuctSolver, str]:
-    """The solver of a preset or TOML file for a line, and the wall that its microphones are on.
-
-    Args:
-        line: its frequencies are taken; height, Mach number and gas must be the file's.
-        duct: see ``load_duct``. Its source may be on the other side, unless it states reflections that are to be
-            believed.
-    """
     setup = load_duct(duct, frequency=line.frequency.tolist())
-    return DuctSolver(setup.case, setup.frequency, keep="walls"), setup.wall
+    return fit_field(line, DuctSolver(setup.case, setup.frequency, keep="walls"), wall=setup.wall, **options)
 
 
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
     """Refuse what cannot be fitted, or is of another duct."""
-    case, name = solver.case, line.name
-    if line.source_side not in SOURCES:
-        raise ValueError(
-            f"{name}: source_side is {line.source_side!r}; state upstream or downstream (in the file, or with "
-            "--source-side)"
-        )
-    if line.microphones <= unknowns:
-        raise ValueError(
-            f"{name} has {line.microphones} microphones; impedances and amplitudes, {unknowns} complex unknowns, need "
-            f"at least {unknowns + 1}"
-        )
-    if line.pressure.numel() == 0:
-        raise ValueError(f"{name} holds no lines: its pressures have shape {tuple(line.pressure.shape)}")
-    if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
-        raise ValueError(
-            f"{name} has frequencies {line.frequency.tolist()} Hz, the duct {solver.frequency.tolist()} Hz; build the "
-            "solver for those of the line"
-        )
-    if len(case.liner) != 1:
-        raise ValueError(f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch")
-    for end in ("end_reflection", "source_reflection"):
-        reflection = torch.as_tensor(getattr(case, end))
-        if reflection.ndim > 1:
-            raise ValueError(f"the {end} of the duct has leading axes; a fit takes one duct")
-        # Reflections of a case are those of its source's end and of the other.
-        if far_end == "stated" and line.source_side != case.source and bool(reflection.abs().max() > 0):
-            raise ValueError(
-                f"the {end} of the duct is stated for a source {case.source}, {name} has its source "
-                f"{line.source_side}; state the duct for that source, or leave the far end to the fit "
-                "(far_end='fitted')"
-            )
-    start, end_ = case.liner[0]
+    case, side, count = solver.case, line.source_side, line.microphones
+    start, end = case.liner[0]
     both = {  # of line and duct; the line may leave a number out
         "duct_height (m)": (line.duct_height, case.height),
         "mach": (line.mach, case.profile.bulk_mach),
         "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
         "liner_start (m)": (line.liner_start, start),
-        "liner_end (m)": (line.liner_end, end_),
+        "liner_end (m)": (line.liner_end, end),
     }
-    for what, (mine, theirs) in both.items():
-        slack = SAME if "liner" in what else 0.0
-        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=slack):
-            raise ValueError(f"{name} has {what} {float(mine):g}, the duct {float(theirs):g}; state the same in both")
-    outside = (line.x < case.start) | (line.x > case.end)
-    if bool(outside.any()):
-        raise ValueError(
-            f"{name}: a microphone at x = {float(line.x[outside][0]):g} m lies outside the duct, {case.start:g} to "
-            f"{case.end:g} m"
-        )
+    outside = line.x[(line.x < case.start) | (line.x > case.end)].tolist()
+    wrong = [
+        (side not in SOURCES, f"source_side is {side!r}; state upstream or downstream (in the file, or --source-side)"),
+        (
+            count <= unknowns,
+            f"{count} microphones are too few for {unknowns} complex unknowns (impedances, amplitudes)",
+        ),
+        (line.pressure.numel() == 0, f"there is no line in pressures of shape {tuple(line.pressure.shape)}"),
+        (
+            not torch.equal(line.frequency.cpu(), solver.frequency.cpu()),
+            f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz; build the "
+            "solver for those of the line",
+        ),
+        (len(case.liner) != 1, f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch"),
+        *(
+            (
+                mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=SAME * ("liner" in what)),
+                f"{what} is {float(mine or 0):g}, of the duct {float(theirs):g}; state the same in both",
+            )
+            for what, (mine, theirs) in both.items()
+        ),
+        (bool(outside), f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m"),
+    ]
+    for what in ("end_reflection", "source_reflection"):
+        reflection = torch.as_tensor(getattr(case, what))
+        # Reflections of a case are those of its source's end and of the other.
+        elsewhere = far_end == "stated" and side != case.source and bool(reflection.abs().max() > 0)
+        wrong += [
+            (reflection.ndim > 1, f"the {what} of the duct has leading axes; a fit takes one duct"),
+            (
+                elsewhere,
+                f"the {what} of the duct is stated for a source {case.source}, the line has its source {side}; state "
+                "the duct for that source, or leave the far end to the fit (far_end='fitted')",
+            ),
+        ]
+    for refused, text in wrong:
+        if refused:
+            raise ValueError(f"{line.name}: {text}")
 
 
-def _result(found: Solution, model: FieldModel, pressure: Tensor, line: MicrophoneLine, freedom: int) -> FieldFit:
-    """The record of a solution for pressures (..., N, F)."""
+def _result(
+    found: Minimum,
+    model: FieldModel,
+    pressure: Tensor,
+    line: MicrophoneLine,
+    freedom: int,
+    choices: dict[str, Any],
+    all_of_them: bool = True,
+) -> FieldFit:
+    """The record of a solution for pressures (..., N, F); of all of them, or with nan where the fit did not settle."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
     along = fine_places(line.x)
-    at, between, far = model.heard(found.place, found.amplitude, along)
+    amplitude = torch.complex(found.amplitude[..., ::2], found.amplitude[..., 1::2])
+    at, between, far = model.heard(found.place, amplitude, along)
+    lost = ~(found.converged | all_of_them)[..., None]
+    wall, at, between = (
+        each.masked_fill(lost, complex(math.nan, math.nan)) for each in (impedance_at(found.place), at, between)
+    )
     at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
-    wall = impedance_at(found.place)
-    covariance = impedance_covariance(found.place, found.covariance)
+    misfit = found.cost / freedom
+    used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
+    covariance = impedance_covariance(found.place, used * covariance_of(found))
     rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
     if wall.shape[-1] == 2:
         rise = 2 * wall[..., 1]
@@ -264,15 +253,16 @@ def _result(found: Solution, model: FieldModel, pressure: Tensor, line: Micropho
         covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
         rise=rise.reshape(shape),
         rise_error=rise_error.reshape(shape),
-        amplitude=model.solver.case.incident * found.amplitude[..., 0].reshape(shape),
+        amplitude=model.solver.case.incident * amplitude[..., 0].reshape(shape),
         end_reflection=far.reshape(shape),
         pressure=at,
         along=along,
         pressure_along=between,
         residual=(at - pressure).norm(dim=-2) / pressure.norm(dim=-2),
-        misfit=(found.cost / freedom).reshape(shape),
+        misfit=misfit.reshape(shape),
         converged=found.converged.reshape(shape),
         source_side=line.source_side,
+        choices=choices,
         line=line,
         freedom=freedom,
     )

@@ -10,17 +10,14 @@ at every place.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchliner.least_squares import Problem, System, least_squares
+from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.pressure.field_model import FieldModel, bounded, coordinates
-from torchliner.pressure.variable_projection import project, solve_linear
 
 STEPS = 60
 TOLERANCE = 1e-9  # of a step in the wall's coordinates
@@ -39,53 +36,22 @@ COARSE: Grid = (
 FINE: Grid = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
 
 
-class Solution(NamedTuple):
-    """What fits best.
-
-    Args:
-        place: coordinates of the wall, (B, F, P).
-        amplitude: of the responses, (B, F, K).
-        covariance: of Re rho, Im rho, Re tau, ..., (B, F, 2 P, 2 P).
-        cost: chi squared, (B, F).
-        converged: (B, F).
-    """
-
-    place: Tensor
-    amplitude: Tensor
-    covariance: Tensor
-    cost: Tensor
-    converged: Tensor
-
-
-def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Solution:
+def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Minimum:
     """The best constant wall for pressures (B, F, N), P = 1, with no guess.
 
     From the best of a coarse grid of impedances, and of a fine one where chi squared is above ``poor``: a wrong minimum
     looks like a wrong duct.
     """
     found = from_grid(model, pressure, weights, COARSE)
-    again = (~(found.cost <= poor)).any(-1)
+    again = (found.cost > poor).any(-1)
     if bool(again.any()):
         fine = from_grid(model, pressure[again], weights, FINE)
-        best = _better(Solution(*(part[again] for part in found)), fine)
-        for part, new in zip(found, best, strict=True):
+        for part, new in zip(found, best_of([Minimum(*(part[again] for part in found)), fine]), strict=True):
             part[again] = new
     return found
 
 
-def _better(one: Solution, other: Solution) -> Solution:
-    """Of two solutions of the same cases that of less cost, each."""
-    costs = (each.cost.nan_to_num(torch.inf) for each in (one, other))
-    first = torch.le(*costs)
-    return Solution(
-        *(
-            torch.where(first.reshape(*first.shape, *[1] * (mine.ndim - first.ndim)), mine, theirs)
-            for mine, theirs in zip(one, other, strict=True)
-        )
-    )
-
-
-def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid) -> Solution:
+def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid) -> Minimum:
     """The best constant wall from the best impedances of a grid each.
 
     Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more than the level. So
@@ -99,10 +65,9 @@ def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float],
     misfit = torch.stack([solve_linear(each, pressure)[-1].norm(dim=-1) for each in fields])
     best = places[misfit.topk(starts, 0, largest=False).indices]  # (S, B, F, 1)
     rough = search(model, pressure.repeat(starts, 1, 1), best.flatten(0, 1), ALIKE, NEAR)
-    cost = rough.cost.reshape(best.shape[:-1]).nan_to_num(torch.inf)
-    kept = cost.topk(KEPT, 0, largest=False).indices[..., None]
+    kept = rough.cost.reshape(best.shape[:-1]).topk(KEPT, 0, largest=False).indices[..., None]
     begin = rough.place.reshape(best.shape).gather(0, kept)
-    return functools.reduce(_better, (search(model, pressure, each, weights) for each in begin))
+    return best_of(search(model, pressure, each, weights) for each in begin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,18 +111,17 @@ class WallSearch(Problem):
 
 def search(
     model: FieldModel, pressure: Tensor, start: Tensor, weights: tuple[float, float], tolerance: float = TOLERANCE
-) -> Solution:
-    """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N)."""
-    found = least_squares(WallSearch(model, pressure, weights, tolerance), start.to(torch.complex128), STEPS)
-    jacobian, parts = found.system.jacobian, found.system.amplitude
-    amplitude = torch.complex(parts[..., ::2], parts[..., 1::2])
-    return Solution(found.place, amplitude, _inverse(jacobian.mT @ jacobian), found.system.cost, found.converged)
+) -> Minimum:
+    """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N); Re A, Im A, ... with it."""
+    return least_squares(WallSearch(model, pressure, weights, tolerance), start.to(torch.complex128), STEPS)
 
 
-def _inverse(normal: Tensor) -> Tensor:
-    """Of a normal matrix; large, not 0 as in a pseudo-inverse, where nothing is known."""
+def covariance_of(found: Minimum) -> Tensor:
+    """Of Re rho, Im rho, Re tau, ..., (B, F, 2 P, 2 P), for the errors that the weights are from; large, not 0 as of a
+    pseudo-inverse, where nothing is known."""
+    normal = found.jacobian.mT @ found.jacobian
     scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30).rsqrt()
     by = scale[..., :, None] * scale[..., None, :]
     values, vectors = torch.linalg.eigh(normal * by)
-    found: Tensor = by * ((vectors / values.clamp(min=SINGULAR)[..., None, :]) @ vectors.mT)
-    return found
+    inverse: Tensor = by * ((vectors / values.clamp(min=SINGULAR)[..., None, :]) @ vectors.mT)
+    return inverse

@@ -59,8 +59,7 @@ class KnownPressure:
         words: what it is, and what it is compared with.
         liner, cells: (F,) and (C, F).
         has_phase: whether the phase is on the clock of the velocity.
-        moved: whether the velocity can be moved from its height to the wall: plane waves at normal
-            incidence.
+        moved: whether the velocity can be moved from its height to the wall: plane waves at normal incidence.
         replicates: of the pressure over its value, from all blocks of the record and without each of them,
             (1 + S, 1 + C, F), the liner first; None for what is stated.
     """
@@ -79,12 +78,11 @@ def known_pressure(case: Case, given: Any = None) -> KnownPressure | str:
 
     Args:
         case: the plane and what is asked of it.
-        given: ``PressureRecord`` of the same run (facesheet, or microphones in front of the
-            surface) or ``MicrophoneLine`` along the wall; None: the level that the plane states.
+        given: ``PressureRecord`` of the same run (facesheet, or microphones in front of the surface) or
+            ``MicrophoneLine`` along the wall; None: the level that the plane states.
     Raises:
         TypeError: something else is given.
-        ValueError: the record is of another case, or cannot be compared with this plane; the
-            message says why.
+        ValueError: the record is of another case, or cannot be compared with this plane; the message says why.
     """
     if isinstance(given, MicrophoneLine):
         return _of_line(case, given)
@@ -93,17 +91,11 @@ def known_pressure(case: Case, given: Any = None) -> KnownPressure | str:
         return _of_record(case, given)
     if given is not None:
         raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord or a MicrophoneLine is needed")
-    return _stated(case)
-
-
-def _stated(case: Case) -> KnownPressure | str:
-    plane = case.plane
-    found = stated_pressure(plane, case.frequency, plane.frequency)
+    found = stated_pressure(case.plane, case.frequency, case.plane.frequency)
     if isinstance(found, str):
         return found
     kind, words, pressure = found
-    cells = pressure.expand(case.cells.count, -1)
-    return KnownPressure(kind, words, pressure, cells, False, kind == INCIDENT)
+    return KnownPressure(kind, words, pressure, pressure.expand(case.cells.count, -1), False, kind == INCIDENT)
 
 
 def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple[str, str, Tensor] | str:
@@ -134,39 +126,35 @@ def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple
 
 
 def _of_record(case: Case, record: PressureRecord) -> KnownPressure:
-    plane, frequency = case.plane, case.frequency
-    turn, same_times = _turn(case, record)
-    if record.facesheet is not None:
-        signals, words = _cell_pressures(case, record), "the facesheet's pressure"
-    elif record.microphones is not None and len(record.microphones) > 1:
-        if plane.source_side not in ("normal", "unknown"):
-            raise ValueError(
-                f"{record.name}: its microphones stand for a wave at normal incidence, but the "
-                f"sound of {plane.name} comes from {plane.source_side}; give the facesheet's "
-                "pressure or microphones along the wall"
-            )
-        return _of_waves(case, record, turn, same_times)
-    else:
-        raise ValueError(
-            f"{record.name} holds one microphone alone; closure needs the facesheet's pressure or two microphones"
-        )
-    own = 2 * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
-    peak = turn * own
-    cells = peak[1:].expand(case.cells.count, -1)
-    left = _replicates(case, signals, record.sampling_rate)
-    if left is not None:
-        left = torch.cat([left[:, :1], left[:, 1:].expand(-1, case.cells.count, -1)], dim=1)
-    words = f"{words} (rho c Z V, {'with' if same_times else 'without'} phase)"
-    return KnownPressure(WALL, words, peak[0], cells, same_times, plane.source_side == "normal", left)
-
-
-def _turn(case: Case, record: PressureRecord) -> tuple[Tensor, bool]:
-    """e^{j omega t} over the time from the record's first sample to the plane's, (F,), which makes
-    a phasor of the record one of the plane; whether they are of the same times."""
-    plane = case.plane
+    """The pressure of the facesheet, or incident plus reflected wave at y = 0 from microphones in front of it."""
+    plane, frequency, rate, count = case.plane, case.frequency, record.sampling_rate, case.cells.count
     after = plane.start - record.start
-    alike = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
-    return torch.exp(2j * torch.pi * case.frequency * (after if alike else 0.0)), alike
+    same_times = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
+    # A phasor of the record becomes one of the plane.
+    turn = 2 * torch.exp(2j * torch.pi * frequency * (after if same_times else 0.0))
+    phase, normal = f"{'with' if same_times else 'without'} phase", plane.source_side == "normal"
+    if record.facesheet is not None:
+        signals = _cell_pressures(case, record)
+        peak = turn * segment_amplitudes(signals, frequency, rate)[0]
+        words = f"the facesheet's pressure (rho c Z V, {phase})"
+        left = _replicates(case, signals, rate)
+        if left is not None:
+            left = torch.cat([left[:, :1], left[:, 1:].expand(-1, count, -1)], dim=1)
+        return KnownPressure(WALL, words, peak[0], peak[1:].expand(count, -1), same_times, normal, left)
+    if record.microphones is None or len(record.microphones) < 2:
+        raise ValueError(
+            f"{record.name} holds one microphone alone; a level check needs the facesheet's pressure or two microphones"
+        )
+    if plane.source_side not in ("normal", "unknown"):
+        raise ValueError(
+            f"{record.name}: its microphones stand for a wave at normal incidence, but the sound of {plane.name} comes "
+            f"from {plane.source_side}; give the facesheet's pressure or microphones along the wall"
+        )
+    amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]
+    speed, mach = record.fluid.sound_speed, record.microphone_mach
+    whole = turn * split_waves(amplitude, record.microphone_y, frequency, speed, mach)[0].sum(0)
+    words = f"the sum of incident and reflected wave from microphones (rho c Z V, {phase})"
+    return KnownPressure(WALL, words, whole, whole.expand(count, -1), same_times, True)
 
 
 def _cell_pressures(case: Case, record: PressureRecord) -> Tensor:
@@ -177,55 +165,31 @@ def _cell_pressures(case: Case, record: PressureRecord) -> Tensor:
     face = record.facesheet.reshape(record.probes, -1).to(torch.float64)
     mean = face.mean(0, keepdim=True)
     cells, own = case.cells, sort_into_cells(record, case.cell_pitch)
-    pitch = case.cell_pitch or 0.0
-    alike = own.count == cells.count and all(
-        bool(torch.nan_to_num(a - b).abs().max() <= 0.1 * pitch) for a, b in ((own.x, cells.x), (own.z, cells.z))
-    )
-    if not alike:
-        return torch.cat([mean, mean])
-    return torch.cat([mean, own.average(face, own.labels >= 0)])
-
-
-def _of_waves(case: Case, record: PressureRecord, turn: Tensor, same_times: bool) -> KnownPressure:
-    """Incident plus reflected wave at y = 0, from microphones in front of the surface."""
-    frequency, rate = case.frequency, record.sampling_rate
-    amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]
-    split, _, _ = split_waves(
-        amplitude, record.microphone_y, frequency, record.fluid.sound_speed, record.microphone_mach
-    )
-    peak = 2 * turn * split.sum(0)
-    words = (
-        "the sum of incident and reflected wave from microphones (rho c Z V, "
-        f"{'with' if same_times else 'without'} phase)"
-    )
-    cells = peak.expand(case.cells.count, -1)
-    return KnownPressure(WALL, words, peak, cells, same_times, True)
+    near = 0.1 * (case.cell_pitch or 0.0)
+    places = ((own.x, cells.x), (own.z, cells.z))
+    same = own.count == cells.count and all(bool(torch.nan_to_num(a - b).abs().max() <= near) for a, b in places)
+    return torch.cat([mean, own.average(face, own.labels >= 0) if same else mean])
 
 
 def _of_line(case: Case, line: MicrophoneLine) -> KnownPressure | str:
     """Level along the wall, its logarithm interpolated to the middle of each cell."""
-    x, frequency = case.cells.x, case.frequency
+    x = case.cells.x
     if not bool(torch.isfinite(x).all()):
         raise ValueError(f"{case.plane.name} states no x; {line.name} cannot be put beside it")
-    columns = []
-    for f in frequency.tolist():
-        index = index_of_frequency(line.frequency, f)
-        if index is None:
-            columns.append(torch.full_like(x, torch.nan))
-            continue
-        level = line.pressure.abs()[..., index].log()
-        right = torch.searchsorted(line.x, x).clamp(1, len(line.x) - 1)
-        before, after = line.x[right - 1], line.x[right]
-        share = (x - before) / (after - before)
-        inside = (x >= line.x[0]) & (x <= line.x[-1])
-        found = level[right - 1] + share * (level[right] - level[right - 1])
-        columns.append(torch.where(inside, found, torch.nan))
-    logarithm = torch.stack(columns, -1)
+    right = torch.searchsorted(line.x, x).clamp(1, len(line.x) - 1)
+    share = (x - line.x[right - 1]) / (line.x[right] - line.x[right - 1])
+    outside = (x < line.x[0]) | (x > line.x[-1])
+    logarithm = torch.full((len(x), len(case.frequency)), torch.nan, dtype=torch.float64)
+    for f, hertz in enumerate(case.frequency.tolist()):
+        index = index_of_frequency(line.frequency, hertz)
+        if index is not None:
+            level = line.pressure.abs()[..., index].log()
+            found = level[right - 1] + share * (level[right] - level[right - 1])
+            logarithm[:, f] = torch.where(outside, torch.nan, found)
     if not bool(torch.isfinite(logarithm).any()):
         return OTHER_TONE
-    cells = logarithm.exp().to(torch.complex128)
+    mean, cells = (each.exp().to(torch.complex128) for each in (logarithm.mean(0), logarithm))
     words = "microphones along the wall (rho c |Z| |V|)"
-    mean = logarithm.mean(0).exp().to(torch.complex128)
     return KnownPressure(WALL, words, mean, cells, False, case.plane.source_side == "normal")
 
 

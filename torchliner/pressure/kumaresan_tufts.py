@@ -20,12 +20,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import whole_number
-from torchliner.pressure.from_source import seen_from_source
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
-from torchliner.pressure.wave_eduction import Waves, educe_waves
-from torchliner.pressure.wave_notes import Notes, noted
+from torchliner.pressure.waves import Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.records.notes import Note
 
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
@@ -101,7 +98,6 @@ def kumaresan_tufts(
         rank=rank,
         order=length,
         choices={"method": "kumaresan-tufts", "rank": rank, "order": length, "margin": margin, "spacing": spacing},
-        notes=_notes,
     )
 
 
@@ -148,64 +144,24 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     return Exponentials(*(each.reshape(values.shape[:-1] + each.shape[1:]) for each in whole))
 
 
-def _exponentials(values: Tensor, rank: int, order: int) -> Exponentials:
+def _exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     """Of some signals, (S, N)."""
-    windows = values.conj().unfold(-1, order + 1, 1)  # (S, N - L, L + 1)
+    windows = signal.conj().unfold(-1, order + 1, 1)  # (S, N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
     inverse = torch.where(s > ROUNDING * s[..., :1], 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]
-    weights = -(vh[..., :rank, :].mH @ (inverse * (u[..., :rank].mH @ windows[..., :1])))[..., 0]
-    roots = _polynomial_roots(weights)
+    weights = -(vh[..., :rank, :].mH @ (inverse * (u[..., :rank].mH @ windows[..., :1])))
+    # Roots of z^L + b_1 z^(L-1) + ... + b_L are the eigenvalues of the companion matrix.
+    below = torch.eye(order, dtype=signal.dtype, device=signal.device)[:-1].expand(len(signal), -1, -1)
+    roots = torch.linalg.eigvals(torch.cat([-weights.mT, below], -2))
     kept = roots.gather(-1, roots.abs().argsort(-1, descending=True)[..., :rank])
     # A root at 0, of a rank above what the signal holds, is no exponential; it gets no amplitude.
     ratio = 1 / torch.where(kept.abs() > ROUNDING, kept, ROUNDING).conj()
-    amplitude, energy, residual = _fit_amplitudes(values, ratio)
-    return Exponentials(ratio, amplitude, energy, s, residual)
-
-
-def _polynomial_roots(weights: Tensor) -> Tensor:
-    """Roots of z^L + b_1 z^(L-1) + ... + b_L, (..., L), as eigenvalues of the companion matrix."""
-    order = weights.shape[-1]
-    below = torch.eye(order, dtype=weights.dtype, device=weights.device)[:-1]
-    companion = torch.cat([-weights[..., None, :], below.expand(*weights.shape[:-1], -1, -1)], -2)
-    return torch.linalg.eigvals(companion)
-
-
-def _fit_amplitudes(signal: Tensor, ratio: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Amplitudes at the first sample (..., K), energies (..., K) and relative residual (...), of lambda (..., K)."""
     steps = torch.arange(signal.shape[-1], dtype=torch.float64, device=signal.device)
     # Growing waves are referred to the last sample, so that no power overflows.
     shift = torch.where(ratio.abs() > 1, steps[-1], 0.0)
-    columns = (ratio[..., None, :] + 0j) ** (steps[:, None] - shift[..., None, :])
+    columns = ratio[..., None, :] ** (steps[:, None] - shift[..., None, :])
     amplitude = (torch.linalg.pinv(columns) @ signal[..., None])[..., 0]
     left = signal - (columns @ amplitude[..., None])[..., 0]
     whole = signal.abs().square().sum(-1)
     energy = amplitude.abs().square() * columns.abs().square().sum(-2) / whole[..., None]
-    return amplitude * ratio ** (-shift), energy, (left.abs().square().sum(-1) / whole).sqrt()
-
-
-def _notes(result: WallEduction) -> Notes:
-    """A spacing above half a wavelength, and frequencies without a wave.
-
-    Raises:
-        RuntimeError: there is no wave at all.
-    """
-    notes, name, frequency = [], result.choices["source"], result.frequency
-    spacing, sign = result.choices["spacing"], 1 if result.source_side == "upstream" else -1
-    # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
-    limit = result.choices["sound_speed"] * (1 + sign * result.choices["mach"]) / (2 * spacing)
-    above = frequency[frequency >= limit]
-    if len(above):
-        text = (
-            f"{name}: above {limit:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a "
-            f"rigid duct's wave, and wavenumbers may be off by 2 pi/spacing: {len(above)} frequencies from "
-            f"{float(above.min()):g} Hz on"
-        )
-        notes.append(Note("aliasing", text))
-    lost = ~torch.isfinite(result.wavenumber)
-    if bool(lost.all()):
-        raise RuntimeError(
-            f"{name}: none of the waves found runs away from a source {result.source_side}; the source may be on the "
-            "other side, or the phases of the other sign (exp(+j omega t) is needed)"
-        )
-    text = f"no wave runs away from a source {result.source_side}; they are nan"
-    return (*notes, *noted(result, lost, "no-wave", text))
+    return Exponentials(ratio, amplitude * ratio ** (-shift), energy, s, (left.abs().square().sum(-1) / whole).sqrt())

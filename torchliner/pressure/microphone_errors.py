@@ -13,7 +13,8 @@ of its own, as Student's interval has it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -25,7 +26,6 @@ from torchliner.checks import whole_number
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
 POOR = 0.01  # share of right models that are warned of
 CONTRADICTED = 0.05  # share of right models whose errors are taken for larger than they are
-ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 
 
 def largest_misfit(freedom: float, share: float = POOR) -> float:
@@ -53,11 +53,15 @@ class MicrophoneErrors:
     generator: torch.Generator | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (("level_error (dB)", self.level), ("phase_error (degrees)", self.phase)):
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} is {value:g}; it must be finite and at least 0")
+        self.require_above(0)
         if whole_number("draws", self.draws) < 0 or self.draws == 1:
             raise ValueError(f"draws is {self.draws}; 0 for none, or at least 2, since one has no deviation")
+
+    def require_above(self, least: float) -> None:
+        """Refuse errors below a limit, dB and degrees."""
+        for name, value in (("level_error (dB)", self.level), ("phase_error (degrees)", self.phase)):
+            if not least <= value < math.inf:
+                raise ValueError(f"{name} is {value:g}; it must be finite and at least {least:g}")
 
     @property
     def parts(self) -> tuple[float, float]:
@@ -89,11 +93,21 @@ class MicrophoneErrors:
         expected = (level**2 + phase**2) * (1 - unknowns / microphones)
         return residual.square() / expected if expected > 0 else torch.full_like(residual, math.nan)
 
-    def drawn(self, pressure: Tensor, scale: Tensor | None = None, freedom: float = math.inf) -> tuple[Tensor, Any]:
-        """Pressures with errors, (D, ..., N, F), and what a result says of them; arguments as of ``draw_pressures``."""
+    def with_draws(self, result: Any, pressure: Tensor, freedom: float, educed: Callable[[Tensor], Any]) -> Any:
+        """An eduction of pressures (..., N, F) with the same eduction of draws of their errors, if any are wanted.
+
+        Args:
+            result: with ``error_scale``.
+            pressure: Pa, complex.
+            freedom: real degrees of freedom behind that scale.
+            educed: the record of drawn pressures, (D, ..., N, F).
+        """
+        if not self.draws:
+            return result
         source = self.generator or torch.Generator().manual_seed(0)
-        drawn = draw_pressures(pressure, self.draws, source, **self.choices, scale=scale, freedom=freedom)
-        return drawn, {"draws": self.draws, "seed": source.initial_seed()}
+        drawn = draw_pressures(pressure, self.draws, source, **self.choices, scale=result.error_scale, freedom=freedom)
+        about = {**result.choices, "draws": self.draws, "seed": source.initial_seed()}
+        return replace(result, draws=educed(drawn), choices=about)
 
 
 def draw_pressures(

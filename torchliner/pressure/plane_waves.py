@@ -12,21 +12,221 @@ Z follows as without flow.
 
 Two microphones s apart determine A and B unless sin((k+ + k-) s/2) = 0: spacings of a multiple of half a wavelength,
 n (1 - M^2) lambda/2.
+
+Along the wall of a rigid duct the flow runs along the microphones: there the wave towards smaller y, at c (1 - M), is
+the one that runs upstream.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.pressure.variable_projection import solve_linear
+from torchliner.checks import tell, whole_number
+from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
+from torchliner.engine.intervals import FROM_REFLECTION
+from torchliner.least_squares import solve_linear
+from torchliner.pressure.notes import duct_notes
+from torchliner.pressure.tones import LEVEL, Tones
+from torchliner.pressure.waves import seen_from_source
+from torchliner.records import Interval, MicrophoneLine, PressureRecord
 from torchliner.records.notes import Note
 
+BIAS = 0.05  # of R: what two waves leave, times the condition number
 SINGULAR = 1e3  # condition number: three digits of every pressure are lost
 LARGE_CONDITION = 20.0
-COINCIDENT = 1e-9  # m
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneWaves:
+    """A wave towards a surface, or from a source, and the one that comes back.
+
+    Args:
+        name: of the method, for tables.
+        frequency: Hz, (F,).
+        incident: peak amplitude at ``at``, Pa, (..., F); its rms over segments, where there are some.
+        reflection: of the wave that comes back over it, complex128, (..., F).
+        at: y or x, m.
+        residual: rms of what the two waves leave over that of the pressures, (..., F); nan for two pressures, or one
+            with its velocity, which two waves always fit.
+        condition: condition number of the equations, (F,): errors of the microphones grow by it.
+        microphones: y or x of those that were used, m, (M,).
+        notes: warnings, with numbers.
+        interval: statistical, of Z, (F,), because the record is finite; None without any.
+    """
+
+    name: str
+    frequency: Tensor
+    incident: Tensor
+    reflection: Tensor
+    at: float
+    residual: Tensor
+    condition: Tensor
+    microphones: Tensor
+    notes: tuple[Note, ...] = ()
+    interval: Interval | None = None
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z of a surface at ``at``, (..., F)."""
+        return impedance_from_reflection(self.reflection)
+
+    @property
+    def incident_level(self) -> Tensor:
+        """dB re 20 uPa rms, (..., F)."""
+        return spl_from_pressure_amplitude(self.incident)
+
+
+def decompose_waves(
+    record: PressureRecord,
+    frequency: Any = None,
+    *,
+    microphones: Sequence[int] | str = "all",
+    velocities: bool = False,
+    window: Any = "hann",
+    segment: float | None = None,
+    start: float = 0.0,
+    allow_short: bool = False,
+    interval: float | None = LEVEL,
+) -> PlaneWaves:
+    """Reflection and impedance at y = 0 from microphones in front of the surface.
+
+    Over several segments R is the H1 estimate with the incident wave as the input.
+
+    Args:
+        record: with microphones.
+        frequency: Hz, one or several; default the record's own tone.
+        microphones: indices, ``all``, or ``pair``: the two best conditioned.
+        velocities: use the velocities at the microphones as well.
+        window, segment, start, allow_short, interval: as for ``in_situ``.
+    Raises:
+        ValueError: microphones are missing, too few or half a wavelength apart; one has no pressure; the record is too
+            short; a frequency is at or above Nyquist.
+    Warns:
+        DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
+    """
+    tones = Tones.of(record, frequency, window, segment, start, allow_short, interval)
+    if record.microphones is None:
+        raise ValueError(f"{record.name} has no microphones; the decomposition needs two or more")
+    if velocities and record.microphone_velocity is None:
+        raise ValueError(f"{record.name} has no microphone_velocity; leave velocities out")
+    fluid, chosen = record.fluid, _chosen(record, microphones, tones.frequency)
+    places, signals = record.microphone_y[chosen], [record.microphones[chosen]]
+    if velocities:
+        # Stored along +y, away from the surface; the waves' velocity is that into it.
+        signals.append(-fluid.characteristic_impedance * record.microphone_velocity[chosen].to(torch.float64))
+    made, each = [], []
+    for hertz in tones.frequency[:, None]:
+        parts = tones.parts(signals, hertz)
+        tones.require_tone("microphones", signals[0], parts.amplitudes[0], hertz)
+
+        def split(pressure: Tensor, *velocity: Tensor, hertz: Tensor = hertz) -> tuple[Tensor, Tensor, Tensor]:
+            return split_waves(pressure, places, hertz, fluid.sound_speed, record.microphone_mach, *velocity)
+
+        incident, back = split(*parts.amplitudes)[0].unbind(1)
+        reflection = parts.h1(incident, back)
+        waves, left, condition = split(*parts.segments)
+        size = 2 * waves[:, 0].abs().square().mean(0).sqrt()
+        each.append((size, reflection[0], left.square().mean(0).sqrt(), condition))
+        made.append((parts, {"": (reflection, FROM_REFLECTION)}))
+    size, reflection, residual, condition = (torch.cat(values) for values in zip(*each, strict=True))
+    known = tones.intervals(made)
+    bounds = known and known[0][""]
+    name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
+    notes = condition_notes(f"{record.name}: {name}", tones.frequency, condition)
+    bias = residual * condition
+    poor = int(bias.argmax())
+    if float(bias[poor]) > BIAS:
+        text = (
+            f"{record.name}: {name}: two plane waves leave {100 * float(residual[poor]):.2g} % of the signals at "
+            f"{float(tones.frequency[poor]):g} Hz; there is more (vortices, turbulence), and R may be off by "
+            f"{float(bias[poor]):.2g}"
+        )
+        notes.append(Note("other-waves", text))
+    if record.facesheet is None:  # else the in situ method says it
+        notes += tones.few_blocks_notes(name, bounds)
+    tell([str(note) for note in notes])
+    return PlaneWaves(name, tones.frequency, size, reflection, 0.0, residual, condition, places, tuple(notes), bounds)
+
+
+def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor) -> list[int]:
+    """Indices of the microphones that are used."""
+    count = len(record.microphone_y)
+    if microphones == "pair" and count > 1:
+        speed, mach = record.fluid.sound_speed, record.microphone_mach
+        return list(best_pair(record.microphone_y, frequency, speed, mach))
+    if isinstance(microphones, str):
+        if microphones not in ("all", "pair"):
+            raise ValueError(f"microphones is {microphones!r}; give indices, 'all' or 'pair'")
+        return list(range(count))
+    chosen = [whole_number("microphones", i) for i in microphones]
+    wrong = [i for i in chosen if not 0 <= i < count]
+    if wrong:
+        raise ValueError(f"{record.name} has microphones 0 to {count - 1}, not {wrong[0]}")
+    return chosen
+
+
+def sort_waves(
+    line: MicrophoneLine,
+    microphones: Sequence[int] | None = None,
+    *,
+    at: float | None = None,
+    source_side: str | None = None,
+) -> PlaneWaves:
+    """Waves both ways from two flush microphones or more in the rigid duct: the level that meets a liner.
+
+    Args:
+        line: microphones.
+        microphones: indices; default all that stand before the liner, seen from the source.
+        at: x to which the amplitudes refer, m; default the liner's end nearest the source, or the microphone nearest to
+            it.
+        source_side: ``upstream`` or ``downstream``; default what the line says.
+    Raises:
+        ValueError: fewer than two microphones, microphones half a wavelength apart, no known side of the source, a
+            place that is not finite.
+    Warns:
+        DataWarning: badly conditioned, or higher modes cut on; the same text is in ``notes``.
+    """
+    seen = seen_from_source(line, source_side)
+    edge = line.liner_start if seen.sign == 1 else line.liner_end
+    if microphones is None:
+        if edge is None:
+            raise ValueError(
+                f"{line.name} does not say where its liner is; name the microphones of the rigid duct or give "
+                "liner_start and liner_end"
+            )
+        microphones = ((edge - line.x) * seen.sign > 0).nonzero()[:, 0].tolist()
+        if len(microphones) < 2:
+            raise ValueError(
+                f"{line.name}: {len(microphones)} microphones stand before the liner, seen from a source "
+                f"{seen.source_side}; two are needed to sort the waves"
+            )
+    some = line.select(microphones)
+    place = next(x for x in (at, edge, float(some.x[-1 if seen.sign == 1 else 0])) if x is not None)
+    if not math.isfinite(place):
+        raise ValueError(f"at is {place:g} m; it must be finite")
+    there = some.pressure.device
+    waves, residual, condition = split_waves(
+        some.pressure,
+        (some.x - place).to(there),
+        some.frequency.to(there),
+        float(some.fluid.sound_speed),
+        some.stated_mach,
+    )
+    upstream, downstream = waves.unbind(-2)
+    incident, back = (downstream, upstream) if seen.sign == 1 else (upstream, downstream)
+    name = f"{line.name}: the microphones of the rigid duct"
+    notes = (*duct_notes(line), *condition_notes(name, line.frequency, condition))
+    tell([str(note) for note in notes])
+    return PlaneWaves(
+        "sorted waves", line.frequency, incident, back / incident, place, residual, condition, some.x, notes
+    )
 
 
 def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
@@ -60,19 +260,13 @@ def split_waves(
         A and B at y = 0, (..., 2, F); relative residual, (..., F), nan for two equations, which two waves always fit;
         condition number, (F,).
     Raises:
-        ValueError: fewer than two microphones (one with velocities), microphones that coincide, or a spacing of half a
-            wavelength.
+        ValueError: fewer than two microphones (one with velocities), or all of them half a wavelength apart,
+            or at one place.
     Source: for M = 0 and two microphones, ISO 10534-2.
     """
     if len(places) < (2 if velocity is None else 1):
         count = f"{len(places)} microphone" if len(places) else "no microphone"
         raise ValueError(f"{count} is given; two waves need at least two")
-    for i, j in combinations(range(len(places)), 2):
-        if abs(float(places[i] - places[j])) < COINCIDENT:
-            raise ValueError(
-                f"microphones {i} and {j} coincide at y = {1e3 * float(places[i]):g} mm; they measure one pressure: "
-                "move or leave out one of them"
-            )
     plus, minus = wavenumbers(frequency, sound_speed, mach)
     towards, away = torch.exp(1j * plus[:, None] * places), torch.exp(-1j * minus[:, None] * places)
     rows, measured = torch.stack([towards, away], -1), pressure.to(torch.complex128)

@@ -24,15 +24,11 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.duct.dispersion import carry_wavenumber, wavenumber_from_impedance
 from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
-from torchliner.least_squares import Minimum, Problem, System, least_squares
+from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import WEIGHTS
-from torchliner.pressure.from_source import FromSource, seen_from_source
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
-from torchliner.pressure.variable_projection import project, solve_linear
-from torchliner.pressure.wave_eduction import Waves, educe_waves
-from torchliner.pressure.wave_notes import Notes
+from torchliner.pressure.waves import FromSource, Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.records.notes import Note
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
@@ -76,28 +72,19 @@ def two_wave_fit(
         words = "tied" if tied else "free"
         raise ValueError(f"{line.name}: {count} microphones are used; two {words} waves need at least {fewest}")
     relative = weights == "relative"
-    search = _Search(seen, condition, tied, relative)
-    choices = {"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin}
     return educe_waves(
         seen,
-        search,
+        _Search(seen, condition, tied, relative),
         method="two waves" if tied else "two free waves",
         unknowns=4 - tied,
         condition=condition,
         errors=MicrophoneErrors(level_error, phase_error, draws, generator),
-        choices=choices,
-        notes=_unsettled,
+        choices={"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin},
         unit=seen.pressure.abs() if relative else None,
     )
 
 
 free_wave_fit = functools.partial(two_wave_fit, tied=False)
-
-
-def _unsettled(result: WallEduction) -> Notes:
-    lost = result.choices["unsettled"]
-    text = f"{lost} of {result.impedance.numel()} fits did not settle; their waves may not be the best"
-    return (Note("unsettled", f"{result.choices['source']}: {text}"),) if lost else ()
 
 
 class _Search:
@@ -113,49 +100,37 @@ class _Search:
         values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
         lead, frequency = values.shape[:-1], line.frequency.to(values.device)
         duct, _ = duct_of(values[..., 0], frequency, line.duct_height, mach, line.fluid.sound_speed, self.condition)
-        flat, distance = values.reshape(-1, values.shape[-1]), self.seen.distance.to(values.device)
+        flat, s = values.reshape(-1, values.shape[-1]), self.seen.distance.to(values.device)
         weight = 1 / flat.abs() if self.relative else torch.ones_like(flat.real)
-        pairs = WavePairs(flat, distance, weight, duct.flattened(), self.tied)
+        pairs = WavePairs(weight * flat, weight, torch.stack([s, s - s[-1]], -1), duct.flattened(), self.tied)
         if self.start is None:
-            both = [_grid(line, mach, self.condition, direction).to(values.device) for direction in DIRECTIONS]
-            grid = torch.stack(both, -1).expand(*lead, -1, 2)
-            found = _from_best(pairs, grid.reshape(len(flat), -1, 2))
+            found = _from_grid(pairs, self._grid().to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2))
             self.start = found.place.reshape(*lead, 2)
         else:
             found = least_squares(pairs, self.start.expand(*lead, 2).reshape(-1, 2))
-        amplitude = found.system.amplitude.clone()
         # The reflected wave is referred to the far end in the fit, to the origin in the record.
-        amplitude[:, 1] *= torch.exp(1j * found.place[:, 1] * distance[-1])
-        residual = (found.system.cost / pairs.whole).sqrt()
-        wave, modes = found.place[:, 0].reshape(lead), found.place.reshape(*lead, 2).movedim(-1, -2)
-        amplitudes = amplitude.reshape(*lead, 2).movedim(-1, -2)
-        settled = found.converged.reshape(lead)
-        return Waves(wave, modes, amplitudes, residual.reshape(lead), settled=settled)
+        amplitude = found.amplitude * torch.exp(1j * found.place * s[-1] * torch.tensor([0, 1]).to(s))
+        modes, amplitudes = (each.reshape(*lead, 2).movedim(-1, -2) for each in (found.place, amplitude))
+        residual = (found.cost / pairs.whole).sqrt().reshape(lead)
+        return Waves(modes[..., 0, :], modes, amplitudes, residual, settled=found.converged.reshape(lead))
+
+    def _grid(self) -> Tensor:
+        """Pairs of wavenumbers of a grid of impedances along s, (F, G, 2)."""
+        line = self.seen.line
+        walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
+        about = {"height": line.duct_height, "mach": self.seen.mach, "sound_speed": line.fluid.sound_speed}
+        both = [
+            wavenumber_from_impedance(walls, line.frequency[:, None], **about, condition=self.condition, direction=each)
+            for each in DIRECTIONS
+        ]
+        return torch.stack(both, -1)
 
 
-def _grid(line: MicrophoneLine, mach: float, condition: str, direction: str) -> Tensor:
-    """Wavenumbers of a grid of impedances along s, (F, G)."""
-    walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
-    return wavenumber_from_impedance(
-        walls,
-        line.frequency[:, None],
-        height=line.duct_height,
-        mach=mach,
-        sound_speed=line.fluid.sound_speed,
-        condition=condition,
-        direction=direction,
-    )
-
-
-def _from_best(pairs: WavePairs, grid: Tensor) -> Minimum:
-    """Refined from the best starts, (P, G, 2), of each line."""
-    best = pairs.residuals(grid).argsort(-1)[:, :STARTS]
-    begin = grid.gather(1, best[..., None].expand(-1, -1, 2)).reshape(-1, 2)
-    row = torch.arange(len(grid), device=grid.device)
-    found = least_squares(pairs.at(row.repeat_interleave(best.shape[1])), begin)
-    cost = torch.where(torch.isfinite(found.system.cost), found.system.cost, torch.inf)
-    index = cost.reshape(best.shape).argmin(-1) + row * best.shape[1]
-    return Minimum(found.place[index], System(*(part[index] for part in found.system)), found.converged[index])
+def _from_grid(pairs: WavePairs, grid: Tensor) -> Minimum:
+    """The best minimum from the best starts, (P, G, 2), of each line."""
+    best = pairs.residuals(grid).argsort(-1)[:, :STARTS, None]
+    begin = grid.gather(1, best.expand(-1, -1, 2))
+    return best_of(least_squares(pairs, each) for each in begin.unbind(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,16 +139,16 @@ class WavePairs(Problem):
     tied.
 
     Args:
-        pressure: complex, (P, N).
-        distance: s, m, (N,), from 0 to S.
+        pressure: weighted, complex, (P, N).
         weight: of each microphone, (P, N).
+        places: s and s - S, m, (N, 2).
         duct: of each line, (P,), the flow along s.
         tied: one wall for both waves.
     """
 
     pressure: Tensor
-    distance: Tensor
     weight: Tensor
+    places: Tensor
     duct: Duct
     tied: bool
 
@@ -182,37 +157,26 @@ class WavePairs(Problem):
 
     @property
     def whole(self) -> Tensor:
-        """Sum of squares of the weighted pressures, (P,)."""
-        return (self.weight * self.pressure).abs().square().sum(-1)
+        """Sum of squares of the pressures, (P,)."""
+        return self.pressure.abs().square().sum(-1)
 
     @property
     def exact(self) -> Tensor:  # type: ignore[override]
         """Cost of rounding."""
         return EXACT * self.whole
 
-    @property
-    def from_ends(self) -> Tensor:
-        """s and s - S, m, (N, 2)."""
-        return self.distance[:, None] - torch.stack([torch.zeros_like(self.distance[-1]), self.distance[-1]])
-
-    def at(self, index: Tensor) -> WavePairs:
-        """Some lines."""
-        return WavePairs(self.pressure[index], self.distance, self.weight[index], self.duct.at(index), self.tied)
-
     def residuals(self, wave: Tensor) -> Tensor:
-        """Relative residuals of pairs (P, G, 2), (P, G)."""
-        columns = self.weight[:, None, :, None] * torch.exp(-1j * wave[..., None, :] * self.from_ends)
-        left = solve_linear(columns, (self.weight * self.pressure)[:, None])[-1]
-        return (left.abs().square().sum(-1) / self.whole[:, None]).sqrt()
+        """What pairs (P, G, 2) leave, (P, G)."""
+        columns = self.weight[:, None, :, None] * torch.exp(-1j * wave[..., None, :] * self.places)
+        return solve_linear(columns, self.pressure[:, None])[-1].norm(dim=-1)
 
     def system(self, place: Tensor, index: Tensor) -> System:
         """Residuals and their change with alpha+, and with alpha- if it is free."""
-        part = self.at(index)
-        columns = part.weight[..., None] * torch.exp(-1j * place[:, None, :] * self.from_ends)
-        slopes = torch.diag_embed(-1j * self.from_ends * columns).movedim(-2, -3)  # (P, 2, N, 2)
+        columns = self.weight[index, :, None] * torch.exp(-1j * place[:, None, :] * self.places)
+        slopes = torch.diag_embed(-1j * self.places * columns).movedim(-2, -3)  # (P, 2, N, 2)
         if self.tied:
-            slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, part.duct)[:, None, None, None]
-        return project(columns, slopes, part.weight * part.pressure)
+            slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, self.duct.at(index))[:, None, None, None]
+        return project(columns, slopes, self.pressure[index])
 
     def size(self, place: Tensor, step: Tensor, index: Tensor) -> Tensor:
         """Of k + |alpha|."""

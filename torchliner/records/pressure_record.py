@@ -216,13 +216,3 @@ def _require_finite(signal: Tensor, label: str, name: str) -> None:
         raise ValueError(
             f"{name}: {label} reaches {float(signal.abs().max()):.3g}, above {LARGEST:g}; give it in {SIGNALS[label]}"
         )
-
-
-def require_record(record: Any) -> None:
-    """Refuse what is no ``PressureRecord``.
-
-    Raises:
-        TypeError: it is something else.
-    """
-    if not isinstance(record, PressureRecord):
-        raise TypeError(f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)")

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.pressure.dean import in_situ
-from torchliner.pressure.plane_wave_fit import decompose_waves
-from torchliner.pressure.time_blocks import LEVEL
+from torchliner.pressure.plane_waves import decompose_waves
+from torchliner.pressure.tones import LEVEL
 from torchliner.records import PointImpedances, PressureRecord
 from torchliner.records.notes import Note
 from torchliner.report.alongside import ORDERS, draw_cells, points_along_x

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,6 @@ from torchliner.report.wall_table import LEVEL, Educed
 FAR = 8.0  # interquartile ranges: 11 standard deviations of normal draws
 TINY = 1e-9
 JUMP = 180.0  # degrees, between neighbours: the phase has turned round
-SEEN = 1.6  # of what must be seen of a plane: draws beyond are left out of its limits
 
 
 @styled
@@ -174,79 +173,3 @@ def draw_spectra(found: Sequence[Educed], labels: Sequence[str], path: str | Pat
         )
         beyond |= frame(axis, values, bands)
     return finish(figure, path, found[0].method, legend=2), beyond
-
-
-@styled
-def draw_impedances(
-    found: Sequence[Educed],
-    there: Sequence[tuple[int, int]],
-    labels: Sequence[str],
-    known: Mapping[str, complex],
-) -> Figure:
-    """Z of eductions in its plane, each with its draws or its interval, and what is known of it;
-    arguments as of ``draw_along``."""
-    figure, axes = subplots(1, 1, 3.4)
-    for i, f in there:
-        one = found[i]
-        draw_cloud(axes[0, 0], one, COLOURS[i], MARKERS[i], labels[i], f)
-        if one.draws is None and one.covariance is not None:
-            z, low, high = (complex(end[f]) for end in (one.impedance, *one.interval(LEVEL)))
-            if np.isfinite(low) and np.isfinite(high):
-                axes[0, 0].plot([low.real, high.real], [z.imag] * 2, color=COLOURS[i])
-                axes[0, 0].plot([z.real] * 2, [low.imag, high.imag], color=COLOURS[i])
-    for i, (name, z) in enumerate(known.items()):
-        axes[0, 0].plot(z.real, z.imag, "*x+1234"[i % 7], color="k", markersize=7, linestyle="none", label=name)
-    label_axes(axes[0, 0], PARTS[0][1], PARTS[1][1])
-    return finish(figure, None, legend=2)
-
-
-@styled
-def draw_waves(
-    found: Sequence[Any],
-    there: Sequence[tuple[int, int]],
-    labels: Sequence[str],
-    rigid: Sequence[float],
-) -> Figure:
-    """Wavenumbers of eductions by waves in their plane: filled, the wave whose impedance is given,
-    and its draws; open, the others; ticks on the axis, the plane waves of the rigid duct.
-
-    Arguments as of ``draw_along``; ``rigid`` in 1/m.
-    """
-    figure, axes = subplots(1, 1, 3.4)
-    axis, seen = axes[0, 0], [complex(value) for value in rigid]
-    axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-    axis.plot(
-        rigid,
-        np.zeros(len(rigid)),
-        "|",
-        color="k",
-        markersize=9,
-        markeredgewidth=1.4,
-        linestyle="none",
-        label="rigid duct",
-    )
-    for i, f in there:
-        one = found[i]
-        modes, kept = one.modes[:, f].numpy(), complex(one.wavenumber[f])
-        if one.draws is not None:
-            drawn = one.draws.wavenumber[:, f].numpy()
-            axis.plot(drawn.real, drawn.imag, ".", color=COLOURS[i], markersize=1.5, alpha=0.4)
-        axis.plot(modes.real, modes.imag, MARKERS[i], color=COLOURS[i], markerfacecolor="none", markersize=5)
-        axis.plot(
-            kept.real,
-            kept.imag,
-            MARKERS[i],
-            color=COLOURS[i],
-            markeredgecolor="k",
-            markersize=6,
-            linestyle="none",
-            label=labels[i],
-        )
-        seen += [*modes, kept]
-    entry(axis, "other waves", "o", markerfacecolor="none")
-    for part, limit in (("real", axis.set_xlim), ("imag", axis.set_ylim)):
-        ends = [getattr(value, part) for value in seen if np.isfinite(value)]
-        margin = (SEEN - 1) / 2 * (max(ends) - min(ends)) or 1.0
-        limit(min(ends) - margin, max(ends) + margin)
-    label_axes(axis, r"$\mathrm{Re}\,\alpha$ (m$^{-1}$)", r"$\mathrm{Im}\,\alpha$ (m$^{-1}$)")
-    return finish(figure, None, legend=3)

@@ -60,7 +60,7 @@ def segment_amplitudes(
     starts, length = segment_starts(samples, first, segment, sampling_rate)
     weights = make_window(window, length).weights
     step = starts[1] - starts[0] if len(starts) > 1 else 1
-    frames = signal[..., first:].unfold(-1, length, step)  # a view, (..., S, n)
+    frames = signal[..., first:].unfold(-1, length, step)[..., : len(starts), :]  # a view, (..., S, n)
     together = max(1, ELEMENTS // (length * max(1, math.prod(signal.shape[:-1]))))
     parts = [
         tone_amplitudes(frames[..., low : low + together, :], frequency, sampling_rate, weights)

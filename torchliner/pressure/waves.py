@@ -1,12 +1,15 @@
-"""From waves along a wall to an impedance with error bars: what all methods of waves share.
+r"""From waves along a wall to an impedance with error bars: what all methods of waves share.
 
 A method says what waves pressures hold. The dispersion relation makes an impedance of one of them; error bars come from
 what the waves leave, to first order, and from draws of the microphones' errors.
+
+Microphones are seen from the source. With s the distance from the source's side the wave above the liner is
+:math:`e^{-j\alpha' s}`: for a source upstream s = x and alpha' = alpha; for one downstream the array is read backwards,
+s = -x, alpha' = -alpha, and the flow runs at -M along s. Either way the wave decays along s.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -16,14 +19,52 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, tell
 from torchliner.duct.dispersion import impedance_from_wavenumber
-from torchliner.names import CONDITIONS
-from torchliner.pressure.from_source import FromSource
+from torchliner.names import CONDITIONS, SOURCES
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
-from torchliner.pressure.wave_notes import Notes, misfit_notes, wave_notes
-from torchliner.records import WallEduction
+from torchliner.pressure.notes import wave_notes
+from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.version import __version__
 
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
+
+
+class FromSource(NamedTuple):
+    """A line seen from its source.
+
+    Args:
+        line: as recorded.
+        sign: 1 for a source upstream, -1 downstream.
+        distance: s of the microphones from the first, m, (N,).
+        pressure: Pa, (..., N, F), in the order of s.
+        mach: of the flow along s.
+    """
+
+    line: MicrophoneLine
+    sign: int
+    distance: Tensor
+    pressure: Tensor
+    mach: float
+
+    @property
+    def source_side(self) -> str:
+        """``upstream`` or ``downstream``."""
+        return SOURCES[self.sign == -1]
+
+
+def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSource:
+    """The line along s; ``source_side`` None is what the line says.
+
+    Raises:
+        ValueError: the side of the source or the Mach number is not known.
+    """
+    side = line.source_side if source_side is None else source_side
+    if side not in SOURCES:
+        raise ValueError(
+            f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream': the array is read from the source"
+        )
+    if side == "downstream":
+        return FromSource(line, -1, (line.x[-1] - line.x).flip(0), line.pressure.flip(-2), -line.stated_mach)
+    return FromSource(line, 1, line.x - line.x[0], line.pressure, line.stated_mach)
 
 
 class Waves(NamedTuple):
@@ -55,10 +96,8 @@ def educe_waves(
     condition: str,
     errors: MicrophoneErrors,
     choices: dict[str, Any],
-    notes: Callable[[WallEduction], Notes] = lambda _: (),
     unit: Tensor | None = None,
-    rank: int | None = None,
-    order: int | None = None,
+    **about: Any,
 ) -> WallEduction:
     """The impedance of a line's waves, its error bars and its warnings, which are told.
 
@@ -70,13 +109,15 @@ def educe_waves(
         condition: at the liner.
         errors: of the microphones.
         choices: the method's own.
-        notes: the method's own warnings.
         unit: in whose shares the errors behind the covariance are equal, (..., N, F); default the rms of the line.
-        rank, order: K and L of a prediction.
+        about: further fields of the record.
+    Raises:
+        RuntimeError: no wave runs with the source at any frequency.
     """
     require_choice("condition", condition, CONDITIONS)
-    line, pressure = seen.line, seen.pressure
-    about = {
+    line, pressure, spare = seen.line, seen.pressure, seen.line.microphones - unknowns
+    freedom = errors.freedom(spare)
+    choices = {
         **choices,
         "condition": condition,
         "source_side": seen.source_side,
@@ -85,62 +126,59 @@ def educe_waves(
         "mach": line.stated_mach,
         "sound_speed": float(line.fluid.sound_speed),
         "version": __version__,
+        **errors.choices,
+        "largest_misfit": largest_misfit(freedom, CONTRADICTED),
     }
 
-    def impedance_of(wave: Tensor) -> Tensor:
-        there = ~torch.isnan(wave)
-        found = impedance_from_wavenumber(
-            torch.where(there, wave, 1 + 0j),
-            line.frequency.to(wave.device),
+    def impedance_of(waves: Waves) -> Tensor:
+        return impedance_from_wavenumber(
+            waves.wavenumber,
+            line.frequency.to(waves.wavenumber.device),
             height=line.duct_height,
             mach=seen.mach,
             sound_speed=line.fluid.sound_speed,
             condition=condition,
         )
-        return torch.where(there, found, complex(math.nan, math.nan))
 
-    def record_of(waves: Waves) -> WallEduction:
+    def record_of(pressure: Tensor) -> WallEduction:
+        waves = waves_of(pressure)
         settled = {} if waves.settled is None else {"unsettled": int((~waves.settled).sum())}
         return WallEduction(
             method=method,
             frequency=line.frequency,
             x=line.x,
             wavenumber=seen.sign * waves.wavenumber,
-            impedance=impedance_of(waves.wavenumber),
+            impedance=impedance_of(waves),
             modes=seen.sign * waves.modes,
             amplitudes=waves.amplitudes,
-            origin=seen.origin,
+            origin=float(line.x[0 if seen.sign == 1 else -1]),
             residual=waves.residual,
+            misfit=errors.misfit(waves.residual, line.microphones, unknowns),
             source_side=seen.source_side,
             singular_values=waves.singular_values,
-            rank=rank,
-            order=order,
-            choices={**about, **settled},
+            choices={**choices, **settled},
             line=line,
+            freedom=2 * spare,
+            **about,
         )
 
-    result, spare = record_of(waves_of(pressure)), line.microphones - unknowns
-    freedom = errors.freedom(spare)
-    covariance = None
+    result = record_of(pressure)
+    if not bool(torch.isfinite(result.wavenumber).any()):
+        raise RuntimeError(
+            f"{line.name}: none of the waves found runs away from a source {seen.source_side}; the source may be on "
+            "the other side, or the phases of the other sign (exp(+j omega t) is needed)"
+        )
     if spare > 0 and pressure.ndim == 2:
         rms = pressure.abs().square().mean(0).sqrt().expand(pressure.shape)
-        slope = _slopes(lambda p: impedance_of(waves_of(p).wavenumber), pressure, rms if unit is None else unit)
+        slope = _slopes(lambda p: impedance_of(waves_of(p)), pressure, rms if unit is None else unit)
         # Half of the complex variance belongs to each part.
         variance = result.residual.square() * line.microphones / (2 * spare)
         covariance = variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
-    result = replace(
-        result,
-        misfit=errors.misfit(result.residual, line.microphones, unknowns),
-        covariance=covariance,
-        freedom=2 * spare,
-        choices={**result.choices, **errors.choices, "largest_misfit": largest_misfit(freedom, CONTRADICTED)},
-    )
-    if errors.draws:
-        drawn, said = errors.drawn(pressure, result.error_scale, freedom)
-        result = replace(result, draws=record_of(waves_of(drawn)), choices={**result.choices, **said})
-    found = (*notes(result), *wave_notes(result), *misfit_notes(result, freedom))
-    tell([str(note) for note in found], depth=2)
-    return replace(result, notes=found)
+        result = replace(result, covariance=covariance)
+    result = errors.with_draws(result, pressure, freedom, record_of)
+    notes = wave_notes(result, freedom)
+    tell([str(note) for note in notes], depth=2)
+    return replace(result, notes=notes)
 
 
 def _slopes(impedance: Callable[[Tensor], Tensor], pressure: Tensor, unit: Tensor) -> Tensor:

@@ -1,0 +1,176 @@
+"""Warnings of impedances from microphones along a duct: by their code where they hold, and what they say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import FEEDS
+from torchliner.duct.dispersion import cut_on_frequency
+from torchliner.pressure.microphone_errors import POOR, largest_misfit
+from torchliner.records import FieldFit, MicrophoneLine, WallEduction
+from torchliner.records.notes import Note
+
+LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
+TURNS, DECAYS = 0.5, 0.1  # rad, neper over the array: a wave's direction can be told from more
+LIKE_RIGID = 0.05  # rad or neper over the array, some times what 0.1 dB and 0.1 degrees tell
+HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
+ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
+GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
+Notes = tuple[Note, ...]
+
+
+def wave_notes(result: WallEduction, freedom: float) -> Notes:
+    """Of waves that may not be those of a lined wall, or leave more than the assumed errors, which have ``freedom``
+    real degrees of freedom."""
+    assert result.line is not None
+    assert result.misfit is not None
+    choices, z, residual, span = result.choices, result.impedance, result.residual, float(result.x[-1] - result.x[0])
+    # exp(-j alpha x) of a decaying wave has Re alpha and Im alpha of opposite signs.
+    strongest = result.modes.gather(-2, result.energies.argmax(-2, keepdim=True))[..., 0, :]
+    turn, decay = strongest.real * span, strongest.imag * span
+    against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
+    sign = 1 if result.source_side == "upstream" else -1
+    k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
+    # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
+    spacing = choices.get("spacing", 0.0)
+    highest = choices["sound_speed"] * (1 + sign * choices["mach"]) / (2 * spacing) if spacing else math.inf
+    off = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span
+    limit = max(largest_misfit(freedom, POOR / result.misfit.numel()), choices["largest_misfit"])
+    where = {
+        "aliasing": result.frequency >= highest,
+        "no-wave": ~torch.isfinite(result.wavenumber),
+        "source-side": result.energy_share < LEAST_SHARE,
+        "conjugated-phases": against & (2 * against.sum() > against.numel()),
+        "rigid-wall": (off < LIKE_RIGID) & (z.abs() > HARD),
+        "active-wall": z.real < FEEDS,
+        "model-misfit": (result.misfit > limit) & (residual > ROUNDING),
+    }
+    poor, size = where["model-misfit"], None
+    if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
+        spread = result.standard_error if result.draws is None else result.standard_deviation
+        size = float(spread[poor].abs().max())
+    level, phase = (most(used, poor) for used in result.used_errors)
+    said = {
+        "aliasing": f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of "
+        "a rigid duct's wave, and wavenumbers may be off by 2 pi/spacing",
+        "no-wave": f"no wave runs away from a source {result.source_side}; they are nan",
+        "source-side": f"the wave that runs away from a source {result.source_side} holds "
+        f"{least(result.energy_share, where['source-side']):.2g} of the energy of the strongest wave at worst, less "
+        f"than {LEAST_SHARE:g}: the source may be on the other side (source_side), or phases be those of "
+        "exp(-j omega t)",
+        "conjugated-phases": "the strongest wave grows where its phase runs to: the phases look conjugated; "
+        "exp(+j omega t) is needed",
+        "rigid-wall": f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall "
+        f"looks rigid, and the impedance, |Z| {least(z.abs(), where['rigid-wall']):.3g} and more, is only hard",
+        "active-wall": f"the resistance is negative, {least(z.real, where['active-wall']):.3g} at least: the wave "
+        "gains energy at the wall, or is not the one assumed",
+        "model-misfit": f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
+        f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
+        f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}). There are other waves, or the microphones "
+        f"err by {level:.2g} dB and {phase:.2g} degrees, which draws take: compare ranks, margins and methods",
+    }
+    found = [*duct_notes(result.line), *_lost_draws(result), *noted(result, where, said, size)]
+    if choices.get("unsettled"):
+        text = f"{choices['unsettled']} of {z.numel()} fits did not settle; their waves may not be the best"
+        found.insert(0, Note("unsettled", f"{choices['source']}: {text}"))
+    return tuple(found)
+
+
+def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) -> Notes:
+    """Of a fit of the field.
+
+    Args:
+        result: the fit.
+        rigid, hard: whether a rigid wall lies within two, and within six standard errors, (..., F).
+        gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
+    """
+    assert result.freedom is not None
+    misfit, end = result.misfit, result.end_reflection.abs()
+    limit = largest_misfit(result.freedom, POOR / misfit[..., 0].numel())
+    resistance = result.impedance.real - result.rise.real.abs() / 2  # at the edge of less
+    where = {
+        "unsettled": ~result.converged,
+        "model-misfit": misfit > limit,
+        "rigid-wall": rigid & result.converged,
+        "near-rigid-wall": hard & ~rigid & result.converged,
+        "active-wall": (resistance < FEEDS) & ~(rigid & result.converged),
+        "active-end": end > GAINS,
+        "growing-wave": gains > 0,
+    }
+    poor = where["model-misfit"]
+    level, phase = (most(used, poor) for used in result.used_errors)
+    said = {
+        "unsettled": "the fit did not settle; Z is the best one met",
+        "model-misfit": f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones "
+        f"(limit {limit**0.5:.3g}): duct, flow, far end or the microphones' wall ({result.choices['wall']}) are not "
+        "those of the measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors "
+        f"are {level:.2g} dB and {phase:.2g} degrees, which error bars take",
+        "rigid-wall": "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
+        "near-rigid-wall": "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
+        "active-wall": f"the resistance is {least(resistance, where['active-wall']):.3g}, below 0",
+        "active-end": f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets",
+        "growing-wave": f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the "
+        "energy that comes in: a wave of its shear layer grows along the liner, and Z leans on the profile of the "
+        "flow; compare other profiles",
+    }
+    return (*noted(result, where, said), *_lost_draws(result))
+
+
+def duct_notes(line: MicrophoneLine) -> Notes:
+    """Higher modes of the rigid duct that carry sound."""
+    notes = []
+    for what, size in (("height", line.duct_height), ("width", line.duct_width)):
+        if size is None:
+            continue
+        limit = cut_on_frequency(float(size), line.stated_mach, float(line.fluid.sound_speed))
+        above = line.frequency[line.frequency >= limit]
+        if len(above):
+            text = (
+                f"{line.name}: from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher "
+                f"mode: {len(above)} of {len(line.frequency)} frequencies from {float(above.min()):g} Hz on"
+            )
+            notes.append(Note("higher-modes", text))
+    return tuple(notes)
+
+
+def _lost_draws(result: WallEduction | FieldFit) -> Notes:
+    if result.draws is None or not bool(result.failed.any()):
+        return ()
+    lost, count = int(result.failed.sum()), result.draws.impedance.numel()
+    text = f"{lost} of {count} draws have no impedance and are left out of mean and interval"
+    return (Note("lost-draws", f"{result.choices['source']}: {text}"),)
+
+
+def noted(
+    result: WallEduction | FieldFit, where: Mapping[str, Tensor], said: Mapping[str, str], misfit: float | None = None
+) -> Notes:
+    """A warning for each code that holds anywhere: how often, where first, and what.
+
+    Args:
+        result: an eduction.
+        where: something is wrong, (..., F), by code.
+        said: of it, by code.
+        misfit: how far Z may be off by a misfit of the model.
+    """
+    notes = []
+    for code, which in where.items():
+        if bool(which.any()):
+            first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
+            place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
+            size = misfit if code == "model-misfit" else None
+            notes.append(Note(code, f"{result.choices['source']}: {place}, {said[code]}", size))
+    return tuple(notes)
+
+
+def least(values: Tensor, which: Tensor) -> float:
+    """Of some values; nan of none."""
+    return float(values[which].min()) if bool(which.any()) else math.nan
+
+
+def most(values: Tensor, which: Tensor) -> float:
+    """Of some values; nan of none."""
+    return -least(-values, which)

@@ -1,0 +1,200 @@
+r"""Tones of a pressure record in blocks of time, and the statistical intervals that follow.
+
+An interval says how far Z may be off because the record is finite; not what the formula, the cavity's numbers or the
+microphones' own errors do.
+
+A windowed amplitude is linear in the signal, :math:`A = \sum_t g_t y_t`. What is left of y when tone, conjugate and
+mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole periods, so A is the mean, with the
+window's weight W_s of each block, of :math:`A + c_s/W_s`: without block s it is :math:`A - c_s/(1 - W_s)`. Z of these
+amplitudes is what the jackknife of ``engine.intervals`` takes. Over several segments the blocks are the segments, and
+H1 is made of the sums over those that remain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import FEWEST_PERIODS, stated_frequency
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.intervals import FEWEST_BLOCKS, Conversion, jackknife, replicates
+from torchliner.records import Interval, PressureRecord
+from torchliner.records.notes import Note
+from torchliner.signals.transfer import segment_amplitudes
+from torchliner.signals.windows import make_window
+
+LEVEL = 0.95
+FEWEST_RUNS = 8  # below, an interval says little
+SMALLEST_WIDTH = 1e-9  # a steady tone leaves rounding
+NO_TONE = 1e-9  # of a signal's largest value
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Tones of signals at one frequency in S parts of a record: segments, or blocks of one segment.
+
+    Args:
+        amplitudes: of each signal, (S, ..., 1).
+        weights: of the parts, of sum 1, (S,).
+        single: whether they are of one segment, whose amplitude is their mean.
+    """
+
+    amplitudes: Sequence[Tensor]
+    weights: Tensor
+    single: bool
+
+    @property
+    def segments(self) -> list[Tensor]:
+        """Amplitudes of the segments, one or several, of each signal."""
+        return [self.remaining(each)[:1] if self.single else each for each in self.amplitudes]
+
+    def h1(self, driver: Tensor, response: Tensor) -> Tensor:
+        """H1 = response/driver of all parts, without each and without each quarter, (1 + S + 4, ...).
+
+        Args:
+            driver, response: of the parts, (S, ..., 1), linear in ``amplitudes``.
+        """
+        if self.single:  # H1 of one segment is the ratio of its amplitudes
+            return self.remaining(response) / self.remaining(driver)
+        return self.remaining(driver.conj() * response) / self.remaining(driver.abs().square())
+
+    def remaining(self, values: Tensor) -> Tensor:
+        """Weighted means of (S, ...) over the parts that remain."""
+        return replicates(self.weights.reshape(-1, *[1] * (values.ndim - 1)) * values, self.weights)
+
+
+@dataclass(frozen=True)
+class Tones:
+    """How tones are read from a record.
+
+    Args:
+        record: of pressures.
+        frequency: Hz, (F,).
+        window: any window of scipy.
+        segment: s; None for one segment of all that is there.
+        start: s at the beginning that are left out.
+        level: of the intervals; None for none.
+    """
+
+    record: PressureRecord
+    frequency: Tensor
+    window: Any
+    segment: float | None
+    start: float
+    level: float | None
+
+    @classmethod
+    def of(
+        cls, record: Any, frequency: Any, window: Any, segment: Any, start: float, allow_short: bool, level: Any
+    ) -> Tones:
+        """With the frequencies asked for, or the record's tone.
+
+        Raises:
+            TypeError: the record is none.
+            ValueError: no frequency is stated; one is at or above Nyquist; the record after ``start`` is empty or has
+                fewer than four periods of one; the level is not between 0 and 1.
+        """
+        if not isinstance(record, PressureRecord):
+            raise TypeError(f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)")
+        if level is not None and not 0 < level < 1:
+            raise ValueError(f"interval is {level:g}; it is a level between 0 and 1 (95 % is 0.95)")
+        wanted = stated_frequency(frequency, record.frequency, record.name, record.sampling_rate)
+        if not 0 <= start < record.duration:
+            raise ValueError(
+                f"start is {start:g} s; it must be at least 0 and leave something of {record.name}, which lasts "
+                f"{record.duration:g} s"
+            )
+        lowest = float(wanted.min())
+        periods = lowest * (record.duration - start)
+        if periods < FEWEST_PERIODS * (1 - 1e-6) and not allow_short:
+            raise ValueError(
+                f"{record.name} holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
+                "allow_short=True if that is meant"
+            )
+        return cls(record, wanted, window, segment, start, level)
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """As a result states them."""
+        return {"window": self.window, "segment": self.segment, "start": self.start}
+
+    def parts(self, signals: Sequence[Tensor], frequency: Tensor) -> Parts:
+        """Of real signals, (..., T), at one frequency, Hz, (1,)."""
+        rate = self.record.sampling_rate
+        first = round(self.start * rate)
+        samples = signals[0].shape[-1] - first
+        whole = self.segment is None or abs(self.segment * rate - samples) <= 0.5
+        if whole and samples * float(frequency) >= rate:
+            blocks = Blocks.of(samples, rate, float(frequency))
+            if blocks.count >= FEWEST_BLOCKS:
+                return self._blocks(signals, frequency, first, blocks)
+        found = [segment_amplitudes(each, frequency, rate, **self.choices) for each in signals]
+        count = len(found[0])
+        return Parts(found, torch.full((count,), 1 / count, dtype=torch.float64), count == 1)
+
+    def _blocks(self, signals: Sequence[Tensor], frequency: Tensor, first: int, blocks: Blocks) -> Parts:
+        """Of one segment that begins at a sample; their mean is that of ``segment_amplitudes``."""
+        samples, count = signals[0].shape[-1] - first, blocks.count
+        weight = make_window(self.window, samples).weights
+        turn = 2j * torch.pi * frequency / blocks.sampling_rate * torch.arange(first, first + samples)
+        basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
+        across = basis.conj() * weight
+        dual = torch.linalg.solve(across @ basis.mT, across)
+        share = torch.stack([weight[a:b].sum() for a, b in pairwise(blocks.borders)]) / weight.sum()
+        kept = torch.stack([dual[0, a:b] @ basis[:, a:b].T for a, b in pairwise(blocks.borders)])  # (S, 3)
+        ends = list(pairwise(sorted({*blocks.borders, samples})))
+        found = []
+        for signal in signals:
+            late = signal[..., first:].cpu()
+            sums = torch.stack([late[..., a:b].to(torch.complex128) @ dual[:, a:b].T for a, b in ends])
+            fitted = sums.sum(0)  # tone, conjugate, mean
+            left = sums[:count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
+            size = share.reshape(-1, *[1] * (left.ndim - 1)).clamp(min=1e-12)
+            own = left / size
+            own = own - (size * own).sum(0) / share.sum()  # what the samples behind the last period add
+            found.append((fitted[..., 0] + own)[..., None])
+        return Parts(found, share / share.sum(), True)
+
+    def require_tone(self, label: str, signal: Tensor, amplitude: Tensor, frequency: Tensor) -> None:
+        """Refuse pressures (N, T) one of which has no tone: amplitudes (S, N, 1)."""
+        quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0]
+        if len(quiet):
+            raise ValueError(
+                f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz in {len(quiet)} of "
+                f"{len(signal)} signals, the first is {int(quiet[0])}; leave it out"
+            )
+
+    def intervals(
+        self, each: Sequence[tuple[Parts, dict[str, tuple[Tensor, Conversion]]]]
+    ) -> tuple[dict[str, Interval], int] | None:
+        """Intervals of quantities, (..., F), and the fewest parts behind one; None for fewer than four.
+
+        Args:
+            each: at every frequency the parts of the record, and quantities of those that remain,
+                (1 + S + 4, ..., 1), with how Z follows from them.
+        """
+        fewest = min(len(parts.weights) for parts, _ in each)
+        if self.level is None or fewest < FEWEST_BLOCKS:
+            return None
+        found = [
+            {name: jackknife(values, parts.weights, self.level, way) for name, (values, way) in made.items()}
+            for parts, made in each
+        ]
+        return {name: Interval.joined([one[name] for one in found], -1) for name in found[0]}, fewest
+
+    def few_blocks_notes(self, method: str, found: Interval | None) -> list[Note]:
+        """Where an interval is missing or rough."""
+        if self.level is None:
+            return []
+        text = "no statistical interval, since the record holds fewer than four blocks (periods, or segments)"
+        if found is not None:
+            runs = float(found.runs.min())
+            if runs >= FEWEST_RUNS or not float(found.widths.max()) > SMALLEST_WIDTH:
+                return []
+            text = f"the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are rough"
+        return [Note("no-intervals" if found is None else "few-blocks", f"{self.record.name}: {method}: {text}")]
