@@ -192,11 +192,17 @@ def _a_frequency(path: Path, setup: DuctSetup) -> list[Path]:
 
 
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.duct.setup_modes import growing_of, modes_of
+    from torchliner.duct.growing_wave import growing_wave
+    from torchliner.duct.modes import duct_modes
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
-    modes = modes_of(setup, options.count)
-    table = mode_table(setup, modes, growing_of(setup))
+    wall, condition = setup.first_wall, setup.case.slip_condition
+    about: dict[str, Any] = {"count": options.count, "slip_condition": condition}
+    modes = {
+        direction: duct_modes(setup.case.profile, setup.frequency, wall, direction=direction, **about)
+        for direction in names.DIRECTIONS
+    }
+    table = mode_table(setup, modes, growing_wave(setup.case.profile, setup.frequency, wall, condition))
 
     def draw(picture: Path) -> None:
         for f, path in enumerate(_a_frequency(picture, setup)):

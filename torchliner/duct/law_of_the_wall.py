@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq
 
-from torchliner.checks import require_positive
 from torchliner.duct.flow_profiles import Array, SymmetricProfile
 
 KARMAN, BUFFER = 0.4, 7.8  # Reichardt's; B = BUFFER + ln(KARMAN)/KARMAN = 5.5
@@ -26,10 +25,8 @@ class LawOfTheWallProfile(SymmetricProfile):
     .. math:: u^+ = \frac1\kappa \ln\left[1 + \kappa y^+ \frac{1 + r}{1 + r^2}\right]
         + C\left[1 - e^{-y^+/11} - \frac{y^+}{11} e^{-y^+/3}\right], \quad r = |2y/H - 1|,
 
-    with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, the logarithm 2.5 ln y+ + 5.5
-    above it. y+ (1 + r) is even in r, so the logarithm is smooth on the centreline; the bracket bends there by
-    e^(-Re_tau/11). The friction velocity is the one that gives the bulk Mach number; the mean over the height is taken
-    by 200 Gauss points over ln(1 + y+), to 1e-12.
+    with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, 2.5 ln y+ + 5.5 above it. The
+    friction velocity is the one that gives the bulk Mach number (200 Gauss points over ln(1 + y+): 1e-12).
 
     Args:
         bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
@@ -49,8 +46,7 @@ class LawOfTheWallProfile(SymmetricProfile):
     kinematic_viscosity: float = AIR_VISCOSITY
 
     def __post_init__(self) -> None:
-        require_positive("profile kinematic_viscosity", self.kinematic_viscosity)
-        self._check_scale()
+        self._check_scale("kinematic_viscosity")
         lowest = self._bulk_mach_of(LOWEST)
         if self.bulk_mach < lowest:
             raise ValueError(
@@ -62,11 +58,10 @@ class LawOfTheWallProfile(SymmetricProfile):
     @cached_property
     def friction_reynolds(self) -> float:
         """Re_tau = u_tau H/(2 nu)."""
-
-        def excess(logarithm: float) -> float:
-            return self._bulk_mach_of(math.exp(logarithm)) - self.bulk_mach
-
-        return math.exp(float(brentq(excess, math.log(LOWEST) - 1e-9, math.log(HIGHEST), xtol=1e-14)))
+        low, high = math.log(LOWEST) - 1e-9, math.log(HIGHEST)
+        return math.exp(
+            float(brentq(lambda s: self._bulk_mach_of(math.exp(s)) - self.bulk_mach, low, high, xtol=1e-14))
+        )
 
     @property
     def friction_velocity(self) -> float:
@@ -74,8 +69,7 @@ class LawOfTheWallProfile(SymmetricProfile):
         return 2 * self.kinematic_viscosity * self.friction_reynolds / self.duct_height
 
     def _bulk_mach_of(self, reynolds: float) -> float:
-        friction = 2 * self.kinematic_viscosity * reynolds / self.duct_height
-        return friction * _bulk_plus(reynolds) / self.sound_speed
+        return 2 * self.kinematic_viscosity * reynolds / self.duct_height * _bulk_plus(reynolds) / self.sound_speed
 
     def _shape(self, t: Array) -> Array:
         return _velocity_plus(t, self.friction_reynolds) / self._centre_plus

@@ -52,6 +52,17 @@ class DuctSetup:
     fluid: Fluid
     notes: tuple[str, ...] = ()
 
+    @property
+    def first_wall(self) -> Any:
+        """Z of the first lined patch, () or (F,); inf without one.
+
+        Raises:
+            ValueError: the impedance is a profile along x.
+        """
+        if callable(self.impedance):
+            raise ValueError(f"{self.name} has an impedance that varies along x; modes need one: state impedance")
+        return self.impedance[..., 0] if self.impedance.numel() else torch.inf
+
 
 class DuctTable(Strict):
     """Table ``[duct]``, m."""
