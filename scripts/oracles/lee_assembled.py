@@ -12,10 +12,9 @@ from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
 from torchliner.duct.basis import Basis, Rows
-from torchliner.duct.boundaries import wall_of
+from torchliner.duct.boundaries import EndModes, plane_modes, wall_of
 from torchliner.duct.case import DuctCase
 from torchliner.duct.columns import element_operator, element_ports
-from torchliner.duct.ends import EndModes, plane_modes
 from torchliner.duct.mesh import DuctMesh
 
 Complex = NDArray[np.complex128]

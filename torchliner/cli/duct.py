@@ -136,12 +136,12 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.settled import solve_settled
-    from torchliner.duct.solved_line import microphones_of, solved_line
+    from torchliner.duct.solved_line import solved_line
     from torchliner.records.origin import origin_of
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
     settled = solve_settled(
-        setup.case, setup.frequency, setup.impedance, places=microphones_of(setup),
+        setup.case, setup.frequency, setup.impedance, places=setup.places,
         wall=setup.wall, mesh=_mesh(options.mesh, setup),
         keep="all" if options.field is not None else "walls",
     )  # fmt: skip

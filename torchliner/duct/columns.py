@@ -105,15 +105,19 @@ class Column:
         interior: unknowns (field, y, x) of each element for unit waves into it, (F, E, 3 n^2, kinds n).
         vertical: waves up and down into the elements for unit waves into the column, (F, 2 N, I).
         out: waves out to the ``right``, the ``left`` and the ``wall``, for the same waves in.
-        blocks: the same by (out, in).
+        into: which waves come in from the ``left``, the ``right`` and the ``wall``.
         lined: how many waves come from the wall, n or 0.
     """
 
     interior: Tensor
     vertical: Tensor
     out: dict[str, Tensor]
-    blocks: dict[tuple[str, str], Tensor]
+    into: dict[str, slice]
     lined: int
+
+    def block(self, to: str, side: str) -> Tensor:
+        """Waves out to one side for waves in from another."""
+        return self.out[to][..., self.into[side]]
 
     def nodal(self, incoming: Tensor) -> Tensor:
         """p, u and v at the elements' nodes for waves into the column (..., F, I), (..., F, E, 3, n, n)."""
@@ -158,12 +162,8 @@ def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: boo
     along = sides - points
     rest = out.shape[-2] - sides
     parts = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
-    blocks = {
-        (to, side): block
-        for to, row in parts.items()
-        for side, block in zip(("left", "right", "wall"), row.split([along, points, rest], -1), strict=True)
-    }
-    return Column(interior, vertical, parts, blocks, rest)
+    into = {"left": slice(0, along), "right": slice(along, sides), "wall": slice(sides, None)}
+    return Column(interior, vertical, parts, into, rest)
 
 
 def _by_kind(scattering: Tensor, n: int) -> Tensor:
