@@ -22,7 +22,6 @@ from torch import Tensor
 
 from common import options_of, parser_of
 from oracles.mode_matching import match_modes
-from torchliner.duct.basis import Basis
 from torchliner.duct.boundaries import EndModes, end_modes, solve_boundaries, wall_of
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
@@ -30,6 +29,7 @@ from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import DuctSolver
 from torchliner.duct.sweep import sweep_duct
 

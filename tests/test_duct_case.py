@@ -172,7 +172,7 @@ def test_ends_are_near_just_below_cut_on():
 
 
 def test_negative_resistance_warns():
-    with pytest.warns(tl.DataWarning, match=r"resistance of -0\.1, below 0"):
+    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.1 at least"):
         solve_duct(case_of(), FREQUENCY, -0.1 + 1j)
     solve_duct(case_of(), FREQUENCY, -1e-12 + 1j)  # rounding: quiet
 

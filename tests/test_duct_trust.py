@@ -60,7 +60,7 @@ def coarse(case, impedance, **about):
     ],
 )
 @pytest.mark.parametrize("source", DIRECTIONS)
-@pytest.mark.filterwarnings("ignore:impedance has a resistance")
+@pytest.mark.filterwarnings("ignore:impedance has a negative resistance")
 def test_energy_is_kept(profile, condition, impedance, within, source):
     """In = out + absorbed where the mean flow exchanges none."""
     case = case_of(profile, source=source, slip_condition=condition, end_reflection=0.3j)

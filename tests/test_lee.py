@@ -10,12 +10,12 @@ import scipy.linalg
 import torch
 
 from oracles.mode_matching import match_modes
-from torchliner.duct.basis import Basis, Rows
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import condense_column
+from torchliner.duct.columns import Rows, condense_column
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.modes import duct_modes
+from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import solve_duct
 from verify_duct import exact_mode_error, order_table
 

@@ -44,11 +44,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from torchliner.duct.basis import Basis
 from torchliner.duct.columns import diagonal_blocks
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.polynomials import Basis
 from torchliner.duct.wall_impedance import wall_reflection
 from torchliner.names import DIRECTIONS
 

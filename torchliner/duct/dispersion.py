@@ -24,11 +24,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, real_tensor, require_choice, require_complex, tell
+from torchliner.checks import real_tensor, require_choice, require_complex
 from torchliner.duct.roots import follow_roots
+from torchliner.duct.wall_impedance import warn_if_feeding
 from torchliner.names import CONDITIONS, DIRECTIONS
 
-STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
+STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow
 DETOUR = 0.5  # rad, of the phase of Z
 AT_CUT_ON = 1e-9  # of k^2
 
@@ -63,17 +64,9 @@ def impedance_from_wavenumber(
     """
     require_complex("alpha", alpha)
     duct, wave = duct_of(alpha, frequency, height, mach, sound_speed, condition)
-    d = duct.wavenumber - wave * duct.mach
-    square = d * d - wave * wave
-    flat = square == 0
-    gamma = torch.sqrt(torch.where(flat, 1, square))
-    turn = gamma * duct.height
-    turn = torch.complex(turn.real, turn.imag.clamp(-STEEP, STEEP))
-    factor = d * d / duct.wavenumber if duct.displaced else d
-    sine = gamma * torch.sin(turn)
-    rigid = flat | (sine == 0)
-    found = 1j * factor * torch.cos(turn) / torch.where(rigid, 1, sine)
-    return torch.where(rigid, torch.inf, found).to(alpha.dtype)
+    (rigid, _), (soft, _) = relation(wave, duct)
+    hard = rigid == 0
+    return torch.where(hard, torch.inf, soft / torch.where(hard, 1, rigid)).to(alpha.dtype)
 
 
 def wavenumber_from_impedance(
@@ -118,13 +111,7 @@ def wavenumber_from_impedance(
     require_choice("direction", direction, DIRECTIONS)
     if bool(torch.isnan(impedance.detach()).any()):
         raise ValueError("impedance holds nan; leave those values out")
-    resistance = impedance.detach().real
-    if bool((resistance < FEEDS).any()):
-        tell(
-            f"impedance has a negative resistance, {float(resistance.min()):.3g} at least, in "
-            f"{int((resistance < FEEDS).sum())} of {resistance.numel()} values: such a wall feeds "
-            "the sound"
-        )
+    warn_if_feeding(impedance, depth=2)
     count = torch.as_tensor(mode, device=impedance.device)
     whole = impedance.to(torch.complex128) + torch.zeros_like(count, dtype=torch.float64)
     duct, z = duct_of(whole, frequency, height, mach, sound_speed, condition)
@@ -188,7 +175,8 @@ def relation(alpha: Tensor, duct: Duct) -> tuple[Pair, Pair]:
     w, w_slope = d * d - alpha * alpha, -2 * (m * d + alpha)
     zero = w == 0
     x = torch.sqrt(torch.where(zero, 1, w)) * h
-    cos, sinc = torch.where(zero, 1, torch.cos(x)), torch.where(zero, 1, torch.sin(x) / x)
+    turn = torch.complex(x.real, x.imag.clamp(-STEEP, STEEP))
+    cos, sinc = torch.where(zero, 1, torch.cos(turn)), torch.where(zero, 1, torch.sin(turn) / x)
     rigid = (w * h * sinc, h * (sinc + cos) / 2 * w_slope)
     f, f_slope = (d * d / duct.wavenumber, -2 * m * d / duct.wavenumber) if duct.displaced else (d, -m + 0 * d)
     return rigid, (1j * f * cos, 1j * (f_slope * cos - f * h * h * sinc / 2 * w_slope))

@@ -63,12 +63,8 @@ class DuctMesh:
 
     @cached_property
     def widths(self) -> Array:
-        """Of the columns, m; those equal but for rounding are made equal."""
-        widths = np.diff(self.x)
-        order = np.argsort(widths)
-        group = np.empty(len(widths), np.int64)
-        group[order] = np.cumsum(np.diff(widths[order], prepend=0) > SAME * widths[order]) - 1
-        return (np.bincount(group, widths) / np.bincount(group))[group]
+        """Of the columns, m; those equal but for rounding are made equal, to 1e-13 m."""
+        return np.round(np.diff(self.x), 13)
 
     @cached_property
     def patch_numbers(self) -> NDArray[np.int64]:

@@ -133,12 +133,10 @@ class DuctFile(Strict):
     fluid: FluidTable = FluidTable()
 
 
-TABLES: dict[str, type[Strict]] = {
-    "duct": DuctTable,
-    "flow": FlowTable,
-    "sound": SoundTable,
-    "microphones": MicrophoneTable,
-    "fluid": FluidTable,
+TABLES: dict[str, Any] = {
+    name: field.annotation
+    for name, field in DuctFile.model_fields.items()
+    if name not in ("name", "description", "source")
 }
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,

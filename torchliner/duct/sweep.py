@@ -26,11 +26,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.duct.basis import Basis, Rows
 from torchliner.duct.boundaries import EndModes, plane_modes
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import Column, condense_column
+from torchliner.duct.columns import Column, Rows, condense_column
 from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.polynomials import Basis
 
 AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
 MEMORY = 2 * 2**30  # bytes that the waves may take, those kept and those of the sweep in hand

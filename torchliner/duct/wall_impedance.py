@@ -37,14 +37,20 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
         raise ValueError("impedance is nan; a hard wall is inf")
     if bool(((finite + 1).abs() < ACTIVE).any()):
         raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
-    lowest = float(finite.real.detach().min()) if finite.numel() else 0.0
-    if lowest < FEEDS:
-        tell(
-            f"impedance has a resistance of {lowest:.3g}, below 0: such a wall feeds the sound, "
-            "and fields may have no bound",
-            depth=2,
-        )
+    warn_if_feeding(finite, depth=3)
     return torch.where(rigid, 1, reflection_from_impedance(finite))
+
+
+def warn_if_feeding(impedance: Tensor, depth: int) -> None:
+    """Warn of negative resistances, with how many there are; ``depth`` is that of ``tell``."""
+    resistance = impedance.detach().real
+    feeds = resistance < FEEDS
+    if bool(feeds.any()):
+        tell(
+            f"impedance has a negative resistance, {float(resistance.min()):.3g} at least, in {int(feeds.sum())} of "
+            f"{feeds.numel()} values: such a wall feeds the sound, and fields may have no bound",
+            depth=depth,
+        )
 
 
 def result_type(impedance: Any) -> torch.dtype:
