@@ -21,7 +21,6 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
-from torchliner.duct.solved_line import microphones_of
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.duct_report import draw_walls
@@ -54,7 +53,7 @@ def educed_profile(configuration: str) -> Any:
 def rows_of(label: str, one: Solved) -> list[dict[str, Any]]:
     """SPL and phase at the microphones."""
     setup, field = one
-    places = microphones_of(setup)
+    places = setup.places
     level, phase = (values(places, setup.wall)[0].detach() for values in (field.wall_level, field.wall_phase))
     return [
         {"case": label, "source": field.source, "x (m)": float(x), "SPL (dB)": float(s),

@@ -22,15 +22,14 @@ from torch import Tensor
 
 from common import options_of, parser_of
 from oracles.mode_matching import match_modes
-from torchliner.duct.basis import Basis
-from torchliner.duct.boundaries import solve_boundaries, wall_of
+from torchliner.duct.boundaries import EndModes, end_modes, solve_boundaries, wall_of
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
-from torchliner.duct.ends import EndModes, end_modes
 from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import DuctSolver
 from torchliner.duct.sweep import sweep_duct
 
@@ -80,7 +79,7 @@ def exact_mode_error(
     def lined_modes(_: MeanFlow, __: Tensor, y: Tensor, flow: bool) -> EndModes:
         return end_modes(down, up, y, flow)
 
-    swept = sweep_duct(case, mesh, frequency, True, math.inf, lined_modes)
+    swept = sweep_duct(case, mesh, frequency, True, lined_modes)
     wall = wall_of(TRUE, mesh, swept.basis, case.wavenumber(frequency), frequency, 0.0)
     sent = torch.tensor([[1.0, 0.0]] if source == "upstream" else [[0.0, 1.0]]).to(wall.reflection)
     waves, _ = solve_boundaries(swept.reading, wall, sent, torch.zeros_like(sent))

@@ -13,14 +13,10 @@ import torch
 from conftest import relative_error
 
 import torchliner as tl
-from torchliner.duct.dispersion import (
-    carry_wavenumber,
-    cut_on_frequency,
-    impedance_from_wavenumber,
-    wavenumber_from_impedance,
-)
-from torchliner.duct.relation import DIRECTIONS, duct_of
-from torchliner.names import CONDITIONS
+from torchliner.duct.dispersion import carry_wavenumber, duct_of, impedance_from_wavenumber, wavenumber_from_impedance
+from torchliner.duct.flow_profiles import UniformProfile
+from torchliner.duct.rigid_spectrum import cut_on_frequency
+from torchliner.names import CONDITIONS, DIRECTIONS
 
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
 K = 2 * math.pi * FREQUENCY / SPEED
@@ -111,11 +107,11 @@ def test_rigid_modes(mode):
             )  # fmt: skip
             square = (k - 0.3 * found) ** 2 - found**2
             assert square == pytest.approx((mode * math.pi / HEIGHT) ** 2, rel=1e-10)
-            if frequency < cut_on_frequency(HEIGHT, 0.3, SPEED, mode):
+            if frequency < cut_on_frequency(UniformProfile(0.3, HEIGHT, SPEED), mode):
                 assert sign * found.imag < 0
             else:  # the group velocity has the mode's direction
                 assert sign * (found + 0.3 * (k - 0.3 * found)).real > 0
-    assert cut_on_frequency(HEIGHT, 0.6, 340.0) == pytest.approx(0.8 * 3400.0)
+    assert cut_on_frequency(UniformProfile(0.6, HEIGHT, 340.0)) == pytest.approx(0.8 * 3400.0)
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)

@@ -10,11 +10,9 @@ from conftest import relative_error
 from test_dispersion import DUCT, FREQUENCY, HEIGHT, SPEED, exact, passive
 
 import torchliner as tl
-from torchliner.duct.dispersion import (
-    cut_on_frequency,
-    impedance_from_wavenumber,
-    wavenumber_from_impedance,
-)
+from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
+from torchliner.duct.flow_profiles import UniformProfile
+from torchliner.duct.rigid_spectrum import cut_on_frequency
 from torchliner.names import CONDITIONS
 
 # --- batches, types, derivatives ----------------------------------------------------------------
@@ -99,7 +97,7 @@ def test_other_refusals():
     for mode in (-1, 0.5):
         with pytest.raises(ValueError, match=f"mode is {mode}; modes are numbered 0, 1, 2"):
             wavenumber_from_impedance(exact(2.0), FREQUENCY, mode=mode, **DUCT)
-    at_cut_on = cut_on_frequency(HEIGHT, 0.3, SPEED)
+    at_cut_on = cut_on_frequency(UniformProfile(0.3, HEIGHT, SPEED))
     with pytest.raises(ValueError, match=r"mode 1 is exactly at its cut-on .*H = 50 mm"):
         wavenumber_from_impedance(exact(2.0), at_cut_on, mach=0.3, mode=1, **DUCT)
 
@@ -108,19 +106,3 @@ def test_an_active_wall_is_warned_of():
     with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.2 at least, in 1 of 2"):
         wavenumber_from_impedance(exact(1.0, -0.2 + 1j), FREQUENCY, **DUCT)
     wavenumber_from_impedance(exact(-1e-12 + 1j), FREQUENCY, **DUCT)  # rounding: quiet
-
-
-@pytest.mark.parametrize(
-    ("about", "match"),
-    [
-        ({"mach": 1.0}, r"mach is 1; its size must be below 1 \(a Mach number, not m/s\)"),
-        ({"mach": math.nan}, "mach is nan"),
-        ({"height": 0.0}, r"height \(m\) is 0; it must be finite and above 0"),
-        ({"height": -0.05}, r"height \(m\) is -0\.05"),
-        ({"sound_speed": 0.0}, r"sound_speed \(m/s\) is 0"),
-        ({"mode": 0}, "mode is 0; the plane wave, 0, runs at every frequency"),
-    ],
-)
-def test_ducts_without_a_cut_on(about, match):
-    with pytest.raises(ValueError, match=match):
-        cut_on_frequency(**{"height": HEIGHT, **about})

@@ -10,12 +10,12 @@ import scipy.linalg
 import torch
 
 from oracles.mode_matching import match_modes
-from torchliner.duct.basis import Basis, Rows
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import condense_column
+from torchliner.duct.columns import Rows, condense_column
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.modes import duct_modes
+from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import solve_duct
 from verify_duct import exact_mode_error, order_table
 
@@ -131,13 +131,13 @@ def test_wavenumbers_of_the_lined_duct(profile, wall_cell, tolerance):
     basis = Basis.of_degree(mesh.degree)
     rows, width = Rows.of_flow(basis, mesh.y, profile), 0.01
     k = torch.tensor([K], dtype=torch.float64)
-    blocks = condense_column(k, width, basis, rows, profile.bulk_mach > 0, lined=True).blocks
+    block = condense_column(k, width, basis, rows, profile.bulk_mach > 0, lined=True).block
     reflection = (B2A - 1) / (B2A + 1)
-    inner = torch.eye(basis.count) - reflection * blocks["wall", "wall"]
+    inner = torch.eye(basis.count) - reflection * block("wall", "wall")
 
     def closed(to, side):
-        passed = torch.linalg.solve(inner, reflection * blocks["wall", side])
-        return (blocks[to, side] + blocks[to, "wall"] @ passed)[0]
+        passed = torch.linalg.solve(inner, reflection * block("wall", side))
+        return (block(to, side) + block(to, "wall") @ passed)[0]
 
     # a' = S_aa a + S_ab b', b = S_ba a + S_bb b', with a' = s a, b' = s b.
     forth, back = closed("right", "left").shape[0], closed("left", "right").shape[0]

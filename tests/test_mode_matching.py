@@ -157,5 +157,5 @@ def test_refusals(options, match):
 def test_cut_on_is_singular_and_feeding_walls_warn():
     with pytest.raises(RuntimeError, match="equations are singular"):
         match_modes(0.5, LINER, 1.0, 1.0, sound_speed=1.0)
-    with pytest.warns(tl.DataWarning, match=r"resistance of -0\.5"):
+    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.5"):
         solve(impedance=-0.5 + 2j)

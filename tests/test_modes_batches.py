@@ -115,5 +115,5 @@ def test_failures_that_computation_shows():
 
 
 def test_negative_resistance_warns():
-    with pytest.warns(tl.DataWarning, match=r"resistance of -0\.2, below 0"):
+    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.2 at least"):
         duct_modes(TANH, 1500.0, -0.2 + 1j, count=1)

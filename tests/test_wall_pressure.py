@@ -12,7 +12,9 @@ import torch
 from conftest import relative_error
 
 import torchliner as tl
-from torchliner.duct.dispersion import cut_on_frequency, wavenumber_from_impedance
+from torchliner.duct.dispersion import wavenumber_from_impedance
+from torchliner.duct.flow_profiles import UniformProfile
+from torchliner.duct.rigid_spectrum import cut_on_frequency
 from torchliner.names import CONDITIONS, WALL_METHODS, resolve
 from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.kumaresan_tufts import find_exponentials, kumaresan_tufts
@@ -351,7 +353,7 @@ def test_a_source_on_the_wrong_side():
 @pytest.mark.filterwarnings("ignore:.*draws have no impedance")
 def test_doubts_are_warned_of_and_kept():
     """Higher modes, half a wavelength, a wave that gains, frequencies without a wave."""
-    limit = cut_on_frequency(HEIGHT, 0.3, tl.Fluid().sound_speed)
+    limit = cut_on_frequency(UniformProfile(0.3, HEIGHT, tl.Fluid().sound_speed))
     frequency = torch.tensor([1000.0, 1500.0, limit + 1]).double()
     line = line_of(wave("upstream")[0], frequency=frequency)
     with pytest.warns(tl.DataWarning, match=rf"from {limit:.4g} Hz on the duct's height, 50 mm, .* mode: 1 of 3 freq"):

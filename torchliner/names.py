@@ -58,6 +58,7 @@ SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of 
 
 # Ducts and pressures.
 SOURCES = ("upstream", "downstream")
+DIRECTIONS = ("downstream", "upstream")  # of waves, along the flow first
 WALLS = ("opposite", "lined")
 CONDITIONS = ("ingard-myers", "continuous-velocity")
 WEIGHTS = ("absolute", "relative")

@@ -11,12 +11,11 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
-from torchliner.duct.basis import Basis, Rows
-from torchliner.duct.boundaries import wall_of
+from torchliner.duct.boundaries import EndModes, plane_modes, wall_of
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import element_operator, element_ports
-from torchliner.duct.ends import EndModes, plane_modes
+from torchliner.duct.columns import Rows, element_matrices
 from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.polynomials import Basis
 
 Complex = NDArray[np.complex128]
 
@@ -60,8 +59,8 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
         wall = wall_of(impedance, mesh, basis, torch.tensor([k]), hertz, 0.0).reflection.numpy()[0]
     ports = []
     for c, width in enumerate(mesh.widths.tolist()):
-        steady, mass = element_operator(width, basis, rows)
-        incoming, outgoing = (p.numpy() for p in element_ports(width, basis, rows, flow))
+        steady, mass, *ports_of = element_matrices(width, basis, rows, flow)
+        incoming, outgoing = (p.numpy() for p in ports_of)
         ports.append((incoming, outgoing))
         own = (steady + 1j * k * mass).numpy()
         for e in range(count):

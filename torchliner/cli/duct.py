@@ -136,12 +136,12 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.settled import solve_settled
-    from torchliner.duct.solved_line import microphones_of, solved_line
+    from torchliner.duct.solved_line import solved_line
     from torchliner.records.origin import origin_of
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
     settled = solve_settled(
-        setup.case, setup.frequency, setup.impedance, places=microphones_of(setup),
+        setup.case, setup.frequency, setup.impedance, places=setup.places,
         wall=setup.wall, mesh=_mesh(options.mesh, setup),
         keep="all" if options.field is not None else "walls",
     )  # fmt: skip
@@ -192,11 +192,17 @@ def _a_frequency(path: Path, setup: DuctSetup) -> list[Path]:
 
 
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.duct.setup_modes import growing_of, modes_of
+    from torchliner.duct.growing_wave import growing_wave
+    from torchliner.duct.modes import duct_modes
     from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
 
-    modes = modes_of(setup, options.count)
-    table = mode_table(setup, modes, growing_of(setup))
+    wall, condition = setup.first_wall, setup.case.slip_condition
+    about: dict[str, Any] = {"count": options.count, "slip_condition": condition}
+    modes = {
+        direction: duct_modes(setup.case.profile, setup.frequency, wall, direction=direction, **about)
+        for direction in names.DIRECTIONS
+    }
+    table = mode_table(setup, modes, growing_wave(setup.case.profile, setup.frequency, wall, condition))
 
     def draw(picture: Path) -> None:
         for f, path in enumerate(_a_frequency(picture, setup)):

@@ -20,27 +20,66 @@ v* = w + (M/j k) dw/dx. With D the discrete derivative,
 
 D takes its values at element edges from downstream and is 0 beyond the last: transported from
 upstream, the hydrodynamic wave grows without bound.
+
+An end lets the plane-like mode of the rigid duct out. Nothing coming in would reflect 1e-3 of it in a
+sheared flow, since that mode is not made of outgoing characteristics alone. So at the right end, with a_m
+and b_m the outgoing and incoming parts of mode m and w the projection on the mean of p + u, the amplitude
+c = (w.a)/(w.a_m) of what goes out determines what comes in, b = c b_m: rank one, no reflection of mode m.
+With an end that reflects it, r times as much of the mode the other way comes in too. At the left end
+alike, with the mean of p - u.
+
+The energy: a plane wave of amplitude a carries (1 +- M)^2 |a|^2 H/(2 rho c) with and against the flow; the
+wall takes half the integral of Re(p w*). Without flow what goes in comes out or is taken. With flow the mean
+flow may give or take energy: the difference of the balance, which may be negative.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from torchliner.duct.basis import Basis
 from torchliner.duct.columns import diagonal_blocks
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.polynomials import Basis
 from torchliner.duct.wall_impedance import wall_reflection
+from torchliner.names import DIRECTIONS
 
 SINGULAR = 1e-6  # residual over right-hand side
 CHUNK = 64 * 2**20  # bytes of matrices solved at once
+
+
+class EndModes(NamedTuple):
+    """The modes that the ends let out, p = 1 on the wall y = H; (F, ...) over N points.
+
+    Args:
+        wavenumber: alpha of the mode downstream and upstream, 1/m, (F, 2), complex.
+        along: (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N).  against: (p - u)/2 of both, (F, 2, N).
+    """
+
+    wavenumber: Tensor
+    along: Tensor
+    against: Tensor
+
+
+def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
+    """Plane-like modes at heights y (m, (N,))."""
+    down, up = (duct_modes(profile, frequency, count=1, direction=d) for d in DIRECTIONS)
+    return end_modes(down, up, y, flow)
+
+
+def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes:
+    """Modes 0 of both directions at heights y (m, (N,))."""
+    p, u, v = (torch.cat(pair, 1) for pair in zip(*([f[:, :1] for f in m.at(y)] for m in (down, up)), strict=True))
+    along = torch.cat([(p + u) / 2, v], -1) if flow else (p + u) / 2
+    return EndModes(torch.stack([down.wavenumber[:, 0], up.wavenumber[:, 0]], -1), along, (p - u) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,21 +137,19 @@ def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) 
     reflection = wall_reflection(impedance, frequency.device).to(frequency.device)
     wanted = (len(frequency), len(mesh.case.liner))
     try:
-        shape = np.broadcast_shapes(reflection.shape, wanted)
-    except ValueError:
-        shape = ()
-    if shape[-2:] != wanted:
+        each = reflection.expand(*reflection.shape[:-2], *wanted)
+    except RuntimeError:
         raise ValueError(
             f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies, lined "
             "patches (one value of each for all: 1)"
-        )
-    each = reflection.expand(shape)[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
+        ) from None
+    each = each[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
     return each[..., None, None] * torch.eye(basis.count, dtype=each.dtype, device=each.device)
 
 
 def _varying(impedance: Callable[..., Any], mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
     places, values, weights = basis.quadrature()
-    x = torch.as_tensor(mesh.lined_starts[:, None] + mesh.lined_widths[:, None] * places)
+    x = torch.as_tensor(mesh.x[:-1, None][mesh.lined] + mesh.lined_widths[:, None] * places)
     found = impedance(x.flatten().to(frequency), frequency)
     reflection = wall_reflection(found, frequency.device).to(frequency.device)
     wanted = (len(frequency), x.numel())
@@ -121,20 +158,19 @@ def _varying(impedance: Callable[..., Any], mesh: DuctMesh, basis: Basis, freque
             f"the impedance function returned shape {tuple(reflection.shape)} for {wanted[0]} frequencies and "
             f"{wanted[1]} places; its last two axes must be these"
         )
-    reflection = reflection.unflatten(-1, x.shape)
-    values, weights = (t.to(reflection) for t in (values, weights))
-    return values.mT @ ((reflection * weights)[..., None] * values) / basis.weights[:, None]
+    values, weights = values.to(reflection), weights.to(reflection)
+    return values.mT @ ((reflection.unflatten(-1, x.shape) * weights)[..., None] * values) / basis.weights[:, None]
 
 
 def _downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:
     """d/dx over the lined columns, edge values from the right neighbour, (W, W)."""
-    n, widths, starts = basis.count, mesh.lined_widths, mesh.lined_starts
+    n, widths, columns = basis.count, mesh.lined_widths, np.flatnonzero(mesh.lined)
     whole = torch.zeros(len(widths), n, len(widths), n, dtype=torch.float64)
     first, last = basis.first.cpu(), basis.last.cpu()
     inner, weights = -basis.convection.cpu() - torch.outer(first, first), basis.weights.cpu()[:, None]
     for i, width in enumerate(widths):
         whole[i, :, i] = inner / (width * weights)
-        if i + 1 < len(widths) and abs(starts[i] + width - starts[i + 1]) < 1e-9 * width:
+        if columns[i] + 1 in columns:
             whole[i, :, i + 1] = torch.outer(last, first) / (width * weights)
     return whole.reshape(len(widths) * n, len(widths) * n)
 
@@ -158,10 +194,9 @@ def solve_boundaries(reading: Tensor, wall: Wall | None, starts: Tensor, returns
     if lead.numel() <= step:
         return _solve(reading, wall, starts, returns)
     flat = [part.expand(*lead, *part.shape[-inner:]).flatten(0, len(lead) - 1).split(step) for part, inner in parts]
-    each = zip(*flat, strict=True)
-    found = [_solve(reading, Wall(*walls) if walls else None, *ends) for ends, walls in ((a[:2], a[2:]) for a in each)]
-    waves, eta = (torch.cat(part) for part in zip(*found, strict=True))
-    return waves.unflatten(0, lead), eta.unflatten(0, lead)
+    found = [_solve(reading, Wall(*a[2:]) if a[2:] else None, *a[:2]) for a in zip(*flat, strict=True)]
+    waves, eta = (torch.cat(part).unflatten(0, lead) for part in zip(*found, strict=True))
+    return waves, eta
 
 
 def _solve(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
@@ -173,29 +208,50 @@ def _solve(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) 
         lined = wall.system(reading[..., 2:-2])
         shape = np.broadcast_shapes(lined.shape[:-1], system.shape[:-1])
         system = torch.cat([lined.expand(*shape, -1), system.expand(*shape, -1)], -1)
-    try:
-        found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
-    except RuntimeError as problem:
-        # Seen once, for a system that is singular to the last digit: rows exchanged with row 0.
-        if "ivots" not in str(problem):
-            raise
-        raise _singular(math.inf) from problem
+    found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
     matrix, solution = system.detach(), found.detach()
     left = ((matrix @ solution[..., None])[..., 0] - right).abs().amax(-1)
     # Of a singular system the residual may be small by luck; rounding of a solution so large is not.
     rounding = torch.finfo(torch.float64).eps * matrix.abs().amax((-2, -1)) * solution.abs().amax(-1)
-    size = right.abs().amax(-1).clamp(min=1e-300)
-    worst = float(torch.nan_to_num(torch.maximum(left, rounding) / size, nan=math.inf).max())
+    worst = float(torch.nan_to_num(torch.maximum(left, rounding) / right.abs().amax(-1), nan=torch.inf).max())
     if worst > SINGULAR:
-        raise _singular(worst)
+        raise RuntimeError(
+            f"the duct's equations are singular: their solution leaves a residual of {worst:.2g} of the incident wave "
+            "(a wall or two ends that feed a resonance); change the impedance, the end reflections or the frequency"
+        )
     eta, out = found[..., :-2], found[..., -2:]
     back = starts + returns * out
     waves = eta if wall is None else wall.sent(eta)
     return torch.cat([back[..., :1], out[..., :1], waves, back[..., 1:], out[..., 1:]], -1), eta
 
 
-def _singular(residual: float) -> RuntimeError:
-    return RuntimeError(
-        f"the duct's equations are singular: their solution leaves a residual of {residual:.2g} of the incident wave "
-        "(a wall or two ends that feed a resonance); change the impedance, the end reflections or the frequency"
-    )
+class EnergyBalance(NamedTuple):
+    """Shares of the energy that comes in, (..., F).
+
+    Args:
+        out: plane-like modes out of both ends, with (1 +- M)^2, M the bulk Mach number.
+        absorbed: by the liner, from p and w on its face.
+    """
+
+    out: Tensor
+    absorbed: Tensor
+
+    @property
+    def missing(self) -> Tensor:
+        """1 - out - absorbed: to the mean flow, if negative from it; errors of the mesh; mode 1."""
+        return 1 - self.out - self.absorbed
+
+
+def energy_balance(mesh: DuctMesh, basis: Basis, waves: Tensor, eta: Tensor, wall: Wall | None) -> EnergyBalance:
+    """Of X (..., F, D), eta (..., F, W) and the wall that they were solved with."""
+    mach = mesh.case.profile.bulk_mach
+    along, against = (1 + mach) ** 2, (1 - mach) ** 2
+    size = waves[..., [0, 1, -2, -1]].abs().square()
+    coming = along * size[..., 0] + against * size[..., 2]
+    out = against * size[..., 1] + along * size[..., 3]
+    absorbed = torch.zeros_like(out)
+    if wall is not None:
+        back = wall.reflected(eta)
+        weights = torch.outer(torch.as_tensor(mesh.lined_widths).to(basis.weights), basis.weights).flatten()
+        absorbed = ((eta + back) * (eta - back).conj()).real @ weights / mesh.case.height
+    return EnergyBalance(out / coming, absorbed / coming)

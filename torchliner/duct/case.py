@@ -1,10 +1,9 @@
-"""A straight duct with a liner on one wall: what is to be solved, and values that may be meant in
-another unit, or that its two dimensions leave out."""
+"""A straight duct with a liner on one wall: what is to be solved."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +16,6 @@ from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.names import CONDITIONS, SOURCES
 
 GAINS = 1 + 1e-9  # of an end's reflection; nearer to 1 it is rounding
-SLOWEST = 0.01  # k H: a wave 600 heights long
-RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
 
 
 def other_side(source: str) -> str:
@@ -67,15 +64,17 @@ class DuctCase:
     slip_condition: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start", "end"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"duct {name} is {getattr(self, name)} m; it must be finite")
+        for name in ("start", "end", "incident_at"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"{'' if name == 'incident_at' else 'duct '}{name} is {value} m; it must be finite")
         require_positive("duct length, end - start (m)", self.end - self.start)
         require_positive("density (kg/m3)", self.density)
         require_choice("source", self.source, SOURCES)
         if self.slip_condition is not None:
             require_choice("slip condition", self.slip_condition, CONDITIONS)
         object.__setattr__(self, "liner", _patches(self.liner))
+        before = -math.inf
         for start, end in self.liner:
             where = f"the lined patch from x = {start:g} to {end:g} m"
             if not end > start:
@@ -85,14 +84,12 @@ class DuctCase:
                     f"{where} lies outside the duct, {self.start:g} to {self.end:g} m; move its "
                     "edges, or the duct's ends (start, end)"
                 )
-        for (_, end), (start, _) in zip(self.liner, self.liner[1:], strict=False):
-            if start < end:
+            if start < before:
                 raise ValueError(
-                    f"lined patches overlap: one ends at x = {end:g} m, the next starts at "
+                    f"lined patches overlap: one ends at x = {before:g} m, the next starts at "
                     f"{start:g} m; give them in order along x"
                 )
-        if not math.isfinite(self.place_of_incidence(self.source)):
-            raise ValueError(f"incident_at is {self.incident_at} m; it must be finite")
+            before = end
         _largest("incident (Pa)", self.incident)
         for name in ("end_reflection", "source_reflection"):
             most = _largest(name, getattr(self, name))
@@ -112,19 +109,17 @@ class DuctCase:
         """x where the wave of a source has the incident amplitude, m."""
         if self.incident_at is not None:
             return self.incident_at
-        upstream = source == "upstream"
-        if self.liner:
-            return float(self.liner[0][0] if upstream else self.liner[-1][1])
-        return self.start if upstream else self.end
+        edges = (self.start, self.end) if not self.liner else (self.liner[0][0], self.liner[-1][1])
+        return float(edges[SOURCES.index(source)])
 
-    def wavenumber(self, frequency: torch.Tensor) -> torch.Tensor:
+    def wavenumber(self, frequency: Tensor) -> Tensor:
         """k = omega/c, 1/m."""
         return 2 * math.pi / self.profile.sound_speed * frequency
 
 
 def _largest(name: str, value: Any) -> float:
     """Modulus of a complex number, array or tensor, all of it finite."""
-    values = value.detach() if isinstance(value, torch.Tensor) else np.asarray(value, np.complex128)
+    values = value.detach() if isinstance(value, Tensor) else np.asarray(value, np.complex128)
     sizes = torch.as_tensor(values).abs()
     if not bool(torch.isfinite(sizes).all()):
         raise ValueError(f"{name} is {value}; it must be finite")
@@ -137,37 +132,3 @@ def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
         return tuple((float(start), float(end)) for start, end in pairs)
     except (TypeError, ValueError):
         raise ValueError(f"liner is {liner!r}; it must be (start, end) in m, or a list of such pairs") from None
-
-
-def doubt_sound(
-    case: DuctCase,
-    frequency: Sequence[float],
-    impedance: Tensor | Callable[..., Tensor],
-    width: float | None,
-) -> None:
-    """Warn of a frequency in kHz, an impedance in rayl, a wave across the width.
-
-    Warns:
-        DataWarning: k H below 0.01; |Z| from 50 to 5000; a frequency above the spanwise cut-on.
-    """
-    speed = case.profile.sound_speed
-    low, high = min(frequency), max(frequency)
-    if 0 < 2 * math.pi * low / speed * case.height < SLOWEST:
-        tell(f"{low:g} Hz is a wave of {speed / low / case.height:.3g} duct heights; is it in kHz?")
-    if isinstance(impedance, Tensor):
-        size = impedance.abs()
-        odd = (size > RAYL) & (size < RIGID)
-        if bool(odd.any()):
-            z = complex(impedance[odd][0])
-            unit = case.profile.sound_speed * case.density
-            tell(
-                f"impedance {z:.4g} is large for one over rho c; if it is in rayl (Pa s/m), write "
-                f"{z / unit:.3g}, and 'rigid' for a hard wall"
-            )
-    if width is not None:
-        across = speed * math.sqrt(1 - case.profile.bulk_mach**2) / (2 * width)
-        if high >= across:
-            tell(
-                f"at {high:g} Hz a mode runs across the width of {1e3 * width:g} mm, from its "
-                f"cut-on of {across:.4g} Hz on; the duct is solved in two dimensions without it"
-            )

@@ -26,52 +26,84 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.duct.basis import Basis, Rows
+from torchliner.duct.flow_profiles import Array, MeanFlow
+from torchliner.duct.polynomials import Basis
 
 
-def element_operator(width: float, basis: Basis, rows: Rows) -> tuple[Tensor, Tensor]:
-    """What does not depend on k, and the mass matrix which j k multiplies; (E, 3 n^2, 3 n^2)."""
-    first, last = (torch.outer(end, end) for end in (basis.first, basis.last))
-    mass_x = width * torch.diag(basis.weights)
-    out = _kron((rows.mass + rows.flow) / 2, last)  # through the right edge, of (p + u)
-    back = _kron((rows.mass - rows.flow) / 2, first)  # through the left edge, of (p - u)
-    convected = -_kron(rows.flow, basis.convection)
-    acoustic_x = -_kron(rows.mass, basis.convection) + out - back
-    acoustic_y = _kron((last - first) / 2 - basis.convection, mass_x).expand_as(out)
-    vertical = _kron((last + first) / 2, mass_x).expand_as(out)
-    still, mass = torch.zeros_like(out), _kron(rows.mass, mass_x)
-    steady = [
-        [convected + out + back + vertical, acoustic_x, acoustic_y],
-        [acoustic_x, convected + out + back, _kron(rows.shear, mass_x)],
-        [acoustic_y, still, convected + _kron(rows.flow, last) + vertical],
-    ]
-    return blocks_of(steady), blocks_of([[mass, still, still], [still, mass, still], [still, still, mass]])
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The integrals across the duct, element by element; (E, n, n).
+
+    Args:
+        mass: of phi_i phi_j.  flow: of M phi_i phi_j.  shear: of dM/dy phi_i phi_j.
+    """
+
+    mass: Tensor
+    flow: Tensor
+    shear: Tensor
+
+    @classmethod
+    def of_flow(cls, basis: Basis, edges: Array, profile: MeanFlow) -> Rows:
+        """Rows of elements between heights ``edges`` (m, (E + 1,))."""
+        sizes = np.diff(edges)
+        places, values, weights = basis.quadrature()
+        y = (edges[:-1, None] + sizes[:, None] * places).clip(0, profile.duct_height)
+        flow, shear = (
+            torch.einsum("qi,eq,qj->eij", values, torch.as_tensor(part * sizes[:, None]).to(weights) * weights, values)
+            for part in (profile.mach(y), profile.mach_slope(y))
+        )
+        return cls(torch.as_tensor(sizes).to(weights)[:, None, None] * torch.diag(basis.weights), flow, shear)
 
 
-def element_ports(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[Tensor, Tensor]:
-    """Right-hand sides of unit incoming waves (E, 3 n^2, I) and outgoing waves (E, I, 3 n^2).
+def element_matrices(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """The operator without j k, the mass matrix which j k multiplies, and the ports of each element.
 
     Waves are counted by kind, n of each: along the flow (left to right) w and, with flow, v; against it w; upwards w;
     downwards w.
+
+    Returns:
+        Operator and mass (E, 3 n^2, 3 n^2), right-hand sides of unit waves in (E, 3 n^2, I), waves out (E, I, 3 n^2).
     """
-    count = len(rows.mass)
-    first, last = basis.first[:, None], basis.last[:, None]
-    mass_x = (width * torch.diag(basis.weights)).expand(count, -1, -1)
-    one = torch.eye(basis.count).to(basis.nodes).expand(count, -1, -1)
-    ahead, against = _kron(rows.mass + rows.flow, first), _kron(rows.mass - rows.flow, last)
-    up, down = (_kron(end.expand(count, -1, -1), mass_x[0]) for end in (first, last))
-    right, left = _kron(one, last.T) / 2, _kron(one, first.T) / 2
-    top, bottom = (_kron(end.T.expand(count, -1, -1), one[0]) / 2 for end in (last, first))
-    still, none = torch.zeros_like(ahead), torch.zeros_like(right)
-    incoming = [[ahead, ahead, still], [against, -against, still], [up, still, up], [down, still, -down]]
-    outgoing = [[right, right, none], [left, -left, none], [top, none, top], [bottom, none, -bottom]]
-    if flow:
-        incoming.insert(1, [still, still, _kron(rows.flow, first)])
-        outgoing.insert(1, [none, none, 2 * right])
-    return torch.cat([torch.cat(part, -2) for part in incoming], -1), blocks_of(outgoing)
+    count, first, last = len(rows.mass), basis.first[:, None], basis.last[:, None]
+    one, along = torch.eye(basis.count).to(basis.nodes), width * torch.diag(basis.weights)
+
+    def across(weight: Tensor, enter: Tensor, leave: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return _kron(weight, enter), _kron(weight, leave), _kron(one, leave.T)
+
+    def upright(enter: Tensor, leave: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return _kron(enter, along), _kron(leave, along), _kron(leave.T, one)
+
+    # Of each kind: what a wave adds to the equations of p, u, v; flux in, flux out and trace at the edge it leaves by.
+    kinds = [
+        ((1, 1, 0), *across(rows.mass + rows.flow, first, last)),
+        ((0, 0, 1), *across(rows.flow, first, last)),
+        ((1, -1, 0), *across(rows.mass - rows.flow, last, first)),
+        ((1, 0, 1), *upright(first, last)),
+        ((1, 0, -1), *upright(last, first)),
+    ]
+    if not flow:
+        kinds.pop(1)
+
+    def by_field(signs: tuple[int, ...], part: Tensor, dim: int) -> Tensor:
+        return torch.cat([sign * part for sign in signs], dim).expand(count, -1, -1)
+
+    incoming = torch.cat([by_field(signs, enter, -2) for signs, enter, _, _ in kinds], -1)
+    leaving = torch.cat([by_field(signs, leave, -2) for signs, _, leave, _ in kinds], -1)
+    outgoing = torch.cat([by_field(signs, trace, -1) / sum(map(abs, signs)) for signs, _, _, trace in kinds], -2)
+    mass = _kron(rows.mass, along)
+    still, convected, x = (
+        torch.zeros_like(mass),
+        -_kron(rows.flow, basis.convection),
+        -_kron(rows.mass, basis.convection),
+    )
+    y = -_kron(basis.convection, along).expand_as(mass)
+    inside = [[convected, x, y], [x, convected, _kron(rows.shear, along)], [y, still, convected]]
+    masses = [[mass, still, still], [still, mass, still], [still, still, mass]]
+    return blocks_of(inside) + leaving @ outgoing, blocks_of(masses), incoming, outgoing
 
 
 def _kron(across: Tensor, along: Tensor) -> Tensor:
@@ -105,15 +137,19 @@ class Column:
         interior: unknowns (field, y, x) of each element for unit waves into it, (F, E, 3 n^2, kinds n).
         vertical: waves up and down into the elements for unit waves into the column, (F, 2 N, I).
         out: waves out to the ``right``, the ``left`` and the ``wall``, for the same waves in.
-        blocks: the same by (out, in).
+        into: which waves come in from the ``left``, the ``right`` and the ``wall``.
         lined: how many waves come from the wall, n or 0.
     """
 
     interior: Tensor
     vertical: Tensor
     out: dict[str, Tensor]
-    blocks: dict[tuple[str, str], Tensor]
+    into: dict[str, slice]
     lined: int
+
+    def block(self, to: str, side: str) -> Tensor:
+        """Waves out to one side for waves in from another."""
+        return self.out[to][..., self.into[side]]
 
     def nodal(self, incoming: Tensor) -> Tensor:
         """p, u and v at the elements' nodes for waves into the column (..., F, I), (..., F, E, 3, n, n)."""
@@ -129,8 +165,7 @@ class Column:
 def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> Column:
     """The column of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
     n, points = basis.count, basis.count * len(rows.mass)
-    steady, mass = element_operator(width, basis, rows)
-    incoming, outgoing = element_ports(width, basis, rows, flow)
+    steady, mass, incoming, outgoing = element_matrices(width, basis, rows, flow)
     system = 1j * k[:, None, None, None] * mass + steady
     interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
     scattering = outgoing.to(system.dtype) @ interior
@@ -158,12 +193,8 @@ def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: boo
     along = sides - points
     rest = out.shape[-2] - sides
     parts = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
-    blocks = {
-        (to, side): block
-        for to, row in parts.items()
-        for side, block in zip(("left", "right", "wall"), row.split([along, points, rest], -1), strict=True)
-    }
-    return Column(interior, vertical, parts, blocks, rest)
+    into = {"left": slice(0, along), "right": slice(along, sides), "wall": slice(sides, None)}
+    return Column(interior, vertical, parts, into, rest)
 
 
 def _by_kind(scattering: Tensor, n: int) -> Tensor:

@@ -1,33 +1,39 @@
 r"""Axial wavenumbers of a plane duct in uniform flow, rigid at one wall, lined at the other.
 
-Waves :math:`e^{j\omega t - j\alpha x}`, x along the flow, height H, and with
-:math:`d = k - \alpha M`, :math:`\gamma^2 = d^2 - \alpha^2` the pressure is :math:`\cos\gamma y`
-from the rigid wall, so that at the liner
+Waves :math:`e^{j\omega t - j\alpha x}`, x along the flow, height H; with :math:`d = k - \alpha M`,
+:math:`\gamma^2 = d^2 - \alpha^2` the pressure is :math:`\cos\gamma y` from the rigid wall, and at the liner
 
-.. math:: Z = \frac{jd}{\gamma\tan\gamma H}\times\begin{cases} d/k & \text{Ingard-Myers: continuous
+.. math:: Z = \frac{jsd}{\gamma\tan\gamma H}, \quad s = \begin{cases} d/k & \text{Ingard-Myers: continuous
     displacement}\\ 1 & \text{continuous velocity.}\end{cases}
 
-Roots are sought of its entire form (``duct/relation.py``), which covers Z = 0 and the rigid wall.
-A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed along :math:`Y = \tau/Z`,
-:math:`\tau` = 0..1. On a ray that runs through an impedance where two modes meet the order beyond
-is a matter of choice: it is that of rays turned towards a pure resistance.
+Roots are sought of this multiplied out, with Z = a/b,
+
+.. math:: F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H = 0,
+
+which is even in gamma, so knows no branches of the root, has no poles, and covers Z = 0 (a = 0) and the rigid
+wall (b = 0). A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed along :math:`Y = \tau/Z`,
+:math:`\tau` = 0..1. On a ray that runs through an impedance where two modes meet the order beyond is a matter of
+choice: it is that of rays turned towards a pure resistance.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEEDS, require_choice, require_complex, require_positive, tell
-from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
+from torchliner.checks import real_tensor, require_choice, require_complex
 from torchliner.duct.roots import follow_roots
+from torchliner.duct.wall_impedance import warn_if_feeding
+from torchliner.names import CONDITIONS, DIRECTIONS
 
-STEEP = 300.0  # |Im gamma H| from which the cotangent is -+j to the last digit
+STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow
 DETOUR = 0.5  # rad, of the phase of Z
 AT_CUT_ON = 1e-9  # of k^2
+
+Pair = tuple[Tensor, Tensor]
 
 
 def impedance_from_wavenumber(
@@ -58,17 +64,9 @@ def impedance_from_wavenumber(
     """
     require_complex("alpha", alpha)
     duct, wave = duct_of(alpha, frequency, height, mach, sound_speed, condition)
-    d = duct.wavenumber - wave * duct.mach
-    square = d * d - wave * wave
-    flat = square == 0
-    gamma = torch.sqrt(torch.where(flat, 1, square))
-    turn = gamma * duct.height
-    turn = torch.complex(turn.real, turn.imag.clamp(-STEEP, STEEP))
-    factor = d * d / duct.wavenumber if duct.displaced else d
-    sine = gamma * torch.sin(turn)
-    rigid = flat | (sine == 0)
-    found = 1j * factor * torch.cos(turn) / torch.where(rigid, 1, sine)
-    return torch.where(rigid, torch.inf, found).to(alpha.dtype)
+    (rigid, _), (soft, _) = relation(wave, duct)
+    hard = rigid == 0
+    return torch.where(hard, torch.inf, soft / torch.where(hard, 1, rigid)).to(alpha.dtype)
 
 
 def wavenumber_from_impedance(
@@ -113,39 +111,99 @@ def wavenumber_from_impedance(
     require_choice("direction", direction, DIRECTIONS)
     if bool(torch.isnan(impedance.detach()).any()):
         raise ValueError("impedance holds nan; leave those values out")
-    resistance = impedance.detach().real
-    if bool((resistance < FEEDS).any()):
-        tell(
-            f"impedance has a negative resistance, {float(resistance.min()):.3g} at least, in "
-            f"{int((resistance < FEEDS).sum())} of {resistance.numel()} values: such a wall feeds "
-            "the sound"
-        )
+    warn_if_feeding(impedance, depth=2)
     count = torch.as_tensor(mode, device=impedance.device)
     whole = impedance.to(torch.complex128) + torch.zeros_like(count, dtype=torch.float64)
     duct, z = duct_of(whole, frequency, height, mach, sound_speed, condition)
-    shape, count = z.shape, count.expand(z.shape).reshape(-1)
-    flat = duct.flattened()
+    shape, count, flat = z.shape, count.expand(z.shape).reshape(-1), duct.flattened()
     z = z.reshape(-1)
     with torch.no_grad():
         start = _rigid_wavenumber(flat, count, 1 if direction == "downstream" else -1)
         root = _follow(flat, start, z)
-    root = _attach_derivatives(root, flat, z)
-    return root.reshape(shape).to(impedance.dtype)
+    return _attach_derivatives(root, flat, z).reshape(shape).to(impedance.dtype)
 
 
-def cut_on_frequency(height: float, mach: float = 0.0, sound_speed: float = 343.2, mode: int = 1) -> float:
-    """Hz, from which on mode m >= 1 of the rigid duct carries sound: m c sqrt(1 - M^2)/(2 H).
+@dataclass(frozen=True)
+class Duct:
+    """What the relation needs besides alpha and Z, as real tensors of one shape.
 
-    Raises:
-        ValueError: a height or sound speed not above 0, M not between -1 and 1, a mode below 1.
+    Args:
+        wavenumber: k = omega/c, 1/m.  height: H, m.  mach: M.  displaced: Ingard-Myers, else continuous velocity.
     """
-    require_positive("height (m)", height)
-    require_positive("sound_speed (m/s)", sound_speed)
-    if not abs(mach) < 1:
-        raise ValueError(f"mach is {mach:g}; its size must be below 1 (a Mach number, not m/s)")
-    if mode < 1:
-        raise ValueError(f"mode is {mode}; the plane wave, 0, runs at every frequency")
-    return mode * sound_speed * math.sqrt(1 - mach**2) / (2 * height)
+
+    wavenumber: Tensor
+    height: Tensor
+    mach: Tensor
+    displaced: bool
+
+    def at(self, index: Tensor) -> Duct:
+        """Some items of the batch."""
+        return Duct(self.wavenumber[index], self.height[index], self.mach[index], self.displaced)
+
+    def flattened(self) -> Duct:
+        """All items in one row."""
+        return Duct(self.wavenumber.reshape(-1), self.height.reshape(-1), self.mach.reshape(-1), self.displaced)
+
+
+def duct_of(
+    first: Tensor, frequency: Any, height: Any, mach: Any, sound_speed: Any, condition: str
+) -> tuple[Duct, Tensor]:
+    """The duct and the first argument in float64, broadcast against each other, checked."""
+    require_choice("condition", condition, CONDITIONS)
+    stated = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed, "mach": mach}
+    reals = {name: real_tensor(value).to(first.device) for name, value in stated.items()}
+    for name, value in reals.items():
+        known = value.detach()
+        bad = ~(known.abs() < 1) if name == "mach" else ~((known > 0) & torch.isfinite(known))
+        if bool(bad.any()):
+            limit = "its size must be below 1 (a Mach number, not m/s)"
+            limit = limit if name == "mach" else "it must be finite and above 0"
+            raise ValueError(f"{name} is {float(known[bad].reshape(-1)[0]):g}; {limit}")
+    hertz, tall, speed, flow = reals.values()
+    wave, k, tall, flow = torch.broadcast_tensors(first.to(torch.complex128), 2 * torch.pi * hertz / speed, tall, flow)
+    return Duct(k, tall, flow, condition == CONDITIONS[0]), wave
+
+
+def relation(alpha: Tensor, duct: Duct) -> tuple[Pair, Pair]:
+    r"""gamma sin gamma H and j s d cos gamma H, each with its derivative in alpha.
+
+    With w = gamma^2 and x = gamma H: (gamma sin x)_w = H (sinc x + cos x)/2, (cos x)_w = -H^2 sinc x/2;
+    w' = -2 (M d + alpha).
+    """
+    h, m = duct.height, duct.mach
+    d = duct.wavenumber - alpha * m
+    w, w_slope = d * d - alpha * alpha, -2 * (m * d + alpha)
+    zero = w == 0
+    x = torch.sqrt(torch.where(zero, 1, w)) * h
+    turn = torch.complex(x.real, x.imag.clamp(-STEEP, STEEP))
+    cos, sinc = torch.where(zero, 1, torch.cos(turn)), torch.where(zero, 1, torch.sin(turn) / x)
+    rigid = (w * h * sinc, h * (sinc + cos) / 2 * w_slope)
+    f, f_slope = (d * d / duct.wavenumber, -2 * m * d / duct.wavenumber) if duct.displaced else (d, -m + 0 * d)
+    return rigid, (1j * f * cos, 1j * (f_slope * cos - f * h * h * sinc / 2 * w_slope))
+
+
+def carry_wavenumber(
+    duct: Duct, start: Tensor, begin: Pair, end: Pair, first_step: float = 0.05
+) -> tuple[Tensor, Tensor]:
+    """Follow roots while the wall changes straight from one to another.
+
+    From ``start`` at the wall ``begin`` to ``end``: walls (a, b) with a : b = Z : 1, (N,) each,
+    neither (0, 0); ``first_step`` is the share of the way that is tried first.
+
+    Returns:
+        Roots at ``end`` and whether each arrived there, (N,).
+    """
+    a0, b0, a1, b1 = (*begin, *end)
+
+    def values(alpha: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        rigid, soft = relation(alpha, duct.at(index))
+        da, db = (a1 - a0)[index], (b1 - b0)[index]
+        a, b = a0[index] + t * da, b0[index] + t * db
+        value, slope = (a * r - b * s for r, s in zip(rigid, soft, strict=True))
+        return value, slope, da * rigid[0] - db * soft[0]
+
+    root, place = follow_roots(values, start, first_step)
+    return root, place == 1
 
 
 def _rigid_wavenumber(duct: Duct, mode: Tensor, sign: int) -> Tensor:
@@ -169,7 +227,7 @@ def _rigid_wavenumber(duct: Duct, mode: Tensor, sign: int) -> Tensor:
     return (-k * duct.mach + sign * root) / beta
 
 
-def _homogeneous(impedance: Tensor) -> tuple[Tensor, Tensor]:
+def _homogeneous(impedance: Tensor) -> Pair:
     """(a, b) with a : b = Z : 1, a real and |a|^2 + |b|^2 = 1: a straight line from (1, 0) to it
     keeps the phase of Z. Z = 0 counts as a pure resistance."""
     size = impedance.abs()
@@ -201,44 +259,15 @@ def _follow(duct: Duct, start: Tensor, impedance: Tensor) -> Tensor:
     return root
 
 
-Pair = tuple[Tensor, Tensor]
-
-
-def carry_wavenumber(
-    duct: Duct, start: Tensor, begin: Pair, end: Pair, first_step: float = 0.05
-) -> tuple[Tensor, Tensor]:
-    """Follow roots while the wall changes straight from one to another.
-
-    From ``start`` at the wall ``begin`` to ``end``: walls (a, b) with a : b = Z : 1, (N,) each,
-    neither (0, 0); ``first_step`` is the share of the way that is tried first.
-
-    Returns:
-        Roots at ``end`` and whether each arrived there, (N,).
-    """
-    a0, b0, a1, b1 = (*begin, *end)
-
-    def values(alpha: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        rigid, soft = relation(alpha, duct.at(index))
-        da, db = (a1 - a0)[index], (b1 - b0)[index]
-        a, b = a0[index] + t * da, b0[index] + t * db
-        value, slope = (a * r - b * s for r, s in zip(rigid, soft, strict=True))
-        return value, slope, da * rigid[0] - db * soft[0]
-
-    root, place = follow_roots(values, start, first_step)
-    return root, place == 1
-
-
 def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:
     """The root as a function of all arguments: two Newton steps from it, the implicit function
     theorem to third order; their values are rounding."""
+    if not any(part.requires_grad for part in (impedance, duct.wavenumber, duct.height, duct.mach)):
+        return root
     size = impedance.detach().abs()
     large, infinite = size > 1, torch.isinf(size)
-    safe = torch.where(infinite | ~large, 1, impedance)
-    b = torch.where(large, torch.where(infinite, 0, 1 / safe), 1)
+    b = torch.where(large, torch.where(infinite, 0, 1 / torch.where(infinite | ~large, 1, impedance)), 1)
     a = torch.where(large, 1, impedance)
-    inputs = (impedance, duct.wavenumber, duct.height, duct.mach)
-    if not any(part.requires_grad for part in inputs):
-        return root
     for _ in range(2):
         rigid, soft = relation(root, duct)
         root = root - (a * rigid[0] - b * soft[0]) / (a * rigid[1] - b * soft[1])

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.boundaries import EnergyBalance
 from torchliner.duct.case import DuctCase, other_side
-from torchliner.duct.energy import EnergyBalance
 from torchliner.duct.flow_profiles import Array
 from torchliner.duct.sweep import SweptDuct
 from torchliner.names import SOURCES, WALLS
@@ -100,18 +100,17 @@ class DuctField(Reported):
 
     def rows(self) -> list[dict[str, float | None]]:
         """One a frequency, of a field without leading axes: reflection, transmission, energy."""
-        reflection, transmission = (part.detach().abs() for part in (self.reflection, self.transmission))
-        each = zip(self.frequency.tolist(), reflection, transmission, self.energy.rows(), strict=True)
-        return [
-            {
-                "frequency (Hz)": frequency,
-                "reflection": float(back),
-                "transmission": float(through),
-                "transmission loss (dB)": -20 * float(through.log10()),
-                **energy,
-            }
-            for frequency, back, through, energy in each
-        ]
+        through = self.transmission.detach().abs()
+        columns = {
+            "frequency (Hz)": self.frequency,
+            "reflection": self.reflection.detach().abs(),
+            "transmission": through,
+            "transmission loss (dB)": -20 * through.log10(),
+            "energy out": self.energy.out,
+            "energy absorbed": self.energy.absorbed,
+            "energy missing": self.energy.missing,
+        }
+        return [{name: float(part[f]) for name, part in columns.items()} for f in range(len(through))]
 
     def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
         """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).

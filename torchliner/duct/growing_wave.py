@@ -18,8 +18,8 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import MeanFlow
-from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
-from torchliner.duct.roots import with_slope
+from torchliner.duct.pridmore_brown import equations_of
+from torchliner.duct.roots import newton, with_slope
 from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
 
 POINTS = 12  # Chebyshev points of a panel
@@ -29,7 +29,6 @@ ALIKE = 1e-2  # of |alpha|: roots of a stage that are one
 NEAREST, FARTHEST, ALONG = 0.8, 80.0, 14  # Re alpha of the starts, in k/M_max
 ASIDE = (0.15, 0.5, 1.4)  # their Im over Re
 STEPS, LONGEST = 6, 0.25  # of Newton's method, of |alpha|
-SETTLED = 1e-10  # a step, of |alpha|
 LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
 NEPER = 20 * math.log10(math.e)  # dB
 
@@ -59,17 +58,14 @@ def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_conditi
         )
     reflection = reflection.expand(wanted.shape)
     found = torch.full(wanted.shape, complex(math.nan, math.nan), dtype=torch.complex128)
-    heights = torch.linspace(0, profile.duct_height, 201, dtype=torch.float64)
-    fastest = float(torch.as_tensor(profile.mach(heights.numpy())).max())
-    lined = reflection != 1
-    if fastest == 0 or not bool(lined.any()):
-        return found
-    myers = require_slip_condition(profile, slip_condition)
-    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
-    for i in lined.nonzero()[:, 0].tolist():
-        root = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers)
-        if root is not None:
-            found[i] = root / profile.duct_height
+    height = profile.duct_height
+    fastest = float(profile.mach(torch.linspace(0, height, 201, dtype=torch.float64).numpy()).max())
+    lined = (reflection != 1).nonzero()[:, 0].tolist() if fastest > 0 else []
+    if lined:
+        myers = require_slip_condition(profile, slip_condition)
+        kappa = 2 * math.pi * height / profile.sound_speed * wanted
+        for i in lined:
+            found[i] = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers) / height
     return found
 
 
@@ -81,54 +77,38 @@ def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tupl
     """
     if callable(impedance):
         middles = torch.tensor([(start + end) / 2 for start, end in case.liner])
-        walls = torch.as_tensor(impedance(middles.to(frequency), frequency))
-    else:
-        walls = torch.as_tensor(impedance)
-    walls = walls.detach().cpu().expand(len(frequency), len(case.liner))
+        impedance = impedance(middles.to(frequency), frequency)
+    walls = torch.as_tensor(impedance).detach().cpu().expand(len(frequency), len(case.liner))
     growth = torch.zeros(len(frequency), dtype=torch.float64)
     worst = torch.full_like(growth, math.nan) * (1 + 1j)
     for patch, (start, end) in enumerate(case.liner):
         alpha = growing_wave(case.profile, frequency, walls[:, patch], case.slip_condition)
         growth += NEPER * (end - start) * torch.nan_to_num(alpha.imag)
-        more = torch.isnan(worst.real) | (alpha.imag > worst.imag)
-        worst = torch.where(more, alpha, worst)
+        worst = torch.where(torch.isnan(worst.real) | (alpha.imag > worst.imag), alpha, worst)
     return growth, worst
 
 
-def _fastest(profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool) -> Tensor | None:
-    """alpha H of the fastest growing root, or None."""
+def _fastest(profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool) -> Tensor:
+    """alpha H of the fastest growing root, or nan."""
     low, high = (math.log(share * kappa / fastest) for share in (NEAREST, FARTHEST))
     along = torch.linspace(low, high, ALONG, dtype=torch.float64).exp()
     a = (along[:, None] * (1 + 1j * torch.tensor(ASIDE, dtype=torch.float64))).flatten()
     sheared = float(profile.mach(0.0)) < fastest
     for parts, close, change in STAGES:
+        if not len(a):
+            break
         split = parts if sheared else 1  # no critical layer
         equation = equations_of(profile, POINTS, myers, torch.full(a.shape, kappa, dtype=torch.float64), split)
+
+        def relative(z: Tensor, equation: Any = equation) -> Tensor:
+            value, _, pressure = equation.residual(z, reflection)  # F itself grows as exp(alpha H)
+            return value / pressure
+
         start = a
-        a, last = _newton(equation, start, reflection)
+        a, last = newton(lambda z, f=relative: with_slope(f, z), start, STEPS, LONGEST)  # type: ignore[misc]
         held = (last < close * a.abs()) & (a.imag > LEAST) & (a.real > kappa)
         held &= (a - start).abs() < change * a.abs()
         a = a[held]
         apart = (a[:, None] - a).abs() < ALIKE * a.abs()
         a = a[~torch.triu(apart, diagonal=1).any(0)]
-        if not len(a):
-            return None
-    return a[a.imag.argmax()]
-
-
-def _newton(equation: PridmoreBrown, a: Tensor, reflection: Tensor) -> tuple[Tensor, Tensor]:
-    """Roots of F/p, and the size of their last step: F itself grows as exp(alpha H)."""
-
-    def relative(z: Tensor) -> Tensor:
-        pressure, flux = equation.solve(z)
-        wall, velocity = equation.at_wall(z, pressure, flux)
-        return ((1 - reflection) * wall + (1 + reflection) * velocity) / pressure[:, -1]
-
-    change = torch.zeros_like(a)
-    for _ in range(STEPS):
-        value, slope = with_slope(relative, a)
-        change = value / slope
-        a = a - change * (LONGEST * a.abs() / change.abs()).clamp(max=1)
-        if bool((change.abs() < SETTLED * a.abs()).all()):
-            break
-    return a, torch.nan_to_num(change.abs(), nan=math.inf)
+    return a[a.imag.argmax()] if len(a) else torch.tensor(complex(math.nan, math.nan))

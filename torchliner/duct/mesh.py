@@ -39,9 +39,10 @@ class DuctMesh:
     degree: int = 4
 
     def __post_init__(self) -> None:
+        case = self.case
         if self.degree < 1:
             raise ValueError(f"degree is {self.degree}; it must be at least 1")
-        for name, (low, high) in {"x": (self.case.start, self.case.end), "y": (0.0, self.case.height)}.items():
+        for name, low, high in (("x", case.start, case.end), ("y", 0.0, case.height)):
             edges = np.array(getattr(self, name), np.float64)
             tolerance = SAME * (high - low)
             if edges.ndim != 1 or len(edges) < 2 or (np.diff(edges) <= tolerance).any():
@@ -51,8 +52,8 @@ class DuctMesh:
                     f"mesh {name} runs from {edges[0]:g} to {edges[-1]:g} m, the duct from {low:g} to {high:g} m"
                 )
             object.__setattr__(self, name, edges)
-        for edge in itertools.chain.from_iterable(self.case.liner):
-            if np.abs(self.x - edge).min() > SAME * (self.case.end - self.case.start):
+        for edge in itertools.chain.from_iterable(case.liner):
+            if np.abs(self.x - edge).min() > SAME * (case.end - case.start):
                 raise ValueError(f"the liner's edge at x = {edge:g} m lies inside a column; make it an edge")
 
     @property
@@ -62,14 +63,8 @@ class DuctMesh:
 
     @cached_property
     def widths(self) -> Array:
-        """Of the columns, m; those equal but for rounding are made equal."""
-        widths = np.diff(self.x)
-        order = np.argsort(widths)
-        groups = np.cumsum(np.diff(widths[order], prepend=0) > SAME * widths[order])
-        found = np.empty_like(widths)
-        for group in np.unique(groups):
-            found[order[groups == group]] = widths[order[groups == group]].mean()
-        return found
+        """Of the columns, m; those equal but for rounding are made equal, to 1e-13 m."""
+        return np.round(np.diff(self.x), 13)
 
     @cached_property
     def patch_numbers(self) -> NDArray[np.int64]:
@@ -84,11 +79,6 @@ class DuctMesh:
     def lined(self) -> NDArray[np.bool_]:
         """Whether a column's lower wall is lined, (C,)."""
         return self.patch_numbers >= 0
-
-    @property
-    def lined_starts(self) -> Array:
-        """x of the left edges of the lined columns, m."""
-        return self.x[:-1][self.lined]
 
     @property
     def lined_widths(self) -> Array:
@@ -145,7 +135,7 @@ def build_mesh(
     row, column = row or largest, column or largest
     sheared = float(np.ptp(case.profile.mach([0.0, case.height / 2]))) > 0
     wall = wall_cell or (min(0.5e-3, case.height / 100) if sheared else row)
-    half = _graded(case.height / 2, wall, row, both=False)
+    half = _graded(case.height / 2, wall, row)
     y = np.concatenate([half, case.height - half[-2::-1]])
     x = [np.array([case.start])]
     for low, high in itertools.pairwise(sorted({case.start, case.end, *itertools.chain(*case.liner)})):
@@ -158,7 +148,7 @@ def _shortest_wave(case: DuctCase, frequency: float) -> float:
     return (1 - case.profile.bulk_mach) * case.profile.sound_speed / frequency
 
 
-def _graded(length: float, first: float, largest: float, *, both: bool) -> Array:
+def _graded(length: float, first: float, largest: float, *, both: bool = False) -> Array:
     """Edges over 0..length: sizes from ``first`` doubling to ``largest``, from one end or both."""
     if first >= largest:
         return np.linspace(0, length, max(1, math.ceil(length / largest - SAME)) + 1)

@@ -14,10 +14,10 @@ from torchliner.checks import frequency_tensor, require_choice, whole_number
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.polynomials import chebyshev_points, interpolation_matrix
 from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
-from torchliner.duct.relation import DIRECTIONS
 from torchliner.duct.rigid_spectrum import rigid_wavenumbers
-from torchliner.duct.roots import follow_roots, newton
+from torchliner.duct.roots import follow_roots, newton, with_slope
 from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
+from torchliner.names import DIRECTIONS
 
 CHUNK = 256  # modes solved at once: some 40 MB of matrices
 SETTLED = 1e-8  # of alpha H: the last correction of a mode that was found
@@ -120,7 +120,9 @@ def duct_modes(
     shape = (*wall.shape, count)
     equation = equations_of(profile, points, slips, kappa[:, None].expand(shape).reshape(-1))
     with torch.no_grad():
-        rigid = _rigid(profile, points, kappa, count, direction)
+        rigid = _rigid(
+            equations_of(profile, points, False, kappa.repeat_interleave(count)), profile, kappa, count, direction
+        )
     starts, walls = rigid.expand(shape).reshape(-1), wall[..., None].expand(shape).reshape(-1)
     parts = [
         _lined(equation.at(at), starts[at], walls[at])
@@ -134,12 +136,11 @@ def duct_modes(
     )
 
 
-def _rigid(profile: MeanFlow, points: int, kappa: Tensor, count: int, direction: str) -> Tensor:
+def _rigid(equation: PridmoreBrown, profile: MeanFlow, kappa: Tensor, count: int, direction: str) -> Tensor:
     """Rigid wavenumbers alpha H, (F, count): those of the eigenvalues, polished."""
     rough = rigid_wavenumbers(profile, kappa, count, direction).reshape(-1)
-    each = kappa.repeat_interleave(count)
-    condition = equations_of(profile, points, False, each).condition(torch.ones_like(rough))
-    found, last = newton(condition, rough, torch.ones_like(each), torch.arange(len(rough), device=each.device))
+    one, each = torch.ones_like(rough), equation.kappa
+    found, last = newton(lambda a: with_slope(lambda z: equation.residual(z, one)[0], a), rough)
     failed = (~(last < SETTLED)).nonzero()[:, 0]
     if len(failed):
         i = int(failed[0])
@@ -151,17 +152,31 @@ def _rigid(profile: MeanFlow, points: int, kappa: Tensor, count: int, direction:
     found = found.reshape(-1, count)
     twins = torch.triu((found[:, :, None] - found[:, None]).abs() < TWINS, diagonal=1).nonzero()
     if len(twins):
-        at, one, other = twins[0].tolist()
+        at, one_of, other = twins[0].tolist()
         raise RuntimeError(
-            f"rigid modes {one} and {other} at k H = {float(kappa[at]):.4g} come out the same: they are not resolved; "
-            "take fewer modes"
+            f"rigid modes {one_of} and {other} at k H = {float(kappa[at]):.4g} come out the same: they are not "
+            "resolved; take fewer modes"
         )
     return found
 
 
 def _lined(equation: PridmoreBrown, rigid: Tensor, wall: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R."""
-    condition = equation.condition(wall.detach())
+    """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R.
+
+    On the way Z(t) + 1 = (Z + 1)/t: every wall is passive if the last one is, and Z = 0 is a point like others.
+    """
+    change = wall.detach() - 1
+
+    def condition(a: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        part, rates = equation.at(index), []
+
+        def value(z: Tensor) -> Tensor:
+            found, rate, _ = part.residual(z, 1 + t * change[index])
+            rates.append(rate.detach() * change[index])
+            return found
+
+        return (*with_slope(value, a), rates[0])
+
     a, place = follow_roots(condition, rigid)
     stuck = (place < 1).nonzero()[:, 0]
     if len(stuck):
@@ -174,7 +189,6 @@ def _lined(equation: PridmoreBrown, rigid: Tensor, wall: Tensor) -> tuple[Tensor
     if wall.requires_grad:
         # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
         _, slope, _ = condition(a, place, torch.arange(len(a), device=a.device))
-        at_wall, velocity = equation.at_wall(a, *equation.solve(a))
-        a = a - ((1 - wall) * at_wall + (1 + wall) * velocity) / slope
+        a = a - equation.residual(a, wall)[0] / slope
     pressure, flux = equation.solve(a)
     return a, pressure, *equation.velocities(a, pressure, flux)

@@ -17,7 +17,8 @@ from torchliner import toml_files
 from torchliner.checks import noted
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
-from torchliner.duct.case import DuctCase, doubt_sound
+from torchliner.duct.case import DuctCase
+from torchliner.duct.doubts import doubt_sound
 from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
 from torchliner.duct.tables import Z, tabulated_wall, velocity_table
 from torchliner.duct.tabulated_profile import TabulatedProfile
@@ -51,6 +52,22 @@ class DuctSetup:
     facts: dict[str, Any]
     fluid: Fluid
     notes: tuple[str, ...] = ()
+
+    @property
+    def places(self) -> np.ndarray:
+        """x of the microphones, or of 50 places along the duct where the file states none, m."""
+        return self.microphones.numpy() if len(self.microphones) else np.linspace(self.case.start, self.case.end, 50)
+
+    @property
+    def first_wall(self) -> Any:
+        """Z of the first lined patch, () or (F,); inf without one.
+
+        Raises:
+            ValueError: the impedance is a profile along x.
+        """
+        if callable(self.impedance):
+            raise ValueError(f"{self.name} has an impedance that varies along x; modes need one: state impedance")
+        return self.impedance[..., 0] if self.impedance.numel() else torch.inf
 
 
 class DuctTable(Strict):
@@ -102,29 +119,6 @@ class MicrophoneTable(Strict):
     last: float | None = None
     step: float | None = Field(None, gt=0)
 
-    def places(self) -> Tensor:
-        """x, m, (N,).
-
-        Raises:
-            ValueError: both ways are stated, or neither is whole.
-        """
-        steps = (self.first, self.last, self.step)
-        if self.x is not None:
-            if any(value is not None for value in steps):
-                raise ValueError("microphones state x and first, last, step; keep one")
-            return torch.tensor(self.x, dtype=torch.float64)
-        if self.first is None or self.last is None or self.step is None:
-            if any(value is not None for value in steps):
-                raise ValueError("microphones need first, last and step, or x")
-            return torch.empty(0, dtype=torch.float64)
-        count = round((self.last - self.first) / self.step) + 1
-        if not 1 <= count <= MOST_MICROPHONES:
-            raise ValueError(
-                f"microphones from {self.first:g} to {self.last:g} m in steps of {self.step:g} m "
-                f"are {count}; 1 to {MOST_MICROPHONES} are possible"
-            )
-        return self.first + self.step * torch.arange(count, dtype=torch.float64)
-
 
 class DuctFile(Strict):
     """A whole file."""
@@ -139,28 +133,23 @@ class DuctFile(Strict):
     fluid: FluidTable = FluidTable()
 
 
-TABLES: dict[str, type[Strict]] = {
-    "duct": DuctTable,
-    "flow": FlowTable,
-    "sound": SoundTable,
-    "microphones": MicrophoneTable,
-    "fluid": FluidTable,
+TABLES: dict[str, Any] = {
+    name: field.annotation
+    for name, field in DuctFile.model_fields.items()
+    if name not in ("name", "description", "source")
 }
-
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
     "tanh": flow_profiles.TanhProfile,
     "law-of-the-wall": LawOfTheWallProfile,
 }
-
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {
     "impedance": ("impedance_file",),
     "impedance_file": ("impedance",),
     "profile": ("shear", "allow_thin", "file"),
 }
-COMPLEX = ("impedance", "end_reflection", "source_reflection")
 
 
 def duct_names() -> list[str]:
@@ -192,7 +181,16 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         FileNotFoundError: no such file.
     """
     content, path = preset_or_file(PACKAGE, name, *KIND)
-    _change(content, changes, path)
+    owners = {key: table for table, model in TABLES.items() for key in model.model_fields}
+    for key, value in changes.items():
+        if key not in owners:
+            raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(owners)}")
+        table = content.setdefault(owners[key], {})
+        if table.get(key) != value:
+            for other in REPLACES.get(key, ()):
+                if other not in changes:  # else both were asked for, which is refused further on
+                    table.pop(other, None)
+        table[key] = _plain(key, value)
     file = validated(DuctFile, content, path, TABLES)
     try:
         with noted() as notes:
@@ -202,26 +200,13 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _change(content: dict[str, Any], changes: dict[str, Any], path: Path) -> None:
-    for key, value in changes.items():
-        owners = [name for name, table in TABLES.items() if key in table.model_fields]
-        if len(owners) != 1:
-            known = [k for t in TABLES.values() for k in t.model_fields]
-            raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(known)}")
-        table = content.setdefault(owners[0], {})
-        if table.get(key) != value:
-            for other in REPLACES.get(key, ()):
-                if other not in changes:  # else both were asked for, which is refused further on
-                    table.pop(other, None)
-        table[key] = _pairs(key, value) if key in COMPLEX else value
-
-
-def _pairs(key: str, value: Any) -> Any:
-    """Numbers as pairs; of impedances a list of them, or one for the only patch."""
-    if isinstance(value, (np.ndarray, Tensor)):
-        value = value.tolist()
-    if key != "impedance":
+def _plain(key: str, value: Any) -> Any:
+    """Complex numbers as pairs, as TOML has them; of impedances a list, or one for the only patch."""
+    value = value.tolist() if isinstance(value, (np.ndarray, Tensor)) else value
+    if key in ("end_reflection", "source_reflection"):
         return _pair(value)
+    if key != "impedance":
+        return value
     many = [_pair(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
     return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each for each in many]
 
@@ -249,25 +234,46 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         slip_condition=file.flow.slip_condition or ("ingard-myers" if slips else None),
     )
     doubt_sound(case, sound.frequency, impedance, duct.width)
-    microphones = file.microphones.places()
-    outside = ((microphones < case.start) | (microphones > case.end)).nonzero()[:, 0]
-    if len(outside):
-        number = int(outside[0])
-        raise ValueError(
-            f"microphone {number} at x = {float(microphones[number]):g} m lies outside the duct, "
-            f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
-        )
     return DuctSetup(
         file.name or path.stem,
         case,
         torch.tensor(sound.frequency, dtype=torch.float64),
         sound.level,
         impedance,
-        microphones,
+        _microphones(file.microphones, case),
         file.microphones.wall,
         file.model_dump(),
         fluid,
     )
+
+
+def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
+    """x, m, (N,); none stated: (0,)."""
+    first, last, step = table.first, table.last, table.step
+    stated = [value is not None for value in (first, last, step)]
+    if table.x is not None:
+        if any(stated):
+            raise ValueError("microphones state x and first, last, step; keep one")
+        places = torch.tensor(table.x, dtype=torch.float64)
+    elif first is None or last is None or step is None:
+        if any(stated):
+            raise ValueError("microphones need first, last and step, or x")
+        return torch.empty(0, dtype=torch.float64)
+    else:
+        count = round((last - first) / step) + 1
+        if not 1 <= count <= MOST_MICROPHONES:
+            raise ValueError(
+                f"microphones from {first:g} to {last:g} m in steps of {step:g} m "
+                f"are {count}; 1 to {MOST_MICROPHONES} are possible"
+            )
+        places = first + step * torch.arange(count, dtype=torch.float64)
+    outside = ((places < case.start) | (places > case.end)).nonzero()[:, 0]
+    if len(outside):
+        raise ValueError(
+            f"microphone {int(outside[0])} at x = {float(places[outside[0]]):g} m lies outside the duct, "
+            f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
+        )
+    return places
 
 
 def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_profiles.MeanFlow:
@@ -292,18 +298,17 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
 
 
 def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
-    patches = len(duct.liner)
-    if sound.impedance is None and sound.impedance_file is None and patches == 0:
+    walls, patches = sound.impedance, len(duct.liner)
+    if walls is None and sound.impedance_file is None and patches == 0:
         return torch.empty(0, dtype=torch.complex128)
-    if (sound.impedance is None) == (sound.impedance_file is None):
+    if (walls is None) == (sound.impedance_file is None):
         raise ValueError("sound needs either impedance or impedance_file")
-    if sound.impedance_file is None:
-        walls = sound.impedance or []
-        if len(walls) != patches:
-            raise ValueError(f"sound has {len(walls)} impedances for {patches} lined patches")
-        values = [math.inf if pair == "rigid" else complex(*pair) for pair in walls]
-        return torch.tensor(values, dtype=torch.complex128)
-    if patches == 0:
-        raise ValueError("sound has an impedance_file, the duct no liner; state one or leave it out")
-    file = path.parent / sound.impedance_file
-    return tabulated_wall(file, duct.liner, duct.start, duct.end, sound.frequency)
+    if sound.impedance_file is not None:
+        if patches == 0:
+            raise ValueError("sound has an impedance_file, the duct no liner; state one or leave it out")
+        file = path.parent / sound.impedance_file
+        return tabulated_wall(file, duct.liner, duct.start, duct.end, sound.frequency)
+    values = [math.inf if pair == "rigid" else complex(*pair) for pair in walls or []]
+    if len(values) != patches:
+        raise ValueError(f"sound has {len(values)} impedances for {patches} lined patches")
+    return torch.tensor(values, dtype=torch.complex128)

@@ -28,7 +28,6 @@ from torch import Tensor
 
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.polynomials import chebyshev_points, integral_matrix
-from torchliner.duct.roots import Function, with_slope
 
 WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height
 
@@ -75,35 +74,18 @@ class PridmoreBrown:
         pressure, flux = torch.stack(found, 2).flatten(2).unbind(1)
         return pressure, flux
 
-    def at_wall(self, a: Tensor, pressure: Tensor, flux: Tensor) -> tuple[Tensor, Tensor]:
-        """(1 - a M_w/kappa) p, the factor only with slip, and v at eta = 0, (M,)."""
+    def residual(self, a: Tensor, reflection: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """F, dF/dR and p at the wall, (M,), for walls of the reflection R, (M,)."""
+        pressure, flux = (part[:, -1] for part in self.solve(a))
         mach = self.mach[-1, -1]
-        factor = 1 - a * mach / self.kappa if self.myers else 1
-        return factor * pressure[:, -1], (self.kappa - a * mach) * flux[:, -1]
+        wall = (1 - a * mach / self.kappa if self.myers else 1) * pressure
+        velocity = (self.kappa - a * mach) * flux
+        return (1 - reflection) * wall + (1 + reflection) * velocity, velocity - wall, pressure
 
     def velocities(self, a: Tensor, pressure: Tensor, flux: Tensor) -> tuple[Tensor, Tensor]:
         """u and v over the nodes, (M, K N)."""
         local = self.kappa[:, None] - a[:, None] * self.mach.flatten()
         return a[:, None] * pressure / local + 1j * self.mach_slope.flatten() * flux, local * flux
-
-    def condition(self, reflection: Tensor) -> Function:
-        """F, dF/da and dF/dt for walls whose reflection runs straight from 1 to R, (M,), as t does from 0 to 1.
-
-        Z(t) + 1 = (Z + 1)/t: every wall on the way is passive if the last one is, and Z = 0 is a point like others.
-        """
-
-        def function(a: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-            equation, change = self.at(index), reflection[index] - 1
-            rates = []
-
-            def value(z: Tensor) -> Tensor:
-                wall, velocity = equation.at_wall(z, *equation.solve(z))
-                rates.append((velocity - wall).detach() * change)
-                return 2 * velocity + t * change * (velocity - wall)
-
-            return (*with_slope(value, a), rates[0])
-
-        return function
 
 
 def equations_of(profile: MeanFlow, points: int, myers: bool, kappa: Tensor, split: int = 1) -> PridmoreBrown:
@@ -111,7 +93,7 @@ def equations_of(profile: MeanFlow, points: int, myers: bool, kappa: Tensor, spl
 
     ``myers``: condition with the factor of slip.  ``split``: parts that each panel is cut into.
     """
-    edges = panel_edges(profile, split)
+    edges = _panel_edges(profile, split)
     # From the rigid wall down: the first panel ends at eta = 1.
     widths = (edges[1:] - edges[:-1]).flip(0)
     inner = chebyshev_points(points)
@@ -124,7 +106,7 @@ def equations_of(profile: MeanFlow, points: int, myers: bool, kappa: Tensor, spl
     return PridmoreBrown(kappa, mach, slope, nodes, integral, myers)
 
 
-def panel_edges(profile: MeanFlow, split: int = 1) -> Tensor:
+def _panel_edges(profile: MeanFlow, split: int) -> Tensor:
     """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b.
 
     A wave with |a| > kappa/M has M = kappa/a near a wall at a complex y, where sigma is 0 and the

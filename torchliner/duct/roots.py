@@ -6,11 +6,12 @@ over the step by 0.3 at most: the step is short beside the distance at which F' 
 Newton-Kantorovich number at the predicted point, :math:`|F F''/F'^2|`, which must be below 1/2 for the
 iteration to have one limit, is at most 0.05; it is by how much F' changes over the first correction.
 Where two roots meet, F' = 0, the steps shrink to nothing: such a root is reported as stalled, unless
-they meet at t = 1 itself, where F' = 0 is solved for the two.
+they meet at t = 1 itself, where Newton's method still halves the distance to the double root.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -18,13 +19,11 @@ from torch import Tensor
 
 REACH, KANTOROVICH = 0.3, 0.05
 FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.05, 0.25, 1e-9
-POLISHING = 8
-ROUNDING = 1e-13  # of |z|: a correction that polishes no more
-DOUBLE_CORRECTIONS = 12
-NEARBY = 1e-3  # a root that stalls short of a double one is within the root of the shortest step
-DOUBLE = 1e-12  # of |z|^2: F/F'' at a double root, where z itself has half the digits
-APART = 1e-5  # of |z|: of differences of F'
 MOST_STEPS = 4000
+POLISHING, HALVINGS = 8, 40  # Newton's steps to a simple root, and to a double one
+ROUNDING = 1e-13  # of |z|: a correction that polishes no more
+NOISE = 1e-6  # of |z|: a correction below it that does not shrink is rounding; double roots have half the digits
+NEARBY = 1e-3  # of |z|: a root that stalls short of a double one is that near to it
 
 # function(z, t, index): F, dF/dz and dF/dt at the items ``index`` of a batch; z, t and index have one length.
 Function = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
@@ -39,21 +38,26 @@ def with_slope(function: Callable[[Tensor], Tensor], z: Tensor) -> tuple[Tensor,
     return value.detach(), slope.conj()
 
 
-def newton(function: Function, z: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-    """Newton's method from z, (N,): the roots, and the size of each one's last correction.
+def newton(
+    function: Callable[[Tensor], tuple[Tensor, Tensor]], z: Tensor, steps: int = POLISHING, longest: float = math.inf
+) -> tuple[Tensor, Tensor]:
+    """Newton's method on F and F' from z, (N,): the roots, and the size of each one's last correction.
 
-    A correction that does not shrink any more is rounding, or a sign that no root is near, and is left out.
+    Corrections are cut to ``longest``, of |z|. One that is small and shrinks no more is rounding and is left out.
     """
     last = torch.full_like(z.real, torch.inf)
-    for _ in range(POLISHING):
-        value, slope, _ = function(z, t, index)
+    for _ in range(steps):
+        value, slope = function(z)
         change = value / slope
         size = change.abs()
-        z = torch.where(size < last, z - change, z)
-        last = torch.where(size < last, size, last)
+        moves = (size < last) | (size > NOISE * z.abs())
+        last = torch.where(moves, size, last)
+        if math.isfinite(longest):
+            change = change * (longest * z.abs() / size).clamp(max=1)
+        z = torch.where(moves, z - change, z)
         if bool((last <= ROUNDING * z.abs()).all()):
             break
-    return z, last
+    return z, torch.nan_to_num(last, nan=torch.inf)
 
 
 def follow_roots(function: Function, start: Tensor, first_step: float = FIRST_STEP) -> tuple[Tensor, Tensor]:
@@ -73,8 +77,7 @@ def follow_roots(function: Function, start: Tensor, first_step: float = FIRST_ST
         if not len(todo):
             break
         ahead = (place[todo] + step[todo]).clamp(max=1)
-        move = -(ahead - place[todo]) * rate[todo] / slope[todo]
-        guess = root[todo] + move
+        guess = root[todo] - (ahead - place[todo]) * rate[todo] / slope[todo]
         value, there, _ = function(guess, ahead, todo)
         nearer = guess - value / there
         value, after, turn = function(nearer, ahead, todo)
@@ -85,28 +88,12 @@ def follow_roots(function: Function, start: Tensor, first_step: float = FIRST_ST
         root[kept], place[kept] = (nearer - value / after)[good], ahead[good]
         step[todo] = torch.where(good, (1.6 * step[todo]).clamp(max=longest), step[todo] / 3)
         todo = todo[(place[todo] < 1) & (step[todo] > SHORTEST_STEP)]
-    last = (place == 1).nonzero()[:, 0]
-    root[last], _ = newton(function, root[last], place[last], last)
-    return _settle_pairs(function, root, place)
-
-
-def _settle_pairs(function: Function, root: Tensor, place: Tensor) -> tuple[Tensor, Tensor]:
-    """Stalled roots beside a double root at t = 1 become that root: F' = 0, by differences of F'."""
-    lost = (place < 1).nonzero()[:, 0]
-    if not len(lost):
-        return root, place
-    end, z = torch.ones_like(place[lost]), root[lost]
-    last = torch.full_like(end, torch.inf)
-    for _ in range(DOUBLE_CORRECTIONS):
-        apart = APART * z.abs()
-        ahead, behind = (function(z + side * apart, end, lost)[1] for side in (1, -1))
-        value, slope, _ = function(z, end, lost)
-        curvature = (ahead - behind) / (2 * apart)
-        change = slope / curvature
-        z = torch.where(change.abs() < last, z - change, z)
-        last = torch.minimum(last, change.abs())
-    value, _, _ = function(z, end, lost)
-    double = (value / curvature).abs() <= DOUBLE * z.abs() ** 2
-    double &= (z - root[lost]).abs() <= NEARBY * z.abs()
-    root[lost[double]], place[lost[double]] = z[double], 1.0
+    for arrived, steps in ((True, POLISHING), (False, HALVINGS)):
+        index = ((place == 1) == arrived).nonzero()[:, 0]
+        if len(index):
+            end = torch.ones_like(place[index])
+            found, last = newton(lambda z, i=index, t=end: function(z, t, i)[:2], root[index], steps)  # type: ignore[misc]
+            near = (last <= NOISE * found.abs()) & ((found - root[index]).abs() <= NEARBY * found.abs())
+            settled = near | arrived
+            root[index[settled]], place[index[settled]] = found[settled], 1.0
     return root, place

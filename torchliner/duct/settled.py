@@ -9,7 +9,7 @@ and columns that resolve the growing wave, if there is one, as far as ``NARROWES
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -56,14 +56,16 @@ class SettledField(Reported):
 
     def rows(self) -> list[dict[str, float | None]]:
         """Those of the field with the growing wave and the difference of the meshes."""
-        known = {
-            "growing wave real (1/m)": self.growing.real,
-            "growing wave imaginary (1/m)": self.growing.imag,
-            "growth over the liner (dB)": self.growth,
-            "mesh difference (dB)": self.difference,
-        }
-        plain = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in known.items()}
-        return [{**row, **{name: part[f] for name, part in plain.items()}} for f, row in enumerate(self.field.rows())]
+        rows = self.field.rows()
+        for name, part in (
+            ("growing wave real (1/m)", self.growing.real),
+            ("growing wave imaginary (1/m)", self.growing.imag),
+            ("growth over the liner (dB)", self.growth),
+            ("mesh difference (dB)", self.difference),
+        ):
+            for row, value in zip(rows, part.tolist(), strict=True):
+                row[name] = value if math.isfinite(value) else None
+        return rows
 
 
 def solve_settled(
@@ -94,29 +96,31 @@ def solve_settled(
     wanted = frequency_tensor(frequency)
     with noted() as notes:
         growth, growing = growth_over_liner(case, wanted, impedance)
-        _judge_growth(case, wanted, growth, growing, mesh is None)
+        if float(growth.max()) > 0:
+            _judge_growth(case, wanted, growth, growing, mesh is None)
         field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
         moved, finer_unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
         for step in range(1, TRIES + 1) if mesh is None else ():
-            finer = finer_mesh(case, wanted, step, growing)
+            finer = _finer_mesh(case, wanted, step, growing)
             other = DuctSolver(case, wanted, finer, keep=keep).solve(impedance)
             moved, finer_unknowns = _difference(field, other, torch.as_tensor(places), wall), finer.unknowns
-            if float(moved.max()) <= SETTLED or step == TRIES:
+            if float(moved.max()) <= SETTLED:
+                break
+            if step == TRIES:
+                _judge(field, moved, finer_unknowns)
                 break
             field = other
-        found = SettledField(field, moved, finer_unknowns, growth, growing)
-        _judge(found)
-    return replace(found, notes=tuple(notes))
+    return SettledField(field, moved, finer_unknowns, growth, growing, tuple(notes))
 
 
-def finer_mesh(case: DuctCase, frequency: Tensor, step: int, growing: Tensor | None = None) -> DuctMesh:
+def _finer_mesh(case: DuctCase, frequency: Tensor, step: int, growing: Tensor) -> DuctMesh:
     """The mesh ``step`` times refined, its columns fit for a growing wave alpha (1/m, (F,))."""
     highest = float(frequency.max())
     first = build_mesh(case, highest, degree=DEGREE)
     rows, column = first.y[1:] - first.y[:-1], float(first.widths.max()) / FINER**step
-    if growing is not None and not bool(torch.isnan(growing.real).all()):
-        shortest = 2 * math.pi / float(torch.nan_to_num(growing.real).max())
-        needed = shortest * (DEGREE + 1) / FEWEST[DEGREE] / FINER ** (step - 1)
+    fastest = float(torch.nan_to_num(growing.real).max())
+    if fastest > 0:
+        needed = 2 * math.pi / fastest * (DEGREE + 1) / FEWEST[DEGREE] / FINER ** (step - 1)
         column = min(column, max(needed, case.height / NARROWEST / 5))
     row, wall = float(rows.max()) / FINER**step, float(rows[0]) / THINNER**step
     return build_mesh(case, highest, degree=DEGREE, column=column, row=row, wall_cell=wall)
@@ -134,19 +138,15 @@ def _difference(one: DuctField, other: DuctField, places: Tensor, wall: str) -> 
     return torch.maximum(moved, torch.where(loud, levels, 0).amax(-1))
 
 
-def _judge(found: SettledField) -> None:
-    """Warn of meshes that differ, or refuse; one mesh alone is not judged."""
-    if found.finer_unknowns is None:
-        return
-    worst = int(torch.nan_to_num(found.difference, nan=math.inf).argmax())
-    moved = float(found.difference[worst])
-    if moved <= SETTLED:
-        return
+def _judge(field: DuctField, difference: Tensor, finer_unknowns: int) -> None:
+    """Warn of meshes that differ, or refuse."""
+    worst = int(torch.nan_to_num(difference, nan=math.inf).argmax())
+    moved = float(difference[worst])
     text = (
-        f"at {float(found.field.frequency[worst]):g} Hz the answer is not settled: {found.finer_unknowns} unknowns "
-        f"move that of {found.field.swept.mesh.unknowns} by {moved:.2g} dB"
+        f"at {float(field.frequency[worst]):g} Hz the answer is not settled: {finer_unknowns} unknowns "
+        f"move that of {field.swept.mesh.unknowns} by {moved:.2g} dB"
     )
-    if math.isnan(moved) or moved > REFUSED:
+    if not moved <= REFUSED:
         raise RuntimeError(
             f"{text}, above {REFUSED:g} dB: the field is noise of the mesh, as of a layer too thin or a wave that "
             f"grows along the liner; take a thicker profile, or {WAY_OUT}"
@@ -155,9 +155,8 @@ def _judge(found: SettledField) -> None:
 
 
 def _judge_growth(case: DuctCase, frequency: Tensor, growth: Tensor, growing: Tensor, refuse: bool) -> None:
+    """Warn of the fastest growing wave, or refuse."""
     worst = int(growth.argmax())
-    if float(growth[worst]) == 0:
-        return
     text = (
         f"at {float(frequency[worst]):g} Hz ({int((growth > 0).sum())} of {len(growth)} frequencies) a hydrodynamic "
         f"wave grows along the liner, alpha = {complex(growing[worst]):.4g} 1/m, by {float(growth[worst]):.3g} dB "

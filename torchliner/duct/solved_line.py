@@ -19,26 +19,19 @@ from torchliner.records import MicrophoneLine
 from torchliner.version import __version__
 
 
-def microphones_of(setup: DuctSetup) -> np.ndarray:
-    """x of the microphones, or of 50 places along the duct where the file states none, m."""
-    if len(setup.microphones):
-        return setup.microphones.numpy()
-    return np.linspace(setup.case.start, setup.case.end, 50)
-
-
 def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any) -> MicrophoneLine:
     """The field at the microphones as measured lines are kept, in the order of x.
 
     Args:
         setup: the duct.  found: solved, with its checks or without.
-        known: what else its provenance states, by name; impedance, plane mode, energy, mesh and its check are always
-            there.
+        known: what else its provenance states, by name; impedance, plane mode with its energy, mesh and its check are
+            always there.
     Warns:
         DataWarning: several lined patches, of which a line can name one: it names none.
     """
     settled = found if isinstance(found, SettledField) else None
     field = found.field if isinstance(found, SettledField) else found
-    case, places = setup.case, np.sort(microphones_of(setup))
+    case, places = setup.case, np.sort(setup.places)
     start, end = case.liner[0] if len(case.liner) == 1 else (None, None)
     notes = (*setup.notes, *(settled.notes if settled else ()))
     if len(case.liner) > 1:
@@ -48,17 +41,7 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
         )
         tell(several)
         notes = (*notes, several)
-    provenance = {
-        "solved": setup.facts,
-        "energy": field.energy.rows(),
-        "plane_mode": found.rows(),
-        "impedance": _asked(field),
-        "wall": setup.wall,
-        "unknowns": field.swept.mesh.unknowns,
-        "finer_unknowns": settled.finer_unknowns if settled else None,
-        "version": __version__,
-        **known,
-    }
+    walls = _asked(field)
     return MicrophoneLine(
         places,
         field.wall_pressure(places, setup.wall).detach().movedim(-1, -2),
@@ -68,30 +51,40 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
         source_side=field.source,
         liner_start=start,
         liner_end=end,
-        wall_impedance=_known(provenance["impedance"]),
+        wall_impedance=None if walls is None or walls.shape[1] != 1 else _finite(walls[:, 0]),
         fluid=setup.fluid,
         title=f"{setup.name}, linearised Euler equations",
-        provenance=provenance,
+        provenance={
+            "solved": setup.facts,
+            "plane_mode": found.rows(),
+            "impedance": walls if walls is None else [[_pair(z) for z in row] for row in walls.tolist()],
+            "wall": setup.wall,
+            "unknowns": field.swept.mesh.unknowns,
+            "finer_unknowns": settled.finer_unknowns if settled else None,
+            "version": __version__,
+            **known,
+        },
         notes=notes,
         name=setup.name,
     )
 
 
-def _known(walls: list[list[Any]] | None) -> Tensor | None:
-    """Z of a single patch, nan where it is rigid, (F,); None of several patches, or where Z varies along x."""
-    if walls is None or any(len(row) != 1 for row in walls):
-        return None
-    known = [complex(math.nan, math.nan) if row[0] == "rigid" else complex(*row[0]) for row in walls]
-    return torch.tensor(known, dtype=torch.complex128)
-
-
-def _asked(field: DuctField) -> list[list[Any]] | None:
-    """Z of each frequency and patch as pairs or "rigid"; None where it varies along x."""
+def _asked(field: DuctField) -> Tensor | None:
+    """Z of each frequency and patch, complex128, (F, S); None where it varies along x."""
     if field.impedance is None or callable(field.impedance):
         return None
     shape = (len(field.frequency), len(field.case.liner))
-    walls = torch.as_tensor(field.impedance).detach().broadcast_to(shape).tolist()
-    return [[[z.real, z.imag] if np.isfinite(z) else "rigid" for z in map(complex, row)] for row in walls]
+    exact = field.impedance if isinstance(field.impedance, Tensor) else np.asarray(field.impedance, np.complex128)
+    return torch.as_tensor(exact).detach().cpu().to(torch.complex128).broadcast_to(shape)
+
+
+def _finite(walls: Tensor) -> Tensor:
+    """nan in place of rigid walls."""
+    return torch.where(torch.isfinite(walls), walls, complex(math.nan, math.nan))
+
+
+def _pair(wall: complex) -> Any:
+    return [wall.real, wall.imag] if np.isfinite(wall) else "rigid"
 
 
 def setup_of(field: DuctField) -> DuctSetup:
@@ -105,10 +98,13 @@ def setup_of(field: DuctField) -> DuctSetup:
     case, profile = field.case, field.case.profile
     level = float(spl_from_pressure_amplitude(torch.as_tensor(complex(case.incident))))
     ends = {name: str(getattr(case, name)) for name in ("end_reflection", "source_reflection")}
-    flow = {"profile": type(profile).__name__, "bulk_mach": profile.bulk_mach, "slip_condition": case.slip_condition}
     facts = {
         "duct": {"height": case.height, "start": case.start, "end": case.end, "liner": case.liner},
-        "flow": flow,
+        "flow": {
+            "profile": type(profile).__name__,
+            "bulk_mach": profile.bulk_mach,
+            "slip_condition": case.slip_condition,
+        },
         "sound": {"level": level, "source_side": field.source, **ends},
     }
     gas = Fluid(sound_speed=profile.sound_speed, density=case.density)

@@ -10,18 +10,15 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice
-from torchliner.duct.boundaries import solve_boundaries, wall_of
+from torchliner.duct.boundaries import energy_balance, solve_boundaries, wall_of
 from torchliner.duct.case import DuctCase
-from torchliner.duct.ends import warn_of_mode_1
-from torchliner.duct.energy import energy_balance, warn_of_gain
+from torchliner.duct.doubts import doubt_ends, doubt_gain
 from torchliner.duct.field import DuctField
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.sweep import SweptDuct, sweep_duct
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 from torchliner.engine.threads import one_thread
 from torchliner.names import SOURCES
-
-MEMORY = 2 * 2**30  # bytes that the waves may take
 
 
 class DuctSolver:
@@ -36,35 +33,25 @@ class DuctSolver:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
         keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what pressures and velocities
             along both walls need.
-        memory: bytes that the waves may take, those kept and those of the sweep in hand.
     Raises:
-        ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a missing slip
-            condition.
+        ValueError: a mesh of another duct, frequencies that are none, waves beyond 2 GB, a missing slip condition.
     Warns:
         DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges gets there.
     """
 
-    def __init__(
-        self,
-        case: DuctCase,
-        frequency: Any,
-        mesh: DuctMesh | None = None,
-        *,
-        keep: str = "all",
-        memory: float = MEMORY,
-    ) -> None:
+    def __init__(self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all") -> None:
         self.case = case
         self.frequency = frequency_tensor(frequency)
         self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
         if self.mesh.case is not case:
             raise ValueError("the mesh was built for another DuctCase; build one for this")
-        self.keep = require_choice("keep", keep, ("all", "walls"))
+        require_choice("keep", keep, ("all", "walls"))
         slips = bool(case.liner) and require_slip_condition(case.profile, case.slip_condition)
         self.slip_mach = float(case.profile.mach(0.0)) if slips else 0.0
         self.mesh.warn_if_coarse(float(self.frequency.max()))
-        warn_of_mode_1(case, self.frequency)
+        doubt_ends(case, self.frequency)
         with one_thread():  # see ``solve``
-            self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory)
+            self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all")
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
         """The field of one or many impedances.
@@ -93,19 +80,18 @@ class DuctSolver:
         # and used threads before; in one thread they were right.
         with one_thread():
             waves, eta = solve_boundaries(swept.reading, wall, *self._ends(side))
-        energy = energy_balance(swept, waves, eta, wall)
-        warn_of_gain(energy, self.frequency)
+        energy = energy_balance(self.mesh, swept.basis, waves, eta, wall)
+        doubt_gain(energy, self.frequency)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
         return DuctField(case, self.frequency, side, waves, swept, energy, kind, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
-        case, down = self.case, side == "upstream"
+        case, down, shape = self.case, side == "upstream", self.frequency.shape
         alpha = self._swept.modes.wavenumber[:, 0 if down else 1].real
         distance = case.place_of_incidence(side) - (case.start if down else case.end)
         amplitude = case.incident * torch.exp(1j * alpha * distance)
         sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
-        shape = self.frequency.shape
         both = []
         for name in ("source_reflection", "end_reflection"):
             value = getattr(case, name)

@@ -26,13 +26,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.duct.basis import Basis, Rows
+from torchliner.duct.boundaries import EndModes, plane_modes
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import Column, condense_column
-from torchliner.duct.ends import EndModes, plane_modes
+from torchliner.duct.columns import Column, Rows, condense_column
 from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.polynomials import Basis
 
 AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
+MEMORY = 2 * 2**30  # bytes that the waves may take, those kept and those of the sweep in hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,6 @@ def sweep_duct(
     mesh: DuctMesh,
     frequency: Tensor,
     keep_all: bool,
-    memory: float,
     modes: Callable[..., EndModes] = plane_modes,
 ) -> SweptDuct:
     """Condense and sweep; see ``DuctSolver``. ``modes`` are those that the ends let out."""
@@ -74,21 +74,24 @@ def sweep_duct(
     y = torch.as_tensor((mesh.y[:-1, None] + sizes * basis.nodes.cpu().numpy()).ravel()).to(frequency)
     means = torch.as_tensor((sizes * basis.weights.cpu().numpy() / case.height).ravel()).to(y.device, torch.complex128)
     ends = modes(case.profile, frequency, y, flow)
-    at_once = _frequencies_at_once(mesh, basis.count, flow, len(frequency), keep_all, memory)
-    parts = []
+    at_once = _frequencies_at_once(mesh, basis.count, flow, len(frequency), keep_all)
+    kinds = list(zip(mesh.widths.tolist(), mesh.lined.tolist(), strict=True))
+    parts, columns = [], []
     for at in torch.arange(len(frequency), device=frequency.device).split(at_once):
-        columns = _columns(case.wavenumber(frequency[at]), mesh, basis, rows, flow)
-        parts.append((*_one_sweep(columns, ends.of_frequencies(at), means, keep_all), columns if keep_all else []))
+        k = case.wavenumber(frequency[at])
+        known = {kind: condense_column(k, kind[0], basis, rows, flow, kind[1]) for kind in set(kinds)}
+        columns = [known[kind] for kind in kinds]
+        parts.append(_one_sweep(columns, EndModes(*(part[at] for part in ends)), means, keep_all))
     reading, upper, lower = (torch.cat(part) for part in list(zip(*parts, strict=True))[:3])
-    *_, incoming, columns = parts[0]  # of all frequencies, if kept
-    return SweptDuct(mesh, basis, ends, reading, upper, lower, columns, incoming)
+    incoming = parts[0][3]  # of all frequencies, if kept
+    return SweptDuct(mesh, basis, ends, reading, upper, lower, columns if keep_all else [], incoming)
 
 
-def _frequencies_at_once(mesh: DuctMesh, n: int, flow: bool, wanted: int, keep_all: bool, memory: float) -> int:
+def _frequencies_at_once(mesh: DuctMesh, n: int, flow: bool, wanted: int, keep_all: bool) -> int:
     """How many frequencies to sweep together: all, where all waves are kept.
 
     Raises:
-        ValueError: what is kept and in hand takes more than ``memory``.
+        ValueError: what is kept and in hand takes more than ``MEMORY``.
     """
     columns, lined = len(mesh.lined), int(mesh.lined.sum())
     units = 4 + n * lined  # D: two modes at either end and n points of each lined column
@@ -96,20 +99,13 @@ def _frequencies_at_once(mesh: DuctMesh, n: int, flow: bool, wanted: int, keep_a
     each, walls = 16 * inside * units, 16 * n * (2 * columns + lined) * units
     at_once = wanted if keep_all else min(wanted, max(1, int(AT_ONCE // each)))
     need = at_once * each + wanted * walls
-    if need > memory:
+    if need > MEMORY:
         fewer = "give keep='walls' if pressures along the walls are enough, or " if keep_all else ""
         raise ValueError(
             f"the waves of {mesh.unknowns} unknowns take {need / 2**30:.3g} GB for {wanted} frequencies, above the "
-            f"limit of {memory / 2**30:.3g} GB; {fewer}take fewer frequencies, a coarser mesh or more memory"
+            f"limit of {MEMORY / 2**30:.3g} GB; {fewer}take fewer frequencies or a coarser mesh"
         )
     return at_once
-
-
-def _columns(k: Tensor, mesh: DuctMesh, basis: Basis, rows: Rows, flow: bool) -> list[Column]:
-    """One column for each width, with and without lined wall, as often as the mesh has it."""
-    kinds = list(zip(mesh.widths.tolist(), mesh.lined.tolist(), strict=True))
-    known = {kind: condense_column(k, kind[0], basis, rows, flow, kind[1]) for kind in set(kinds)}
-    return [known[kind] for kind in kinds]
 
 
 def _one_sweep(
@@ -118,7 +114,7 @@ def _one_sweep(
     """Both sweeps over the columns: reading, upper, lower and incoming waves of ``SweptDuct``."""
     left, right = modes.along.mT, modes.against.flip(1).mT  # unit waves into the ends
     starts = np.cumsum([left.shape[-1], *(column.lined for column in columns)]).tolist()
-    total = starts[-1] + right.shape[-1]
+    total, n = starts[-1] + right.shape[-1], modes.against.shape[-1] // columns[0].interior.shape[1]
     passes, sources = _backward(columns, left, right)
     along = left.new_zeros(*left.shape[:2], total)
     along[..., : starts[0]] = left
@@ -133,7 +129,6 @@ def _one_sweep(
         incoming = torch.cat([along, back, from_wall], -2)
         if i == 0:
             left_out = column.out["left"] @ incoming
-        n = modes.against.shape[-1] // column.interior.shape[1]
         wall.append(column.out["wall"] @ incoming)
         upper.append(column.vertical[:, -n:] @ incoming)  # turned at the rigid wall: down into it
         lower.append(wall[-1] if column.lined else column.vertical[:, :n] @ incoming)
@@ -153,13 +148,13 @@ def _backward(columns: list[Column], left: Tensor, right: Tensor) -> tuple[list[
     passes: list[Tensor] = []
     sources: list[Tensor] = []
     for column in reversed(columns):
-        blocks = column.blocks
-        sides = torch.cat([reflection @ blocks["right", "left"], reflection @ blocks["right", "wall"], source], -1)
-        solved = torch.linalg.solve(one - reflection @ blocks["right", "right"], sides)
+        block = column.block
+        sides = torch.cat([reflection @ block("right", "left"), reflection @ block("right", "wall"), source], -1)
+        solved = torch.linalg.solve(one - reflection @ block("right", "right"), sides)
         passed, source = solved.tensor_split([left.shape[1]], -1)
         passes.append(passed)
         sources.append(source)
-        reflection = blocks["left", "left"] + blocks["left", "right"] @ passed
-        source = blocks["left", "right"] @ source
-        source[..., : column.lined] += blocks["left", "wall"]
+        reflection = block("left", "left") + block("left", "right") @ passed
+        source = block("left", "right") @ source
+        source[..., : column.lined] += block("left", "wall")
     return passes[::-1], sources[::-1]

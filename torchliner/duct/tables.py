@@ -1,4 +1,4 @@
-"""Tables beside a duct's TOML file: its velocity profile, its impedance along x."""
+"""Tables beside a duct's TOML file: its velocity profile, its impedance along x or over frequency."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.text_columns import Array, read_lines, read_table
 
-VELOCITY = {"y": "length", "u": None}
-VELOCITY_EXAMPLE = "y [mm], U [m/s]"
+VELOCITY, VELOCITY_EXAMPLE = {"y": "length", "u": None}, "y [mm], U [m/s]"
 IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number", "reactance": "number"}
 IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
-NEAR = 1e-6  # m
+NEAR = 1e-6  # m; of the frequency
 
 Z = Tensor | Callable[[Tensor, Tensor], Tensor]  # a value each, or a function of x and frequency
 
@@ -33,21 +32,22 @@ def velocity_table(path: Path) -> tuple[Array, Array]:
     return found["y"], found["u"]
 
 
-def impedance_table(
-    path: Path, liner: Sequence[tuple[float, float]], start: float, end: float
-) -> tuple[str, Array, np.ndarray]:
-    """``x``, x in m and Z, (N,), from a CSV with the columns ``x [mm], resistance, reactance``.
+def tabulated_wall(
+    path: Path, liner: Sequence[tuple[float, float]], start: float, end: float, frequencies: Sequence[float]
+) -> Z:
+    """Z(x) of a CSV with the columns ``x [mm], resistance, reactance``, or Z at frequencies of one over ``frequency``.
 
-    With ``frequency [Hz]`` in place of x: ``frequency``, Hz and Z.
-
-    ``R`` and ``X`` are short for the latter two, in capitals; inf is a rigid station.
+    ``R`` and ``X`` are short for the latter two, in capitals; inf is rigid. Between its rows Z is linear in the
+    admittance.
 
     Args:
-        liner: edges of the lined patches, m.  start, end: of the duct, m.
+        liner: edges of the lined patches, m.  start, end: of the duct, m.  frequencies: Hz, (F,).
+    Returns:
+        A function of x and frequency, or (F, S) for S patches.
     Raises:
         FileNotFoundError: no such file.
         ValueError: other columns, x without a unit, a cell that is no number, stations outside the
-            duct, or all of them before or behind a lined patch.
+            duct, or all of them before or behind a lined patch; as ``impedance_along``; a frequency outside the table.
     Warns:
         DataWarning: stations that end within a lined patch: Z is constant beyond the last.
     """
@@ -64,31 +64,42 @@ def impedance_table(
         raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = found["resistance"], found["reactance"]
-    if "frequency" in found:
-        return "frequency", found["frequency"], walls
-    x = found["x"]
+    places = found["x"] if "x" in found else found["frequency"]
+    if "x" in found:
+        _check_stations(places, liner, start, end, path)
+    try:
+        between = impedance_along(places, walls)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+    if "x" in found:
+        return between
+    low, high = float(places[0]), float(places[-1])
+    for f in frequencies:
+        if not low * (1 - NEAR) <= f <= high * (1 + NEAR):
+            raise ValueError(f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz")
+    wanted = torch.tensor(frequencies, dtype=torch.float64)
+    return between(wanted, wanted[:1]).mT.expand(-1, len(liner))
+
+
+def _check_stations(x: Array, liner: Sequence[tuple[float, float]], start: float, end: float, path: Path) -> None:
     outside = (x < start - NEAR) | (x > end + NEAR)
     if outside.any():
         raise ValueError(
             f"{path}: a station at x = {x[outside][0]:g} m lies outside the duct, {start:g} to "
             f"{end:g} m; is its unit right?"
         )
-    for edge, other in liner:
-        _span(x, edge, other, path)
-    return "x", x, walls
-
-
-def _span(x: Array, start: float, end: float, path: Path) -> None:
-    """Of the stations over one lined patch."""
     low, high = float(x.min()), float(x.max())
-    where = f"the lined patch, x = {start:g} to {end:g} m"
-    if low > end or high < start:
-        raise ValueError(f"{path}: its stations, x = {low:g} to {high:g} m, do not reach {where}; is their unit right?")
-    if low > start + NEAR or high < end - NEAR:
-        tell(
-            f"{path}: its stations, x = {low:g} to {high:g} m, do not span {where}; beyond them Z "
-            "is taken as at the last one"
-        )
+    for first, last in liner:
+        where = f"the lined patch, x = {first:g} to {last:g} m"
+        if low > last or high < first:
+            raise ValueError(
+                f"{path}: its stations, x = {low:g} to {high:g} m, do not reach {where}; is their unit right?"
+            )
+        if low > first + NEAR or high < last - NEAR:
+            tell(
+                f"{path}: its stations, x = {low:g} to {high:g} m, do not span {where}; beyond them Z "
+                "is taken as at the last one"
+            )
 
 
 def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
@@ -118,38 +129,9 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
 
     def along(at: Tensor, frequency: Tensor) -> Tensor:
         wanted = at.detach().cpu().numpy()
-        found = np.interp(wanted, places, admittance.real) + 1j * np.interp(wanted, places, admittance.imag)
+        found = np.interp(wanted, places, admittance)
         hard = found == 0
         z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
         return torch.as_tensor(z).expand(len(frequency), len(wanted))
 
     return along
-
-
-def tabulated_wall(
-    path: Path,
-    liner: Sequence[tuple[float, float]],
-    start: float,
-    end: float,
-    frequencies: Sequence[float],
-) -> Z:
-    """Z(x) of a table over x, or Z at the frequencies (Hz) of all patches, (F, S), of one over f.
-
-    Between the frequencies of a table Z is linear in the admittance.
-
-    Raises:
-        ValueError: as ``impedance_table`` and ``impedance_along``; a frequency outside the table.
-    """
-    kind, places, walls = impedance_table(path, liner, start, end)
-    try:
-        between = impedance_along(places, walls)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
-    if kind == "x":
-        return between
-    low, high = float(places[0]), float(places[-1])
-    for f in frequencies:
-        if not low * (1 - NEAR) <= f <= high * (1 + NEAR):
-            raise ValueError(f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz")
-    wanted = torch.tensor(frequencies, dtype=torch.float64)
-    return between(wanted, wanted[:1]).mT.expand(-1, len(liner))

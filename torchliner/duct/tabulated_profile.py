@@ -12,67 +12,23 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
 from torchliner.checks import one_number, plain_array, require_positive
-from torchliner.duct.flow_profiles import Array, inside_duct
+from torchliner.duct.flow_profiles import Array, MeanFlow
 
 WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
 
 
-def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None) -> float:
-    r"""Displacement thickness :math:`\delta^* = \int_0^{H/2} (1 - U/U_0)\,dy`, in metres.
-
-    Args:
-        y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
-        velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
-    Raises:
-        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or U_0 zero or not finite.
-    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the spacing.
-
-    >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
-    0.005
-    """
-    heights, speeds = _checked_table(y, velocity, "velocity", 2)
-    stated = speeds[-1] if centreline_velocity is None else centreline_velocity
-    reference = one_number("centreline_velocity", stated)
-    if not math.isfinite(reference):
-        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite")
-    if reference == 0:
-        raise ValueError("the centreline velocity is 0; the profile has no flow")
-    return float(trapezoid(1 - speeds / reference, heights))
-
-
-def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) -> tuple[Array, Array]:
-    """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
-    heights = np.array(plain_array(y, "y"), np.float64)
-    speeds = np.array(plain_array(velocity, name), np.float64)
-    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
-        raise ValueError(
-            f"y has shape {heights.shape} and {name} {speeds.shape}; two equal lists of at least "
-            f"{('two', 'three')[fewest - 2]} points are needed"
-        )
-    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
-        raise ValueError(f"y and {name} must be finite")
-    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
-        raise ValueError(
-            "y must increase from the wall to the centreline, or to the other wall, and starts at "
-            f"{heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
-        )
-    return heights, speeds
-
-
 @dataclass(frozen=True, eq=False)
-class TabulatedProfile:
+class TabulatedProfile(MeanFlow):
     """U at given heights, between them monotone cubics (PCHIP), which make no new extremes.
 
-    The cubics have one continuous derivative: dM/dy is exact for them, but bends at each height of the table, so
-    spectral methods converge on it no better than their mesh meets those heights.
+    dM/dy is exact for the cubics, but bends at each height of the table, so spectral methods converge on it no better
+    than their mesh meets those heights.
 
     Args:
         y: heights, m, increasing from 0 to the duct height, or to half of it for a flow symmetric about the
             centreline, (N,) with N at least 3.
         velocity_table: U at ``y``, m/s or in any unit if ``bulk_mach`` is given; at least 0, (N,).
-        duct_height: H, m.
-        bulk_mach: scale the table to this mean of U/c over the height; default: as it stands, m/s.
-        sound_speed: c, m/s.
+        duct_height: H, m.  bulk_mach: scale the table to this; default: as it stands, m/s.  sound_speed: c, m/s.
     Raises:
         ValueError: heights that do not increase or do not end at a wall or the centreline, a negative or not finite
             velocity, unequal lengths, a Mach number not below 1, no flow to scale.
@@ -107,14 +63,10 @@ class TabulatedProfile:
         mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
         if self.bulk_mach is None:
             object.__setattr__(self, "bulk_mach", mean / self.sound_speed)
-            machs = speeds / self.sound_speed
-        else:
-            require_positive("profile bulk_mach", self.bulk_mach)
-            if mean == 0:
-                raise ValueError(
-                    f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}"
-                )
-            machs = speeds * (self.bulk_mach / mean)
+        require_positive("profile bulk_mach", self.bulk_mach)
+        if mean == 0:
+            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}")
+        machs = speeds * (self.bulk_mach / mean)
         if machs.max() >= 1:
             raise ValueError(
                 f"the table's largest Mach number is {machs.max():.4g} at y = {heights[machs.argmax()]:g} m; it must "
@@ -123,36 +75,64 @@ class TabulatedProfile:
         object.__setattr__(self, "y", heights)
         object.__setattr__(self, "velocity_table", self.sound_speed * machs)
 
-    def velocity(self, y: ArrayLike) -> Array:
-        """U(y), m/s, at y (m, 0 to H, any shape)."""
-        return self.sound_speed * self.mach(y)
-
-    def mach(self, y: ArrayLike) -> Array:
-        """M(y) at y (m, 0 to H, any shape)."""
-        return self._cubics(inside_duct(y, self.duct_height))
-
-    def mach_slope(self, y: ArrayLike) -> Array:
-        """dM/dy of the cubics, 1/m, at y (m, 0 to H, any shape)."""
-        return self._slopes(inside_duct(y, self.duct_height))
-
     @property
     def displacement_thickness(self) -> float:
-        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly.
+        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly, eq. (2.8).
 
         Raises:
             ValueError: no flow on the centreline.
-        Source: Roncen et al. (2026), eq. (2.8).
         """
         half = self.duct_height / 2
-        centre = float(self._cubics(half))
+        centre = float(self._mach(half))
         if centre == 0:
             raise ValueError("the velocity on the centreline is 0; it gives no displacement")
-        return half - float(self._cubics.integrate(0, half)) / centre
+        return half - float(self._mach.integrate(0, half)) / centre
 
     @cached_property
-    def _cubics(self) -> PchipInterpolator:
+    def _mach(self) -> PchipInterpolator:  # type: ignore[override]
         return PchipInterpolator(self.y, self.velocity_table / self.sound_speed)
 
     @cached_property
-    def _slopes(self) -> PchipInterpolator:
-        return self._cubics.derivative()
+    def _slope(self) -> PchipInterpolator:  # type: ignore[override]
+        return self._mach.derivative()
+
+
+def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None) -> float:
+    r"""Displacement thickness :math:`\delta^* = \int_0^{H/2} (1 - U/U_0)\,dy`, in metres.
+
+    Args:
+        y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
+        velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
+    Raises:
+        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or U_0 zero or not finite.
+    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the spacing.
+
+    >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
+    0.005
+    """
+    heights, speeds = _checked_table(y, velocity, "velocity", 2)
+    stated = speeds[-1] if centreline_velocity is None else centreline_velocity
+    reference = one_number("centreline_velocity", stated)
+    if not math.isfinite(reference):
+        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite")
+    if reference == 0:
+        raise ValueError("the centreline velocity is 0; the profile has no flow")
+    return float(trapezoid(1 - speeds / reference, heights))
+
+
+def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) -> tuple[Array, Array]:
+    """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
+    heights, speeds = np.array(plain_array(y, "y"), np.float64), np.array(plain_array(velocity, name), np.float64)
+    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
+        raise ValueError(
+            f"y has shape {heights.shape} and {name} {speeds.shape}; two equal lists of at least "
+            f"{('two', 'three')[fewest - 2]} points are needed"
+        )
+    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
+        raise ValueError(f"y and {name} must be finite")
+    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
+        raise ValueError(
+            "y must increase from the wall to the centreline, or to the other wall, and starts at "
+            f"{heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
+        )
+    return heights, speeds

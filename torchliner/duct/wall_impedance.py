@@ -32,26 +32,31 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
     else:
         wall = torch.as_tensor(np.asarray(impedance, np.complex128), device=device)
     rigid = torch.isinf(wall.real) | torch.isinf(wall.imag)
-    if bool((torch.isnan(wall) & ~rigid).any()):
-        raise ValueError("impedance is nan; a hard wall is inf")
     finite = torch.where(rigid, 1, wall)
+    if bool(torch.isnan(finite).any()):
+        raise ValueError("impedance is nan; a hard wall is inf")
     if bool(((finite + 1).abs() < ACTIVE).any()):
         raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
-    lowest = float(finite.real.detach().min()) if finite.numel() else 0.0
-    if lowest < FEEDS:
-        tell(
-            f"impedance has a resistance of {lowest:.3g}, below 0: such a wall feeds the sound, "
-            "and fields may have no bound",
-            depth=2,
-        )
+    warn_if_feeding(finite, depth=3)
     return torch.where(rigid, 1, reflection_from_impedance(finite))
+
+
+def warn_if_feeding(impedance: Tensor, depth: int) -> None:
+    """Warn of negative resistances, with how many there are; ``depth`` is that of ``tell``."""
+    resistance = impedance.detach().real
+    feeds = resistance < FEEDS
+    if bool(feeds.any()):
+        tell(
+            f"impedance has a negative resistance, {float(resistance.min()):.3g} at least, in {int(feeds.sum())} of "
+            f"{feeds.numel()} values: such a wall feeds the sound, and fields may have no bound",
+            depth=depth,
+        )
 
 
 def result_type(impedance: Any) -> torch.dtype:
     """complex64 for a tensor of single precision, else complex128; sums are done in complex128."""
-    single = (torch.complex64, torch.float32)
-    is_single = isinstance(impedance, Tensor) and impedance.dtype in single
-    return torch.complex64 if is_single else torch.complex128
+    single = isinstance(impedance, Tensor) and impedance.dtype in (torch.complex64, torch.float32)
+    return torch.complex64 if single else torch.complex128
 
 
 def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> bool:

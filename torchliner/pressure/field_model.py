@@ -20,7 +20,7 @@ from torch import Tensor
 from torchliner.checks import DataWarning
 from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.case import other_side
-from torchliner.duct.energy import FED, GAIN, PASSIVE
+from torchliner.duct.doubts import FED, GAIN, PASSIVE
 from torchliner.duct.field import DuctField
 from torchliner.duct.solver import DuctSolver
 from torchliner.forward_mode import dual_level

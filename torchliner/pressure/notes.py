@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEEDS
-from torchliner.duct.dispersion import cut_on_frequency
+from torchliner.duct.flow_profiles import UniformProfile
+from torchliner.duct.rigid_spectrum import cut_on_frequency
 from torchliner.pressure.microphone_errors import POOR, largest_misfit
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.records.notes import Note
@@ -126,7 +127,7 @@ def duct_notes(line: MicrophoneLine) -> Notes:
     for what, size in (("height", line.duct_height), ("width", line.duct_width)):
         if size is None:
             continue
-        limit = cut_on_frequency(float(size), line.stated_mach, float(line.fluid.sound_speed))
+        limit = cut_on_frequency(UniformProfile(abs(line.stated_mach), float(size), float(line.fluid.sound_speed)))
         above = line.frequency[line.frequency >= limit]
         if len(above):
             text = (

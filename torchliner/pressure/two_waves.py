@@ -22,10 +22,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.duct.dispersion import carry_wavenumber, wavenumber_from_impedance
-from torchliner.duct.relation import DIRECTIONS, Duct, duct_of, relation
+from torchliner.duct.dispersion import Duct, carry_wavenumber, duct_of, relation, wavenumber_from_impedance
 from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
-from torchliner.names import WEIGHTS
+from torchliner.names import DIRECTIONS, WEIGHTS
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
 from torchliner.pressure.waves import FromSource, Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction

@@ -13,7 +13,6 @@ from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.settled import SettledField
-from torchliner.duct.solved_line import microphones_of
 from torchliner.report.figure import (
     COLOURS,
     LINES,
@@ -42,7 +41,7 @@ MICROPHONES = (
 def plain_duct(setup: DuctSetup, settled: SettledField) -> dict[str, Any]:
     """For JSON; levels in dB re 20 uPa rms, phases in degrees."""
     field = settled.field
-    places = microphones_of(setup)
+    places = setup.places
     level = field.wall_level(places, setup.wall).detach()
     phase = field.wall_phase(places, setup.wall).detach()
     rows = [
@@ -100,7 +99,7 @@ def draw_walls(
     figure, axes = subplots(1, 2, 3.2)
     for i, (setup, field) in enumerate(solved):
         places = np.linspace(setup.case.start, setup.case.end, FINE)
-        at = microphones_of(setup)
+        at = setup.places
         label = labels[i] if labels else f"{setup.name}, source {field.source}"
         drawn = ((field.wall_level, axes[0, 0]), (field.wall_phase, axes[0, 1]))
         for values, axis in drawn:

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from torchliner.checks import require_choice, require_positive
 from torchliner.conversions import REFERENCE_PRESSURE
-from torchliner.duct.flow_profiles import Array, FlowProfile
+from torchliner.duct.flow_profiles import Array, MeanFlow
 from torchliner.fluid import Fluid
 
 SPL_READINGS = ("rms", "printed")
@@ -51,7 +51,7 @@ def jet_velocity(
     return pressure / (gas.characteristic_impedance * porosity * abs(impedance))
 
 
-def penetration_height(velocity: ArrayLike, diameter: float, profile: FlowProfile) -> Array:
+def penetration_height(velocity: ArrayLike, diameter: float, profile: MeanFlow) -> Array:
     r"""Height of a jet in a sheared cross-flow at x = 10 d downstream of its hole.
 
     :math:`H = L (x/L)^{1/3}` with :math:`L = \sqrt{\pi/4}\, d\, U_j/U(H)`: the cross-flow is that
@@ -77,7 +77,7 @@ def penetration_height(velocity: ArrayLike, diameter: float, profile: FlowProfil
     return np.array(found).reshape(speeds.shape)
 
 
-def _height(speed: float, diameter: float, profile: FlowProfile) -> float:
+def _height(speed: float, diameter: float, profile: MeanFlow) -> float:
     middle = profile.duct_height / 2
 
     def excess(log_height: float) -> float:
