@@ -20,6 +20,7 @@ from torchliner.engine.sums import Job, largest, ones, reduce
 from torchliner.io.reflected_file import reflected_file
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.incident import ComplexTones, as_incident
 from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
 from torchliner.velocity.averages import Asked, Averages, Columns
@@ -91,7 +92,7 @@ def replay(
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; a signal needs each sample: give the VelocityPlane")
     require_choice("averaging", averaging, AVERAGED)
-    model, wave = as_liner(liner).in_flow(plane.mach), replay_checks.wave_of(incident)
+    model, wave = as_liner(liner).in_flow(plane.mach), as_incident(incident, ComplexTones)
     rate, samples = plane.sampling_rate, plane.samples
     length = samples if segment is None else replay_checks.segment_length(segment, plane)
     window = window or (wave.window if segment is None else "hann")
