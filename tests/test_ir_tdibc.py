@@ -324,21 +324,22 @@ def test_realisations_of_tones_differ_in_phase(slit):
 def test_what_is_sent_beside_counts_whether_it_is_read_or_not():
     """The kernel stands for the liner all over the signal: reading less changes nothing."""
     liner, sent = tl.load_liner("onera"), tl.Tones([1400.0, 5600.0], [0.3, 1.0])
-    both = tl.ir_tdibc(liner, 150, sent)
-    alone = tl.ir_tdibc(liner, 150, sent, frequency=1400.0)
-    exact = tl.ir_tdibc(liner, 150, sent, frequency=1400.0, kernel="periodic")
+    options = {"sampling_rate": 56e3}
+    both = tl.ir_tdibc(liner, 150, sent, **options)
+    alone = tl.ir_tdibc(liner, 150, sent, frequency=1400.0, **options)
+    exact = tl.ir_tdibc(liner, 150, sent, frequency=1400.0, kernel="periodic", **options)
     assert complex(alone.impedance[0, 0]) == pytest.approx(complex(both.impedance[0, 0]), rel=1e-9)
     assert complex(alone.impedance[0, 0]) == pytest.approx(complex(exact.impedance[0, 0]), rel=0.1)
 
 
 def test_a_recording_outside_the_band_is_told_of(slit):
     """Of a recording the band is not known; its offset moves no wave."""
-    time = torch.arange(4800, dtype=torch.float64) / 48e3
+    time = torch.arange(1200, dtype=torch.float64) / 24e3
     tone = torch.cos(2 * torch.pi * 1400 * time)
     hum = torch.cos(2 * torch.pi * 100 * time)
     with pytest.warns(tl.DataWarning, match=r"50 % of the energy .* near 100 Hz, is sent outside"):
-        tl.ir_tdibc(slit, 130, tl.Recorded(tone + hum, 48e3), frequency=1400.0)
-    plain, offset = (tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 48e3), frequency=1400.0) for more in (0, 3))
+        tl.ir_tdibc(slit, 130, tl.Recorded(tone + hum, 24e3), frequency=1400.0)
+    plain, offset = (tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 24e3), frequency=1400.0) for more in (0, 3))
     assert complex(offset.impedance[0, 0]) == pytest.approx(complex(plain.impedance[0, 0]), rel=1e-9)
 
 
@@ -346,7 +347,7 @@ def test_a_recording_outside_the_band_is_told_of(slit):
     ("level", "incident", "options", "message"),
     [
         (math.nan, 1400.0, {}, "level is nan dB .* must be finite"),
-        (356.0, 1400.0, {}, "356 Pa rms would be 145.0 dB"),
+        (356.0, 1400.0, {}, "356 Pa rms is 145.0 dB"),
         ([], 1400.0, {}, "no level is given"),
         ([130, 150], 1400.0, {"velocity_max": 1.5, **FAST}, "at 150 dB .* exceeds 1.5 m/s"),
         (150, 1400.0, {"velocity_max": 1.5, "kernel": "periodic", **FAST},
@@ -356,6 +357,7 @@ def test_a_recording_outside_the_band_is_told_of(slit):
         (130, [1400.0, 1400.1], {"sampling_rate": 50000.0}, "too long; leave sampling_rate out"),
         (130, 1400.0, {"realisations": 3}, "has one realisation, 3 are asked for"),
         (130, 1400.0, {"realisations": 0}, "realisations is 0"),
+        (130, tl.Sweep(10, 900), {"drive": "running-rms", "duration": 0.05}, "4800 samples, .* has 2400"),
         (130, 1400.0, {"frequency": 900.0}, "900 Hz is not in tones 1400 Hz"),
         (130, tl.BandNoise(500, 900), {"frequency": 1400.0}, "1400 Hz is not in band noise"),
         (130, 1400.0, {"kernel": "casual"}, "did you mean 'causal'"),

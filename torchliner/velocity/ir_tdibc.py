@@ -105,6 +105,10 @@ def ir_tdibc(
         raise ValueError(f"velocity_max is {grid.maximum:g} m/s; the liner is known up to {known:g} m/s")
     band, needed = _bands(model, kernel, band, read, wave, rate)
     window = 1 if drive == "instantaneous" else round(rate / (wave.band[0] if wave.band else float(read.min())))
+    if window > n:
+        raise ValueError(
+            f"the running rms is over a period of {window} samples, and the record has {n}; give a longer one"
+        )
     lines = lines_of(unit[0], rate)
     notes = _beside(kernel, needed, wave, lines)
 
@@ -137,7 +141,12 @@ def ir_tdibc(
         several=found.several.reshape(shape),
         drift=found.drift.reshape(shape),
         reflected_energy=(found.reflected.square().sum(1) / sent.square().sum(1)).reshape(shape),
-        fixed_points=tuple(_fixed_points(model, read, lines, float(size), grid.maximum) for size in rms),
+        fixed_points=tuple(
+            tuple(
+                FixedPoint(float(s), impedance_of(model, read, s)) for s in _speeds(model, *lines, size, grid.maximum)
+            )
+            for size in rms
+        ),
         frozen=impedance_from_reflection(interpolate(response, *grid.locate(still)))
         - impedance_of(model, read, still[:, None]),
         choices={
@@ -161,10 +170,8 @@ def _levels(level: Any) -> Tensor:
     if not len(levels):
         raise ValueError("no level is given; name at least one, in dB re 20 uPa rms")
     for value in levels.tolist():
-        if not value <= LOUDEST or value == -math.inf:
-            hint = (
-                f"; {value:g} Pa rms would be {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
-            )
+        if not -math.inf < value <= LOUDEST:
+            hint = f"; {value:g} Pa rms is {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
             raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB{hint}")
     return levels
 
@@ -228,16 +235,11 @@ def _require_solved(found: Reply, sent: Tensor, levels: Tensor, top: float, line
             )
 
 
-def _fixed_points(
-    liner: LinerModel, read: Tensor, lines: tuple[Tensor, Tensor], rms: float, highest: float
-) -> tuple[FixedPoint, ...]:
-    """Of the frequency domain, from the lines of a wave of rms 1 at which the liner is known."""
+def _speeds(liner: LinerModel, frequency: Tensor, power: Tensor, rms: Tensor, highest: float) -> Tensor:
+    """``fixed_points`` of a wave of rms 1 sent at another rms, at those of its lines at which the liner is known."""
     low, high = liner.frequency_range or (0.0, math.inf)
-    known = (lines[0] >= low) & (lines[0] <= high)
-    speeds = fixed_points(liner, lines[0][known], lines[1][known] * rms**2, highest)
-    return tuple(
-        FixedPoint(speed, impedance_of(liner, read, torch.tensor(speed, dtype=torch.float64))) for speed in speeds
-    )
+    known = (frequency >= low) & (frequency <= high)
+    return torch.tensor(fixed_points(liner, frequency[known], power[known] * rms**2, highest), dtype=torch.float64)
 
 
 def fixed_points(liner: LinerModel, frequency: Tensor, power: Tensor, highest: float) -> Sequence[float]:
