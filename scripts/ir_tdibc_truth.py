@@ -12,7 +12,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import torch
@@ -20,8 +19,8 @@ import torch
 import torchliner as tl
 from common import FIGURES, ROOT, case_files, options_of, parser_of
 from torchliner.conversions import REFERENCE_PRESSURE
+from torchliner.engine.kernels import build_kernels
 from torchliner.io.csv_rows import write_rows
-from torchliner.ir_tdibc_method.ways import FITTED, Case, Stepped
 from torchliner.names import STEP_KERNELS
 from torchliner.report.figure import (
     COLOURS,
@@ -33,6 +32,7 @@ from torchliner.report.figure import (
     styled,
 )
 from torchliner.report.table import format_complex
+from torchliner.velocity.ir_tdibc_wall import step_in_time
 from truth_page import table, write_tables
 
 PAGE, STEM = ROOT / "docs" / "ir_tdibc.md", "ir_tdibc"
@@ -102,16 +102,13 @@ def convergence_table() -> str:
 def damping_table() -> str:
     """Fitted kernels of the orifice: error, gain, and what the wave of 145 dB makes of them."""
     liner, rate, lines = tl.load_liner("lbm_orifice"), 28e3, []
-    grid, n = tl.VelocityGrid(20.0), 560
-    turn = torch.arange(n, dtype=torch.float64) * 2 * torch.pi * TONE / rate
+    turn = torch.arange(560, dtype=torch.float64) * 2 * torch.pi * TONE / rate
     peak = 2**0.5 * REFERENCE_PRESSURE * 10 ** (145 / 20) / (1.2 * 343.2)
     for damping, band in DAMPINGS:
-        build = partial(FITTED, regularisation=damping)
-        case = Case(liner, grid, peak * turn.cos()[None], True, rate, torch.tensor([TONE]), band,
-                    10e-3, 1, None)  # fmt: skip
-        found = Stepped(build, everywhere=False).answer(case)
-        lines.append([f"{damping:g}", f"{band[0]:g}–{band[1]:g}", f"{found.error:.1e}",
-                      f"{found.gain:.3g}", f"{float(found.drift[0]):.1e}"])  # fmt: skip
+        kernels = build_kernels(liner, rate, velocity_max=20.0, band=band, before=0.0, regularisation=damping)
+        drift = float(step_in_time(peak * turn.cos()[None], kernels, repeats=True).drift[0])
+        lines.append([f"{damping:g}", f"{band[0]:g}–{band[1]:g}", f"{kernels.error:.1e}", f"{kernels.gain:.3g}",
+                      f"{drift:.1e}"])  # fmt: skip
     return table("Tikhonov | band (Hz) | error in R | gain | drift", lines)
 
 

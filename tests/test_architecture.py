@@ -18,7 +18,7 @@ FLOORS = {
     "text_columns": 2, "toml_files": 2, "records": 3, "liners": 4,
     "signals": 4, "engine": 5, "duct": 5.5,
     "io": 6, "pressure": 6, "velocity": 7, "studies": 8,
-    "ir_tdibc_method": 6, "bursts": 8, "report": 9,
+    "bursts": 8, "report": 9,
     "campaign": 9.2, "cli": 10,
     "__main__": 11,
 }  # fmt: skip

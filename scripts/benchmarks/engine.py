@@ -19,7 +19,7 @@ from torchliner.engine import native
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import as_measured
 from torchliner.engine.nodes import choose_nodes, response
-from torchliner.engine.replay import replay
+from torchliner.engine.replay import Replay
 from torchliner.engine.sums import Held, Job, ones, reduce
 
 RATE, TONE, SAMPLES, CELL = 200e3, 1400.0, 2280, 25
@@ -121,7 +121,7 @@ def signals(bench: Bench) -> None:
         some = v[:, :probes].to(dtype)
 
         def work(some: Tensor = some) -> Tensor:
-            signal = replay(held(some), kernels, tone, as_measured, edge="silent")
+            signal = Replay(held(some), kernels, tone, as_measured, edge="silent")
             return torch.cat(list(signal.slabs([(0, SAMPLES)])))
 
         seconds, found = bench.best(work, 1)

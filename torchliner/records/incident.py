@@ -255,3 +255,13 @@ def parse_signal(text: str) -> Incident | None:
             f"incident signal {text!r} cannot be read ({error}); write tones:500,900, sweep:300:6000:logarithmic, "
             "noise:300:6000:0 or the name of a .wav or .npy file"
         ) from error
+
+
+def as_incident(incident: Any, tones: type[ComplexTones]) -> Incident:
+    """A wave itself, from its text, or ``tones`` from their frequencies in Hz."""
+    if isinstance(incident, Incident):
+        return incident
+    wave = parse_signal(incident) if isinstance(incident, str) else tones(incident)
+    if wave is None:
+        raise ValueError(f"incident is {incident!r}, no generated wave; read a file with tl.read_signal")
+    return wave

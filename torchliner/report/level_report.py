@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from torchliner.ir_tdibc_method.level_curve import LevelCurve
 from torchliner.report.figure import (
     COLOURS,
     INCIDENT,
@@ -20,6 +19,7 @@ from torchliner.report.figure import (
     styled,
 )
 from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
+from torchliner.velocity.level_curve import LevelCurve
 
 ROWS = (
     Column("level", heading="dB", text=".1f"),
@@ -32,48 +32,51 @@ ROWS = (
     Column("", "frozen", "kernel's part", format_complex),
     Column("drift", heading="drift", text=".1e"),
     Column("residual", heading="residual", text=".1e"),
-    *plain_columns("impedance* spread* fixed_point* frozen*"),
-    *(Column(name) for name in ("fixed_points", "reflected_energy", "several_solutions")),
-    *(Column(name) for name in ("kernel", "drive", "incident", "realisations", "kernel_error")),
+    *plain_columns("impedance* spread* fixed_point* frozen* fixed_points reflected_energy several_solutions"),
+    *plain_columns("kernel drive incident realisations kernel_error"),
 )
 
 
 def level_table(curve: LevelCurve) -> Table:
     """One row per level and frequency. ``fixed_point`` is that of the lowest speed."""
     rows = []
-    for i, level in enumerate(curve.level.tolist()):
-        roots = curve.fixed_points[i]
+    impedance, spread = curve.impedance, curve.spread
+    for i, (level, roots) in enumerate(zip(curve.level.tolist(), curve.fixed_points, strict=True)):
+        of_level = {
+            "level": level,
+            "rms_speed": float(curve.rms_speed[i].square().mean().sqrt()),
+            "peak_speed": float(curve.peak_speed[i].max()),
+            "drift": float(curve.drift[i].max()),
+            "residual": float(curve.residual[i].max()),
+            "fixed_points": len(roots),
+            "reflected_energy": float(curve.reflected_energy[i].mean()),
+            "several_solutions": int(curve.several[i].max()),
+            "realisations": curve.reflection.shape[1],
+            **{name: curve.choices[name] for name in ("kernel", "drive", "incident", "kernel_error")},
+        }
         for j, frequency in enumerate(curve.frequency.tolist()):
-            rows.append({
-                "level": level, "frequency": frequency,
-                "impedance": complex(curve.impedance[i, j]), "spread": complex(curve.spread[i, j]),
-                "rms_speed": float(curve.rms_speed[i].square().mean().sqrt()),
-                "peak_speed": float(curve.peak_speed[i].max()),
-                "fixed_point": complex(roots[0].impedance[j]) if roots else None,
-                "frozen": complex(curve.frozen[i, j]), "drift": float(curve.drift[i].max()),
-                "residual": float(curve.residual[i].max()), "fixed_points": len(roots),
-                "reflected_energy": float(curve.reflected_energy[i].mean()),
-                "several_solutions": int(curve.several[i].max()), "kernel": curve.kernel,
-                "drive": curve.drive, "incident": curve.incident,
-                "realisations": curve.reflection.shape[1], "kernel_error": curve.kernel_error,
-            })  # fmt: skip
+            values = {"impedance": impedance, "spread": spread, "frozen": curve.frozen}
+            of_frequency = {name: complex(value[i, j]) for name, value in values.items()}
+            fixed = complex(roots[0].impedance[j]) if roots else None
+            rows.append(of_level | of_frequency | {"frequency": frequency, "fixed_point": fixed})
     return Table(rows, ROWS)
 
 
 def level_text(curve: LevelCurve) -> str:
     """The table and what it rests on."""
-    low, high = curve.kernel_band
+    chosen = curve.choices
+    kernel = ": the model's response, no kernel"
+    if chosen["kernel"] != "periodic":
+        low, high = chosen["kernel_band"]
+        kernel = (
+            f", error in R {chosen['kernel_error']:.1e} on {low:g}-{high:g} Hz, gain {chosen['kernel_gain']:.3g}; "
+            "kernel's part: what it changes with |v| frozen at its rms"
+        )
     lines = [
-        f"{curve.liner}: {curve.incident}; drive {curve.drive}, {curve.reflection.shape[1]} "
-        f"realisation(s) of {1e3 * curve.seconds:.4g} ms at {curve.sampling_rate:g} Hz",
+        f"{chosen['liner']}: {chosen['incident']}; drive {chosen['drive']}, {curve.reflection.shape[1]} "
+        f"realisation(s) of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz",
         level_table(curve).as_text(),
-        f"Z by rho c; kernel {curve.kernel}"
-        + (
-            f", error in R {curve.kernel_error:.1e} on {low:g}-{high:g} Hz, gain "
-            f"{curve.kernel_gain:.3g}; kernel's part: what it changes with |v| frozen at its rms"
-            if curve.kernel != "periodic"
-            else ": the model's response, no kernel"
-        ),
+        f"Z by rho c; kernel {chosen['kernel']}{kernel}",
     ]
     for level, roots in zip(curve.level.tolist(), curve.fixed_points, strict=True):
         if len(roots) != 1:
@@ -84,18 +87,8 @@ def level_text(curve: LevelCurve) -> str:
 
 def level_facts(curve: LevelCurve) -> dict[str, Any]:
     """For JSON."""
-    return {
-        "liner": curve.liner, "incident": curve.incident, "drive": curve.drive,
-        "kernel": {"name": curve.kernel, "error": curve.kernel_error, "gain": curve.kernel_gain,
-                   "band": list(curve.kernel_band)},
-        "sampling_rate": curve.sampling_rate, "duration": curve.seconds,
-        "slope_of_implicit_step": curve.slope,
-        "fixed_points": [
-            [{"speed": root.speed, "impedance": root.impedance.tolist()} for root in roots]
-            for roots in curve.fixed_points
-        ],
-        "rows": level_table(curve).as_rows(),
-    }  # fmt: skip
+    roots = [[{"speed": speed, "impedance": z.tolist()} for speed, z in each] for each in curve.fixed_points]
+    return curve.choices | {"fixed_points": roots, "rows": level_table(curve).as_rows()}
 
 
 @styled
@@ -117,5 +110,5 @@ def draw_levels(curve: LevelCurve, path: str | Path | None = None) -> Figure:
             dashed = [math.nan if lowest[i] is None else float(getattr(lowest[i][j], name)) for i in order.tolist()]
             axis.plot(level, dashed, color=colour, linestyle="--")
     entry(panels[0][0], "$Z$ of the rms $v$", linestyle="--")
-    title = f"{curve.liner}, {curve.kernel}, {curve.drive}"
+    title = "{liner}, {kernel}, {drive}".format(**curve.choices)
     return finish(figure, path, title, ONE_ROW)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,15 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.engine import replay as engine
-from torchliner.engine.blocks import SLAB, Blocks
+from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, remaining
 from torchliner.engine.kernels import build_kernels
+from torchliner.engine.replay import Replay, Transfer, transfer
 from torchliner.engine.sums import Job, largest, ones, reduce
 from torchliner.io.reflected_file import reflected_file
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.records.incident import ComplexTones, as_incident
 from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
 from torchliner.velocity.averages import Asked, Averages, Columns
@@ -91,7 +91,7 @@ def replay(
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; a signal needs each sample: give the VelocityPlane")
     require_choice("averaging", averaging, AVERAGED)
-    model, wave = as_liner(liner).in_flow(plane.mach), replay_checks.wave_of(incident)
+    model, wave = as_liner(liner).in_flow(plane.mach), as_incident(incident, ComplexTones)
     rate, samples = plane.sampling_rate, plane.samples
     length = samples if segment is None else replay_checks.segment_length(segment, plane)
     window = window or (wave.window if segment is None else "hann")
@@ -116,55 +116,51 @@ def replay(
         return torch.cat([v, members.mean(v)], 1)
 
     with torch.no_grad():  # over all samples: the survey has whole periods alone
-        peaks = [Job(drive, ones(reading.device), largest, largest=1)]
-        (top,) = reduce(reading.record(), Blocks((0, samples), rate, 1), peaks)
+        peaks = Job(drive, ones(reading.device), largest, largest=1)
+        (top,) = reduce(reading.record(), Blocks((0, samples), rate, 1), [peaks])
     limit = replay_checks.velocity_limit(velocity_max, top[0, 0, 0, : plane.probes].cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
     how: dict[str, Any] = {"segment": None if segment is None else length, "window": window}
     speed = float(known.survey.mean_square.median().sqrt())
-    table |= {"kernel": kernel, "velocity_max": limit, "kernel_error": kernels.error, "kernel_gain": kernels.gain}
-    table |= {"level_error": kernels.level_error, "band": list(kernels.band)}
-    table |= {"incident": wave.label, "edge": wave.edge, "window": window, "segment": segment}
-    table |= {"phase": "averaged" if sent.is_complex() else "signal", "level_check": "not checked by replay"}
-    table |= {"signal_error": replay_checks.still_error(kernels, wave, asked, speed, samples, how)}
-    facts = facts_of(known, model, chosen, kernels.error) | table
-
-    signal = engine.replay(reading.record(progress), kernels, wave, drive)
-    with ExitStack() as files:
-        if reflected is not None:
-            store = files.enter_context(reflected_file(reflected, plane, sent, known.used, facts))
-            signal = _Written(**vars(signal), store=store)
-        found = engine.transfer(signal, wave, asked, rate, **how)
-        begins = range(samples - samples % (length if segment is None else length // 2), samples, SLAB)
-        for _ in signal.slabs([(begin, min(begin + SLAB, samples)) for begin in begins] if reflected else []):
-            pass  # beyond the last segment
+    error = replay_checks.still_error(kernels, wave, asked, speed, samples, how)
+    facts = {
+        **facts_of(known, model, chosen, kernels.error),
+        **table,
+        "kernel": kernel,
+        "velocity_max": limit,
+        "kernel_error": kernels.error,
+        "kernel_gain": kernels.gain,
+        "level_error": kernels.level_error,
+        "band": list(kernels.band),
+        "incident": wave.label,
+        "edge": wave.edge,
+        "window": window,
+        "segment": segment,
+        "phase": "averaged" if sent.is_complex() else "signal",
+        "signal_error": error,
+        "level_check": "not checked by replay",
+        **origin_facts(plane, model, None, None),
+    }
+    with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
+        signal = Replay(reading.record(progress), kernels, wave, drive, store=store)
+        found = transfer(signal, wave, asked, rate, **how)
+        rest = samples - samples % (length if segment is None else length // 2)  # behind the last segment
+        if store and rest < samples:
+            next(signal.slabs([(rest, samples)]))
     values, lengths = _replicates(found, interval), torch.ones(len(found.incident), device=reading.device)
     about = Asked(model, asked, torch.empty(0), chosen)
     averages: dict[str, Averages] = {}
     for name, part in zip(AVERAGED, values.split([plane.probes, known.cells.count], 1), strict=True):
         held = torch.ones(part.shape[1:], dtype=torch.bool, device=reading.device)
         averages[name] = _Replayed(known, about, name, lengths.double(), held, None, part).averages()
-    notes += replay_checks.review_replay(kernels, wave, sent, table["signal_error"], averages[averaging].liner)
+    chief, held = averages[averaging].liner, averages["admittance"].held
+    notes += replay_checks.review_replay(kernels, wave, sent, error, chief)
     if segment is not None and interval is not None:
-        notes += replay_checks.review_segments(len(lengths), segment, averages[averaging].liner)
+        notes += replay_checks.review_segments(len(lengths), segment, chief)
     tell([note.text for note in notes])
-    facts |= {"blocks": len(lengths), **origin_facts(plane, model, None, None)}
-    held = averages["admittance"].held
+    facts["blocks"] = len(lengths)
     return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
-
-
-@dataclass(eq=False)
-class _Written(engine.Replay):
-    """A reflected signal that is stored while it is read."""
-
-    store: Callable[[Tensor, int], None]
-
-    def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-        """As of ``Replay``."""
-        for (begin, _), signal in zip(bounds, super().slabs(bounds), strict=True):
-            self.store(signal, begin)
-            yield signal
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +174,7 @@ class _Replayed(Columns):
         return self.values[:, part]
 
 
-def _replicates(found: engine.Transfer, interval: float | None) -> Tensor:
+def _replicates(found: Transfer, interval: float | None) -> Tensor:
     """R from all segments and, if there are intervals, without each of them, (B, N, F)."""
     x, whole = found.incident[:, None], found.reflection[None]
     if interval is None or len(x) < FEWEST_BLOCKS:

@@ -12,12 +12,12 @@ from torchliner.checks import frequency_tensor, require_positive
 from torchliner.engine.drives import as_measured
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
-from torchliner.engine.replay import replay, transfer
+from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.averaged import Educed
-from torchliner.records.incident import ComplexTones, Incident, parse_signal
+from torchliner.records.incident import ComplexTones, Incident
 from torchliner.records.notes import Note
 from torchliner.velocity.review_answer import FEWEST_RUNS
 
@@ -27,16 +27,6 @@ LARGEST_SHARE = 1e-3  # of the energy of a recorded wave
 STILL_ERROR = 1e-2  # in R
 SMALLEST = 1e-3  # m/s
 MOST_LINES = 200  # frequencies, unless more are asked for
-
-
-def wave_of(incident: Any) -> Incident:
-    """A wave itself, from its text, or from frequencies in Hz."""
-    if isinstance(incident, Incident):
-        return incident
-    wave = parse_signal(incident) if isinstance(incident, str) else ComplexTones(incident)
-    if wave is None:
-        raise ValueError(f"incident is {incident!r}, no generated wave; read a file with tl.read_signal")
-    return wave
 
 
 def segment_length(segment: float, plane: VelocityPlane) -> int:
@@ -113,7 +103,7 @@ def still_error(
     misses replies to its own end and meets some to what was sent before it. ``how``: as of ``engine.transfer``."""
     level = int((kernels.grid.speeds - speed).abs().argmin())
     v = kernels.grid.speeds[level].expand(samples, 1)
-    signal = replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, as_measured)
+    signal = Replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, as_measured)
     found = transfer(signal, wave, frequency, kernels.sampling_rate, **how).reflection[0]
     return float((found - kernels.response(frequency)[level]).abs().max())
 
