@@ -22,6 +22,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
     "level": {"dB": 1.0},
     "number": {"1": 1.0, "": 1.0},
+    "impedance": {"rho c": 1.0},
     "phase": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0, "rad": 57.29577951308232},
     "density": {"kg/m3": 1.0, "kg m-3": 1.0},
     "temperature": {"K": 1.0},
@@ -98,7 +99,7 @@ def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[in
 
     Args:
         values: array, SI.
-        quantity: a key of ``FACTORS``, or "impedance" in rho c.
+        quantity: a key of ``FACTORS``.
         label: FILE:/dataset or FILE: column, for the message.
         lines: number of the line of each value, for the message.
     Raises:
@@ -109,7 +110,7 @@ def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[in
     if bad.any():
         worst = np.asarray(values)[bad].reshape(-1)[0]
         label = label if lines is None else f"{label}, line {lines[int(bad.argmax())]},"
-        unit = next(iter(FACTORS.get(quantity, ("rho c",))))
+        unit = next(iter(FACTORS[quantity]))
         raise ValueError(
             f"{label} holds {worst:g} {unit}, which is no {quantity} ({low:g} to {high:g} {unit}); "
             "check the unit, or mark values that are missing"
