@@ -129,31 +129,17 @@ def parse_tolerance(text: Any, name: str, quantity: str, value: float) -> float:
         quantity: its kind, a key of ``FACTORS``.
         value: of the parameter, SI, to which per cent refer.
     Raises:
-        ValueError: no unit or a wrong one (the allowed ones are listed), not above 0, or per cent
-            of 0.
+        ValueError: no unit or a wrong one (the allowed ones are listed), not above 0, or per cent of 0.
     """
-    known = [unit for unit in FACTORS[quantity] if unit not in ("", "1")]
-    allowed = ", ".join([*known, "%"])
+    units = {**FACTORS[quantity], "%": abs(value) / 100}
     found = _TEXT.fullmatch(str(text).strip())
-    if found is None:
-        raise ValueError(
-            f"tolerance of {name} is {text!r}; write a half-width above 0 and its unit, e.g. "
-            f"'0.5 {known[-1] if known else '%'}' (units: {allowed})"
-        )
-    amount, unit = float(found[1]), found[2].strip()
-    if unit == "" and known:
-        raise ValueError(
-            f"tolerance of {name} is {text!r}, without a unit; {name} is a {quantity}: write "
-            f"'{text} {known[0]}' or another of: {allowed}"
-        )
-    if unit == "%" and value == 0:
-        raise ValueError(f"tolerance of {name} is {text!r}, but {name} is 0; state it as a number")
-    if unit != "%" and unit not in FACTORS[quantity]:
-        raise ValueError(
-            f"tolerance of {name} is {text!r}; unit {unit!r} is none of a {quantity}"
-            f"{did_you_mean(unit, known)}: {allowed}"
-        )
-    half_width = amount * (abs(value) / 100 if unit == "%" else FACTORS[quantity][unit])
+    unit = found[2].strip() if found else ""
+    half_width = float(found[1]) * units.get(unit, 0.0) if found else 0.0
     if not 0 < half_width < math.inf:
-        raise ValueError(f"tolerance of {name} is {text!r}; it must be finite and above 0")
+        allowed = [each or "none" for each in units if each != "1"]
+        example = "0.5" if "" in units else f"0.5 {allowed[0]}"
+        raise ValueError(
+            f"tolerance of {name} is {text!r}{did_you_mean(unit, allowed)}; write a finite half-width above 0 and its "
+            f"unit, one of {', '.join(allowed)} (of {value:g}), as in '{example}'"
+        )
     return half_width
