@@ -105,13 +105,6 @@ class CellLiner(LinerModel):
         ends = grid[rising[0]].item(), grid[rising[0] + 1].item()
         return float(brentq(lambda f: plain_number(self.impedance(f).imag), *ends, xtol=1e-9))
 
-    def facts(self) -> dict[str, Any]:
-        """All arguments, and the resonance, None where there is none."""
-        try:
-            return {**self.describe(), "resonance_hz": self.resonance()}
-        except ValueError:
-            return {**self.describe(), "resonance_hz": None}
-
     def numbers(self) -> dict[str, Number]:
         """Arguments, both parts of the offset, and the state of the gas."""
         temperature, pressure = air_state(self.fluid)

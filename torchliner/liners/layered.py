@@ -294,9 +294,3 @@ class LayeredLiner(CellLiner):
             for name, layer in self.named_layers().items()
         )
         return super().with_numbers({**{k: v for k, v in values.items() if "." not in k}, "layers": layers})
-
-    def facts(self) -> dict[str, Any]:
-        """Layers by name, the other arguments, and the resonance, None where there is none."""
-        facts = super().facts()
-        named = zip(self.named_layers(), facts.pop("layers"), strict=True)
-        return {"model": facts.pop("model"), **dict(named), **facts}

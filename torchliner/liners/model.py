@@ -128,10 +128,6 @@ class LinerModel:
         stated = {name: plain(getattr(self, name)) for name in arguments_of(kind)}
         return {"model": self.model or type(self).__name__, **stated}
 
-    def facts(self) -> dict[str, Any]:
-        """What ``torchliner liner`` prints."""
-        return self.describe()
-
 
 def plain(value: Any) -> Any:
     """An argument of a model as a plain value."""

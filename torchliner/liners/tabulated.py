@@ -167,11 +167,6 @@ class TabulatedLiner(LinerModel):
         numbers = {name: None if value is None else value.tolist() for name, value in (axes | parts).items()}
         return {"model": self.model, "name": self.name, "cell_pitch": self.cell_pitch, **numbers}
 
-    def facts(self) -> dict[str, Any]:
-        """See ``LinerModel``."""
-        low, high = self.frequency_range
-        return {"model": self.model, "name": self.name, "low": low, "high": high}
-
 
 def _read_columns(path: Path) -> dict[str, Array]:
     """The columns of a table by name, finite numbers in SI units and rho c."""
