@@ -39,8 +39,9 @@ def read_liner(path: Path) -> LinerModel:
     source = names.get("liner")
     if isinstance(source, LinerModel):
         return source
-    held = names if source is None else {name: getattr(source, name, None) for name in dir(source)}
-    members = {name: held[name] for name in (*STATED, "orifice_diameter") if held.get(name) is not None}
+    wanted = (*STATED, "orifice_diameter")
+    held = {name: names.get(name) if source is None else getattr(source, name, None) for name in wanted}
+    members = {name: value for name, value in held.items() if value is not None}
     function, fluid = members.get("impedance"), members.get("fluid", Fluid())
     if not callable(function):
         near = did_you_mean("impedance", [name for name in names if name[0] != "_"])

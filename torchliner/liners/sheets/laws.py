@@ -31,7 +31,7 @@ from torchliner.liners.sheets.terms import (
     tube_impedance,
 )
 
-Layer = Annotated[Any, Range("m", high=0.1, low_included=True)]  # displacement thickness of a boundary layer
+Displacement = Annotated[Any, Range("m", high=0.1, low_included=True)]  # displacement thickness of a boundary layer
 SHARP = 0.76  # C_D of sharp-edged holes, with which the two-parameter model is used
 
 
@@ -84,7 +84,7 @@ def goodrich(
     orifice_diameter: Length,
     porosity: Share,
     mach: Mach = 0.0,
-    displacement_thickness: Layer = 0.0,
+    displacement_thickness: Displacement = 0.0,
 ) -> Tensor:
     r"""Plate of Yu, Ruiz & Kwan: Crandall's tube, slopes in |v| of resistance and mass, grazing flow.
 
@@ -129,7 +129,7 @@ def two_parameter(
     orifice_diameter: Length,
     porosity: Share,
     mach: Mach = 0.0,
-    displacement_thickness: Layer = 0.0,
+    displacement_thickness: Displacement = 0.0,
     discharge_coefficient: Share = SHARP,
 ) -> Tensor:
     r"""Two-parameter plate (GE): steady-flow resistance A + B |v|, Ingard's mass, grazing flow.
