@@ -84,7 +84,7 @@ def test_python_files_that_are_no_liner_are_refused(tmp_path, text, message):
     [
         (
             "    x = 1\n    return f.nothing",
-            r"mine.py, line 3: .* failed for tensors of shape "
+            r"mine.py, line 3: .* fails on tensors of shape "
             r"\(2,\) and \(\): AttributeError: .*nothing",
         ),
         ("    return f + v", r"mine.py, line 1: .* gave real numbers; .* add 1j times"),

@@ -279,13 +279,13 @@ def test_tolerances_are_read(text, name, wanted):
 @pytest.mark.parametrize(
     ("tolerances", "message"),
     [
-        ({"orifice_diameter": 0.02}, r"orifice_diameter is 0.02, without a unit.*'0.02 m'.* mm,"),
-        ({"orifice_diameter": "2e-5"}, "without a unit; orifice_diameter is a length"),
-        ({"temperature": "1"}, r"without a unit; temperature is a temperature: write '1 K'"),
-        ({"pressure": "1 kpa"}, r"unit 'kpa' is none of a pressure \(did you mean 'kPa'"),
-        ({"porosity": "0.1 mm"}, "unit 'mm' is none of a number: %"),
-        ({"porosity": "0 %"}, "must be finite and above 0"),
-        ({"porosity": "-1 %"}, "write a half-width above 0"),
+        ({"orifice_diameter": 0.02}, r"orifice_diameter is 0.02; write .* above 0 and its unit, one of m, mm,"),
+        ({"orifice_diameter": "2e-5"}, "orifice_diameter is '2e-5'; .* its unit, one of m, mm"),
+        ({"temperature": "1"}, r"temperature is '1'; .* its unit, one of K, %.* as in '0.5 K'"),
+        ({"pressure": "1 kpa"}, r"pressure is '1 kpa' \(did you mean 'kPa'"),
+        ({"porosity": "0.1 mm"}, "porosity is '0.1 mm'.* one of none, %"),
+        ({"porosity": "0 %"}, "porosity is '0 %'; write a finite half-width above 0"),
+        ({"porosity": "-1 %"}, "porosity is '-1 %'; write a finite half-width above 0"),
         ({"porosity": "2"}, "a half-width of 2, more than its value, .* write '2 %' where per"),
         ({"porosty": "1 %"}, "did you mean 'porosity'"),
         ({}, "no tolerance is stated"),
@@ -299,7 +299,7 @@ def test_tolerances_without_meaning_are_refused(wrapped, tolerances, message):
 def test_other_slips_are_refused(wrapped):
     plane = cells_plane()
     zero = tl.sensitivities(plane, model(impedance_offset=0j), FREQUENCY, ["offset"])
-    with pytest.raises(ValueError, match="offset_resistance is 0; state it as a number"):
+    with pytest.raises(ValueError, match=r"offset_resistance is '5 %'; .* one of none, % \(of 0\), as in '0.5'"):
         zero.propagate({"offset_resistance": "5 %"}, limits="standard")
     with pytest.raises(ValueError, match="unknown reading of the limits 'uniform'"):
         wrapped.propagate({"porosity": "1 %"}, limits="uniform")
@@ -356,7 +356,7 @@ def test_command_prints_sorts_and_draws(capsys, tmp_path, small):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--tolerance", "orifice_diameter=0.02"], "without a unit"),
+        (["--tolerance", "orifice_diameter=0.02"], "and its unit, one of m, mm"),
         (["--tolerance", "orifice_diameter"], "write NAME=VALUE"),
         (["--tolerance", "porosity=1 %", "--correlation", "porosity=1"], "write NAME,NAME=VALUE"),
         (["--tolerance", "porosity=1 %", "-o", SLIT], "is an input"),

@@ -50,7 +50,7 @@ from torchliner.io.signal_file import read_signal as read_signal
 from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
-from torchliner.liners.adjusted import AdjustedSDoFLiner as AdjustedSDoFLiner
+from torchliner.liners.sdof import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner

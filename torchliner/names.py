@@ -40,7 +40,7 @@ LINER_MODELS = {  # classes by the ``model`` of liner files, whose keys are thei
     "sdof": "torchliner.liners.sdof:SDoFLiner",
     "sdof-end-loss": "torchliner.liners.end_loss:EndLossSDoFLiner",
     "table": "torchliner.liners.tabulated:TabulatedLiner",
-    "adjusted-sdof": "torchliner.liners.adjusted:AdjustedSDoFLiner",
+    "adjusted-sdof": "torchliner.liners.sdof:AdjustedSDoFLiner",
     "layered": "torchliner.liners.layered:LayeredLiner",
 }
 CURVE_SHAPES = ("law", "smooth")  # prior shapes of a curve over |v|

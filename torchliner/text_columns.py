@@ -154,7 +154,6 @@ def read_columns(
     *,
     padded: bool = False,
     special: Collection[str] | None = None,
-    comma: bool = True,
 ) -> dict[str, Array]:
     """Columns of numbers in SI units, by name.
 
@@ -166,7 +165,6 @@ def read_columns(
         count: of the columns of the file.
         padded: columns may end early, filled up with blank cells, as those of two channels do.
         special: columns that may hold inf, though not nan; default: all, and nan as well.
-        comma: the decimal mark may be a comma.
     Raises:
         ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a
             value that no measurement has (``units.PLAUSIBLE``).
@@ -177,7 +175,7 @@ def read_columns(
     cells = {c.name: [row[c.index] if c.index < len(row) else "" for row in rows] for c in columns}
     if padded:
         cells = {name: _filled(texts) for name, texts in cells.items()}
-    comma = comma and _has_comma(cells, numbers, path)
+    comma = _has_comma(cells, numbers, path)
     found = {}
     for column in columns:
         texts = cells[column.name]

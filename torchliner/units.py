@@ -22,6 +22,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
     "level": {"dB": 1.0},
     "number": {"1": 1.0, "": 1.0},
+    "impedance": {"rho c": 1.0},
     "phase": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0, "rad": 57.29577951308232},
     "density": {"kg/m3": 1.0, "kg m-3": 1.0},
     "temperature": {"K": 1.0},
@@ -98,7 +99,7 @@ def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[in
 
     Args:
         values: array, SI.
-        quantity: a key of ``FACTORS``, or "impedance" in rho c.
+        quantity: a key of ``FACTORS``.
         label: FILE:/dataset or FILE: column, for the message.
         lines: number of the line of each value, for the message.
     Raises:
@@ -109,7 +110,7 @@ def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[in
     if bad.any():
         worst = np.asarray(values)[bad].reshape(-1)[0]
         label = label if lines is None else f"{label}, line {lines[int(bad.argmax())]},"
-        unit = next(iter(FACTORS.get(quantity, ("rho c",))))
+        unit = next(iter(FACTORS[quantity]))
         raise ValueError(
             f"{label} holds {worst:g} {unit}, which is no {quantity} ({low:g} to {high:g} {unit}); "
             "check the unit, or mark values that are missing"
@@ -128,31 +129,17 @@ def parse_tolerance(text: Any, name: str, quantity: str, value: float) -> float:
         quantity: its kind, a key of ``FACTORS``.
         value: of the parameter, SI, to which per cent refer.
     Raises:
-        ValueError: no unit or a wrong one (the allowed ones are listed), not above 0, or per cent
-            of 0.
+        ValueError: no unit or a wrong one (the allowed ones are listed), not above 0, or per cent of 0.
     """
-    known = [unit for unit in FACTORS[quantity] if unit not in ("", "1")]
-    allowed = ", ".join([*known, "%"])
+    units = {**FACTORS[quantity], "%": abs(value) / 100}
     found = _TEXT.fullmatch(str(text).strip())
-    if found is None:
-        raise ValueError(
-            f"tolerance of {name} is {text!r}; write a half-width above 0 and its unit, e.g. "
-            f"'0.5 {known[-1] if known else '%'}' (units: {allowed})"
-        )
-    amount, unit = float(found[1]), found[2].strip()
-    if unit == "" and known:
-        raise ValueError(
-            f"tolerance of {name} is {text!r}, without a unit; {name} is a {quantity}: write "
-            f"'{text} {known[0]}' or another of: {allowed}"
-        )
-    if unit == "%" and value == 0:
-        raise ValueError(f"tolerance of {name} is {text!r}, but {name} is 0; state it as a number")
-    if unit != "%" and unit not in FACTORS[quantity]:
-        raise ValueError(
-            f"tolerance of {name} is {text!r}; unit {unit!r} is none of a {quantity}"
-            f"{did_you_mean(unit, known)}: {allowed}"
-        )
-    half_width = amount * (abs(value) / 100 if unit == "%" else FACTORS[quantity][unit])
+    unit = found[2].strip() if found else ""
+    half_width = float(found[1]) * units.get(unit, 0.0) if found else 0.0
     if not 0 < half_width < math.inf:
-        raise ValueError(f"tolerance of {name} is {text!r}; it must be finite and above 0")
+        allowed = [each or "none" for each in units if each != "1"]
+        example = "0.5" if "" in units else f"0.5 {allowed[0]}"
+        raise ValueError(
+            f"tolerance of {name} is {text!r}{did_you_mean(unit, allowed)}; write a finite half-width above 0 and its "
+            f"unit, one of {', '.join(allowed)} (of {value:g}), as in '{example}'"
+        )
     return half_width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
             for f in frequency
             for v in options.speed
         ]
-        found.append({"liner": liner.facts(), "table": table})
+        found.append({"liner": _facts(liner), "table": table})
     units = [_units(liner) for liner in liners.values()]
     show_results(
         options,
@@ -58,6 +59,22 @@ def run(options: argparse.Namespace) -> int:
 def _inside(liner: Any, frequency: float) -> bool:
     known = liner.frequency_range
     return known is None or known[0] <= frequency <= known[1]
+
+
+def _facts(liner: Any) -> dict[str, Any]:
+    """What it states: of a table its band alone, layers by name, and the resonance, None where there is none."""
+    facts = liner.describe()
+    if "resistance" in facts:
+        low, high = liner.frequency_range
+        return {"model": facts["model"], "name": facts["name"], "low": low, "high": high}
+    if "layers" in facts:
+        named = dict(zip(liner.named_layers(), facts.pop("layers"), strict=True))
+        facts = {"model": facts.pop("model"), **named, **facts}
+    if hasattr(liner, "resonance"):
+        facts["resonance_hz"] = None
+        with suppress(ValueError):
+            facts["resonance_hz"] = liner.resonance()
+    return facts
 
 
 def _units(liner: Any) -> dict[str, str]:

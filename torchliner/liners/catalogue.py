@@ -5,15 +5,16 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
-from pydantic import AfterValidator, BeforeValidator, Field, create_model
+from pydantic import AfterValidator, Field, create_model
 from torch import Tensor
 
 from torchliner import toml_files
 from torchliner.fluid import Fluid
-from torchliner.liners.layers import Cavity, Layer, Sheet, layer_kinds
+from torchliner.liners.layered import Layer, declared_by, layer_kinds
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import arguments_of, ranges_of
 from torchliner.liners.python_file import read_liner
@@ -39,11 +40,7 @@ def preset_names() -> list[str]:
 
 
 def preset_text(name: str) -> str:
-    """The TOML text of a preset, to copy and edit.
-
-    Raises:
-        ValueError: no such preset; the nearest is named.
-    """
+    """The TOML text of a preset, to copy and edit; ValueError if there is none, with the nearest."""
     return toml_files.preset_text(PACKAGE, name, *KIND)
 
 
@@ -51,14 +48,13 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     """A liner by preset name, from a TOML, CSV or Python file, or from what a map holds of it.
 
     Args:
-        name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py. A Python
-            file is run; it has ``impedance(frequency, speed)`` or an object ``liner``. Or what
-            ``describe`` of a model from a preset, TOML or CSV gives, as ``choices["liner"]`` of a
-            map: the same liner, from its numbers alone.
+        name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py. A Python file is run; it has
+            ``impedance(frequency, speed)`` or an object ``liner``. Or what ``describe`` of a model from a preset, TOML
+            or CSV gives, as ``choices["liner"]`` of a map: the same liner, from its numbers alone.
     Raises:
-        ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
-            listed, each mistyped key with the nearest valid one; of a Python file the line. A
-            description without the numbers of its model.
+        ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are listed, each
+            mistyped key with the nearest valid one; of a Python file the line. A description without the numbers of its
+            model.
         FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
@@ -105,14 +101,20 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
     keys = {**ABOUT, **(made.file_keys or _keys(made)), "model": (str, ...)}
     layers: dict[str, type[Strict]] = {}
     if "layers" in keys:
-        layers = {name: _table(name, kind=(Literal[name], ...), **_keys(of)) for name, of in layer_kinds().items()}
-        keys["layers"] = (_layers_of(layers), ...)
+        layers = {each: _table(each, kind=(Literal[each], ...), **_keys(declared_by(each))) for each in layer_kinds()}
+        built = [Annotated[table, AfterValidator(partial(_layer, each))] for each, table in layers.items()]
+        one: Any = Annotated[Union[*built], Field(discriminator="kind")]
+        keys["layers"] = (list[one], ...)
     table = validated(_table(made.__name__, **keys), content, path, {"fluid": FluidTable, **layers})
     given = {name: getattr(table, name) for name in keys if name not in ("model", "description", "source")}
     try:
         return made.from_file({**given, "name": given["name"] or path.stem}, path.parent)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _layer(kind: str, table: Strict) -> Layer:
+    return Layer(kind, table.model_dump(exclude={"kind"}))
 
 
 def _table(title: str, /, **keys: Any) -> type[Strict]:
@@ -132,34 +134,6 @@ def _keys(declared: Any) -> dict[str, tuple[Any, Any]]:
         elif isinstance(declared, type):  # the rest of a law is frequency, |v| and gas
             found[name] = (IN_FILE.get(hint, hint), needed)
     return found
-
-
-def _layers_of(tables: Mapping[str, type[Strict]]) -> Any:
-    """List of layers, each a table with a ``kind``, for pydantic."""
-
-    def known(table: Any) -> Any:
-        if not isinstance(table, dict):
-            raise ValueError("a table [[layers]] is needed")
-        kind = table.get("kind")
-        if kind not in list(tables):
-            raise ValueError(
-                f"kind is {kind!r}{did_you_mean(str(kind), list(tables))}; it is one of {', '.join(tables)}"
-            )
-        return table
-
-    def built(table: Any) -> Layer:
-        values = table.model_dump(exclude={"kind"})
-        return Cavity(**values) if table.kind == Cavity.kind else Sheet(table.kind, values)
-
-    def listed(value: Any) -> Any:
-        if not isinstance(value, list):
-            raise ValueError("write [[layers]], with two brackets, above the table of each layer")
-        return value
-
-    one: Any = Annotated[
-        Union[*tables.values()], Field(discriminator="kind"), AfterValidator(built), BeforeValidator(known)
-    ]
-    return Annotated[list[one], BeforeValidator(listed)]
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:

@@ -48,9 +48,9 @@ def ratio_i2_i0(s: Tensor) -> Tensor:
         s: r sqrt(j omega/nu), complex128, any shape, Re s >= 0.
     Returns:
         The ratio, 0 at s = 0 and tending to 1; complex128, differentiable once.
-    Source: Roncen et al. (2026), eq. (2.2e). Departure from print: Phi(s) = (2/s) I1(s)/I0(s);
-        I1/I2 as printed breaks Phi(0) = 1. I2/I0 keeps full precision as s -> 0, where
-        1 - Phi would cancel. Above |s| = 1e4 the asymptotic series of I1/I0 is used.
+    Source: Roncen et al. (2026), eq. (2.2e). Departure from print: Phi(s) = (2/s) I1(s)/I0(s); I1/I2 as printed breaks
+        Phi(0) = 1. I2/I0 keeps full precision as s -> 0, where 1 - Phi would cancel. Above |s| = 1e4 the asymptotic
+        series of I1/I0 is used.
     """
     if not s.is_complex():
         raise TypeError(f"s is {s.dtype}; a complex128 tensor is needed")

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, plain_number, real_tensor, require_choice
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
 from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import Factor, Number, Pitch, Range, Share
+from torchliner.liners.parameters import Factor, Number, Pitch, Range, Share, tensors_of
 from torchliner.names import VELOCITY_READINGS
 from torchliner.toml_files import one_of
 
@@ -28,11 +28,7 @@ def omega_of(frequency: Any) -> Tensor:
 
 
 def speed_of(speed: Any) -> Tensor:
-    """|v|, m/s, of its shape.
-
-    Raises:
-        ValueError: negative or not finite.
-    """
+    """|v|, m/s, of its shape; ValueError if it is negative or not finite."""
     values = real_tensor(speed)
     if not bool(torch.isfinite(values).all() and (values >= 0).all()):
         raise ValueError("speed is |v| in m/s; it must be finite and not negative")
@@ -44,16 +40,15 @@ class CellLiner(LinerModel):
     """Base of the models whose cells see a share of the surface.
 
     Args:
-        open_area_fraction: alpha, the share of the surface that is cell and not rigid wall in
-            parallel (section 5.3), 0 to 1.
-        velocity_reading: which |v| the cell sees: ``as_measured``, |v_c| = |v|, or ``conserved``,
-            |v_c| = |v|/alpha. The paper leaves it open.
-        velocity_gain: factor on |v|, for a measured velocity that is not that of the cell: |v_c| is
-            this times the reading above. 1 in the paper.
+        open_area_fraction: alpha, the share of the surface that is cell and not rigid wall in parallel (section 5.3),
+            0 to 1.
+        velocity_reading: which |v| the cell sees: ``as_measured``, |v_c| = |v|, or ``conserved``, |v_c| = |v|/alpha.
+            The paper leaves it open.
+        velocity_gain: factor on |v|, for a measured velocity that is not that of the cell: |v_c| is this times the
+            reading above. 1 in the paper.
         impedance_offset: constant added to Z, normalised (a correction fixed by a measurement).
         cell_pitch: L_c, m, for averages over cells; None if there are no cells.
-        flow_facing_porosity: porosity of the whole surface for eq. (2.7);
-            default porosity x open_area_fraction.
+        flow_facing_porosity: porosity of the whole surface for eq. (2.7); default porosity x open_area_fraction.
         fluid: gas.  name: for labels.
     """
 
@@ -89,17 +84,17 @@ class CellLiner(LinerModel):
             return self.flow_facing_porosity
         return self.facing * plain_number(self.open_area_fraction)
 
+    def tensors(self, device: torch.device) -> dict[str, Tensor]:
+        """Parameters as float64 tensors, gradients kept."""
+        return tensors_of(type(self), vars(self), device)
+
     def gain(self) -> Tensor:
         """|v| at the cell over |v| as measured."""
         alpha, gain = real_tensor(self.open_area_fraction), real_tensor(self.velocity_gain)
         return gain / alpha if self.velocity_reading == "conserved" else gain
 
     def resonance(self, lowest: float = 100.0, highest: float = 6000.0) -> float:
-        """First frequency (Hz) in the given range where the linear reactance is 0.
-
-        Raises:
-            ValueError: there is none.
-        """
+        """First frequency (Hz) in the given range where the linear reactance is 0; ValueError if there is none."""
         from scipy.optimize import brentq  # takes a quarter of a second to import
 
         grid = torch.linspace(lowest, highest, 2000, dtype=torch.float64)
@@ -110,22 +105,14 @@ class CellLiner(LinerModel):
         ends = grid[rising[0]].item(), grid[rising[0] + 1].item()
         return float(brentq(lambda f: plain_number(self.impedance(f).imag), *ends, xtol=1e-9))
 
-    def facts(self) -> dict[str, Any]:
-        """All arguments, and the resonance, None where there is none."""
-        try:
-            return {**self.describe(), "resonance_hz": self.resonance()}
-        except ValueError:
-            return {**self.describe(), "resonance_hz": None}
-
     def numbers(self) -> dict[str, Number]:
         """Arguments, both parts of the offset, and the state of the gas."""
-        offset = self.impedance_offset
-        offset = complex(offset.detach() if isinstance(offset, Tensor) else offset)
         temperature, pressure = air_state(self.fluid)
+        offset = torch.as_tensor(self.impedance_offset, dtype=torch.complex128).detach()
         return {
             **super().numbers(),
-            "offset_resistance": Number(offset.real, low=-math.inf),
-            "offset_reactance": Number(offset.imag, low=-math.inf),
+            "offset_resistance": Number(offset.real.item(), low=-math.inf),
+            "offset_reactance": Number(offset.imag.item(), low=-math.inf),
             "temperature": Number(temperature, "K", 150.0, 1500.0),
             "pressure": Number(pressure, "Pa"),
         }
@@ -137,10 +124,9 @@ class CellLiner(LinerModel):
         state = {name: changes.pop(name) for name in ("temperature", "pressure") if name in changes}
         if parts:
             own = self.numbers()
-            real, imag = (parts.get(name, own[name].value) for name in OFFSET)
-            offset = torch.complex(*(torch.as_tensor(part, dtype=torch.float64) for part in (real, imag)))
-            tensor = isinstance(real, Tensor) or isinstance(imag, Tensor)
-            changes["impedance_offset"] = offset if tensor else complex(offset)
+            pair = [torch.as_tensor(parts.get(name, own[name].value), dtype=torch.float64) for name in OFFSET]
+            tensor = any(isinstance(part, Tensor) for part in parts.values())
+            changes["impedance_offset"] = torch.complex(*pair) if tensor else complex(*pair)
         if state:
             changes["fluid"] = fluid_at(self.fluid, **state)
         return super().with_numbers(changes)
@@ -149,8 +135,8 @@ class CellLiner(LinerModel):
 def air_state(fluid: Fluid) -> tuple[float, float]:
     """Temperature (K) and pressure (Pa) of dry air with the sound speed and density of ``fluid``.
 
-    For gases that are not air they are the state about which c, rho and eta are scaled as those
-    of air: c as sqrt(T), rho as p/T, eta by Sutherland's law.
+    For gases that are not air they are the state about which c, rho and eta are scaled as those of air: c as sqrt(T),
+    rho as p/T, eta by Sutherland's law.
     """
     temperature = plain_number(fluid.sound_speed) ** 2 / (1.4 * GAS_CONSTANT_AIR)
     return temperature, plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature
@@ -158,11 +144,9 @@ def air_state(fluid: Fluid) -> tuple[float, float]:
 
 def fluid_at(fluid: Fluid, temperature: Any = None, pressure: Any = None) -> Fluid:
     """The gas at another temperature (K) or pressure (Pa); gamma and Pr stay."""
-    here = air_state(fluid)
-    base = Fluid.from_temperature(*here)
-    moved = Fluid.from_temperature(
-        here[0] if temperature is None else temperature, here[1] if pressure is None else pressure
-    )
+    here = dict(zip(("temperature", "pressure"), air_state(fluid), strict=True))
+    there = here | {k: v for k, v in (("temperature", temperature), ("pressure", pressure)) if v is not None}
+    base, moved = Fluid.from_temperature(**here), Fluid.from_temperature(**there)
     scaled: dict[str, Any] = {
         name: getattr(fluid, name) * (getattr(moved, name) / getattr(base, name))
         for name in ("sound_speed", "density", "dynamic_viscosity")

@@ -4,11 +4,10 @@ Of the reactance E of the plate's ends, all that is not the air inside the holes
 
     s^p = a^p + (k M)^p,    a = A xi^2.5/(xi^2.5 + B^2.5),    xi = |v|/(phi_p omega D_h),
 
-is lost: a to the jets and the turbulence that |v| stands for, once the air in a hole moves by some
-B hydraulic diameters, and k M to grazing flow. A = 1/2, the end that the jet leaves by; B and k are
-fitted to resolved liners, and p = 2 lies between their sum and the larger of the two
-(docs/mass_loss.md). The law takes the place of eq. (2.4b), whose largest loss is half as large for
-a slit; resistance is that of eq. (2.4a).
+is lost: a to the jets and the turbulence that |v| stands for, once the air in a hole moves by some B hydraulic
+diameters, and k M to grazing flow. A = 1/2, the end that the jet leaves by; B and k are fitted to resolved liners, and
+p = 2 lies between their sum and the larger of the two (docs/mass_loss.md). The law takes the place of eq. (2.4b), whose
+largest loss is half as large for a slit; resistance is that of eq. (2.4a).
 """
 
 from __future__ import annotations
@@ -51,8 +50,7 @@ class EndLossSDoFLiner(FlowSDoFLiner):
     Args:
         mach: see ``FlowSDoFLiner``; fitted up to 0.3, beyond which the share may pass 1. The law adds nothing to the
             resistance.
-        hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the
-            width for slits.
+        hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the width for slits.
         end_loss: A, 0 to 1.  loss_displacement: B, above 0.  mach_loss: k, at least 0.
         combination: p, above 0 and at most 8: 1 for the sum; towards the larger one with p.
     Raises:
@@ -85,13 +83,11 @@ class EndLossSDoFLiner(FlowSDoFLiner):
         porosity, thickness = number["porosity"], number["facesheet_thickness"]
         plate = linear_impedance(omega, thickness, number["orifice_diameter"] / 2, porosity, self.fluid)
         inside = omega * thickness / (self.fluid.sound_speed * porosity)
-        ends = (plate.imag - inside) / self.open_area_fraction + torch.as_tensor(self.impedance_offset).imag.double()
+        offset = torch.as_tensor(self.impedance_offset, dtype=torch.complex128)
+        ends = (plate.imag - inside) / number["open_area_fraction"] + offset.imag
         half = number["loss_displacement"] * porosity * omega * number["hydraulic_diameter"] / self.gain()
         return EndLossLaw(
-            *(law.resistance, law.reactance, law.a, law.b),
-            ends,
-            half**2.5,
-            number["end_loss"],
+            *(law.resistance, law.reactance, law.a, law.b, ends, half**2.5, number["end_loss"]),
             floor=number["mach_loss"] * number.get("mach", 0.0),
             power=number["combination"],
         )

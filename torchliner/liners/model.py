@@ -25,25 +25,25 @@ class Liner(Protocol):
 class LinerModel:
     """Base class of liner models. ``impedance`` is all that a model must define.
 
-    The rest is what the package asks of a liner; each default says that the model does not state
-    it. A frozen dataclass whose fields have the types of ``parameters.py`` has the checks of their
-    values, ``numbers``, ``with_numbers``, ``describe`` and the keys of its liner files from them.
+    The rest is what the package asks of a liner; each default says that the model does not state it. A frozen dataclass
+    whose fields have the types of ``parameters.py`` has the checks of their values, ``numbers``, ``with_numbers``,
+    ``describe`` and the keys of its liner files from them.
+
+    Attributes:
+        model: its name in liner files, a key of ``names.LINER_MODELS``.
+        file_keys: keys of its liner files, for pydantic; None: its fields.
+        groups: names that stand for several of ``numbers``.
+        name: for labels.  cell_pitch: L_c, m, for averages over cells.  fluid: gas, compared with that of the data.
+        files: names of the files it was read from; of presets and changed copies none.
     """
 
     model: ClassVar[str] = ""
-    """Name of the model in liner files, a key of ``names.LINER_MODELS``."""
     file_keys: ClassVar[Mapping[str, Any] | None] = None
-    """Keys of its liner files, for pydantic; None: its fields."""
     groups: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Names that stand for several of ``numbers``."""
     name: str = ""
-    """For labels."""
     cell_pitch: float | None = None
-    """L_c, m, for averages over cells."""
     fluid: Fluid | None = None
-    """Gas, compared with that of the data."""
     files: tuple[str, ...] = ()
-    """Names of the files it was read from; of presets and changed copies none."""
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -87,14 +87,14 @@ class LinerModel:
         return None
 
     @property
-    def flow_resistance(self) -> float:
-        """Resistance that the model itself adds for grazing flow, normalised; 0 without."""
-        return 0.0
-
-    @property
     def hole_diameter(self) -> float | None:
         """Of the holes that face the flow, m, for eqs (2.7) and (A2)."""
         return None
+
+    @property
+    def flow_resistance(self) -> float:
+        """Resistance that the model itself adds for grazing flow, normalised; 0 without."""
+        return 0.0
 
     @property
     def lacks_mach(self) -> bool:
@@ -102,12 +102,10 @@ class LinerModel:
         return False
 
     def in_flow(self, mach: float | None) -> LinerModel:
-        """The liner in the flow of the data; itself where its law takes none.
+        """The liner in the flow of the data, whose bulk Mach number may be unknown; itself where its law takes none.
 
-        Args:
-            mach: bulk Mach number that the data state; None where they state none.
         Raises:
-            ValueError: the liner states another one.
+            ValueError: the liner states another Mach number.
         """
         return self
 
@@ -116,12 +114,8 @@ class LinerModel:
         return numbers_of(type(self), vars(self))
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
-        """A copy with other ``numbers``.
-
-        Args:
-            values: by name, SI: floats, or 0-d float64 tensors, through which derivatives pass if
-                ``impedance`` computes with torch.
-        """
+        """A copy with other ``numbers``: by name, SI; floats, or 0-d float64 tensors, through which derivatives pass if
+        ``impedance`` computes with torch."""
         return self.replace(**values)
 
     def replace(self, **changes: Any) -> Self:
@@ -133,10 +127,6 @@ class LinerModel:
         kind: Any = type(self)
         stated = {name: plain(getattr(self, name)) for name in arguments_of(kind)}
         return {"model": self.model or type(self).__name__, **stated}
-
-    def facts(self) -> dict[str, Any]:
-        """What ``torchliner liner`` prints."""
-        return self.describe()
 
 
 def plain(value: Any) -> Any:
@@ -158,8 +148,8 @@ STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "sp
 def as_liner(liner: Any) -> LinerModel:
     """The liner itself, or any object with ``impedance(frequency, speed)`` as a ``LinerModel``.
 
-    Of such an object are taken, where it has them, the members of ``STATED`` and
-    ``orifice_diameter`` (m); for the rest the defaults hold.
+    Of such an object are taken, where it has them, the members of ``STATED`` and ``orifice_diameter`` (m); for the rest
+    the defaults hold.
 
     Raises:
         TypeError: no ``impedance``.
@@ -173,9 +163,13 @@ def as_liner(liner: Any) -> LinerModel:
     members = {name: getattr(liner, name) for name in STATED if hasattr(liner, name)}
     if hasattr(liner, "orifice_diameter"):
         members["hole_diameter"] = plain_number(liner.orifice_diameter)
-    bound = {name: staticmethod(m) if callable(m) else m for name, m in members.items()}
-    made: LinerModel = type(type(liner).__name__, (LinerModel,), bound)()
+    made: LinerModel = with_members(type(liner).__name__, members, LinerModel)()
     return made
+
+
+def with_members(name: str, members: Mapping[str, Any], *bases: type) -> type:
+    """A class with these values, and functions that take no ``self``."""
+    return type(name, bases, {key: staticmethod(each) if callable(each) else each for key, each in members.items()})
 
 
 def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict[str, Number]:

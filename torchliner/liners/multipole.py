@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.interpolate import AAA
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
@@ -33,8 +34,9 @@ DAMPING = (0.01, 50.0)  # of two poles: less would be a resonance between two fr
 BEYOND = 4.0  # times the band that |p| may lie outside of it
 EVALUATIONS = 200  # of the search for poles
 RIDGE = 1e-4  # weight of a multiple against an error in R
-ROOM = 1e-9  # by which |R|^2 stays below 1
+ROOM = 1e-6  # by which |R|^2 stays below 1 in the band: more than it varies between the frequencies looked at
 ROUNDS = 30  # of adding frequencies at which |R| exceeded 1
+Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +81,7 @@ class Multipole:
 
         Args:
             sampling_rate: Hz.
-        Returns:
-            ``decay`` e, ``now`` a, ``before`` b, complex128, (N,).
+        Returns: ``decay`` e, ``now`` a, ``before`` b, complex128, (N,).
         """
         step = 1 / one_number("sampling_rate (Hz)", sampling_rate)
         decay = torch.exp(self.poles * step)
@@ -122,10 +123,10 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         poles: N, an odd number has one real pole; fewer than F.
         about: plain values to keep with it.
     Raises:
-        ValueError: too many poles for the frequencies; Z with nan or inf, or with a negative resistance throughout.
+        ValueError: too many poles for the frequencies; Z with nan, inf or -1, or with a negative resistance throughout.
     Source: poles start from the AAA algorithm (Nakatsukasa, Sete and Trefethen, SIAM J. Sci. Comput. 40, 2018, A1494),
-        which are then moved into the left half plane and fitted by least squares in R. Where |R| exceeds 1, between
-        0 Hz and a thousand times the band, the residues are those of least error with |R| <= 1 there.
+        which are then moved into the left half plane and fitted by least squares in R. Where |R| exceeds 1, anywhere
+        between 0 Hz and ten thousand times the band, the residues are those of least error with |R| < 1 there.
 
     >>> liner, frequency = tl.load_liner("onera"), torch.linspace(500.0, 2500.0, 21, dtype=torch.float64)
     >>> model = tl.fit_multipole(frequency, liner.impedance(frequency, 3.0), poles=4)
@@ -138,9 +139,9 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         raise ValueError(f"impedance has shape {tuple(z.shape)}; of {len(f)} frequencies ({len(f)},) is needed")
     f, order = f.sort()
     z = z[order]
-    wrong = ~torch.isfinite(torch.view_as_real(z).sum(-1))
+    wrong = ~torch.isfinite(torch.view_as_real(z + 1 / (z + 1)).sum(-1))
     if bool(wrong.any()):
-        raise ValueError(f"impedance is nan or inf at {float(f[wrong][0]):g} Hz; leave that frequency out")
+        raise ValueError(f"impedance is nan, inf or -1 at {float(f[wrong][0]):g} Hz; leave that frequency out")
     if not 1 <= count <= MOST_POLES or len(f) <= count:
         raise ValueError(
             f"{count} poles are asked for, and Z is known at {len(f)} frequencies; take 1 to {MOST_POLES} poles, fewer "
@@ -153,11 +154,11 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
     wanted = reflection_from_impedance(z).numpy() - 1
     unit = 2 * math.pi * math.sqrt(float(f[0]) * float(f[-1]))  # rad/s, in which poles are of order 1
     s = 2j * np.pi * f.numpy() / unit
-    found = _fitted_factors(s, wanted, count)
-    basis = _basis(s, found)
-    free = _real_solution(basis, wanted)
-    passive = _passive(free, basis, wanted, found, abs(s[-1]))
-    p, r = (torch.from_numpy(each * unit) for each in _poles_and_residues(found, passive))
+    factors = _fitted(s, wanted, count)
+    basis = _basis(s, *factors)
+    free = _multiples(basis, wanted)
+    passive = _passive(free, basis, wanted, factors, abs(s[-1]))
+    p, r = (torch.from_numpy(each * unit) for each in _poles_and_residues(passive, *factors))
     return Multipole(
         poles=p,
         residues=r,
@@ -168,124 +169,103 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
     )
 
 
-def _fitted_factors(s: np.ndarray, wanted: np.ndarray, count: int) -> np.ndarray:
-    """Sizes w and dampings d of factors s^2 + 2 d w s + w^2, (N // 2, 2): two poles each, conjugate or real.
+def _basis(s: Array, w: Array, d: Array) -> Array:
+    """Functions whose real multiples make up R - 1, (F, N): w^2 and w s over s^2 + 2 d w s + w^2 for each d, two poles,
+    conjugate or real; for odd N also w/(s + w) of the last w, one pole."""
+    two, one, s = w[: len(d)], w[len(d) :], s[:, None]
+    over = two / (s**2 + 2 * d * two * s + two**2)
+    return np.concatenate([two * over, s * over, one / (s + one)], 1)
 
-    For odd N a last row with d = inf: one pole at -w.
-    """
-    pairs, real = count // 2, count % 2
-    ends = np.log(
-        [
-            [abs(s[0]) / BEYOND] * (pairs + real) + [DAMPING[0]] * pairs,
-            [abs(s[-1]) * BEYOND] * (pairs + real) + [DAMPING[1]] * pairs,
-        ]
-    )
-    outside = _grid(abs(s[-1]), 300, np.zeros(0))
 
-    def factors(x: np.ndarray) -> np.ndarray:
-        return np.stack([np.exp(x[: pairs + real]), np.concatenate([np.exp(x[pairs + real :]), [np.inf] * real])], 1)
+def _multiples(basis: Array, wanted: Array) -> Array:
+    """Real multiples of least error; large ones of poles that nearly coincide are held down (Tikhonov)."""
+    ridge = RIDGE * np.eye(basis.shape[1])
+    rows = np.concatenate([basis.real, basis.imag, ridge])
+    return np.asarray(np.linalg.lstsq(rows, np.concatenate([wanted.real, wanted.imag, ridge[0] * 0]), rcond=None)[0])
 
-    def misfit(x: np.ndarray) -> np.ndarray:
-        """Errors in R, and by how much |R| exceeds 1 anywhere."""
-        basis = _basis(s, factors(x))
-        solved = _real_solution(basis, wanted)
-        off = basis @ solved - wanted
-        excess = np.abs(1 + _basis(outside, factors(x)) @ solved) - 1
+
+def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
+    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1."""
+    pairs, size, outside = count // 2, count - count // 2, _grid(abs(s[-1]), 300, np.zeros(0))
+    low = np.log([abs(s[0]) / BEYOND] * size + [DAMPING[0]] * pairs)
+    high = np.log([abs(s[-1]) * BEYOND] * size + [DAMPING[1]] * pairs)
+
+    def misfit(x: Array) -> Array:
+        w, d = np.exp(x[:size]), np.exp(x[size:])
+        basis = _basis(s, w, d)
+        solved = _multiples(basis, wanted)
+        off, excess = basis @ solved - wanted, np.abs(1 + _basis(outside, w, d) @ solved) - 1
         return np.concatenate([off.real, off.imag, excess.clip(min=0)])
 
-    tried = []
-    for first in _starting_factors(s, wanted, count):
-        start = np.clip(np.log(np.concatenate([first[:, 0], first[:pairs, 1]])), ends[0] + 1e-6, ends[1] - 1e-6)
-        tried.append(least_squares(misfit, start, bounds=(ends[0], ends[1]), x_scale="jac", max_nfev=EVALUATIONS))
-    return factors(min(tried, key=lambda found: float(found.cost)).x)
+    starts = [np.clip(first, low + 1e-6, high - 1e-6) for first in _starts(s, wanted, count)]
+    limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
+    tried = [least_squares(misfit, start, **limits) for start in starts]
+    best = min(tried, key=lambda found: float(found.cost)).x
+    return np.exp(best[:size]), np.exp(best[size:])
 
 
-def _starting_factors(s: np.ndarray, wanted: np.ndarray, count: int) -> list[np.ndarray]:
-    """From the poles of the AAA algorithm, with others where it finds too few, and spread over the band."""
+def _starts(s: Array, wanted: Array, count: int) -> list[Array]:
+    """log w and log d from the poles of the AAA algorithm, with others where it finds too few; and spread evenly."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # that it has not converged with so few terms
         found = AAA(np.concatenate([s, s.conj()]), np.concatenate([wanted, wanted.conj()]), max_terms=count + 1).poles()
     above = found[found.imag > 1e-6 * np.abs(found)]
     above = above[np.argsort(np.abs(above))]
-    known = np.stack([np.abs(above), np.abs(above.real) / np.abs(above)], 1)
-    spread = np.geomspace(abs(s[0]), abs(s[-1]), count // 2 + 2)[1:-1]
-    others, last = np.stack([spread, np.full_like(spread, 0.5)], 1), np.full((count % 2, 2), [1.0, np.inf])
-    return [np.concatenate([pairs[: count // 2], last]) for pairs in (np.concatenate([known, others]), others)]
+    spread = (-0.5 + 1j) * np.geomspace(abs(s[0]), abs(s[-1]), count // 2 + 2)[1:-1]
+    some = [pairs[: count // 2] for pairs in (np.concatenate([above, spread]), spread)]
+    lone = np.zeros(count % 2)
+    return [
+        np.concatenate([np.log(np.abs(each)), lone, np.log(np.abs(each.real / each).clip(DAMPING[0]))]) for each in some
+    ]
 
 
-def _sizes(factors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of two poles each w and d, (N // 2,), and w of single ones, (N % 2,)."""
-    double = np.isfinite(factors[:, 1])
-    return factors[double, 0], factors[double, 1], factors[~double, 0]
-
-
-def _basis(s: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Functions whose real multiples make up R - 1, (F, N): w^2 and w s over each factor, w/(s + w) of a real pole."""
-    w, d, single = _sizes(factors)
-    over = w / (s[:, None] ** 2 + 2 * d * w * s[:, None] + w**2)
-    return np.concatenate([w * over, s[:, None] * over, single / (s[:, None] + single)], 1)
-
-
-def _real_solution(basis: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Real multiples of least error; large ones of poles that nearly coincide are held down (Tikhonov)."""
-    count = basis.shape[1]
-    rows = np.concatenate([basis.real, basis.imag, RIDGE * np.eye(count)])
-    return np.asarray(np.linalg.lstsq(rows, np.concatenate([wanted.real, wanted.imag, np.zeros(count)]), rcond=None)[0])
-
-
-def _passive(x: np.ndarray, basis: np.ndarray, wanted: np.ndarray, factors: np.ndarray, top: float) -> np.ndarray:
-    """The real multiples of least error with |R| <= 1: a convex problem, with one bound for each peak of |R|."""
-    grid = _grid(top, 30_000, _poles_and_residues(factors, x)[0])
-    dense = _basis(grid, factors)
+def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array], top: float) -> Array:
+    """The real multiples of least error with |R| < 1: a convex problem, with one bound for each peak of |R|."""
+    grid = _grid(top, 30_000, _poles_and_residues(x, *factors)[0])
+    dense, weight = _basis(grid, *factors), 1 + np.abs(grid / top) ** 2  # |R| tends to 1 as its inverse
     held = np.zeros(len(grid), dtype=bool)
     scale = 1 / np.linalg.norm(basis, axis=0)
     rows, bounded, y = basis * scale, dense * scale, x / scale
 
-    def cost(y: np.ndarray) -> tuple[float, np.ndarray]:
+    def cost(y: Array) -> tuple[float, Array]:
         off = rows @ y - wanted
         return float(np.vdot(off, off).real), 2 * (rows.conj().T @ off).real
 
-    def room(y: np.ndarray) -> np.ndarray:
-        return np.asarray(1 - ROOM - np.abs(1 + bounded[held] @ y) ** 2)
+    def left(y: Array) -> Array:
+        return np.asarray(weight[held] * (1 - np.abs(1 + bounded[held] @ y) ** 2) - ROOM)
 
-    def slope(y: np.ndarray) -> np.ndarray:
-        return np.asarray(-2 * ((1 + bounded[held] @ y).conj()[:, None] * bounded[held]).real)
+    def slope(y: Array) -> Array:
+        return np.asarray(-2 * ((weight[held] * (1 + bounded[held] @ y).conj())[:, None] * bounded[held]).real)
 
     for _ in range(ROUNDS):
-        size = np.abs(1 + bounded @ y) ** 2
+        size = weight * (np.abs(1 + bounded @ y) ** 2 - 1)
         peaks = np.concatenate([[True], size[1:] >= size[:-1]]) & np.concatenate([size[:-1] >= size[1:], [True]])
-        over = peaks & (size > 1)
+        over = peaks & (size > -ROOM / 2)
         if not over.any():
             return np.asarray(y * scale)
         held |= over
-        found = minimize(  # type: ignore[call-overload]
-            cost,
-            y,
-            jac=True,
-            method="SLSQP",
-            constraints={"type": "ineq", "fun": room, "jac": slope},
-            options={"maxiter": 300, "ftol": 1e-14},
-        )
+        bounds = {"type": "ineq", "fun": left, "jac": slope}
+        options = {"maxiter": 300, "ftol": 1e-14}
+        found = minimize(cost, y, jac=True, method="SLSQP", constraints=bounds, options=options)  # type: ignore[call-overload]
         y = found.x
     raise ValueError(
-        f"R could not be made passive: |R| still exceeds 1 by {math.sqrt(size.max()) - 1:.2g}; take fewer poles, or a "
-        "band in which Z is better known"
+        f"R could not be made passive: |R|^2 still exceeds 1 by {size.max():.2g}; take fewer poles, or a band in which "
+        "Z is better known"
     )
 
 
-def _grid(top: float, count: int, poles: np.ndarray) -> np.ndarray:
-    """s from 0 to a thousand times the band, rising, most of them up to three times it, and many around each pole."""
+def _grid(top: float, count: int, poles: Array) -> Array:
+    """s from 0 to ten thousand times the band, rising, most of them up to three times it, and many around each pole."""
     near = np.linspace(0, 3 * top, count)
-    around = poles.imag - poles.real * np.tan(np.linspace(-1.55, 1.55, 401))[:, None]
-    return 1j * np.unique(np.concatenate([near, np.geomspace(3 * top, 1000 * top, count // 4), np.abs(around).ravel()]))
+    around = poles.imag - poles.real * np.tan(np.linspace(-1.55, 1.55, 3001))[:, None]
+    return 1j * np.unique(np.concatenate([near, np.geomspace(3 * top, 1e4 * top, count // 4), np.abs(around).ravel()]))
 
 
-def _poles_and_residues(factors: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _poles_and_residues(x: Array, w: Array, d: Array) -> tuple[Array, Array]:
     """From the real multiples of ``_basis``: the two poles of a factor side by side, a single one last."""
-    w, d, single = _sizes(factors)
-    count = len(w)
-    root = w * np.sqrt(d.astype(complex) ** 2 - 1)
-    both = np.stack([-d * w + root, -d * w - root], 1)
-    by_s, constant = (w * x[count : 2 * count])[:, None], (w**2 * x[:count])[:, None]
+    count = len(d)
+    two, one, root = w[:count], w[count:], w[:count] * np.sqrt(d.astype(complex) ** 2 - 1)
+    both = np.stack([-d * two + root, -d * two - root], 1)
+    by_s, constant = (two * x[count : 2 * count])[:, None], (two**2 * x[:count])[:, None]
     residues = (by_s * both + constant) / np.stack([2 * root, -2 * root], 1)
-    return np.concatenate([both.ravel(), -single]), np.concatenate([residues.ravel(), single * x[2 * count :]])
+    return np.concatenate([both.ravel(), -one]), np.concatenate([residues.ravel(), one * x[2 * count :]])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, get_type_hints
@@ -29,8 +29,7 @@ class Number:
 
     Args:
         value: SI.  unit: SI, "1" if it has none.
-        low, high: what makes sense: above ``low``, at most ``high``.
-        low_included: whether ``low`` itself makes sense.
+        low, high: what makes sense: above ``low``, at most ``high``.  low_included: whether ``low`` itself does.
     """
 
     value: float
@@ -45,20 +44,13 @@ class Number:
         return SI_QUANTITY.get(self.unit, "number")
 
     def require(self, name: str) -> None:
-        """Refuse a value that is not finite or outside the range.
-
-        Raises:
-            ValueError: name, value, unit, range.
-        """
+        """Raise a ValueError with name, value, unit and range unless the value is finite and within the range."""
         below = self.value < self.low or (self.value == self.low and not self.low_included)
         if not below and math.isfinite(self.value) and self.value <= self.high:
             return
         unit = "" if self.unit == "1" else f" {self.unit}"
-        limits = []
-        if self.low > -math.inf:
-            limits.append(f"{'at least' if self.low_included else 'above'} {self.low:g}{unit}")
-        if self.high < math.inf:
-            limits.append(f"at most {self.high:g}{unit}")
+        limits = [f"{'at least' if self.low_included else 'above'} {self.low:g}{unit}"] * (self.low > -math.inf)
+        limits += [f"at most {self.high:g}{unit}"] * (self.high < math.inf)
         slip = SLIPS.get(self.unit, "") if self.value > self.high else ""
         raise ValueError(f"{name} is {self.value:g}{unit}; it is {' and '.join(limits) or 'finite'}{slip}")
 
@@ -81,10 +73,10 @@ class Range:
 Length = Annotated[Any, Range("m", high=0.1)]  # of plates; more are millimetres given as metres
 Depth = Annotated[Any, Range("m", high=10.0)]  # of cavities, likewise
 Share = Annotated[Any, Range(high=1.0)]
+ShareFrom0 = Annotated[Any, Range(high=1.0, low_included=True)]
 Factor = Annotated[Any, Range()]
 FactorFrom0 = Annotated[Any, Range(low_included=True)]
 Coefficient = Annotated[Any, Range(low=-math.inf)]
-ShareFrom0 = Annotated[Any, Range(high=1.0, low_included=True)]
 Mach = ShareFrom0
 Pitch = Annotated[float | None, Range("m", varied=False)]
 
@@ -104,7 +96,7 @@ def ranges_of(declared: Any) -> dict[str, Range]:
     return {name: mark for name, held in marks.items() for mark in held if isinstance(mark, Range)}
 
 
-def stated(declared: Any, values: Mapping[str, Any]) -> Iterable[tuple[str, Range, Any]]:
+def stated(declared: Any, values: Mapping[str, Any]) -> Iterator[tuple[str, Range, Any]]:
     """Parameters with range and value; those left at a default of None are passed over."""
     for name, within in ranges_of(declared).items():
         if values[name] is not None or arguments_of(declared)[name][1] is not None:
@@ -112,16 +104,14 @@ def stated(declared: Any, values: Mapping[str, Any]) -> Iterable[tuple[str, Rang
 
 
 def checked(declared: Any, values: Mapping[str, Any], label: str) -> dict[str, float | Tensor]:
-    """Parameters as Python's numbers, and tensors as they are.
+    """Parameters as Python's numbers, and tensors as they are; ``label`` says of what, for messages.
 
     Raises:
-        TypeError: no number; ``label`` says of what it is a parameter.
-        ValueError: outside its range.
+        TypeError: no number.  ValueError: outside its range.
     """
     found = {}
     for name, within, value in stated(declared, values):
-        known = value.detach() if isinstance(value, Tensor) else value
-        number = one_number(f"{label}: {name}", known)
+        number = one_number(f"{label}: {name}", value.detach() if isinstance(value, Tensor) else value)
         within.number(number).require(f"{label}: {name}")
         found[name] = value if isinstance(value, Tensor) else number
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,11 @@ from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor, tell
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Pitch
-from torchliner.text_columns import Array, Column, cells_of, number_of, read_columns, read_lines, separator_of
+from torchliner.text_columns import Array, cells_of, header_line, number_of, read_lines, read_table, separator_of
 
 COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"}
+UNITS = {"frequency": "Hz", "speed": "m/s", "resistance": "rho c", "reactance": "rho c"}  # where the header has none
+EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,24 +51,22 @@ class TabulatedLiner(LinerModel):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        where = f"table {self.name!r}"
-        frequency = real_tensor(self.frequency).reshape(-1)
-        speed = None if self.speed is None else real_tensor(self.speed).reshape(-1)
-        values = self.values
+        where, values = f"table {self.name!r}", self.values
         if not isinstance(values, Tensor):  # a list of complex would become complex64
             values = torch.from_numpy(np.array(plain_array(values, f"{where}: values"), dtype=np.complex128))
-        values = values.to(torch.complex128)
-        wanted = (len(frequency),) if speed is None else (len(frequency), len(speed))
+        axes = {"frequency": self.frequency} | ({} if self.speed is None else {"speed": self.speed})
+        axes = {label: real_tensor(axis).reshape(-1) for label, axis in axes.items()}
+        wanted = tuple(map(len, axes.values()))
         if tuple(values.shape) != wanted:
             raise ValueError(f"{where}: values have shape {tuple(values.shape)}, the axes {wanted}")
-        if not bool(torch.isfinite(torch.view_as_real(values)).all()):
+        if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{where} holds values that are not finite")
-        for label, axis, fewest in (("frequency", frequency, 1), ("speed", speed, 2)):
-            if axis is not None and (len(axis) < fewest or not bool((axis.diff() > 0).all())):
+        for (label, axis), fewest in zip(axes.items(), (1, 2), strict=False):
+            if len(axis) < fewest or not bool((axis.diff() > 0).all()):
                 raise ValueError(f"{where}: {label} must increase; values needed: {fewest} or more")
-        if speed is not None and float(speed[0]) != 0:
-            raise ValueError(f"{where}: speed starts at {float(speed[0]):g}, not at 0")
-        for name, value in (("frequency", frequency), ("values", values), ("speed", speed)):
+        if "speed" in axes and axes["speed"][0] != 0:
+            raise ValueError(f"{where}: speed starts at {float(axes['speed'][0]):g}, not at 0")
+        for name, value in {**axes, "values": values.to(torch.complex128)}.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -88,29 +89,28 @@ class TabulatedLiner(LinerModel):
     def read_csv(cls, path: str | Path, **options: Any) -> Self:
         """Read columns ``frequency, resistance, reactance`` or ``frequency, speed, ...``.
 
-        One header row with these names in lower case, commas or semicolons between the cells, no remarks; other
-        columns are passed over. Units Hz, m/s and rho c. Rows over frequency and speed form a full grid in any order.
+        A header with these names, units Hz, m/s and rho c unless it says otherwise, as in ``frequency [kHz]``; commas
+        or semicolons between the cells; remarks behind '#'. Other columns are passed over. Rows over frequency and
+        speed form a full grid in any order.
 
         Raises:
-            ValueError: a missing column, a value that is no number (with its line), a gap or a
-                repetition in the grid.
+            ValueError: a missing column, a value that is no number (with its line), a gap or a repetition in the grid.
         """
         options.setdefault("name", Path(path).stem)
         with naming(path):
             columns = _read_columns(Path(path))
+            impedance = columns["resistance"] + 1j * columns["reactance"]
             frequency, row = np.unique(columns["frequency"], return_inverse=True)
             speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
-            values = np.full((len(frequency), len(speed)), np.nan, dtype=complex)
-            values[row, column] = columns["resistance"] + 1j * columns["reactance"]
-            gaps = np.argwhere(np.isnan(values))
-            if len(row) > values.size - len(gaps):
-                raise ValueError(f"{len(row) - values.size + len(gaps)} row(s) repeat a frequency and speed")
-            if len(gaps):
-                f, v = frequency[gaps[0][0]], speed[gaps[0][1]]
-                raise ValueError(f"no row for {f:g} Hz and {v:g} m/s; the grid is full")
-            if "speed" not in columns:
-                return cls(frequency, values[:, 0], **options)
-            return cls(frequency, values, speed, **options)
+            values, times = np.zeros((2, len(frequency), len(speed)), dtype=complex)
+            values[row, column] = impedance
+            np.add.at(times, (row, column), 1)
+            if (times.real > 1).any():
+                raise ValueError(f"{len(row) - np.count_nonzero(times)} row(s) repeat a frequency and speed")
+            for f, v in np.argwhere(times == 0)[:1]:
+                raise ValueError(f"no row for {frequency[f]:g} Hz and {speed[v]:g} m/s; the grid is full")
+            axes = (values[:, 0],) if "speed" not in columns else (values, speed)
+            return cls(frequency, *axes, **options)
 
     @classmethod
     def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
@@ -124,11 +124,12 @@ class TabulatedLiner(LinerModel):
                 "a table is file, a .csv beside this one, or frequency, resistance "
                 "and reactance, with speed where they depend on it"
             )
-        arrays = [plain_array(part, name) for part, name in zip(parts, ("resistance", "reactance"), strict=True)]
-        real, imaginary = (real_tensor(array).numpy() for array in arrays)
+        real, imaginary = (real_tensor(part, name=name) for part, name in zip(parts, [*COLUMNS][2:], strict=True))
         if real.shape != imaginary.shape:
-            raise ValueError(f"resistance has shape {real.shape}, reactance {imaginary.shape}; they are of one shape")
-        return cls(frequency, real + 1j * imaginary, speed, **about)
+            raise ValueError(
+                f"resistance has shape {tuple(real.shape)}, reactance {tuple(imaginary.shape)}; they are of one shape"
+            )
+        return cls(frequency, torch.complex(real, imaginary), speed, **about)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
         """Normalised impedance, complex128, of the broadcast shape.
@@ -139,70 +140,51 @@ class TabulatedLiner(LinerModel):
             ValueError: outside the table; none is given.
         """
         f, v = real_tensor(frequency), real_tensor(speed)
-        _require_inside(f, *self.frequency_range, f"table {self.name!r}: frequency", "Hz")
+        self._require_inside(f, *self.frequency_range, "frequency", "Hz")
         row, above, across = _bracket(self.frequency, f)
         if self.speed is None:
-            flat = self.values[row] * (1 - across) + self.values[above] * across
-            return flat.broadcast_to(np.broadcast_shapes(f.shape, v.shape))
-        _require_inside(v, 0.0, float(self.speed[-1]), f"table {self.name!r}: |v|", "m/s")
-        column, beside, along = _bracket(self.speed, v)
-        lower, upper = (self.values[i, column] * (1 - along) + self.values[i, beside] * along for i in (row, above))
+            lower, upper = (self.values[i].broadcast_to(np.broadcast_shapes(f.shape, v.shape)) for i in (row, above))
+        else:
+            self._require_inside(v, 0.0, float(self.speed[-1]), "|v|", "m/s")
+            column, beside, along = _bracket(self.speed, v)
+            lower, upper = (self.values[i, column] * (1 - along) + self.values[i, beside] * along for i in (row, above))
         return lower * (1 - across) + upper * across
+
+    def _require_inside(self, value: Tensor, low: float, high: float, name: str, unit: str) -> None:
+        name = f"table {self.name!r}: {name}"
+        if value.numel() == 0:
+            raise ValueError(f"{name} is empty; give at least one, {low:g}-{high:g} {unit}")
+        small, large = float(value.min()), float(value.max())
+        slack = 1e-9 * high
+        if not (low - slack <= small and large <= high + slack):
+            worst = small if small < low else large
+            raise ValueError(f"{name} is {worst:g} {unit}, outside the table's {low:g}-{high:g} {unit}")
 
     def describe(self) -> dict[str, Any]:
         """All of the table, so that a result that holds it can be repeated without its file."""
-        values = self.values.detach()
-        return {
-            "model": self.model,
-            "name": self.name,
-            "cell_pitch": self.cell_pitch,
-            "frequency": self.frequency.tolist(),
-            "speed": None if self.speed is None else self.speed.tolist(),
-            "resistance": values.real.tolist(),
-            "reactance": values.imag.tolist(),
-        }
-
-    def facts(self) -> dict[str, Any]:
-        """See ``LinerModel``."""
-        low, high = self.frequency_range
-        return {"model": self.model, "name": self.name, "low": low, "high": high}
+        parts = {"resistance": self.values.real, "reactance": self.values.imag}
+        axes = {"frequency": self.frequency, "speed": self.speed}
+        numbers = {name: None if value is None else value.tolist() for name, value in (axes | parts).items()}
+        return {"model": self.model, "name": self.name, "cell_pitch": self.cell_pitch, **numbers}
 
 
 def _read_columns(path: Path) -> dict[str, Array]:
-    """The columns of a table by name, finite numbers."""
-    head, *lines = read_lines(path)
-    separator = separator_of(head)
-    labels = cells_of(head, separator)
-    for name in COLUMNS:
-        if labels.count(name) != 1 and (name != "speed" or name in labels):
-            state = "named twice" if name in labels else f"missing; there are: {', '.join(labels)}"
-            raise ValueError(
-                f"column {name!r} is {state}; write frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
-            )
-    rows = {number: cells_of(line, separator) for number, line in enumerate(lines, 2) if line.strip()}
-    if not rows:
-        raise ValueError("it holds no values: the file ends at line 1")
-    others = {i: label for i, label in enumerate(labels) if label not in COLUMNS}
-    passed_over = [row[i] for row in rows.values() for i in others if i < len(row)]
-    if separator == "," and any(number_of(cell) == number_of(cell) for cell in passed_over):
-        # A decimal comma shifts the cells of a row by one, into a column that nobody reads.
+    """The columns of a table by name, finite numbers in SI units and rho c."""
+    lines = read_lines(path)
+    start = header_line(lines, path)
+    separator = separator_of(lines[start])
+    labels = cells_of(lines[start], separator)
+    lines[start] = separator.join(f"{label} [{UNITS[label]}]" if label in UNITS else label for label in labels)
+    others = {i: label for i, label in enumerate(labels) if re.split(r"\W", label.lower())[0] not in COLUMNS}
+    known: Mapping[str, str | None] = dict(COLUMNS)
+    ignored = [label.lower() for label in others.values()]
+    found = read_table(lines, known, path, example=EXAMPLE, optional=["speed"], others=ignored)
+    rows = [cells_of(line, separator) for line in lines[start + 1 :]]
+    unread = [row[i] for row in rows for i in others if i < len(row)]
+    if separator == "," and not np.isnan([number_of(cell) for cell in unread]).all():  # shifted by decimal commas?
         names = ", ".join(map(repr, others.values()))
-        tell(
-            f"{path}: numbers in the columns {names} are passed over; if they stem from decimal commas, part the cells "
-            "by semicolons"
-        )
-    columns = [Column(name, labels.index(name), 1.0, kind) for name, kind in COLUMNS.items() if name in labels]
-    return read_columns([*rows.values()], [*rows], columns, path, len(labels), special=(), comma=separator != ",")
-
-
-def _require_inside(value: Tensor, low: float, high: float, name: str, unit: str) -> None:
-    if value.numel() == 0:
-        raise ValueError(f"{name} is empty; give at least one, {low:g}-{high:g} {unit}")
-    small, large = float(value.min()), float(value.max())
-    slack = 1e-9 * high
-    if not (low - slack <= small and large <= high + slack):
-        worst = small if small < low else large
-        raise ValueError(f"{name} is {worst:g} {unit}, outside the table's {low:g}-{high:g} {unit}")
+        tell(f"{path}: numbers in the columns {names} are passed over; decimal commas need semicolons between cells")
+    return found
 
 
 def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor, Tensor]:

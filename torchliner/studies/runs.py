@@ -20,9 +20,8 @@ from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
-from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.model import LinerModel
-from torchliner.liners.sdof import FlowSDoFLiner, SDoFLiner
+from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note

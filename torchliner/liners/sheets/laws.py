@@ -31,7 +31,7 @@ from torchliner.liners.sheets.terms import (
     tube_impedance,
 )
 
-Layer = Annotated[Any, Range("m", high=0.1, low_included=True)]  # displacement thickness of a boundary layer
+Displacement = Annotated[Any, Range("m", high=0.1, low_included=True)]  # displacement thickness of a boundary layer
 SHARP = 0.76  # C_D of sharp-edged holes, with which the two-parameter model is used
 
 
@@ -56,14 +56,13 @@ def guess(
              \frac{1 + 5\cdot10^3 M_0^2}{1 + 10^4 M_0^2}\, \frac{1}{1 + 305 M^3}.
 
     Range: holes wide against the viscous layer, d sqrt(omega/(4 nu)) above 10 (below it friction
-    is too small: it lacks Poiseuille's limit), and k d below 1. M_0 is that of the hole; whether
-    Guess means rms or peak is not said where this was read, rms is taken: the jet of a discharge
-    coefficient sqrt(TONE/2) = 0.775 (a peak would mean 0.65).
+    is too small: it lacks Poiseuille's limit), and k d below 1. M_0 is that of the hole; whether Guess means rms or
+    peak is not said where this was read, rms is taken: the jet of a discharge coefficient sqrt(TONE/2) = 0.775 (a peak
+    would mean 0.65).
 
-    Source: Guess (1975), J. Sound Vib. 40, 119-137, which could not be opened. All terms but one
-        are as in the code VictorZaia/Impedance-calculation on GitHub (0.71 there for 0.7), after
-        Malmary. The factor in M_0 of delta, which halves it in strong sound, is as commonly quoted
-        and was found in no text that could be opened.
+    Source: Guess (1975), J. Sound Vib. 40, 119-137, which could not be opened. All terms but one are as in the code
+        VictorZaia/Impedance-calculation on GitHub (0.71 there for 0.7), after Malmary. The factor in M_0 of delta,
+        which halves it in strong sound, is as commonly quoted and was found in no text that could be opened.
     """
     share = porosity * fluid.sound_speed
     sound = (speed / share) ** 2
@@ -85,7 +84,7 @@ def goodrich(
     orifice_diameter: Length,
     porosity: Share,
     mach: Mach = 0.0,
-    displacement_thickness: Layer = 0.0,
+    displacement_thickness: Displacement = 0.0,
 ) -> Tensor:
     r"""Plate of Yu, Ruiz & Kwan: Crandall's tube, slopes in |v| of resistance and mass, grazing flow.
 
@@ -96,17 +95,16 @@ def goodrich(
         \\ \epsilon &= \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}, \qquad
         C_D = 0.80695\,\sigma^{0.05}\, e^{0.2536\, t/d},
 
-    F that of ``tube_impedance``. Conversion of S_m = -0.0000207 k/sigma^2, k in 1/cm for |v| in
-    cm/s: k |v| is 1/s in both systems, so the number keeps its value, in seconds.
+    F that of ``tube_impedance``. Conversion of S_m = -0.0000207 k/sigma^2, k in 1/cm for |v| in cm/s: k |v| is 1/s in
+    both systems, so the number keeps its value, in seconds.
 
     Range: C_D at most 1. The mass is a straight line in |v| and negative above |v| = sigma (t +
-    epsilon d)/2.07e-5 m/s (3.7 m/s for t 0.8 mm, d 1 mm, sigma 5 %), where the law no longer
-    holds; the sheet stays passive.
+    epsilon d)/2.07e-5 m/s (3.7 m/s for t 0.8 mm, d 1 mm, sigma 5 %), where the law no longer holds; the sheet stays
+    passive.
 
-    Source: Yu, Ruiz & Kwan (2008), AIAA 2008-2930, which could not be opened. All terms as in a
-        public code (function impedanceUTAS of an eduction), there without the 0.85 of epsilon,
-        which is Ingard's and stands in the sources of ``two_parameter``; the flow term also as
-        in Roncen et al. (2026), eq. (2.7).
+    Source: Yu, Ruiz & Kwan (2008), AIAA 2008-2930, which could not be opened. All terms as in a public code (function
+        impedanceUTAS of an eduction), there without the 0.85 of epsilon, which is Ingard's and stands in the sources of
+        ``two_parameter``; the flow term also as in Roncen et al. (2026), eq. (2.7).
     """
     length = thickness + ingard_end(orifice_diameter, porosity) * left_by_flow(mach)
     linear = tube_impedance(omega, length, orifice_diameter, fluid) / porosity
@@ -131,7 +129,7 @@ def two_parameter(
     orifice_diameter: Length,
     porosity: Share,
     mach: Mach = 0.0,
-    displacement_thickness: Layer = 0.0,
+    displacement_thickness: Displacement = 0.0,
     discharge_coefficient: Share = SHARP,
 ) -> Tensor:
     r"""Two-parameter plate (GE): steady-flow resistance A + B |v|, Ingard's mass, grazing flow.
@@ -141,18 +139,16 @@ def two_parameter(
             + \frac{M}{\sigma(2 + 1.256\,\delta^*/d)} + j\,\frac{k (t + \epsilon d)}{\sigma},
         \qquad \epsilon = \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}.
 
-    It differs from ``goodrich`` in its friction, that of a steady flow at all frequencies, over
-    C_D; in its C_D, which is stated; in the missing (1 - sigma^2); and in a mass that sound does
-    not change.
+    It differs from ``goodrich`` in its friction, that of a steady flow at all frequencies, over C_D; in its C_D, which
+    is stated; in the missing (1 - sigma^2); and in a mass that sound does not change.
 
     Range: friction is too small where the viscous layer is thin, d sqrt(omega/(4 nu)) above 3,
     that is in most plates, and small there beside the other terms.
 
-    Source: Motsinger & Kraft (1991) with the flow terms of Rice & Heidelberg, as used by NASA
-        (Jones et al. 2022). None could be opened; read in notes on them and, with Jones, Parrott &
-        Watson (2008) as its source, in a code, both public on GitHub. The code divides the mass
-        by C_D too, the notes do not; theirs is taken. The model of Kraft, Yu & Kwan (NASA
-        CR-1999-209120), asked for as Yu (GE/Boeing), could not be opened; this is GE's form of it.
+    Source: Motsinger & Kraft (1991) with the flow terms of Rice & Heidelberg, as used by NASA (Jones et al. 2022). None
+        could be opened; read in notes on them and, with Jones, Parrott & Watson (2008) as its source, in a code, both
+        public on GitHub. The code divides the mass by C_D too, the notes do not; theirs is taken. The model of Kraft,
+        Yu & Kwan (NASA CR-1999-209120), asked for as Yu (GE/Boeing), could not be opened; this is GE's form of it.
     """
     opened = porosity * discharge_coefficient
     friction = 32 * fluid.kinematic_viscosity * thickness / orifice_diameter**2
@@ -182,18 +178,16 @@ def maa(
             + j\,\frac{0.85\,\omega d}{c\sigma}\,\frac{1}{1 + |v|/(\sigma^2 c)}
             + \frac{1.6}{\pi}\,\frac{1-\sigma^2}{c\,C_D^2\sigma^2}|v|,
 
-    F that of ``tube_impedance``, 1 - 2 J1(x)/(x J0(x)) with x = K sqrt(-j) and the perforate
-    constant K = d sqrt(omega/(4 nu)); alpha the ``edge_factor``: 0.5 is Maa (1998), 2 his earlier
-    form, for sharp edges.
+    F that of ``tube_impedance``, 1 - 2 J1(x)/(x J0(x)) with x = K sqrt(-j) and the perforate constant K = d
+    sqrt(omega/(4 nu)); alpha the ``edge_factor``: 0.5 is Maa (1998), 2 his earlier form, for sharp edges.
 
     Range: K of 1 to 10, holes below 1 mm, sigma of a few percent (holes that do not see each
     other). Laly's V is that in the hole, |v|/sigma.
 
-    Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy (whose
-        1/sqrt(1 + K^2/2) is 1/sqrt(9 + K^2/2) here, the limit of the exact form). The terms in
-        |v|: Laly et al. (2018), J. Sound Vib., S0022-460X(17)30674-0, after Maa's of high
-        intensities, with beta = 1.6 and C_D = 0.76, as in public MATLAB classes that name the
-        paper's equations 20 to 23 and 27. Neither paper could be opened.
+    Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy (whose 1/sqrt(1 + K^2/2) is
+        1/sqrt(9 + K^2/2) here, the limit of the exact form). The terms in |v|: Laly et al. (2018), J. Sound Vib.,
+        S0022-460X(17)30674-0, after Maa's of high intensities, with beta = 1.6 and C_D = 0.76, as in public MATLAB
+        classes that name the paper's equations 20 to 23 and 27. Neither paper could be opened.
     """
     c = fluid.sound_speed
     edges = edge_factor * torch.sqrt(2 * omega * fluid.kinematic_viscosity) / c
@@ -222,13 +216,12 @@ def melling(
     F that of ``tube_impedance``, 1/psi that of ``fok_sum``.
 
     Range: the jet is quasi-steady, the excursion in the hole |v|/(sigma omega) above d; in weaker
-    sound the true resistance rises as |v|^2. 8 sqrt(2)/(3 pi), printed 1.2, is for a tone of rms
-    |v| in front; with its peak velocity the same law reads 4/(3 pi) (``terms.py``).
+    sound the true resistance rises as |v|^2. 8 sqrt(2)/(3 pi), printed 1.2, is for a tone of rms |v| in front; with its
+    peak velocity the same law reads 4/(3 pi) (``terms.py``).
 
-    Source: Melling (1973), J. Sound Vib. 29, 1-65, which could not be opened; the nonlinear term
-        and Fok's series as in OpenPulse (perforated_plate.py). Friction takes the gas's own
-        viscosity, without Melling's larger one for walls that conduct heat, and acts on the end
-        correction as on the tube.
+    Source: Melling (1973), J. Sound Vib. 29, 1-65, which could not be opened; the nonlinear term and Fok's series as in
+        OpenPulse (perforated_plate.py). Friction takes the gas's own viscosity, without Melling's larger one for walls
+        that conduct heat, and acts on the end correction as on the tube.
     """
     end = 8 / (3 * math.pi) * orifice_diameter * fok_sum(porosity)
     tube = tube_impedance(omega, thickness + end, orifice_diameter, fluid)

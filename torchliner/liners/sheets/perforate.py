@@ -52,10 +52,10 @@ def end_correction(radius: Tensor, porosity: Tensor) -> Tensor:
 
 
 def require_mass(name: str, thickness: float, diameter: float, porosity: float) -> None:
-    """Refuse thin plates so open that eq. (2.2b) makes their mass and resistance negative.
+    """Refuse thin plates (m) so open that eq. (2.2b) makes their mass and resistance negative.
 
     Raises:
-        ValueError: thickness and end corrections (m) are not above 0 together; ``name`` the plate.
+        ValueError: thickness and end corrections are not above 0 together; ``name`` the plate.
     """
     length = thickness + 0.85 * diameter * (1 - 1.14 * porosity**0.5)
     if length <= 0:
@@ -66,12 +66,7 @@ def require_mass(name: str, thickness: float, diameter: float, porosity: float) 
 
 
 def linear_impedance(omega: Tensor, thickness: Tensor, radius: Tensor, porosity: Tensor, fluid: Fluid) -> Tensor:
-    """First two terms of eq. (2.2a), normalised.
-
-    Args:
-        omega: rad/s, > 0, real, any shape.  thickness, radius: L_p and r_p, m.
-        porosity: phi_p, that of the plate in front of the cavity.  fluid: gas.
-    """
+    """First two terms of eq. (2.2a), normalised, for omega (rad/s, > 0, any shape), L_p, r_p (m) and phi_p."""
     extra = end_correction(radius, porosity)
     surface_resistance = torch.sqrt(fluid.dynamic_viscosity * omega * fluid.density)
     viscous = surface_resistance / (fluid.characteristic_impedance * porosity)
@@ -85,8 +80,8 @@ def coefficients(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """a, b, c, d of the module's formula, of the shape of ``omega`` (rad/s).
 
-    Source: Roncen et al. (2026), eqs (2.4a,b), (2.5a,b), rearranged, not changed. The exponential
-        is capped where it would overflow, below about 3e-4 Hz: Re G is 0 there.
+    Source: Roncen et al. (2026), eqs (2.4a,b), (2.5a,b), rearranged, not changed. The exponential is capped where it
+        would overflow, below about 3e-4 Hz: Re G is 0 there.
     """
     shear = radius * torch.sqrt(omega / fluid.kinematic_viscosity)
     strouhal_speed = 2**0.5 * omega * radius
@@ -120,9 +115,7 @@ class SpeedLaw:
 
 
 def powers(speed: Tensor) -> tuple[Tensor, Tensor]:
-    """|v|^2 and |v|^2.5; v*v*sqrt(v) is ten times faster than a power of 2.5.
-
-    The clamp gives the square root a slope of 0, not infinity, at rest.
-    """
+    """|v|^2 and |v|^2.5; v*v*sqrt(v) is ten times faster than a power of 2.5, and its clamp gives a slope of 0, not
+    infinity, at rest."""
     square = speed * speed
     return square, square * speed.clamp(min=1e-30).sqrt()

@@ -1,13 +1,13 @@
 r"""Terms that several laws of plates with round holes share: the tube, the jet, ends, grazing flow.
 
-Every |v| in this room is the rms velocity in front of the sheet; in the holes it is |v|/sigma.
-Where a law is written for another, its docstring converts. Two ways lead from the quasi-steady
-drop of a jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, to a resistance per rms velocity:
+Every |v| in this room is the rms velocity in front of the sheet; in the holes it is |v|/sigma. Where a law is written
+for another, its docstring converts. Two ways lead from the quasi-steady drop of a jet, dp = rho (1 - sigma^2)/(2
+sigma^2 C_D^2) |v| v, to a resistance per rms velocity:
 
 - the slope itself, dp/v at a steady v = |v|: factor 1;
 - the part of dp in phase with a tone v = V sin: the mean of |sin|^3 over that of sin^2 is 8/(3 pi),
-  and V = sqrt(2) |v|, so the factor is 8 sqrt(2)/(3 pi) = 1.2004, Melling's "1.2"; for the peak
-  velocity, 1/2 times 8/(3 pi) is the 4/(3 pi) that others print. The two are one law.
+  and V = sqrt(2) |v|, so the factor is 8 sqrt(2)/(3 pi) = 1.2004, Melling's "1.2"; for the peak velocity, 1/2 times
+  8/(3 pi) is the 4/(3 pi) that others print. The two are one law.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def tube_impedance(omega: Tensor, length: Tensor, diameter: Tensor, fluid: Fluid
 
     Args:
         omega: rad/s.  length: L, m.  diameter: d, m.  fluid: gas.
-    Source: Crandall (1926); F = 1 - 2 J1(x)/(x J0(x)), x = d/2 sqrt(-j omega/nu), is I2/I0 of
-        s = d/2 sqrt(j omega/nu), which keeps its digits as s tends to 0.
+    Source: Crandall (1926); F = 1 - 2 J1(x)/(x J0(x)), x = d/2 sqrt(-j omega/nu), is I2/I0 of s = d/2 sqrt(j omega/nu),
+        which keeps its digits as s tends to 0.
     """
     shear = torch.sqrt(1j * omega) * (diameter / (2 * fluid.kinematic_viscosity**0.5))
     return 1j * omega * length / fluid.sound_speed / ratio_i2_i0(shear)
@@ -64,8 +64,8 @@ def left_by_flow(mach: Tensor) -> Tensor:
 def fok_sum(porosity: Tensor) -> Tensor:
     """What the neighbours leave of a hole's end correction: 1/psi of Fok, at xi = sqrt(sigma).
 
-    1 - 1.40925 xi + 0.33818 xi^3 + ...; the 12 powers end at -0.005 instead of 0 for xi = 1, and
-    what is below 0 is taken as 0.
+    1 - 1.40925 xi + 0.33818 xi^3 + ...; the 12 powers end at -0.005 instead of 0 for xi = 1, and what is below 0 is
+    taken as 0.
 
     Source: Fok, as in Melling (1973); coefficients as in OpenPulse (perforated_plate.py).
     """
@@ -88,11 +88,10 @@ def goodrich_resistance(
         flow_facing_porosity: open area over the whole liner surface (the global porosity).
         displacement_thickness: delta*, m.  diameter: orifice diameter d, m.
     Raises:
-        ValueError: a Mach number or porosity outside 0 to 1, a porosity or diameter of 0, what is
-            negative or not finite.
-    Source: Yu et al. (2008) as quoted in Roncen et al. (2026), eq. (2.7). Departure from print: M_b
-        stands twice there; once reproduces the paper's own shift (1.03-1.22 for its 0.94-1.12
-        between Mach 0.1 and 0.3), twice gives 0.41-0.49.
+        ValueError: Mach number or porosity outside 0 to 1, a porosity or diameter of 0, what is negative or not finite.
+    Source: Yu et al. (2008) as quoted in Roncen et al. (2026), eq. (2.7). Departure from print: M_b stands twice there;
+        once reproduces the paper's own shift (1.03-1.22 for its 0.94-1.12 between Mach 0.1 and 0.3), twice gives
+        0.41-0.49.
 
     >>> round(tl.goodrich_resistance(0.3, 0.0395, 1.73e-3, 0.7e-3), 3)
     1.488
