@@ -36,7 +36,7 @@ from torchliner.liners.model import as_liner
 from torchliner.liners.response import impedance_of
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
 from torchliner.records.incident import Recorded, Tones
-from torchliner.signals.transfer import transfer_function
+from torchliner.tones import transfer_function
 
 SEGMENT = 0.02  # s, of the spectra of what is no tone
 

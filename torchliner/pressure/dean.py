@@ -42,7 +42,7 @@ from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 from torchliner.records.pressure_record import require_record
-from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+from torchliner.tones import segment_amplitudes, transfer_from_amplitudes
 
 Estimator = Callable[[Tensor, Tensor], Tensor]
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)

@@ -24,7 +24,7 @@ from torchliner.pressure.wave_notes import duct_notes
 from torchliner.records import Interval, MicrophoneLine, PressureRecord
 from torchliner.records.notes import Note
 from torchliner.records.pressure_record import require_record
-from torchliner.signals.transfer import segment_amplitudes, transfer_from_amplitudes
+from torchliner.tones import segment_amplitudes, transfer_from_amplitudes
 
 BIAS = 0.05  # of R: what two waves leave, times the condition number
 

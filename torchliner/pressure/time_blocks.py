@@ -25,8 +25,7 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, Conversion, jackknife, replicates
 from torchliner.records import Interval, PressureRecord
 from torchliner.records.notes import Note
-from torchliner.signals.transfer import segment_amplitudes
-from torchliner.signals.windows import make_window
+from torchliner.tones import segment_amplitudes, window_weights
 
 LEVEL = 0.95
 FEWEST_RUNS = 8  # below, an interval says little
@@ -118,7 +117,7 @@ def _blocks(
     count = len(borders) - 1
     if count < FEWEST_BLOCKS:
         return None
-    weight = make_window(window, samples - first).weights
+    weight = window_weights(window, samples - first)
     turn = 2j * torch.pi * frequency / sampling_rate * torch.arange(first, samples)
     basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
     across = basis.conj() * weight
