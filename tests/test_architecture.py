@@ -16,7 +16,7 @@ FLOORS = {
     "units": 0.5, "file_checks": 0.5,
     "fluid": 1, "conversions": 1, "least_squares": 2,
     "text_columns": 2, "toml_files": 2, "records": 3, "liners": 4,
-    "signals": 4, "engine": 5, "duct": 5.5,
+    "engine": 5, "tones": 5.2, "duct": 5.5,
     "io": 6, "pressure": 6, "velocity": 7, "studies": 8,
     "bursts": 8, "report": 9,
     "campaign": 9.2, "cli": 10,

@@ -11,17 +11,18 @@ from conftest import SHARED
 from scipy import stats
 
 import torchliner as tl
-from torchliner.bursts.filters import (
+from torchliner.bursts.stations import (
     BACKWARDS,
     OUTLIER,
     REPEATED,
     ZERO_RUN,
     BurstFilters,
+    Station,
+    burst_moments,
     run_lengths,
     validate_bursts,
     weighted_median,
 )
-from torchliner.bursts.stations import Station, burst_moments
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.dantec import pair_coincident

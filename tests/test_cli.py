@@ -20,7 +20,7 @@ from conftest import DATA, RATE, plane_of, turbulence
 
 import torchliner as tl
 from torchliner import names
-from torchliner.bursts.filters import BurstFilters
+from torchliner.bursts.stations import BurstFilters
 from torchliner.cli.choice_options import CHOICES, EDUCED, SHOWN
 from torchliner.cli.examples import EXAMPLES
 from torchliner.cli.main import (

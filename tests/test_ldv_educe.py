@@ -291,23 +291,19 @@ def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
         assert len(seen) == made
 
 
-def test_parts_that_are_none_are_refused_with_the_remedy(tmp_path):
-    folder = write_folder(tmp_path / "line", 2)
-    parts, liner = tmp_path / "parts", tl.load_liner("onera")
-    tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
+def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
+    """Cut off, under the name of another, or without a variable: the station is educed again, the others are not."""
+    folder, parts, liner = write_folder(tmp_path / "line", 2), tmp_path / "parts", tl.load_liner("onera")
+    wanted = tl.educe_bursts(folder, liner, parts=parts, segment=0.04).reflection
     first, second = sorted(parts.iterdir())
-    whole = first.read_bytes()
-    first.write_bytes(whole[:2000])
-    with pytest.raises(ValueError, match=r"cannot be taken up: .*delete it"):
-        tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
-    first.write_bytes(second.read_bytes())
-    with pytest.raises(ValueError, match="is not the part that its name says; delete it"):
-        tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
-    first.write_bytes(whole)
-    with h5py.File(first, "r+") as file:
-        del file["grid_rate"]
-    with pytest.raises(ValueError, match="grid_rate is missing; the file holds"):
-        tl.educe_bursts(folder, liner, parts=parts, segment=0.04)
+    whole, seen = first.read_bytes(), counted(monkeypatch)
+    for count, damaged in enumerate((whole[:2000], second.read_bytes(), whole), 1):
+        first.write_bytes(damaged)
+        if damaged is whole:
+            with h5py.File(first, "r+") as file:
+                del file["grid_rate"]
+        assert torch.equal(tl.educe_bursts(folder, liner, parts=parts, segment=0.04).reflection, wanted)
+        assert len(seen) == count
 
 
 def test_a_table_without_intervals(folder, capsys):

@@ -14,9 +14,9 @@ import torch
 from conftest import turbulence
 
 import torchliner as tl
+from torchliner.io.flow_noise import reject_flow_noise
 from torchliner.io.microphone_file import read_microphones
 from torchliner.records import MicrophoneLine
-from torchliner.signals.reference_coherence import reject_flow_noise
 
 RATE = 20e3
 PLACES = [0.012 * n for n in range(12)]

@@ -14,7 +14,7 @@ import torchliner as tl
 from torchliner.bursts.averages import (
     monte_carlo,
     segment_admittances,
-    station_interval,
+    station_intervals,
 )
 from torchliner.conversions import admittance_from_reflection
 
@@ -94,7 +94,7 @@ def test_intervals_cover_with_overlapping_segments():
     errors (2.7 %); scripts/coverage_stations.py runs the whole chain 2000 times."""
     generator = np.random.default_rng(0)
     trials = np.stack([segment_means(generator, 19) for _ in range(600)], axis=1)
-    found = station_interval(torch.from_numpy(0.3 + 0.1j + 0.02 * trials), 0.95)
+    found = station_intervals(torch.from_numpy(0.3 + 0.1j + 0.02 * trials)[None], torch.tensor([19]), 0.95)
     true = (1 + (0.3 + 0.1j)) / (1 - (0.3 + 0.1j))
     low, high = found.low.numpy(), found.high.numpy()
     for part in (np.real, np.imag):
@@ -107,7 +107,7 @@ def test_the_bias_of_short_segments_is_taken_off_the_bounds():
     generator = np.random.default_rng(1)
     true = (1 + 0.5) / (1 - 0.5)
     noisy = 0.5 + 0.15 * generator.standard_normal((300, 40)).T
-    found = station_interval(torch.from_numpy(noisy.astype(complex)), 0.95)
+    found = station_intervals(torch.from_numpy(noisy.astype(complex))[None], torch.tensor([40]), 0.95)
     off = float(found.bias.real.mean())
     middle = float(0.5 * (found.low + found.high).real.mean())
     second_order = 0.5 * 4 / (1 - 0.5) ** 3 * 0.15**2

@@ -11,9 +11,7 @@ import torch
 from conftest import turbulence
 from test_in_situ import FREQUENCY, RATE, tone
 
-from torchliner.signals.tones import tone_amplitudes
-from torchliner.signals.transfer import segment_amplitudes, transfer_function
-from torchliner.signals.windows import make_window
+from torchliner.tones import segment_amplitudes, tone_amplitudes, transfer_function, window_weights
 
 
 @pytest.mark.parametrize("window", ["hann", "boxcar", "blackman"])
@@ -21,7 +19,7 @@ from torchliner.signals.windows import make_window
 def test_tones_are_exact_in_any_record(window, samples):
     """Tone, mean and whole or broken periods: the amplitude comes out to rounding."""
     amplitude = 0.7 * cmath.exp(0.4j)
-    weights = make_window(window, samples).weights
+    weights = window_weights(window, samples)
     found = tone_amplitudes(tone(amplitude, samples) + 5.0, torch.tensor([FREQUENCY]), RATE, weights)
     assert abs(2 * complex(found[0]) - amplitude) < 1e-11
 
@@ -29,7 +27,7 @@ def test_tones_are_exact_in_any_record(window, samples):
 def test_phase_refers_to_sample_zero():
     """A part of a record gives the amplitude of the whole."""
     part = tone(1 + 2j, 800)[300:]
-    weights = make_window("hann", 500).weights
+    weights = window_weights("hann", 500)
     found = tone_amplitudes(part, torch.tensor([FREQUENCY]), RATE, weights, begin=300)
     assert abs(2 * complex(found[0]) - (1 + 2j)) < 1e-11
 

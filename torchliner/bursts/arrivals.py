@@ -27,7 +27,6 @@ STEPS_A_PERIOD = 16  # of a tone, on a derived grid
 STEPS_AN_ARRIVAL = 2  # folds at the mean rate, where Poisson arrivals leave 0.09 of a line
 LONG_GAP = 20.0  # mean intervals; among 150 000 Poisson arrivals one in 3000 records has such a gap
 BAND_SHARE = 0.25  # B over the mean rate: two arrivals a coefficient, twice the least density
-MOST_POINTS, FEWEST = 1000, 1000  # of a grid, for an arrival; arrivals, for so few as show nothing
 ROUNDING = 1e-9  # of a grid step: an arrival that near to a grid point is on it
 DEGREE = 5
 SMOOTHING = 1e-3  # second differences over the mean diagonal; 1e-4 gave turbulence 10 % too strong
@@ -42,12 +41,14 @@ class ArrivalGrid:
         rate: of the grid, Hz.
         method: ``linear``, ``hold`` or ``band-limited``.
         band: B of ``band-limited``, Hz.
+        name: how messages call the data.
     """
 
     arrival_times: Tensor
     rate: float
     method: str
     band: float
+    name: str
 
     @classmethod
     def of(
@@ -55,26 +56,20 @@ class ArrivalGrid:
     ) -> ArrivalGrid:
         """The grid of checked arrivals; arguments and errors as of ``onto_grid``."""
         require_choice("method", method, GRID_METHODS)
-        seconds = float(times[-1] - times[0])
-        own = (len(times) - 1) / seconds
+        own = (len(times) - 1) / float(times[-1] - times[0])
         if rate is None:
             rate = STEPS_AN_ARRIVAL * own
             if frequency is not None:
                 require_positive("frequency (Hz)", frequency)
                 rate = frequency * max(STEPS_A_PERIOD, math.ceil(rate / frequency))
-        require_positive("rate of the grid (Hz)", rate)
         band = BAND_SHARE * own if band is None else band
+        require_positive("rate of the grid (Hz)", rate)
         require_positive("band (Hz)", band)
-        if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
-            raise ValueError(
-                f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
-                f"arrivals, more than {MOST_POINTS} for each; are the times in s?"
-            )
-        grid = cls(times, float(rate), method, float(band))
+        grid = cls(times, float(rate), method, float(band), name)
         if grid.samples < 2:
             raise ValueError(
-                f"{name}: {seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, take "
-                "a longer record or a higher rate"
+                f"{name}: {grid.seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, "
+                "take a longer record or a higher rate"
             )
         return grid
 
@@ -83,12 +78,12 @@ class ArrivalGrid:
         """Of the grid, s on the clock of the arrivals."""
         return float(self.arrival_times[0])
 
-    @functools.cached_property
+    @property
     def seconds(self) -> float:
         """From the first arrival to the last one."""
         return float(self.arrival_times[-1] - self.arrival_times[0])
 
-    @property
+    @functools.cached_property
     def samples(self) -> int:
         """T."""
         return math.floor(self.seconds * self.rate + ROUNDING) + 1
@@ -111,9 +106,9 @@ class ArrivalGrid:
 
     def __call__(self, values: Tensor) -> Tensor:
         """Values at the arrivals on the grid: (..., N) to (..., T)."""
-        if self.method == "band-limited":
-            return _spline_fit(self.arrival_times, values, self.times, self.band)
         points, times = self.times, self.arrival_times
+        if self.method == "band-limited":
+            return _spline_fit(times, values, points, self.band)
         before = torch.searchsorted(times, points + ROUNDING / self.rate, right=True) - 1
         if self.method == "hold":
             return values[..., before]
@@ -154,7 +149,7 @@ def onto_grid(
         name: how messages call the data.
     Raises:
         ValueError: times do not increase, fewer than two samples, nan, lengths that differ, a rate or band that is not
-            above 0, a grid of fewer than two points, or of so many that the times cannot be in s.
+            above 0, a grid of fewer than two points.
     Warns:
         DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
@@ -175,21 +170,17 @@ def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, 
     """Times and values as ``onto_grid`` needs them, float64, (N,)."""
     times, numbers = real_tensor(arrival_times).cpu(), real_tensor(values).cpu()
     if times.ndim != 1 or times.shape != numbers.shape or len(times) < 2:
-        raise ValueError(
-            f"{name}: times have shape {tuple(times.shape)}, values {tuple(numbers.shape)}; both are (N,), of one "
-            "station and two samples at least"
-        )
-    bad = (~torch.isfinite(times + numbers)).nonzero()
+        shapes = f"times have shape {tuple(times.shape)}, values {tuple(numbers.shape)}"
+        raise ValueError(f"{name}: {shapes}; both are (N,), of one station and two samples at least")
+    bad, back = (~torch.isfinite(times + numbers)).nonzero(), (times.diff() <= 0).nonzero()
     if len(bad):
-        raise ValueError(
-            f"{name}: {len(bad)} samples are nan or inf, the first is sample {int(bad[0])}; leave these samples out"
-        )
-    back = (times.diff() <= 0).nonzero()
+        first = f"the first is sample {int(bad[0])}"
+        raise ValueError(f"{name}: {len(bad)} samples are nan or inf, {first}; leave these samples out")
     if len(back):
-        i = int(back[0])
+        here, after = (float(times[int(back[0]) + i]) for i in (0, 1))
         raise ValueError(
-            f"{name}: {len(back)} times do not increase, first {float(times[i]):.9g} s, then "
-            f"{float(times[i + 1]):.9g} s (sample {i + 1}); sort them and keep one sample of each"
+            f"{name}: {len(back)} times do not increase, first {here:.9g} s, then {after:.9g} s (sample "
+            f"{int(back[0]) + 1}); sort them and keep one sample of each"
         )
     return times, numbers
 

@@ -5,10 +5,10 @@ possible draws is the mean over stations of the mean over segments, so that no d
 :math:`s_n^2` of a station's admittances over its segments the draws scatter by :math:`\sqrt{\sum s_n^2}/N`. This is
 neither the spread along the line nor the uncertainty of the result.
 
-For the latter runs of segments are left out (``engine.intervals``): two or more, as neighbours share half of their
-samples. Stations are measured one after another, so their variances add, with the degrees of freedom of Welch and
-Satterthwaite. A mean over segments is also off because each segment is short and Z is not linear in R: by the mean of Z
-less Z of the mean R, right to second order.
+For the latter results are computed without each segment of each station in turn (``engine.intervals``). Stations are
+measured one after another, so that their variances add, with the degrees of freedom of Welch and Satterthwaite. A mean
+over segments is also off because each segment is short and Z is not linear in R: by the mean of Z less Z of the mean R,
+right to second order. The bounds are without that bias, which is stated.
 """
 
 from __future__ import annotations
@@ -25,57 +25,60 @@ from torchliner.conversions import (
     impedance_from_reflection,
     mean_impedance,
 )
-from torchliner.engine.intervals import FEWEST_BLOCKS, Conversion, impedance_interval, jackknife, replicates, scatter
+from torchliner.engine import intervals
+from torchliner.engine.intervals import FEWEST_BLOCKS, FROM_REFLECTION, Conversion
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 SEED = 0  # of the Monte Carlo
+Scatter = tuple[Tensor, Tensor, Tensor]  # E|d|^2 and E[d^2] of deviations d, and the independent runs behind them
 
 
-def station_interval(reflection: Tensor, level: float | None) -> Interval | None:
-    """Of the mean of Z over the segments, (F,), from their R, (S, F); None where they are too few, or without a level.
-
-    The bounds are those of Z at the mean R; ``bias`` is how far the mean of Z is off it.
-    """
-    count = len(reflection)
-    if level is None or count < FEWEST_BLOCKS:
-        return None
-    ones = torch.ones(count, dtype=torch.float64)
-    found = jackknife(replicates(reflection, ones), ones / count, level)
-    mean = impedance_from_reflection(reflection).mean(0)
-    return dataclasses.replace(found, bias=mean - impedance_from_reflection(reflection.mean(0)))
-
-
-def average_line(line: ImpedanceLine, level: float | None, draws: int) -> LineAverage:
-    """(5.2) over the stations that count, by ``draws`` of the Monte Carlo, with an interval of a level.
+def average_line(line: ImpedanceLine, level: float | None, draws: int) -> ImpedanceLine:
+    """A line with (5.2) over the stations that count, by ``draws`` of the Monte Carlo, and intervals of a level.
 
     Raises:
         ValueError: no station counts.
     """
-    used = line.used
+    used, counts, each = line.used, line.segments, segment_admittances(line)
     if not bool(used.any()):
         raise ValueError(
             "no station counts: all are flagged; look at them with 'torchliner ldv info', or take them as they are "
             "with flagged='use'"
         )
-    admittance, counts = segment_admittances(line), line.segments[used]
-    drawn = monte_carlo(admittance, counts, draws, SEED)
-    impedance = line.impedance[used]
-    return LineAverage(
-        impedance=mean_impedance(mean_over_segments(admittance, counts)),
+    drawn = monte_carlo(each[used], counts[used], draws, SEED)
+    reflection, admittance = line.over_segments(line.reflection), line.over_segments(each)
+    average = LineAverage(
+        impedance=mean_impedance(admittance[used]),
         monte_carlo=mean_impedance(drawn),
         monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
-        spatial_spread=_deviation(impedance),
-        interval=_line_interval(line, admittance, counts, level),
-        stations=len(impedance),
+        spatial_spread=_deviation(line.impedance[used]),
+        interval=None,
+        stations=int(used.sum()),
     )
+    if level is None or int(counts.min()) < FEWEST_BLOCKS:
+        return dataclasses.replace(line, average=average)
+    bias = admittance - admittance_from_reflection(reflection)
+    bias = bias if line.wall is None else torch.where(line.wall, 0, bias)
+    shares = together(scatter(each[used] / average.stations, counts[used]))
+    mean, off = admittance[used].mean(0), bias[used].mean(0)
+    average = dataclasses.replace(average, interval=interval_of(mean, shares, level, FROM_ADMITTANCE, off))
+    return dataclasses.replace(line, average=average, interval=station_intervals(line.reflection, counts, level))
+
+
+def station_intervals(reflection: Tensor, counts: Tensor, level: float) -> Interval:
+    """Of the means of Z over the segments, (5.1), (N, F): bounds of Z at the mean R, and how far (5.1) is off it."""
+    mean = mean_over_segments(reflection, counts)
+    found = interval_of(mean, scatter(reflection, counts), level, FROM_REFLECTION)
+    average = mean_over_segments(impedance_from_reflection(reflection), counts)
+    return dataclasses.replace(found, bias=average - impedance_from_reflection(mean))
 
 
 def segment_admittances(line: ImpedanceLine) -> Tensor:
-    """1/Z of the segments of the stations that count, 0 at walls, (N, S, F)."""
-    found = admittance_from_reflection(line.reflection[line.used])
-    return found if line.wall is None else torch.where(line.wall[line.used][:, None], 0, found)
+    """1/Z of the segments, 0 at walls, (N, S, F)."""
+    found = admittance_from_reflection(line.reflection)
+    return found if line.wall is None else torch.where(line.wall[:, None], 0, found)
 
 
 def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int) -> Tensor:
@@ -100,21 +103,31 @@ def _deviation(values: Tensor) -> Tensor:
     return torch.complex(values.real.std(0), values.imag.std(0))
 
 
-def _line_interval(line: ImpedanceLine, admittance: Tensor, counts: Tensor, level: float | None) -> Interval | None:
-    """Of 1/mean(1/Z), from the scatter of the admittances over the segments of each station."""
-    if level is None or int(counts.min()) < FEWEST_BLOCKS:
-        return None
+def scatter(segments: Tensor, counts: Tensor) -> Scatter:
+    """Of the means of (N, S, F) over the ``counts`` (N,) segments of each station, at least 4: (N, F) each."""
     found = []
-    for station, count in zip(admittance, counts.tolist(), strict=True):
+    for own, count in zip(segments, counts.tolist(), strict=True):
         ones = torch.ones(count, dtype=torch.float64)
-        found.append(scatter(replicates(station[:count], ones)[1 : 1 + count], ones / count))
-    power, square, lengths = (torch.stack(each) for each in zip(*found, strict=True))
-    power, square, own = power / len(counts) ** 2, square / len(counts) ** 2, counts[:, None] / lengths
-    whole, share = power.sum(0), (power**2 / (own - 1)).sum(0)
-    runs = torch.where(share > 0, 1 + whole**2 / share.clamp(min=1e-300), own.sum(0))
+        power, square, lengths = intervals.scatter(intervals.replicates(own[:count], ones)[1 : 1 + count], ones / count)
+        found.append((power, square, count / lengths.double()))
+    power, square, runs = (torch.stack(parts) for parts in zip(*found, strict=True))
+    return power, square, runs
+
+
+def together(of_stations: Scatter) -> Scatter:
+    """Of what all stations contribute to, (N, ...) to (...), as they are independent."""
+    power, square, runs = of_stations
+    whole, share = power.sum(0), (power**2 / (runs - 1)).sum(0)
+    return whole, square.sum(0), torch.where(share > 0, 1 + whole**2 / share.clamp(min=1e-300), runs.sum(0))
+
+
+def interval_of(
+    value: Tensor, found: Scatter, level: float, conversion: Conversion, bias: Tensor | None = None
+) -> Interval:
+    """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
+    power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    mean = mean_over_segments(admittance, counts)
-    bias = mean - admittance_from_reflection(mean_over_segments(line.reflection[line.used], counts))
-    if line.wall is not None:
-        bias = torch.where(line.wall[line.used], 0, bias)
-    return impedance_interval(mean.mean(0), bias.mean(0), whole, square.sum(0), quantile, runs, FROM_ADMITTANCE)
+    parts = (value, 0 * value if bias is None else bias, power, square, quantile, runs)
+    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
+    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
+    return flat.map(lambda each: each.reshape(value.shape))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from torchliner.bursts.filters import BurstFilters
+from torchliner.bursts.stations import BurstFilters
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS
 from torchliner.velocity.choices import Choices

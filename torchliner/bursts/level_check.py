@@ -1,4 +1,4 @@
-r"""Level check of a line of stations: see ``velocity.level_check``; a station is a cell of its own.
+r"""Level check of a line of stations: that of planes (``velocity.level_check``), where a station is a cell of its own.
 
 The stations were measured one after another, so that Z and V of a station share no blocks of time: the interval adds
 their standard errors as independent ones. V errs by :math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself, from its
@@ -20,10 +20,10 @@ from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.pressure.known_pressure import INCIDENT, stated_pressure
-from torchliner.records import Gap, ImpedanceLine, Interval, LevelCheck
+from torchliner.records import Gap, ImpedanceLine, LevelCheck
 from torchliner.records.level_check import gap_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.level_check import turned_back
+from torchliner.velocity.level_check import implied_pressure, turned_back
 
 CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart
 
@@ -35,15 +35,15 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
         return known if isinstance(known, str) else "not checked: the line has no average"
     kind, words, pressure = known
     used, own, error = line.used, line.velocity_amplitude, _velocity_error(line)
-    speed, turns = float(line.fluid.sound_speed), torch.ones_like(own)
+    turns = torch.ones_like(own)
     if kind != INCIDENT:
-        turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency, speed)
+        turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency, float(line.fluid.sound_speed))
+    size, count = own[used].abs(), line.average.stations
+    mean, spread = (turns * own)[used].mean(0), (size * error[used]).square().sum(0).sqrt() / count
     # The mean of V in shares of its mean size, and the least of it that noise leaves on one clock.
-    size = own[used].abs()
-    share = (turns * own)[used].mean(0).abs() / size.mean(0)
+    share = mean.abs() / size.mean(0)
     noise = (size * error[used].clamp(max=1).square()).mean(0) / 2 / size.mean(0)
-    noise = noise * float(chdtri(max(1, len(size) - 1), CHANCE)) / len(size)
-    least = (1 - noise) / 10 ** (choices.level_limit / 20)
+    least = (1 - noise * float(chdtri(max(1, count - 1), CHANCE)) / count) / 10 ** (choices.level_limit / 20)
     apart = (share < least) & ~pressure.isnan() & (not line.choices["referred"])
     if bool(apart.any()):
         if kind == INCIDENT:
@@ -53,23 +53,20 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
                 "reference channel, or count the times of all stations from one instant of the generator"
             )
         words = f"{words}, mean size of V, as the phases of the stations disagree"
-        turns = torch.where(apart, own.conj() / own.abs().clamp(min=1e-300), turns)
-    mean = (turns * own)[used].mean(0)
-    spread = (size * error[used]).square().sum(0).sqrt() / len(size)
-
-    def gap(z: Tensor, velocity: Tensor, of_velocity: Tensor, interval: Interval | None, y: Tensor) -> Gap:
-        """Implied over stated pressure, of values (N, F) at heights (N,)."""
-        implied, value = z * velocity, z
-        if kind == INCIDENT:
-            angle = 2 * torch.pi / speed * torch.nan_to_num(y)[:, None] * line.frequency
-            value = z + mean / velocity
-            implied = velocity / (angle.cos() + 1j * angle.sin() * z) * value / 2
-        ratio = float(line.fluid.characteristic_impedance) * implied / pressure
-        return gap_of(ratio[None], _ends(value, of_velocity, interval, choices), False)
-
-    average = line.average
-    middle = line.y[used].nanmean()[None]
-    whole = gap(average.impedance[None], mean[None], (spread / mean.abs())[None], average.interval, middle)
+        mean = torch.where(apart, size.mean(0), mean)
+    # The whole line first, then its stations.
+    z, velocity = torch.cat([line.average.impedance[None], line.impedance]), torch.cat([mean[None], own])
+    height = torch.cat([line.y[used].nanmean()[None], line.y]).nan_to_num()[:, None] * (kind == INCIDENT)
+    ratio = implied_pressure(kind, line.fluid, line.frequency, height, z, velocity) / pressure
+    ends, intervals = None, (line.average.interval, line.interval)
+    if choices.interval is not None and intervals[0] is not None and intervals[1] is not None:
+        of_z = torch.cat([intervals[0].standard_error[None], intervals[1].standard_error])
+        value = z + velocity[:1] / velocity if kind == INCIDENT else z
+        of_value = torch.hypot(value.real * of_z.real, value.imag * of_z.imag) / value.abs() ** 2
+        of_size = torch.hypot(of_value, torch.cat([(spread / mean.abs())[None], error]))
+        reach = float(ndtri(0.5 + choices.interval / 2)) * torch.complex(of_size, torch.zeros_like(of_size))[None]
+        ends = -reach, reach
+    gap = vars(gap_of(ratio[None], ends, False)).values()
     return LevelCheck(
         averagings=("stations",),
         averaging="stations",
@@ -78,9 +75,9 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
         pressure_level=spl_from_pressure_amplitude(pressure),
         limit=choices.level_limit + choices.level_uncertainty,
         uncertainty=choices.level_uncertainty,
-        confidence=None if line.interval is None else choices.interval,
-        liner=Gap(*(value[:, 0] for value in vars(whole).values())),
-        cells=gap(line.impedance, own, error, line.interval, line.y),
+        confidence=choices.interval if ends else None,
+        liner=Gap(*(value[:, 0] for value in gap)),
+        cells=Gap(*(value[:, 1:] for value in gap)),
     )
 
 
@@ -91,16 +88,3 @@ def _velocity_error(line: ImpedanceLine) -> Tensor:
     pieces = (length / segment * line.choices["blocks"]).clamp(min=1)
     coherence = line.coherence.clamp(min=1e-12, max=1.0)
     return ((1 - coherence) / (2 * pieces * coherence)).sqrt()
-
-
-def _ends(
-    value: Tensor, of_velocity: Tensor, interval: Interval | None, choices: Choices
-) -> tuple[Tensor, Tensor] | None:
-    """Of the logarithm of |value V|, whose value has the standard errors of an interval of Z."""
-    if interval is None or choices.interval is None:
-        return None
-    error = interval.standard_error.reshape(value.shape)
-    of_size = torch.hypot(value.real * error.real, value.imag * error.imag) / value.abs() ** 2
-    reach = float(ndtri(0.5 + choices.interval / 2)) * torch.hypot(of_size, of_velocity)
-    reach = torch.complex(reach, torch.zeros_like(reach))[None]
-    return -reach, reach

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -23,16 +22,15 @@ from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.records import BurstRecord, ImpedanceLine, Interval, LevelCheck, ReferenceChannel
+from torchliner.records import BurstRecord, ImpedanceLine, LevelCheck, ReferenceChannel
 from torchliner.records.origin import origin_of, with_choices
 from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
-SHARED = ("frequency", "goodrich")  # tensors that are those of the whole line
+OF_LINE = ("frequency", "goodrich")  # tensors that are those of the whole line
 LISTS = ("names", "flags", "dropped", "station_notes")
-PADDED = ("reflection", "segment_start")  # nan for the segments that a shorter station lacks
 
 
 def educe_bursts(
@@ -82,75 +80,59 @@ def educe_bursts(
     Source: Roncen et al. (2026), sections 3.3, 5.5.2, 5.5.3. Departures: the tone is corrected for the interpolation,
         flagged stations do not count in averages, intervals.
     """
-    places, model = _stations(stations), as_liner(liner)
-    own, chosen = split_choices(choices)
+    model, (own, chosen) = as_liner(liner), split_choices(choices)
     if reference_phase is not None and chosen.phase != "given":
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
-    references = _each("reference channels", reference, len(places))
-    phases = _each("reference phases", _radians(reference_phase), len(places))
-    tasks = [(places[i], references[i], phases[i]) for i in _order(places)]
-    work = partial(tasks_in_order, client, _read_and_educe, (model, frequency, own, chosen))
-    if parts is None:
-        made = work(tasks)
-    else:
-        kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-        shared = [*_facts_of(model), frequency, own, chosen.describe()]
-        keys = [_digest(*_facts_of(place), *_facts_of(_channel(channel, place)), phase, *shared)
-                for place, channel, phase in tasks]  # fmt: skip
-        missing = work([task for task, key in zip(tasks, keys, strict=True) if not kept.holds(key)])
-        made = (kept.take_up(key, partial(next, missing)) for key in keys)
-    lines = []
-    for each in made:
-        lines.append(each)
+    if reference_phase is not None:
+        reference_phase = real_tensor(reference_phase, name="reference_phase (rad)").reshape(-1).tolist()
+    tasks = _tasks(stations, reference, reference_phase)
+    keys, shared = [""] * len(tasks), (model, frequency, own, chosen)
+    done: list[ImpedanceLine | None] = [None] * len(tasks)
+    kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
+    if kept is not None:
+        about = frequency, own, chosen.describe()
+        keys = [_digest(model, each, _channel(channel, each), phase, *about) for each, channel, phase in tasks]
+        done = [kept.load(key) for key in keys]
+    missing = [task for task, part in zip(tasks, done, strict=True) if part is None]
+    made, lines = tasks_in_order(client, _read_and_educe, shared, missing), []
+    for key, part in zip(keys, done, strict=True):
+        if part is None:
+            part = next(made) if kept is None else kept.keep(key, next(made))
+        lines.append(part)
         if progress is not None:
             progress(1)
-    line = join_lines(lines)
-    line = dataclasses.replace(line, average=average_line(line, chosen.interval, own.monte_carlo))
+    line = average_line(join_lines(lines), chosen.interval, own.monte_carlo)
     check = line_level_check(line, chosen)
     if isinstance(check, LevelCheck):
         line, check = dataclasses.replace(line, level_check=check), "checked"
     notes = tuple(notes_of(line))
     tell([note.text for note in notes])
-    known = None if reference_phase is None else phases
-    origin = origin_of(_inputs(places, references, model), reference_phase=known)
+    phases = None if reference_phase is None else [phase for _, _, phase in tasks]
+    origin = origin_of(_inputs(tasks, model), reference_phase=phases)
     return with_choices(dataclasses.replace(line, notes=notes), level_check=check, **origin)
 
 
-def _stations(stations: Any) -> list[Station]:
+def _tasks(stations: Any, reference: Any, phase: Any) -> list[tuple[Station, Any, Any]]:
+    """Stations, in the order of x, y, z where all are known, each with its reference channel and its phase."""
     if isinstance(stations, (str, Path)):
-        return list(list_stations(stations))
+        stations = list_stations(stations)
     found = [stations] if isinstance(stations, (BurstRecord, StationSource)) else list(stations)
     if not found:
         raise ValueError("no station is given")
     for each in found:
         if not isinstance(each, (BurstRecord, StationSource)):
             raise TypeError(f"a station is {type(each).__name__}; make a BurstRecord of your bursts first")
-    return found
-
-
-def _radians(phase: Any) -> list[float] | None:
-    if phase is None:
-        return None
-    values = real_tensor(phase).reshape(-1)
-    if not bool(torch.isfinite(values).all()):
-        raise ValueError("reference_phase holds values that are not finite; it is in rad")
-    return [float(each) for each in values]
-
-
-def _each(what: str, given: Any, stations: int) -> list[Any]:
-    """Of each station, from one for all or one a station."""
-    found = list(given) if isinstance(given, (list, tuple)) else [given]
-    if len(found) not in (1, stations):
-        raise ValueError(f"{len(found)} {what} for {stations} stations; one for all or one a station, in their order")
-    return found * stations if len(found) == 1 else found
-
-
-def _order(stations: Sequence[Station]) -> list[int]:
-    """Numbers of the stations in the order of x, y, z where all are known; two at one place are refused."""
-    places = [each.place if isinstance(each, StationSource) else (each.x, each.y, each.z) for each in stations]
+    more, count = [], len(found)
+    for what, given in (("reference channels", reference), ("reference phases", phase)):
+        own = list(given) if isinstance(given, (list, tuple)) else [given]
+        if len(own) not in (1, count):
+            raise ValueError(f"{len(own)} {what} for {count} stations; one for all or one a station, in their order")
+        more.append(own * count if len(own) == 1 else own)
+    tasks = list(zip(found, *more, strict=True))
+    places = [each.place if isinstance(each, StationSource) else (each.x, each.y, each.z) for each in found]
     if any(None in place for place in places):
-        return list(range(len(stations)))
-    return order_of(places, [each.name for each in stations])
+        return tasks
+    return [tasks[i] for i in order_of(places, [each.name for each in found])]
 
 
 def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
@@ -163,31 +145,24 @@ def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
 
 
 def _read_and_educe(
-    liner: LinerModel,
-    frequency: Any,
-    own: StationChoices,
-    chosen: Choices,
-    station: Station,
-    reference: Any,
-    phase: Any,
+    model: LinerModel, frequency: Any, own: StationChoices, chosen: Choices, station: Station, channel: Any, phase: Any
 ) -> ImpedanceLine:
-    channel = _channel(reference, station)
+    channel = _channel(channel, station)
     record = station.read() if isinstance(station, StationSource) else station
-    return educe_station(record, liner, frequency, own, chosen, channel, phase)
+    return educe_station(record, model, frequency, own, chosen, channel, phase)
 
 
-def _inputs(stations: Sequence[Station], references: Sequence[Any], liner: LinerModel) -> Iterator[tuple[str, str]]:
+def _inputs(tasks: Sequence[tuple[Station, Any, Any]], liner: LinerModel) -> Iterator[tuple[str, str]]:
     """What went into a line, and the names of its files."""
-    for each in stations:
-        yield "bursts", str(each.path) if isinstance(each, StationSource) else each.name.split(", station ")[0]
-    for channel in references:  # a function is not called once more
-        if isinstance(channel, ReferenceChannel):
+    for station, channel, _ in tasks:
+        yield "bursts", str(station.path) if isinstance(station, StationSource) else station.name.split(", station ")[0]
+        if isinstance(channel, ReferenceChannel):  # a function is not called once more
             yield "reference channel", channel.name
     yield from (("liner", name) for name in liner.files)
 
 
 def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
-    """Stations of several lines as one, in the order given; averages are not carried over.
+    """Stations of several lines as one, in the order given; averages and intervals are not carried over.
 
     Raises:
         ValueError: lines of different cases or frequencies; phases relative to a channel beside phases on a clock.
@@ -197,25 +172,24 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
         for what, mine in _case(first).items():
             theirs = _case(other)[what]
             if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
-                raise ValueError(
-                    f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}; the stations of a line share one "
-                    "case"
-                )
+                both = f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}"
+                raise ValueError(f"{both}; the stations of a line share one case")
+
+    def padded(values: Tensor) -> Tensor:
+        """nan for the segments that a shorter station lacks."""
+        missing = values.new_full((1, most - values.shape[1], *values.shape[2:]), torch.nan)
+        return torch.cat([values, missing + 1j * missing if values.is_complex() else missing], 1)
+
     joined: dict[str, Any] = {}
     for name, value in vars(first).items():
         values = [getattr(line, name) for line in lines]
         if name in LISTS:
             joined[name] = tuple(chain.from_iterable(values))
-        elif isinstance(value, Tensor) and name not in SHARED:
-            joined[name] = torch.cat([_padded(each, most) for each in values] if name in PADDED else values)
-    intervals = [line.interval for line in lines if line.interval is not None]
-    joined["interval"] = Interval.joined(intervals) if len(intervals) == len(lines) else None
-    return dataclasses.replace(first, average=None, notes=(), **joined)
-
-
-def _padded(values: Tensor, segments: int) -> Tensor:
-    missing = values.new_full((len(values), segments - values.shape[1], *values.shape[2:]), torch.nan)
-    return torch.cat([values, missing + 1j * missing if values.is_complex() else missing], dim=1)
+        elif name in ("reflection", "segment_start"):
+            joined[name] = torch.cat([padded(each) for each in values])
+        elif isinstance(value, Tensor) and name not in OF_LINE:
+            joined[name] = torch.cat(values)
+    return dataclasses.replace(first, average=None, interval=None, notes=(), **joined)
 
 
 def _case(line: ImpedanceLine) -> dict[str, Any]:
@@ -229,24 +203,17 @@ def _case(line: ImpedanceLine) -> dict[str, Any]:
     }
 
 
-def _facts_of(source: Any) -> list[Any]:
-    """All that a liner, a station or a channel is made of: the name of a table says too little."""
-    if source is None:
-        return [None]
-    if isinstance(source, StationSource):
-        return [source.digest(), source.name]
-    if isinstance(source, (BurstRecord, ReferenceChannel)):
-        return list(vars(source).values())
-    low, high = source.frequency_range or (300.0, 3500.0)
-    speeds = torch.linspace(0, min(20.0, source.speed_max or 20.0), 41, dtype=torch.float64)
-    frequencies = torch.linspace(float(low), float(high), 9).tolist()
+def _digest(liner: LinerModel, station: Station, channel: ReferenceChannel | None, *more: Any) -> str:
+    """Hash of what a finished station follows from, 32 hexadecimal digits: the name of a table says too little."""
+    low, high = liner.frequency_range or (300.0, 3500.0)
+    speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
     with torch.no_grad():
-        values = [torch.as_tensor(source.impedance(f, speeds)).to(torch.complex128) for f in frequencies]
-    return [torch.stack(values), source.describe()]
-
-
-def _digest(*facts: Any) -> str:
-    """Hash of what a part follows from, 32 hexadecimal digits."""
+        facts: list[Any] = [
+            torch.as_tensor(liner.impedance(f, speeds)).to(torch.complex128)
+            for f in torch.linspace(float(low), float(high), 9).tolist()
+        ]
+    facts += [station.digest()] if isinstance(station, StationSource) else vars(station).values()
+    facts += [station.name, liner.describe(), *more, *([] if channel is None else vars(channel).values())]
     digest = hashlib.sha256(__version__.encode())
     for fact in facts:
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from torchliner.bursts.station import DAMPED
+from torchliner.bursts.segments import DAMPED
 from torchliner.records import ImpedanceLine
 from torchliner.records.notes import Note
 
@@ -14,7 +14,7 @@ SHOWN = 4  # names in a warning
 
 def notes_of(line: ImpedanceLine) -> Iterator[Note]:
     """One note for each thing about a line that is doubtful, with numbers."""
-    count, choices = line.stations, line.choices
+    count, choices, rate = line.stations, line.choices, float(line.rate.min())
     flagged = [i for i, flags in enumerate(line.flags) if flags]
     if flagged:
         shown = ", ".join(line.names[i] for i in flagged[:SHOWN]) + ", ..." * (len(flagged) > SHOWN)
@@ -24,31 +24,20 @@ def notes_of(line: ImpedanceLine) -> Iterator[Note]:
     for i, f in enumerate(line.frequency.tolist()):
         sizes, share = line.attenuation[:, i].abs(), float(line.phase_held[:, i].mean())
         if float(sizes.min()) < DAMPED:
+            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the"
             mended = "the tone is corrected, the turbulence is not"
-            text = (
-                f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the "
-                f"stations (least {float(sizes.min()):.3f}); "
-                f"{mended if bool(line.corrected[:, i].all()) else 'it is not corrected there'}"
-            )
-            yield Note("damped-tone", text)
-        if float(line.rate.min()) < ARRIVALS_A_PERIOD * f:
-            text = (
-                f"{float(line.rate.min()) / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g}): |v(t)| "
-                "between them is guessed"
-            )
-            yield Note("few-arrivals", text)
+            mended = mended if bool(line.corrected[:, i].all()) else "it is not corrected there"
+            yield Note("damped-tone", f"{text} stations (least {float(sizes.min()):.3f}); {mended}")
+        if rate < ARRIVALS_A_PERIOD * f:
+            text = f"{rate / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g})"
+            yield Note("few-arrivals", f"{text}: |v(t)| between them is guessed")
         if line.wall is not None:
-            text = (
-                f"wall filter: {int(line.wall[:, i].sum())} of {count} stations have a squared coherence below "
-                f"{choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0, in the averages"
-            )
+            text = f"wall filter: {int(line.wall[:, i].sum())} of {count} stations have a squared coherence below"
+            text = f"{text} {choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0, in the averages"
             yield Note("wall-filter", text)
         if share < 1:
-            text = (
-                f"self-consistent phase: at {f:g} Hz it held in {100 * share:.3g} % of the segments; the others, with "
-                "too little coherence, are 'averaged' instead"
-            )
-            yield Note("phase-fell-back", text)
+            text = f"self-consistent phase: at {f:g} Hz it held in {100 * share:.3g} % of the segments; the others,"
+            yield Note("phase-fell-back", f"{text} with too little coherence, are 'averaged' instead")
         check = line.level_check
         if check is not None and (sentence := check.sentence("stations", f, i)):
             yield Note("level-check", sentence)

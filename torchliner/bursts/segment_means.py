@@ -13,17 +13,20 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.bursts.segments import Segments
+from torchliner.checks import SAME_FREQUENCY
 from torchliner.engine.blocks import geometric
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error, response
 from torchliner.liners.model import LinerModel
-from torchliner.records import VelocityPlane
-from torchliner.signals.tones import tone_amplitudes
-from torchliner.signals.windows import make_window
+from torchliner.records import ReferenceChannel, VelocityPlane
+from torchliner.tones import tone_amplitudes, transfer_function, window_weights
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import reading_of, take_moments
 
 WINDOWS = {"whole-periods": ("boxcar", {0: 1.0}), "hann": ("hann", {0: 0.5, 1: -0.25, -1: -0.25})}  # c_q by q
+COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
+FEWEST_PIECES = 8  # of a record, over which coherence is found
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +72,7 @@ def segment_means(
     turns = torch.cat([shifts, (2 * frequency[:, None] - shifts).flatten()])
     known = take_moments(dataclasses.replace(reading, blocks=blocks, turns=turns))
     end, error = blocks.borders[-1], 0.0
-    weights = torch.nn.functional.pad(make_window(kind, end).weights, (0, samples - end))
+    weights = torch.nn.functional.pad(window_weights(kind, end), (0, samples - end))
     if known.nodes is None:  # drive rms: one speed for the whole segment
         square = known.survey.mean_square - (known.survey.mean**2 if choices.mean == "removed" else 0)
         a = response(liner, frequency, square.clamp(min=0).sqrt().cpu()).T
@@ -86,3 +89,40 @@ def segment_means(
         error = interpolation_error(nodes, liner, frequency, known.top_speed(liner))[0]
     velocity = -tone_amplitudes(plane.load().velocity, frequency, rate, weights)
     return SegmentMeans(a, b, velocity, weights, known, error)
+
+
+def follow_reference(
+    cut: Segments, reference: ReferenceChannel, frequency: Tensor, known: SegmentMeans
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The tone of a reference channel in the segments of a station, and what of v follows it.
+
+    Args:
+        cut: the segments.
+        reference: on the clock of the arrivals.
+        frequency: Hz, (F,).
+        known: of the segments; coherence is found over pieces as long as its blocks.
+    Returns:
+        Phase of the reference at each segment's first sample, rad, and half the complex peak amplitude of the v into
+        the liner that follows it, (S, F); squared coherence of the two, (F,), 0 where the reference is 0 throughout.
+    Raises:
+        ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
+    """
+    grid, highest, tone = cut.signal.grid, float(frequency.max()), cut.plane.frequency
+    if reference.sampling_rate < COARSE * highest:
+        raise ValueError(
+            f"{reference.name} is sampled at {reference.sampling_rate:g} Hz, less than {COARSE:g} times a period of "
+            f"{highest:g} Hz; its phase between the samples would be wrong"
+        )
+    block = cut.plane.duration / known.moments.survey.blocks.count
+    values, found = reference.at(grid.times), []
+    for f in frequency.tolist():
+        piece, apart = block, 0.0 if tone is None else abs(f - tone * max(1, round(f / tone)))
+        if apart >= SAME_FREQUENCY * f:
+            # A harmonic of the tone is in both channels, and would count as coherent: it has to lie two bins away, at
+            # the zero of Hann's window.
+            piece = max(block, min(2 / apart, grid.samples / grid.rate / FEWEST_PIECES))
+        at = torch.tensor([f], dtype=torch.float64)
+        found.append(transfer_function(values, cut.signal.values, at, grid.rate, segment=piece))
+    amplitude = tone_amplitudes(values.unfold(0, cut.plane.samples, cut.hop), frequency, grid.rate, known.weights)
+    coherence = torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0)
+    return amplitude.angle(), -torch.cat([each.response for each in found]) * amplitude, coherence

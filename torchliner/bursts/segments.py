@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -13,8 +13,8 @@ from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenua
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.records import BurstRecord, VelocityPlane
 
-FEWEST_SEGMENTS, MOST_SEGMENTS = 2, 5000
 STATED = ("frequency", "fluid", "incident_level", "mach", "source_side", "liner", "displacement_thickness", "name")
+DAMPED = 0.95  # warned of below
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,7 @@ class Segments:
         hop: samples from one segment to the next.
         attenuation: factor on a tone over the whole record, complex128, (F,).
         corrected: frequencies whose tone was corrected, bool, (F,).
-        tone: that was corrected, Hz; None if none was.
-        left: of the tone before its correction, |factor|; 1 if none was corrected.
+        notes: warnings.
     """
 
     plane: VelocityPlane
@@ -38,8 +37,7 @@ class Segments:
     hop: int
     attenuation: Tensor
     corrected: Tensor
-    tone: float | None
-    left: float
+    notes: tuple[str, ...]
 
 
 def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationChoices) -> Segments:
@@ -59,27 +57,36 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
             "-wall_normal"
         )
     times, values = checked_bursts(record.arrival_time, record.wall_normal, name)
-    on = tone or float(frequency.max())
-    grid = ArrivalGrid.of(times, choices.grid_rate, choices.method, on, choices.band_limit, name)
+    grid = ArrivalGrid.of(
+        times, choices.grid_rate, choices.method, tone or float(frequency.max()), choices.band_limit, name
+    )
     length = round(choices.segment * grid.rate)
     hop = max(1, int((1 - choices.overlap) * length + 1e-9))
-    count = 1 + (grid.samples - length) // hop
-    _require_segments(grid, count, choices, name)
-    signal = GridSignal(grid(values), grid)
-    damping = tone_attenuation(signal, frequency, name=name)
-    corrected, left = torch.zeros_like(frequency, dtype=torch.bool), 1.0
-    if tone is None and len(frequency) == 1:
-        tone = float(frequency)
-    if choices.correction == "none":
-        tone = None
+    count, (gap, begin) = 1 + (grid.samples - length) // hop, grid.longest_gap
+    if count < 2:
+        raise ValueError(
+            f"{name}: {len(times)} bursts over {grid.seconds:.4g} s; two segments of {choices.segment:g} s with an "
+            f"overlap of {choices.overlap:g} take {(2 - choices.overlap) * choices.segment:.4g} s. Measure longer, or "
+            "shorten the segment"
+        )
+    if gap > choices.segment:
+        raise ValueError(
+            f"{name}: no burst for {gap:.4g} s from {begin:.6g} s on, longer than a segment of {choices.segment:g} s, "
+            "which would be made up; cut the record there"
+        )
+    signal, notes = GridSignal(grid(values), grid), tuple[str, ...]()
+    tone = None if choices.correction == "none" else tone or (float(frequency) if len(frequency) == 1 else None)
+    corrected = (frequency / (tone or torch.inf) - 1).abs() < SAME_FREQUENCY
+    unasked = tone is not None and not bool(corrected.any())
+    damping = tone_attenuation(signal, [*frequency.tolist(), tone] if unasked else frequency)
     if tone is not None:
-        corrected = (frequency / tone - 1).abs() < SAME_FREQUENCY
-        own, words = damping.select(corrected), name
-        if not bool(corrected.any()):
-            words = f"{name}, stated tone (left as it is with correction='none')"
-            own = tone_attenuation(signal, tone, name=words)
-        left = float(own.factor.abs())
-        signal = corrected_coherent_part(signal, own, noise=choices.correction == "tone-and-noise", name=words)
+        place = slice(-1, None) if unasked else corrected
+        own = {key: getattr(damping, key)[place] for key in ("factor", "image", "frequency")}
+        left = float(own["factor"].abs())
+        if unasked and left < DAMPED:
+            text = f"the stated tone of {tone:g} Hz, of which {grid.method} reconstruction leaves {left:.3f}, is"
+            notes = (f"{text} corrected: it drives |v| at all frequencies",)
+        signal = corrected_coherent_part(signal, replace(damping, **own), noise=choices.correction == "tone-and-noise")
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop),
         sampling_rate=grid.rate,
@@ -87,26 +94,4 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
         **{key: getattr(record, key) for key in STATED},
     )
     start = grid.start + hop * torch.arange(count, dtype=torch.float64) / grid.rate
-    return Segments(plane, signal, start, hop, damping.factor, corrected, tone, left)
-
-
-def _require_segments(grid: ArrivalGrid, count: int, choices: StationChoices, name: str) -> None:
-    """Two segments, no more than memory holds, no gap longer than a segment."""
-    of = f"of {choices.segment:g} s with an overlap of {choices.overlap:g}"
-    if count < FEWEST_SEGMENTS:
-        needed = (1 + (FEWEST_SEGMENTS - 1) * (1 - choices.overlap)) * choices.segment
-        raise ValueError(
-            f"{name}: {len(grid.arrival_times)} bursts over {grid.seconds:.4g} s; two segments {of} take {needed:.4g} "
-            "s. Measure longer, or shorten the segment"
-        )
-    if count > MOST_SEGMENTS:
-        raise ValueError(
-            f"{name}: {grid.seconds:.4g} s hold {count} segments {of} (limit: {MOST_SEGMENTS}). Lower the overlap, or "
-            "lengthen the segment"
-        )
-    gap, begin = grid.longest_gap
-    if gap > choices.segment:
-        raise ValueError(
-            f"{name}: no burst for {gap:.4g} s from {begin:.6g} s on, longer than a segment of {choices.segment:g} s, "
-            "which would be made up; cut the record there"
-        )
+    return Segments(plane, signal, start, hop, damping.factor[: len(frequency)], corrected, notes)

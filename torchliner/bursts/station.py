@@ -7,12 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 import torch
-from torch import Tensor
 
-from torchliner.bursts.averages import station_interval
 from torchliner.bursts.choices import StationChoices
-from torchliner.bursts.reference import follow_reference
-from torchliner.bursts.segment_means import segment_means
+from torchliner.bursts.segment_means import follow_reference, segment_means
 from torchliner.bursts.segments import cut_into_segments
 from torchliner.bursts.stations import Station
 from torchliner.checks import stated_frequency
@@ -26,7 +23,6 @@ from torchliner.velocity.review_answer import review_rule
 from torchliner.version import __version__
 
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
-DAMPED = 0.95  # warned of below
 NO_TONE = 0.05  # squared coherence with v below which a reference knows no phase
 WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole record
 
@@ -40,7 +36,7 @@ def educe_station(
     reference: ReferenceChannel | None = None,
     reference_phase: float | None = None,
 ) -> ImpedanceLine:
-    """One station, which depends on no other: a line of N = 1 without an average.
+    """One station, which depends on no other: a line of N = 1 without average and intervals.
 
     Args:
         record: bursts as read.  liner: its model.
@@ -51,8 +47,7 @@ def educe_station(
     Raises:
         ValueError: see ``educe_bursts``.
     """
-    liner = liner.in_flow(record.mach)
-    station = Station.of(record, own.filters)
+    liner, station = liner.in_flow(record.mach), Station.of(record, own.filters)
     kept, flags = station.kept, station.flags
     if flags and own.flagged == "refuse":
         raise ValueError(
@@ -70,26 +65,24 @@ def educe_station(
     known = segment_means(cut.plane, liner, wanted, choices, own.window)
     seen, nodes = known.moments.survey, known.moments.nodes
     clock = 2 * torch.pi * torch.outer(cut.start, wanted)  # phase of a steady tone at each segment's first sample
-    steady = seen.coherence(wanted).cpu()
-    phases, velocity, coherence = clock, known.velocity, steady
+    phases, velocity, coherence = clock, known.velocity, seen.coherence(wanted).cpu()
+    steady = coherence.mean(0)
     if reference is not None:
-        block = cut.plane.duration / seen.blocks.count
-        phases, velocity, coherence = follow_reference(cut, reference, wanted, known.weights, block)
-    held = (coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")
-    held = held.expand(velocity.shape)
+        phases, velocity, coherence = follow_reference(cut, reference, wanted, known)
+    held = ((coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     sound = Sound(velocity, held, phases + (reference_phase or 0.0))
     reflection = PHASE_RULES[choices.phase](known.a, known.b, sound)
-    coherence = coherence if reference is not None else coherence.mean(0)
-
-    notes = [*kept.notes, *texts(known.moments.notes), *texts(review_rule(held, seen.blocks.count, choices))]
-    if not bool(cut.corrected.any()) and cut.left < DAMPED:
-        notes.append(
-            f"the stated tone of {cut.tone:g} Hz, of which {own.method} reconstruction leaves {cut.left:.3f}, is "
-            "corrected: it drives |v| at all frequencies"
-        )
+    if reference is None:
+        coherence = steady
+    notes = [
+        *kept.notes,
+        *texts(known.moments.notes),
+        *texts(review_rule(held, seen.blocks.count, choices)),
+        *cut.notes,
+    ]
     # Over the whole record a tone that wanders has less amplitude than in its segments.
-    left = _mean_amplitude(known.velocity, clock).abs() / (2 * known.velocity.abs().mean(0)).clamp(min=1e-300)
-    wanders = cut.corrected & (left < WANDERS) & (steady.mean(0) > choices.minimum_coherence / 2)
+    left = (known.velocity * torch.exp(-1j * clock)).mean(0).abs() / known.velocity.abs().mean(0).clamp(min=1e-300)
+    wanders = cut.corrected & (left < WANDERS) & (steady > choices.minimum_coherence / 2)
     for i, f in enumerate(wanted.tolist()):
         if bool(wanders[i]):
             notes.append(
@@ -101,31 +94,32 @@ def educe_station(
                 f"the squared coherence of v with the reference is {float(coherence[i]):.2g} at {f:g} Hz (limit "
                 f"{NO_TONE:g}): it tells nothing of the phase of the sound there"
             )
-
     vertical, grid = station.moments.components["wall_normal"], cut.signal.grid
-    interval = station_interval(reflection, choices.interval)
+    numbers = {
+        **{axis: math.nan if (value := getattr(record, axis)) is None else value for axis in "xyz"},
+        "mean_velocity": vertical.weighted_mean,
+        "velocity_rms": vertical.weighted_rms,
+        "rate": grid.mean_rate,
+        "grid_rate": grid.rate,
+        "longest_gap": grid.longest_gap[0],
+    }
+    tensors: dict[str, Any] = {
+        "reflection": reflection,
+        "segment_start": cut.start,
+        "velocity_amplitude": 2 * (known.velocity * torch.exp(-1j * phases)).mean(0),
+        "coherence": coherence,
+        "attenuation": cut.attenuation,
+        "corrected": cut.corrected,
+        "phase_held": held.to(torch.float64).mean(0),
+        "received": torch.tensor(record.received),
+        "bursts": torch.tensor(kept.bursts),
+        "used": torch.tensor(not flags or own.flagged == "use"),
+        **{key: torch.tensor(value, dtype=torch.float64) for key, value in numbers.items()},
+    }
     return ImpedanceLine(
         frequency=wanted,
-        reflection=reflection[None],
-        segment_start=cut.start[None],
-        x=_one(record.x),
-        y=_one(record.y),
-        z=_one(record.z),
-        mean_velocity=_one(vertical.weighted_mean),
-        velocity_rms=_one(vertical.weighted_rms),
-        velocity_amplitude=_mean_amplitude(known.velocity, phases)[None],
-        coherence=coherence[None],
-        attenuation=cut.attenuation[None],
-        corrected=cut.corrected[None],
-        phase_held=held.to(torch.float64).mean(0)[None],
-        rate=_one(grid.mean_rate),
-        grid_rate=_one(grid.rate),
-        longest_gap=_one(grid.longest_gap[0]),
-        received=torch.tensor([record.received]),
-        bursts=torch.tensor([kept.bursts]),
-        used=torch.tensor([not flags or own.flagged == "use"]),
         wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
-        interval=None if interval is None else interval.map(lambda value: value[None]),
+        interval=None,
         names=(station.name,),
         flags=(flags,),
         dropped=(dict(kept.dropped),),
@@ -143,15 +137,6 @@ def educe_station(
             "model_error": known.model_error,
             **asdict(own),
         },
+        **{key: value[None] for key, value in tensors.items()},
         **{key: getattr(record, key) for key in CASE},
     )
-
-
-def _one(value: float | None) -> Tensor:
-    """A number of the station as (1,), nan where unknown."""
-    return torch.tensor([math.nan if value is None else float(value)], dtype=torch.float64)
-
-
-def _mean_amplitude(velocity: Tensor, phases: Tensor) -> Tensor:
-    """Complex peak amplitude of v into the liner, (F,): over the segments, less their phases, (S, F)."""
-    return 2 * (velocity * torch.exp(-1j * phases)).mean(0)

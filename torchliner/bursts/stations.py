@@ -1,4 +1,4 @@
-"""Moments of the bursts of a station, when they came, and what makes the station doubtful."""
+"""Which bursts of a station count, their moments, and what makes the station doubtful."""
 
 from __future__ import annotations
 
@@ -7,17 +7,108 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.bursts.filters import BurstFilters, resolution, validate_bursts
+from torchliner.checks import make_plain, require_positive
 from torchliner.records import BurstRecord
 
+GAUSSIAN_MAD = 1.4826  # standard deviation over median absolute deviation, 1 / Phi^-1(3/4)
+REPEATED, BACKWARDS = "repeated time", "time runs backwards"
+ZERO_RUN, OUTLIER = "run of exact zeros", "outlier"
 MOST_ZEROS = 0.25  # share of exact zeros in a component
 MOST_DROPPED = 0.10  # share of the bursts
 GAP_CHANCE = 1e-3  # of a gap so long in a Poisson process of the same rate
 MOST_ROUNDING = 0.05  # share of the variance
 FEWEST_PER_PERIOD = 2.0  # bursts in a period of the tone
+
+
+@dataclass(frozen=True)
+class BurstFilters:
+    """Filters in the order in which they are applied; None or False switches one off.
+
+    Args:
+        times: drop bursts that do not come after all before them.
+        zero_runs: drop runs of at least so many successive bursts with a component of exactly 0.
+        outliers: drop |v - median| above so many standard deviations, the latter taken from the median absolute
+            deviation, both weighted by transit time.
+    Raises:
+        ValueError: a run shorter than 2, an outlier limit not above 0.
+    """
+
+    times: bool = True
+    zero_runs: int | None = 10
+    outliers: float | None = 6.0
+
+    def __post_init__(self) -> None:
+        make_plain(self)
+        if self.zero_runs is not None and self.zero_runs < 2:
+            raise ValueError(f"zero_runs is {self.zero_runs}; a run has at least 2 bursts")
+        if self.outliers is not None:
+            require_positive("outliers (standard deviations)", self.outliers)
+
+
+def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) -> BurstRecord:
+    """The record without the bursts that the filters refuse; each is counted in ``dropped``.
+
+    Each filter sees what those before it left: of equal times the first stays, and a run of zeros is one in the order
+    of time.
+
+    Raises:
+        ValueError: nothing would be left, or most times repeat or run backwards: then the file is wrong, not a burst.
+    """
+    filters = filters or BurstFilters()
+    if filters.times:
+        time = record.arrival_time
+        step = torch.cat([time.new_ones(1), time[1:] - torch.cummax(time, 0).values[:-1]])
+        counts = {BACKWARDS: int((step < 0).sum()), REPEATED: int((step == 0).sum())}
+        for reason, remedy in (
+            (BACKWARDS, "the times run backwards, or several records stand one after another; sort or split them"),
+            (REPEATED, "the column is no arrival time, or was written with too few digits"),
+        ):
+            if 2 * counts[reason] > record.bursts:
+                raise ValueError(f"{record.name}: {reason} at {counts[reason]} of {record.bursts} bursts; {remedy}")
+        record = record.keep(step > 0, counts)
+    for reason, limit, faulty in (
+        (ZERO_RUN, filters.zero_runs, _in_zero_run),
+        (OUTLIER, filters.outliers, _outlying),
+    ):
+        if limit is not None:
+            bad = torch.stack([faulty(values, record.weights, limit) for values in record.components.values()]).any(0)
+            record = record.keep(~bad, {reason: int(bad.sum())})
+    return record
+
+
+def run_lengths(flag: Tensor) -> Tensor:
+    """Length of the run of True to which each element belongs, 0 where False, (N,)."""
+    starts = torch.cat([torch.ones(1, dtype=torch.bool), flag[1:] != flag[:-1]])
+    member = starts.cumsum(0) - 1
+    return torch.where(flag, torch.bincount(member)[member], 0)
+
+
+def _in_zero_run(values: Tensor, weights: Tensor, shortest: float) -> Tensor:
+    """Values of 0 in runs of at least so many, bool, (N,)."""
+    return run_lengths(values == 0) >= shortest
+
+
+def _outlying(values: Tensor, weights: Tensor, limit: float) -> Tensor:
+    """Values beyond so many standard deviations of the median, bool, (N,)."""
+    away = (values - weighted_median(values, weights)).abs()
+    spread = GAUSSIAN_MAD * weighted_median(away, weights)
+    # Where more than half of the values are equal the median deviation is 0 and says nothing.
+    return away > limit * max(spread, resolution(values))
+
+
+def weighted_median(values: Tensor, weights: Tensor) -> float:
+    """Smallest value (N,) at which half of the weight, (N,), at least 0, is reached."""
+    return float(np.quantile(values.numpy(), 0.5, weights=weights.numpy(), method="inverted_cdf"))
+
+
+def resolution(values: Tensor) -> float:
+    """Smallest step between distinct values, in their unit; 0 with fewer than two."""
+    distinct = values.unique()
+    return float(distinct.diff().min()) if len(distinct) > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -68,25 +159,21 @@ def burst_moments(record: BurstRecord) -> BurstMoments:
     A particle is the likelier to arrive the faster the flow, so the mean over bursts favours fast ones;
     :math:`\sum v_i\tau_i/\sum\tau_i` with the transit times gives back the mean over time.
     """
-    weights = (torch.ones_like(record.arrival_time), record.weights)
-    components = {
-        name: ComponentMoments(*(part for weight in weights for part in _moments(values, weight)))
-        for name, values in record.components.items()
-    }
+    components = {}
+    for name, values in record.components.items():
+        found = []
+        for weights in (torch.ones_like(values), record.weights):
+            share = weights / weights.sum()
+            mean = (share * values).sum()
+            rest = values - mean
+            found += [float(mean), float((share * rest**2).sum().sqrt()), float((share * rest**3).sum())]
+        components[name] = ComponentMoments(*found)
     steps = record.arrival_time.diff()
-    duration = float(steps.sum())
-    about = (math.nan,) * 3
+    duration, about = float(steps.sum()), (math.nan,) * 3
     if duration > 0:
         about = (len(steps) / duration, float(steps.max()), float(steps.std(correction=0) / steps.mean()))
     weighted = record.transit_time is not None and bool((record.transit_time > 0).any())
     return BurstMoments(components, weighted, duration, *about)
-
-
-def _moments(values: Tensor, weights: Tensor) -> tuple[float, float, float]:
-    share = weights / weights.sum()
-    mean = (share * values).sum()
-    rest = values - mean
-    return float(mean), float((share * rest**2).sum().sqrt()), float((share * rest**3).sum())
 
 
 @dataclass(frozen=True)
@@ -124,7 +211,7 @@ class Station:
         return tuple(self._flags())
 
     def _flags(self) -> Iterator[str]:
-        kept, found = self.kept, self.moments
+        kept, rate, gap = self.kept, self.moments.rate, self.moments.rate * self.moments.longest_gap
         for name, share in self.zero_shares.items():
             if share > MOST_ZEROS:
                 yield f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated?"
@@ -132,27 +219,21 @@ class Station:
         if gone > MOST_DROPPED:
             yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
         for name, values in self.raw.components.items():
-            step, rms = resolution(values), found.components[name].rms
             # Rounding to a step d adds d^2/12 to the variance.
-            share = step**2 / 12 / rms**2 if rms > 0 else math.inf
+            step, rms = resolution(values), self.moments.components[name].rms
+            share = 100 * min(1, step**2 / 12 / rms**2 if rms > 0 else 1)
             if step == 0:
                 yield f"{name} is constant, {float(values[0]):g} m/s: a dead channel"
-            elif share > MOST_ROUNDING:
-                yield (
-                    f"{name} is resolved to {step:g} m/s: rounding alone is {100 * min(share, 1):.0f} % of its "
-                    f"variance (limit {100 * MOST_ROUNDING:g} %)"
-                )
-        if not found.rate > 0:
-            yield f"{kept.bursts} bursts: no rate, no intervals"
-            return
+            elif share > 100 * MOST_ROUNDING:
+                text = f"rounding alone is {share:.0f} % of its variance (limit {100 * MOST_ROUNDING:g} %)"
+                yield f"{name} is resolved to {step:g} m/s: {text}"
         # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
-        gap = found.rate * found.longest_gap
         chance = (kept.bursts - 1) * math.exp(-gap)
-        if chance < GAP_CHANCE:
-            yield (
-                f"a gap of {1e3 * found.longest_gap:.3g} ms, {gap:.3g} mean intervals (chance in a Poisson process "
-                f"{chance:.0e}, limit {GAP_CHANCE:g})"
-            )
-        if kept.frequency is not None and found.rate < FEWEST_PER_PERIOD * kept.frequency:
-            per_period = found.rate / kept.frequency
-            yield f"{per_period:.2g} bursts a period of {kept.frequency:g} Hz (limit {FEWEST_PER_PERIOD:g})"
+        if not rate > 0:
+            yield f"{kept.bursts} bursts: no rate, no intervals"
+        elif chance < GAP_CHANCE:
+            text = f"chance in a Poisson process {chance:.0e}, limit {GAP_CHANCE:g}"
+            yield f"a gap of {1e3 * self.moments.longest_gap:.3g} ms, {gap:.3g} mean intervals ({text})"
+        if kept.frequency is not None and rate < FEWEST_PER_PERIOD * kept.frequency:
+            periods = f"{rate / kept.frequency:.2g} bursts a period of {kept.frequency:g} Hz"
+            yield f"{periods} (limit {FEWEST_PER_PERIOD:g})"

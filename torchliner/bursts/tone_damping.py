@@ -18,10 +18,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, checked_bursts
+from torchliner.bursts.arrivals import BAND_SHARE, ArrivalGrid, GridSignal, checked_bursts
 from torchliner.checks import frequency_tensor
-from torchliner.signals.tones import tone_amplitudes
-from torchliner.signals.windows import make_window
+from torchliner.tones import tone_amplitudes, window_weights
 
 LEAST_FACTOR = 0.3  # below, a correction would raise noise by more than a factor 3
 
@@ -44,12 +43,8 @@ class ToneAttenuation:
     weights: Tensor
 
     def line(self, signal: GridSignal) -> Tensor:
-        """Of the tones as they stand in a gridded signal, phase at the grid's start, complex128, (F,)."""
+        """Of the tones as they are in a gridded signal, phase at the grid's start, complex128, (F,)."""
         return tone_amplitudes(signal.values, self.frequency, self.grid.rate, self.weights)
-
-    def select(self, chosen: Tensor) -> ToneAttenuation:
-        """Some of the tones, bool, (F,)."""
-        return replace(self, **{key: getattr(self, key)[chosen] for key in ("factor", "image", "frequency")})
 
     def true_amplitude(self, line: Tensor) -> Tensor:
         """A from the windowed lines GA + HA* of the gridded signal, (F,), exactly."""
@@ -70,11 +65,10 @@ def tone_attenuation(
     """The complex factors on a tone's windowed line for these very arrivals.
 
     Args:
-        arrivals: times, s, (N,); or a ``GridSignal``, whose arrivals, grid and method are meant.
+        arrivals: times, s, (N,); or a ``GridSignal``, whose arrivals, grid, method and name are meant.
         frequency: Hz, one or several.
-        rate, method, band: of the grid, as for ``onto_grid``.
+        rate, method, band, name: of the grid, as for ``onto_grid``.
         window: any window of scipy, over the record.
-        name: how messages call the data.
     Raises:
         ValueError: the mean rate is below twice a frequency, a frequency is outside ``band`` or not below half the
             grid's rate, or as ``onto_grid``.
@@ -87,16 +81,17 @@ def tone_attenuation(
         grid = ArrivalGrid.of(checked_bursts(arrivals, arrivals, name)[0], rate, method, highest, band, name)
     if grid.mean_rate < 2 * highest:
         raise ValueError(
-            f"{name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of {highest:g} "
-            "Hz; a tone above half the mean rate cannot be put on a grid"
+            f"{grid.name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of "
+            f"{highest:g} Hz; a tone above half the mean rate cannot be put on a grid (correction='none' leaves a "
+            "stated tone as it is)"
         )
     if grid.method == "band-limited" and highest >= grid.band:
         raise ValueError(
-            f"{name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; a quarter of the mean rate, "
-            f"{0.25 * grid.mean_rate:g} Hz, is what these arrivals carry"
+            f"{grid.name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; a quarter of the mean "
+            f"rate, {BAND_SHARE * grid.mean_rate:g} Hz, is what these arrivals carry"
         )
     frequency_tensor(wanted, grid.rate)
-    weights, lines = make_window(window, grid.samples).weights, []
+    weights, lines = window_weights(window, grid.samples), []
     for f in wanted:
         turns = 2 * torch.pi * f * (grid.arrival_times - grid.start)
         both = grid(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
@@ -107,9 +102,7 @@ def tone_attenuation(
     return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, wanted, grid, weights)
 
 
-def corrected_coherent_part(
-    signal: GridSignal, attenuation: ToneAttenuation, *, noise: bool = False, name: str = "the signal"
-) -> GridSignal:
+def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *, noise: bool = False) -> GridSignal:
     """The signal with each tone's own part put back to its amplitude, all else untouched.
 
     The line of the tone is read off by an exact fit over the whole record, A follows from G and H, and replaces it.
@@ -120,28 +113,24 @@ def corrected_coherent_part(
         signal: from ``onto_grid``.
         attenuation: from ``tone_attenuation`` of that signal.
         noise: take out the whole reconstruction of the tone, the noise that it made of it too.
-        name: how messages call the data.
     Raises:
         ValueError: the attenuation is that of another signal; a factor below 0.3 (the correction would raise noise by
             more than 3).
     """
-    grid, frequency = signal.grid, attenuation.frequency
+    grid, frequency, smallest = signal.grid, attenuation.frequency, float(attenuation.factor.abs().min())
     if attenuation.grid is not grid:
-        raise ValueError(f"{name} and the attenuation have grids of their own; use tone_attenuation(signal, frequency)")
-    smallest = float(attenuation.factor.abs().min())
+        raise ValueError(f"{grid.name}: the attenuation has a grid of its own; use tone_attenuation(signal, frequency)")
     if smallest < LEAST_FACTOR:
         raise ValueError(
-            f"{name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise noise "
-            f"{1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}). More arrivals are needed, or no correction "
-            "(correction='none')"
+            f"{grid.name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise "
+            f"noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}). More arrivals are needed, or no "
+            "correction (correction='none')"
         )
-    line = attenuation.line(signal)
+    line, seconds = attenuation.line(signal), grid.times - grid.start
     amplitude = attenuation.true_amplitude(line)
-    seconds = grid.times - grid.start
+    made = _tones(line, frequency, seconds)
     if noise:
         made = grid(_tones(amplitude, frequency, grid.arrival_times - grid.start))
-    else:
-        made = _tones(line, frequency, seconds)
     return replace(signal, values=signal.values + _tones(amplitude, frequency, seconds) - made)
 
 

@@ -13,7 +13,7 @@ from torchliner.cli.files import preset_named, show_results
 from torchliner.cli.options import CASE, CLUSTER, dest, frequency_option, level_check_code, progress_bar, shared, stated
 
 if TYPE_CHECKING:
-    from torchliner.bursts.filters import BurstFilters
+    from torchliner.bursts.stations import BurstFilters
     from torchliner.io.burst_sources import StationSource
 
 READING: dict[str, Any] = {
@@ -124,7 +124,7 @@ def _stations(options: argparse.Namespace, *left_out: str) -> list[StationSource
 
 def _filters(options: argparse.Namespace) -> BurstFilters:
     """Which bursts count."""
-    from torchliner.bursts.filters import BurstFilters
+    from torchliner.bursts.stations import BurstFilters
 
     chosen = stated(options, ("zero_runs", "outliers"))
     for name in options.without:

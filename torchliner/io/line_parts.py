@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,32 +26,19 @@ class LineParts:
         """Parts on disk, of this run or another."""
         return len(list(self.folder.glob("*.h5"))) if self.folder.is_dir() else 0
 
-    def holds(self, key: str) -> bool:
-        """Whether the station of a key is on disk."""
-        return (self.folder / f"{key}.h5").exists()
+    def load(self, key: str) -> ImpedanceLine | None:
+        """The station of a key; None where it is not there, or a file is damaged or not the part that its name says."""
+        with contextlib.suppress(ValueError, OSError):
+            line = read_line(self._path(key))
+            if line.stations == 1 and line.choices.get("part") == key:
+                return line
+        return None
 
-    def take_up(self, key: str, work: Callable[[], ImpedanceLine]) -> ImpedanceLine:
-        """The station of a key from its file, else made and kept.
-
-        Raises:
-            ValueError, OSError: a part that cannot be read or holds no single station.
-        """
-        path = self.folder / f"{key}.h5"
-        self.mine.append(path)
-        if path.exists():
-            try:
-                line = read_line(path)
-            except (ValueError, OSError) as error:
-                raise ValueError(f"a finished station cannot be taken up: {error}; delete it, and "
-                                 "it is made anew") from error  # fmt: skip
-            if line.stations != 1 or line.choices.get("part") != key:
-                raise ValueError(f"{path} is not the part that its name says; delete it, and it is "
-                                 "made anew")  # fmt: skip
-            return line
-        line = work()
+    def keep(self, key: str, line: ImpedanceLine) -> ImpedanceLine:
+        """Write a finished station."""
         self.folder.mkdir(exist_ok=True)
         line = replace(line, choices={**line.choices, "part": key})
-        write_line(line, path)
+        write_line(line, self._path(key))
         return line
 
     def clear(self) -> None:
@@ -61,3 +47,8 @@ class LineParts:
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # not empty, not there, a link
             self.folder.rmdir()
+
+    def _path(self, key: str) -> Path:
+        path = self.folder / f"{key}.h5"
+        self.mine.append(path)
+        return path

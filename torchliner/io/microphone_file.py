@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
+from torchliner.io.flow_noise import reject_flow_noise
 from torchliner.io.hdf5 import (
     get_dataset,
     is_there,
@@ -34,7 +35,6 @@ from torchliner.io.pressure_file import read_pressure
 from torchliner.io.stored_values import read_values
 from torchliner.io.tables import FileKind, Variable, impedance, numbers, read_variables, real, write_variables
 from torchliner.records import MicrophoneLine, PressureRecord
-from torchliner.signals.reference_coherence import reject_flow_noise
 
 KIND = FileKind(
     "torchliner microphones 1", "line of microphones",

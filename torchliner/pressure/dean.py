@@ -35,7 +35,7 @@ from torchliner.records import PointImpedances, PointUncertainty, PressureRecord
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
-from torchliner.signals.transfer import transfer_from_amplitudes
+from torchliner.tones import transfer_from_amplitudes
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one

@@ -19,7 +19,7 @@ from torchliner.records import MicrophoneLine, PressureRecord, VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.level_check import UNKNOWN
 from torchliner.records.same_case import require_same_run
-from torchliner.signals.transfer import segment_amplitudes
+from torchliner.tones import segment_amplitudes
 
 INCIDENT, WALL = "incident", "wall"
 SAME_TIMES = 0.01  # of the duration: beyond, phases belong to different times

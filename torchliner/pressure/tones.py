@@ -25,8 +25,7 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, Conversion, jackknife, replicates
 from torchliner.records import Interval, PressureRecord
 from torchliner.records.notes import Note
-from torchliner.signals.transfer import segment_amplitudes
-from torchliner.signals.windows import make_window
+from torchliner.tones import segment_amplitudes, window_weights
 
 LEVEL = 0.95
 FEWEST_RUNS = 8  # below, an interval says little
@@ -140,7 +139,7 @@ class Tones:
     def _blocks(self, signals: Sequence[Tensor], frequency: Tensor, first: int, blocks: Blocks) -> Parts:
         """Of one segment that begins at a sample; their mean is that of ``segment_amplitudes``."""
         samples, count = signals[0].shape[-1] - first, blocks.count
-        weight = make_window(self.window, samples).weights
+        weight = window_weights(self.window, samples)
         turn = 2j * torch.pi * frequency / blocks.sampling_rate * torch.arange(first, first + samples)
         basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
         across = basis.conj() * weight

@@ -18,7 +18,7 @@ from torchliner.liners.model import LinerModel, as_liner
 from torchliner.liners.response import impedance_of, reflection_of
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
 from torchliner.records.incident import Incident, Recorded, Tones, as_incident
-from torchliner.signals.transfer import transfer_function
+from torchliner.tones import transfer_function
 from torchliner.velocity.ir_tdibc_signal import draws_of, length_of, lines_of, rate_of, read_at
 from torchliner.velocity.ir_tdibc_wall import NewestTap, Progress, Reply, settle_period, step_in_time
 from torchliner.velocity.level_curve import FixedPoint, LevelCurve

@@ -17,6 +17,7 @@ The ratio of implied to known pressure is computed without each block in turn, l
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -24,6 +25,7 @@ from torch import Tensor
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.engine.intervals import ITSELF, jackknife
 from torchliner.engine.moments import Moments
+from torchliner.fluid import Fluid
 from torchliner.pressure.known_pressure import INCIDENT, Case, KnownPressure
 from torchliner.records.level_check import Gap, LevelCheck, gap_of
 from torchliner.velocity.averages import Averages, survey_of_columns, tone_velocity
@@ -43,7 +45,7 @@ def check_level(
     lengths = case.blocks.lengths
     for each in found.values():
         z = impedance_from_reflection(torch.cat([each.of_liner[:, None], each.of_cells], 1).detach()).cpu()
-        ratio = implied_pressure(case, known, z, velocity[: len(z)]) / pressure
+        ratio = _implied(case, known, z, velocity[: len(z)]) / pressure
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:
             change = ratio / ratio[:1]
@@ -81,8 +83,7 @@ def change_that_passes(case: Case, known: KnownPressure, z: Tensor, gap: Gap) ->
         z: of the whole plane, (F,).
         gap: implied over known pressure there, (F,).
     """
-    height = case.plane.height if known.moved and case.plane.height is not None else 0.0
-    angle = 2 * torch.pi * case.frequency / float(case.plane.fluid.sound_speed) * height
+    angle = 2 * torch.pi * case.frequency / float(case.plane.fluid.sound_speed) * _height(case, known)
     cosine, sine, end = angle.cos(), angle.sin(), float(known.kind == INCIDENT)
     q = torch.polar(10 ** (gap.level / 20), torch.deg2rad(gap.phase.nan_to_num(0)))
     wanted = (z + end) / (cosine + 1j * z * sine) / q
@@ -95,7 +96,7 @@ def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Ca
     Its phase means something where ``known.has_phase``.
     """
     velocity = cell_velocity(moments, case, known)[0, :1]
-    return lambda z: implied_pressure(case, known, z[None], velocity)[0] / known.liner
+    return lambda z: _implied(case, known, z[None], velocity)[0] / known.liner
 
 
 def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:
@@ -126,12 +127,27 @@ def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: flo
     return turns.gather(0, best.expand(1, len(x), -1))[0]
 
 
-def implied_pressure(case: Case, known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
-    """Pressure that impedances and velocities imply, Pa, (..., 1 + C, F), the whole plane first."""
-    height = case.plane.height if known.moved and case.plane.height is not None else 0.0
-    angle = 2 * torch.pi * case.frequency / float(case.plane.fluid.sound_speed) * height
+def implied_pressure(kind: str, fluid: Fluid, frequency: Tensor, height: Any, z: Tensor, velocity: Tensor) -> Tensor:
+    """Pressure that impedances and velocities imply, Pa, (..., 1 + C, F), the whole plane first.
+
+    Args:
+        kind: ``incident`` or ``wall``.  fluid: of the data.  frequency: Hz, (F,).
+        height: from which the velocity is moved to the wall, m, a number or (1 + C, 1).
+        z, velocity: impedance, and v into the liner, m/s, (..., 1 + C, F).
+    """
+    angle = 2 * torch.pi * frequency / float(fluid.sound_speed) * height
     at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
     pressure = z * at_wall
-    if known.kind == INCIDENT:
+    if kind == INCIDENT:
         pressure = (pressure + at_wall[..., :1, :]) / 2
-    return float(case.plane.fluid.characteristic_impedance) * pressure
+    return float(fluid.characteristic_impedance) * pressure
+
+
+def _implied(case: Case, known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
+    """``implied_pressure`` of a plane."""
+    return implied_pressure(known.kind, case.plane.fluid, case.frequency, _height(case, known), z, velocity)
+
+
+def _height(case: Case, known: KnownPressure) -> float:
+    """From which the velocity is moved to the wall, m."""
+    return case.plane.height if known.moved and case.plane.height is not None else 0.0

@@ -1,0 +1,198 @@
+r"""Tones of signals, exact in any record, and transfer functions between signals.
+
+H1 puts all noise on the output: :math:`H_1 = \sum X^* Y/\sum |X|^2` over segments, unbiased by whatever in y is
+incoherent with x. So x is the quieter signal: the pressure at the bottom of a cavity, which no boundary layer reaches,
+or the voltage of a loudspeaker, which hears no flow.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.engine.blocks import waves
+from torchliner.names import did_you_mean
+
+WINDOWS = [
+    *("boxcar", "triang", "blackman", "hamming", "hann", "bartlett", "flattop", "parzen", "bohman", "blackmanharris"),
+    *("nuttall", "barthann", "cosine", "tukey", "lanczos", "kaiser", "gaussian", "general_hamming", "chebwin", "dpss"),
+    "taylor",
+]
+BLOCK = 1 << 14  # samples at once, so that a long record needs no matrix of its length
+ELEMENTS = 1 << 22  # values of many signals at once, 32 MB
+INDISTINCT = 1e-6  # of the determinant of tone and conjugate; 1 over many periods
+
+
+def window_weights(name: Any, samples: int) -> Tensor:
+    """A window of scipy by name in its periodic form, float64, (samples,).
+
+    Args:
+        name: ``hann`` and so on; windows with a parameter as a tuple or as text, ``("kaiser", 8.0)`` or ``"kaiser,8"``.
+        samples: N.
+    Raises:
+        TypeError: no name: an array of weights, a number.
+        ValueError: scipy knows no such window, or it needs a parameter.
+    """
+    named = name[0] if isinstance(name, (tuple, list)) and name else name
+    if not isinstance(named, str):
+        raise TypeError(
+            f"window is {type(name).__name__}; it is given by name, as 'hann', 'kaiser,8' or ('kaiser', 8.0), so that "
+            "it fits any length"
+        )
+    label = str(name) if isinstance(name, str) else ",".join(str(part) for part in name)
+    if label == "boxcar":
+        return torch.ones(samples, dtype=torch.float64)
+    if label == "hann":
+        return torch.hann_window(samples, periodic=True, dtype=torch.float64)
+    from scipy.signal import get_window  # takes half a second or more to import
+
+    kind, *parameters = label.split(",")
+    try:
+        arguments: Any = (kind, *(float(p) for p in parameters)) if parameters else kind
+        return torch.as_tensor(get_window(arguments, samples, fftbins=True)).double()
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"unknown window {label!r}{did_you_mean(kind, WINDOWS)}: {error}; any window of scipy.signal.get_window "
+            "will do"
+        ) from error
+
+
+def tone_amplitudes(signal: Tensor, frequency: Tensor, sampling_rate: float, weights: Tensor, begin: int = 0) -> Tensor:
+    r"""Amplitude A of the tone in m + A e^{j omega t} + A* e^{-j omega t}, exact in any record.
+
+    With the window's sums :math:`S_q = \sum w\,e^{-jq\omega t}` the windowed lines of such a signal are
+    :math:`L_1 = A S_0 + A^* S_2 + m S_1` and :math:`L_0 = m S_0 + 2 Re(A S_1^*)`. The mean m is eliminated,
+    :math:`L = L_1 - S_1 L_0/S_0 = A a + A^* b` with :math:`a = S_0 - |S_1|^2/S_0, b = S_2 - S_1^2/S_0`, and both A and
+    A* are solved for. At the bins of a periodic Hann window (from the second on) this is the plain transform.
+
+    Args:
+        signal: real, (..., n).  frequency: Hz, (F,).  sampling_rate: Hz.  weights: window, (n,).
+        begin: sample number of the first value; the phase is that at sample 0.
+    Returns:
+        Half the complex peak amplitude, complex128, (..., F).
+    Raises:
+        ValueError: the record is too short to tell the tone from its conjugate and the mean.
+    """
+    wanted = frequency.to("cpu", torch.float64)
+    zero, once = _line_sums(weights, wanted, sampling_rate, begin)
+    _, twice = _line_sums(weights, 2 * wanted, sampling_rate, begin)
+    a, b = zero - once.abs() ** 2 / zero, twice - once**2 / zero
+    determinant = a**2 - b.abs() ** 2
+    blurred = determinant / zero**2 < INDISTINCT
+    if bool(blurred.any()):
+        short = float(wanted[blurred].min())
+        raise ValueError(
+            f"{len(weights)} samples at {sampling_rate:g} Hz hold {len(weights) / sampling_rate * short:.3g} periods "
+            f"of {short:g} Hz, too few to tell this tone from a mean; take a longer record"
+        )
+    mean, line = _line_sums(signal.to("cpu", torch.float64) * weights, wanted, sampling_rate, begin)
+    line = line - once / zero * mean
+    return line * (a / determinant) - line.conj() * (b / determinant)
+
+
+def _line_sums(values: Tensor, frequency: Tensor, sampling_rate: float, begin: int) -> tuple[Tensor, Tensor]:
+    """Sums over samples of real values (..., n), (..., 1), and of these times e^{-j omega t}, (..., F)."""
+    batch, count = values.shape[:-1], len(frequency)
+    total = torch.zeros((*batch, 1 + 2 * count), dtype=torch.float64)
+    step = min(BLOCK, max(1, ELEMENTS // max(1, math.prod(batch))))
+    for low in range(0, values.shape[-1], step):
+        part = values[..., low : low + step]
+        total += part @ waves(frequency, sampling_rate, begin + low, begin + low + part.shape[-1]).T
+    return total[..., :1], torch.complex(total[..., 1 : 1 + count], -total[..., 1 + count :])
+
+
+def segment_amplitudes(
+    signal: Tensor,
+    frequency: Tensor,
+    sampling_rate: float,
+    *,
+    window: Any = "hann",
+    segment: float | None = None,
+    start: float = 0.0,
+) -> Tensor:
+    """Complex tone amplitudes of each segment, (S, ..., F), on one clock; see ``tone_amplitudes``.
+
+    Args:
+        signal: real, (..., T).  frequency: Hz, (F,).  sampling_rate: Hz.
+        window: any window of scipy.
+        segment: s, overlapping by half; None for one segment of the whole record, which wastes nothing of a short one.
+        start: s at the beginning that are left out.
+    Raises:
+        ValueError: no segment fits, or one is too short for a frequency.
+    """
+    samples, first = signal.shape[-1], round(start * sampling_rate)
+    if not 0 <= first <= samples - 2:
+        raise ValueError(
+            f"start is {start:g} s; it must be at least 0 and leave something of the record's "
+            f"{samples / sampling_rate:g} s"
+        )
+    if segment is not None and not math.isfinite(segment):
+        raise ValueError(f"segment is {segment:g} s; it must be finite")
+    length = samples - first if segment is None else round(segment * sampling_rate)
+    if not 2 <= length <= samples - first:
+        raise ValueError(
+            f"segment is {segment:g} s, {length} samples; it must have 2 to the record's {samples - first} "
+            f"({(samples - first) / sampling_rate:g} s)"
+        )
+    weights, step = window_weights(window, length), length // 2
+    frames = signal[..., first:].unfold(-1, length, step)  # a view, (..., S, n)
+    together = max(1, ELEMENTS // (length * max(1, math.prod(signal.shape[:-1]))))
+    parts = [tone_amplitudes(each, frequency, sampling_rate, weights) for each in frames.split(together, -2)]
+    # Each frame was read from its own first sample on.
+    starts = first + step * torch.arange(frames.shape[-2])
+    turns = 2 * torch.pi / sampling_rate * torch.outer(starts, frequency.cpu())
+    return (torch.cat(parts, dim=-2) * torch.exp(-1j * turns)).movedim(-2, 0)
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """H1 and how far it can be believed.
+
+    Args:
+        response: H1 = Y/X, complex128, (..., F).
+        coherence: squared, 0 to 1, (..., F); nan from a single segment, where it would always be 1.
+        driver_power: mean of |X|^2 over the segments, (..., F).  segments: S.
+    """
+
+    response: Tensor
+    coherence: Tensor
+    driver_power: Tensor
+    segments: int
+
+
+def transfer_from_amplitudes(driver: Tensor, response: Tensor) -> Transfer:
+    """H1 from amplitudes of segments, (S, ..., F) each; leading axes broadcast."""
+    across = (driver.conj() * response).sum(0)
+    driving, answering = driver.abs().square().sum(0), response.abs().square().sum(0)
+    coherence = across.abs().square() / (driving * answering)
+    if len(driver) == 1:
+        coherence = torch.full_like(coherence, torch.nan)
+    return Transfer(across / driving, coherence, driving / len(driver), len(driver))
+
+
+def transfer_function(
+    driver: Tensor, response: Tensor, frequency: Tensor, sampling_rate: float, **cut: Any
+) -> Transfer:
+    """H1 = response/driver of two real signals (..., T) at the frequencies (F,), Hz.
+
+    Over segments at their own bins this is scipy's csd(driver, response)/welch(driver); between the bins, and over a
+    whole record of any length, tones come out exactly.
+
+    Args:
+        driver, response: x and y, (..., T), same times; leading axes broadcast.
+        frequency, sampling_rate: as for ``segment_amplitudes``.
+        cut: its ``window``, ``segment`` and ``start``.
+    Raises:
+        ValueError: lengths differ, or as ``segment_amplitudes``.
+    """
+    if driver.shape[-1] != response.shape[-1]:
+        raise ValueError(
+            f"driver has {driver.shape[-1]} samples, response {response.shape[-1]}; they share one time base"
+        )
+    return transfer_from_amplitudes(
+        *(segment_amplitudes(x, frequency, sampling_rate, **cut) for x in (driver, response))
+    )
