@@ -20,13 +20,11 @@ from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
-from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.model import LinerModel
-from torchliner.liners.sdof import FlowSDoFLiner, SDoFLiner
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
-from torchliner.studies.variants import Records
+from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
@@ -164,13 +162,16 @@ def require_plain_tones(chosen: Choices) -> None:
         )
 
 
-def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices) -> Run:
-    """A plane, or its moments, read once for its liner with any numbers; tables over |v| have their own speeds."""
+def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> Run:
+    """A plane, or its moments, read once for its liner with any numbers, or with ``any_curve`` for any liner; else
+    tables over |v| have their own speeds."""
+    asked_of = _AtRest(liner, liner.cell_pitch) if any_curve and liner.speed_max is not None else liner
+    asked = plane_of(plane).asked(frequency)
     if isinstance(plane, Moments):
-        known, asked = plane, plane.plane.asked(frequency)
-        require_fitting(known, liner, asked, chosen)
+        known = plane
+        require_fitting(known, asked_of, asked, chosen)
     else:
-        asked, own = plane.asked(frequency), liner.speed_max is not None
+        own = asked_of.speed_max is not None
         about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
         known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
     averaging, nodes = chosen.averaging, known.nodes
@@ -180,23 +181,13 @@ def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices)
     transform = nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64))
     size = known.cells.weight if averaging == "velocity" else None
     size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
-    notes = tuple(dict.fromkeys([*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, liner)]))
+    notes = [*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, asked_of)]
     weights, share = (transform @ sums).T.to(torch.complex128), (size / size.sum()).to(torch.complex128)
-    return Run(known, averaging, asked, liner, weights, share, notes)
-
-
-def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
-    """An SDoF liner with the Mach number of a plane, and with factors unless its own law takes one; any other as it
-    is."""
-    if not isinstance(liner, SDoFLiner):
-        return liner
-    if isinstance(liner, FlowSDoFLiner):
-        return liner.replace(mach=mach or 0.0)
-    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
+    return Run(known, averaging, asked, liner, weights, share, tuple(dict.fromkeys(notes)))
 
 
 @dataclass(frozen=True)
-class AtRest(LinerModel):
+class _AtRest(LinerModel):
     """A table's Z at rest, at any |v|: what reads the data must be smooth."""
 
     liner: LinerModel
@@ -206,12 +197,6 @@ class AtRest(LinerModel):
         """See ``LinerModel``."""
         rest = self.liner.impedance(frequency, torch.zeros(1, dtype=torch.float64))
         return rest + 0 * torch.as_tensor(speed)
-
-
-def read_for_any(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices) -> Run:
-    """A plane read once, for any liner."""
-    smooth = liner if liner.speed_max is None else AtRest(liner, liner.cell_pitch)
-    return replace(read_run(plane, smooth, frequency, chosen), liner=liner)
 
 
 def _columns(known: Moments, averaging: str) -> Tensor:
