@@ -227,9 +227,8 @@ def _rows(
     over_velocity = [_average(alone) if each.width * each.height == 1 else (UNKNOWN, UNKNOWN) for each in cut]
     if source.reading is not None:
         chosen = replace(source.chosen, averaging="velocity", background_rms=None, interval=None)
-        variants = [Variant("", "", "velocity", chosen, windows=each, psi=psi) for each in cut]
-        evaluated = source.evaluate(variants)
-        over_velocity = [(complex(each.impedance[0]), complex(each.spread[0])) for each in evaluated]
+        variants = [Variant({}, "velocity", chosen, windows=each, psi=psi) for each in cut]
+        over_velocity = [(each.impedance, each.spread) for each in source.evaluate(variants)]
     rows = []
     for length, windows, (velocity, spread) in zip(lengths, cut, over_velocity, strict=True):
         admittance, between = _average(windows.mean(walled))
