@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +14,14 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
-from torchliner.engine.nodes import interpolation_error
+from torchliner.engine.nodes import checked_speeds
 from torchliner.liners.adjusted import AdjustedSDoFLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.calibrate import LARGEST_MODEL_ERROR
 from torchliner.studies.curves import BOUNDS, Knots
-from torchliner.studies.fit import FAR, Fit, Prediction
+from torchliner.studies.fit import FAR, Prediction
 from torchliner.studies.leave_out import SEEN, Candidate, outside_of, seen_by
 from torchliner.studies.runs import Run, read_run
 from torchliner.studies.variants import Records
@@ -221,21 +222,10 @@ def warnings_of(found: Identification) -> list[str]:
 
 def _model_error(found: Identification) -> float:
     """Largest error in R of the interpolation over |v|, at any |v| of the runs."""
-    fitted, worst = found.best.fitted, 0.0
-    for frequency in fitted.frequencies:
-        curve = _Curve(fitted.at(frequency), found.runs[0].liner, frequency)
-        lines = torch.tensor([frequency], dtype=torch.float64)
-        nodes = {run.nodes for run in found.runs}
-        worst = max(worst, *(interpolation_error(each, curve, lines, found.knots.top)[0] for each in nodes))
+    fitted, liner, speed, worst = found.best.fitted, found.runs[0].liner, checked_speeds(found.knots.top), 0.0
+    for f, nodes in itertools.product(fitted.frequencies, {run.nodes for run in found.runs}):
+        curves = [fitted.at(f).curve(liner, f, at) for at in (nodes.speeds, speed)]
+        at_nodes, wanted = map(reflection_from_impedance, curves)
+        between = nodes.coefficients(at_nodes) @ nodes.functions(speed).T.to(wanted)
+        worst = max(worst, float((between - wanted).abs().max()))
     return worst
-
-
-class _Curve(LinerModel):
-    """A fitted curve as a liner, at its own frequency."""
-
-    def __init__(self, fit: Fit, liner: LinerModel, at: float) -> None:
-        self.fit, self.liner, self.at = fit, liner, at
-
-    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
-        """Z of the curve, whatever the frequency."""
-        return self.fit.curve(self.liner, self.at, speed).expand(frequency.shape[0], -1)

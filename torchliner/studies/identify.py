@@ -30,7 +30,6 @@ from torchliner.studies.runs import (
     held_reference,
     held_to_levels,
     held_to_references,
-    noise_of,
     read_run,
     require_plain_tones,
 )
@@ -214,13 +213,12 @@ def _held(runs: Sequence[Run], references: Any, pressure: Any, noise: Any) -> li
     """
     if isinstance(references, str) and references == LEVEL_CHECK:
         records = _by_case(runs, pressure)
-        for run, record in zip(runs, records, strict=True):
+        for run, record in zip(runs, records, strict=False):
             if pressure and record is None:
                 raise ValueError(f"{_fault(run.plane, pressure)}; give the pressure record of the same run")
         return held_to_levels(runs, records, LEVEL_NOISE if noise is None else noise)
     if isinstance(references, str) and references == IN_SITU:
         references = _in_situ(runs, pressure)
-    noise_of(noise, runs)
     found = held_to_references(runs, references, noise)
     if noise is None:
         spread = [SHARE * run.wanted.abs() for run in found]

@@ -165,13 +165,12 @@ def require_plain_tones(chosen: Choices) -> None:
 def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> Run:
     """A plane, or its moments, read once for its liner with any numbers, or with ``any_curve`` for any liner; else
     tables over |v| have their own speeds."""
-    asked_of = _AtRest(liner, liner.cell_pitch) if any_curve and liner.speed_max is not None else liner
-    asked = plane_of(plane).asked(frequency)
+    asked, own = plane_of(plane).asked(frequency), liner.speed_max is not None and not any_curve
     if isinstance(plane, Moments):
-        known = plane
-        require_fitting(known, asked_of, asked, chosen)
+        known, bare = plane, LinerModel()
+        bare.cell_pitch = liner.cell_pitch
+        require_fitting(known, bare if any_curve else liner, asked, chosen)
     else:
-        own = asked_of.speed_max is not None
         about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
         known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
     averaging, nodes = chosen.averaging, known.nodes
@@ -181,22 +180,9 @@ def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices,
     transform = nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64))
     size = known.cells.weight if averaging == "velocity" else None
     size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
-    notes = [*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, asked_of)]
+    notes = [*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, liner)]
     weights, share = (transform @ sums).T.to(torch.complex128), (size / size.sum()).to(torch.complex128)
     return Run(known, averaging, asked, liner, weights, share, tuple(dict.fromkeys(notes)))
-
-
-@dataclass(frozen=True)
-class _AtRest(LinerModel):
-    """A table's Z at rest, at any |v|: what reads the data must be smooth."""
-
-    liner: LinerModel
-    cell_pitch: float | None = None
-
-    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
-        """See ``LinerModel``."""
-        rest = self.liner.impedance(frequency, torch.zeros(1, dtype=torch.float64))
-        return rest + 0 * torch.as_tensor(speed)
 
 
 def _columns(known: Moments, averaging: str) -> Tensor:
@@ -222,7 +208,7 @@ def held_to_references(runs: Sequence[Run], references: Any, noise: Any) -> list
     if len(values) != len(runs):
         raise ValueError(f"{len(values)} references for {len(runs)} planes; one each")
     found = []
-    for run, value, spread in zip(runs, values, noise_of(noise, runs), strict=True):
+    for run, value, spread in zip(runs, values, _noise(noise, runs), strict=True):
         name, count = run.plane.name, len(run.frequency)
         wanted = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
         if len(wanted) != count:
@@ -262,16 +248,16 @@ def held_to_levels(runs: Sequence[Run], pressure: Any, noise: Any) -> list[Run]:
     Raises:
         ValueError: pressures do not fit the planes, or nothing is known of a plane.
     """
-    if noise is not None and any(isinstance(value, complex) for value in _each(noise)):
+    decibels = [1 / NEPER] if noise is None else _each(noise)
+    if any(isinstance(value, complex) for value in decibels):
         raise ValueError(
             f"noise is {noise}, and with level_check it is of levels: state dB, one number, or one by plane"
         )
     given = list(pressure) if isinstance(pressure, list | tuple) else [pressure] * len(runs)
     if len(given) != len(runs):
         raise ValueError(f"{len(given)} pressures for {len(runs)} planes; one each, or None")
-    nepers = None if noise is None else [value * NEPER for value in _each(noise)]
     found = []
-    for run, record, spread in zip(runs, given, noise_of(nepers, runs), strict=True):
+    for run, record, spread in zip(runs, given, _noise([value * NEPER for value in decibels], runs), strict=True):
         known = run.known
         case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
         pressures = known_pressure(case, record)
@@ -284,7 +270,7 @@ def held_to_levels(runs: Sequence[Run], pressure: Any, noise: Any) -> list[Run]:
     return found
 
 
-def noise_of(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
+def _noise(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
     """u(R) + j u(X) of every run, (F,) each; 1 + 1j where it is unknown."""
     stated = _each(1.0 if noise is None else noise)
     stated = stated * len(runs) if len(stated) == 1 else stated
@@ -292,7 +278,7 @@ def noise_of(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
         raise ValueError(f"noise has {len(stated)} values for {len(runs)} planes; one, or one each")
     found = []
     for value, run in zip(stated, runs, strict=True):
-        each = complex(value) if isinstance(value, complex) else complex(value, value)
+        each = value if isinstance(value, complex) else complex(value, value)
         if not (0 < each.real < math.inf and 0 < each.imag < math.inf):
             raise ValueError(
                 f"noise is {value}; u(R) and u(X), normalised by rho c, are finite and above 0 (None if unknown)"
