@@ -124,17 +124,6 @@ def test_curves_are_monotone_and_passive(parameters, top, direction, shape):
     assert float(found.imag[beyond].diff().abs().max()) <= tiny
 
 
-def test_slopes_of_a_curve_are_its_derivatives():
-    knots = Knots(3.0)
-    shape = CurveShape(base(), FREQUENCY, knots, "law", "falling", 1.0)
-    generator = torch.Generator().manual_seed(1)
-    at = torch.randn(shape.count, generator=generator, dtype=torch.float64)
-    rising = knots.rising(torch.tensor([0.0, 0.4, 2.0, 5.0], dtype=torch.float64))
-    step = 1e-6 * torch.eye(shape.count, dtype=torch.float64)
-    central = (shape.values(at + step, rising) - shape.values(at - step, rising)).T / 2e-6
-    torch.testing.assert_close(shape.slopes(at, rising), central, rtol=1e-6, atol=1e-6)
-
-
 @pytest.mark.parametrize("references", ["values", "level-check"])
 def test_the_jacobian_of_a_fit_is_exact(references):
     """Beside differences, with references and with levels alone."""

@@ -19,7 +19,6 @@ from torchliner.studies.budget import correlation_of
 from torchliner.studies.fit import (
     Fit,
     Prediction,
-    curves_at_nodes,
     drawn_impedances,
     fit_law,
     impedances,
@@ -81,7 +80,7 @@ class Calibration(Fit):
     @property
     def found(self) -> Tensor:
         """Impedances of all planes and frequencies, (D,)."""
-        return torch.cat([z for z, _ in impedances(self.law, self.values, self.runs)])
+        return torch.cat(impedances(self.law, self.values, self.runs))
 
     @property
     def level_check(self) -> Tensor | None:
@@ -131,14 +130,14 @@ class Calibration(Fit):
         base, law = self.liner if liner is None else as_liner(liner), self.law
         own = torch.tensor([n.value for n in named_numbers(base, self.parameters).values()], dtype=torch.float64)
         run = read_run(plane, base, frequency, self.choices)
-        ((before, _),) = curves_at_nodes(law, own, [run], slopes=False)
+        (before,) = impedances(law, own, [run])
         after, spread = self.of_run(run)
         if self.posterior is not None:
             parts = torch.view_as_real(drawn_impedances(law, self.posterior.draws, [run])[0])
             spread = torch.stack([self.posterior.covariance(each) for each in parts.unbind(1)])
         notes = self._beyond(run.plane.name, run.speed)
         tell(notes)
-        return Prediction(run.frequency, after, spread, notes, run.impedance(before))
+        return Prediction(run.frequency, after, spread, notes, before)
 
     def rows(
         self, plane: Records, liner: Liner, *, label: str | None = None, reference: str = "true", noise: complex = 0j

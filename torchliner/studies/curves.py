@@ -162,21 +162,9 @@ class CurveShape:
         real = resistance * first.exp() + (up * q.exp()) @ rising[0].T
         return torch.complex(real, reactance + second + SIGNS[self.direction] * ((across * x.exp()) @ rising[1].T))
 
-    def slopes(self, parameters: Tensor, rising: tuple[Tensor, Tensor]) -> Tensor:
-        """dZ/dparameters, (V, n)."""
-        resistance, _, up, across = self._shape
-        first, _, q, x = parameters.split([1, 1, len(up), len(across)], -1)
-        one = torch.ones(len(rising[0]), 1, dtype=torch.complex128)
-        imaginary = 1j * SIGNS[self.direction] * rising[1] * (across * x.exp())
-        return torch.cat([one * resistance * first.exp(), 1j * one, rising[0] * (up * q.exp()), imaginary], 1)
-
-    def _curve(
-        self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor, slopes: bool
-    ) -> tuple[Tensor, Tensor]:
+    def _curve(self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         """See ``Law``; F is 1."""
-        rising = self._rising(speed)
-        z = (self.values(values, rising) + self._offset(liner))[None]
-        return z, self.slopes(values, rising)[None] if slopes else z.new_zeros(*z.shape, 0)
+        return (self.values(values, self._rising(speed)) + self._offset(liner))[None]
 
     def _rising(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """Of the nodes again and again."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,38 +25,50 @@ START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 WIDTH = 1.959964  # standard deviations of a 95 % interval
 
 
-def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run], slopes: bool = True) -> list[tuple[Tensor, Tensor]]:
-    """Z at the frequencies and node speeds of each run, (F, K), and dZ/dvalues, (F, K, n); each liner is asked once."""
+def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z at the frequencies and node speeds of each run, (F, K), differentiable; each liner is asked once."""
     every = torch.cat([run.frequency for run in runs]).unique()
-    made: dict[Any, tuple[Tensor, Tensor]] = {}
+    made: dict[Any, Tensor] = {}
     found = []
     for run in runs:
         key = (id(run.liner), run.plane.mach, run.nodes)
         if key not in made:
-            made[key] = law.curve(values, run.liner.in_flow(run.plane.mach), every, run.nodes.speeds, slopes)
-        rows = torch.searchsorted(every, run.frequency)
-        found.append((made[key][0][rows], made[key][1][rows]))
+            made[key] = law.curve(values, run.liner.in_flow(run.plane.mach), every, run.nodes.speeds)
+        found.append(made[key][torch.searchsorted(every, run.frequency)])
     return found
 
 
-def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[tuple[Tensor, Tensor]]:
-    """Z of each run, (F,), and dZ/dvalues, (F, n)."""
-    both = zip(runs, curves_at_nodes(law, values, runs), strict=True)
-    return [(run.impedance(z), torch.einsum("fk,fkn->fn", run.slopes(z), by)) for run, (z, by) in both]
+def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z of each run, (F,), differentiable in the values."""
+    return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
 
 
 def drawn_impedances(law: Law, draws: Tensor, runs: Sequence[Run]) -> list[Tensor]:
     """Z of each run for many values, (M, n) to (M, F) each."""
-    rows = [[z for z, _ in curves_at_nodes(law, values, runs, slopes=False)] for values in draws]
+    rows = [curves_at_nodes(law, values, runs) for values in draws]
     return [run.impedance(torch.stack(each)) for run, each in zip(runs, zip(*rows, strict=True), strict=True)]
+
+
+def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tensor, Tensor]:
+    """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
+    at = values.detach().requires_grad_()
+    found = made(at)
+    parts = torch.view_as_real(found) if found.is_complex() else found
+    unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
+    (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
+    by = rows.reshape(*parts.shape, -1)
+    by = torch.complex(by.select(-2, 0), by.select(-2, 1)) if found.is_complex() else by
+    return found.detach(), by
 
 
 def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:
     """Residuals of the data and then of the prior, (m,), and their derivatives in the values, (m, n)."""
-    found = impedances(law, values, runs)
-    left = [run.residuals(z) for run, (z, _) in zip(runs, found, strict=True)]
-    by = [run.residual_slopes(*each) for run, each in zip(runs, found, strict=True)]
-    return torch.cat([*left, law.prior @ (values - law.centre)]), torch.cat([*by, law.prior])
+
+    def made(at: Tensor) -> Tensor:
+        return torch.cat([run.residuals(z) for run, z in zip(runs, impedances(law, at, runs), strict=True)])
+
+    left, by = with_slopes(made, values)
+    return torch.cat([left, law.prior @ (values - law.centre)]), torch.cat([by, law.prior])
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,17 +226,17 @@ class Fit:
 
     def of_run(self, run: Run) -> tuple[Tensor, Tensor]:
         """Z of a plane, (F,), and covariances of R and X, (F, 2, 2), to first order."""
-        ((z, by),) = impedances(self.law, self.values, [run])
+        z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
         return z, _spread(by, self.widened)
 
     def curve(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
         """Z of a liner at |v|, complex, (V,)."""
-        return self.law.curve(self.values, liner, torch.tensor([frequency], dtype=torch.float64), speed, False)[0][0]
+        return self.law.curve(self.values, liner, torch.tensor([frequency], dtype=torch.float64), speed)[0]
 
     def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
         """Z of a liner at |v|, and the ends of the 95 % bands of R and X apart, (3, V); R of a curve stays above 0."""
         lines = torch.tensor([frequency], dtype=torch.float64)
-        z, by = (each[0] for each in self.law.curve(self.values, liner, lines, speed, True))
+        z, by = with_slopes(lambda at: self.law.curve(at, liner, lines, speed)[0], self.values)
         spread = WIDTH * standard_of(_spread(by, self.widened))
         low, high = z - spread, z + spread
         if self.law.frequency is not None:

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.forward_mode import slopes_of
 from torchliner.liners.model import LinerModel, named_numbers
 from torchliner.liners.response import impedance_of
 
@@ -22,8 +21,7 @@ class Law:
     Args:
         names: of the n parameters.
         low, high, start: bounds, and where the search begins, (n,).
-        curve: from values (n,), liner, frequency (F,) in Hz, |v| (V,) in m/s, and whether slopes are wanted: Z, (F, V),
-            and dZ/dvalues, (F, V, n), else (F, V, 0).
+        curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         centre, prior: residuals of the prior are ``prior @ (values - centre)``, (n,) and (r, n).
         tolerance: of the search, relative.
         frequency: Hz, of a law that holds at one alone: a curve.
@@ -33,7 +31,7 @@ class Law:
     low: Tensor
     high: Tensor
     start: Tensor
-    curve: Callable[[Tensor, LinerModel, Tensor, Tensor, bool], tuple[Tensor, Tensor]]
+    curve: Callable[[Tensor, LinerModel, Tensor, Tensor], Tensor]
     centre: Tensor
     prior: Tensor
     tolerance: float = 1e-12
@@ -77,11 +75,8 @@ def parameter_law(
     ends = torch.tensor([(*pairs[name], numbers[name].value) for name in names], dtype=torch.float64)
     prior = torch.tensor([known.get(name, (0.0, math.inf)) for name in names], dtype=torch.float64)
 
-    def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor, slopes: bool) -> tuple[Tensor, Tensor]:
-        at = [each.clone().requires_grad_(slopes) for each in values.detach().unbind()]
-        z = impedance_of(own.with_numbers(dict(zip(names, at, strict=True))), frequency[:, None], speed)
-        columns = [torch.zeros_like(z) if each is None else each for each in (slopes_of(z, at) if slopes else [])]
-        return z.detach(), torch.stack(columns, -1).detach() if slopes else z.new_zeros(*z.shape, 0)
+    def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
+        return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
     rows = torch.diag(1 / prior[:, 1])[prior[:, 1].isfinite()]
     return Law(names, ends[:, 0], ends[:, 1], ends[:, 2], curve, prior[:, 0], rows)

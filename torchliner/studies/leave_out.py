@@ -170,7 +170,8 @@ def knots_for(runs: Sequence[Run]) -> Knots:
 
 def _weight(run: Run, values: Tensor, knots: Knots) -> Tensor:
     """Share of each spline of a curve in Z of a plane at one frequency, (n,), which sum to 1."""
-    slopes = run.slopes(values[None])[0]
+    at = values.detach().requires_grad_()
+    (slopes,) = torch.autograd.grad(run.impedance(at[None]).real.sum(), at)
     found = (slopes @ knots.splines(run.nodes.speeds).to(slopes)).abs()
     return found / found.sum()
 

@@ -101,12 +101,6 @@ class Run:
         reflection = reflection_from_impedance(values) @ self.weights.T
         return impedance_from_admittance(admittance_from_reflection(reflection) @ self.share)
 
-    def slopes(self, values: Tensor) -> Tensor:
-        """dZ of the plane by the liner's Z at the speeds of the nodes, (F, K)."""
-        reflection = reflection_from_impedance(values) @ self.weights.T
-        by_reflection = (self.share * 2 / (1 + reflection) ** 2) @ self.weights
-        return self.impedance(values)[..., None] ** 2 * by_reflection * 2 / (1 + values) ** 2
-
     def errors(self, impedance: Tensor) -> Tensor:
         """What is left, complex, (..., F): Z less the reference, or the logarithm of the ratio of pressures, without a
         phase where none is known."""
@@ -123,17 +117,7 @@ class Run:
 
     def residuals(self, impedance: Tensor) -> Tensor:
         """``errors`` over their noise, real, (..., data)."""
-        return self._over_noise(self.errors(impedance))
-
-    def residual_slopes(self, impedance: Tensor, slopes: Tensor) -> Tensor:
-        """d residuals/dp, (data, n), from Z (F,) and dZ/dp (F, n); both kinds of errors are holomorphic in Z."""
-        if self.ratio is not None:
-            at = impedance.detach().requires_grad_()
-            (gradient,) = torch.autograd.grad(self.ratio(at).log().real.sum(), at)
-            slopes = gradient.conj()[:, None] * slopes
-        return self._over_noise(slopes.T).T
-
-    def _over_noise(self, errors: Tensor) -> Tensor:
+        errors = self.errors(impedance)
         parts = [errors.real / self.noise.real, errors.imag / self.noise.imag]
         return torch.cat(parts[: 1 + self.has_phase], dim=-1)
 
