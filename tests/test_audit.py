@@ -371,3 +371,11 @@ def test_a_stated_background_is_of_the_base(averaging):
     wanted = tl.educe(plane, liner, background_rms=1.0).liner[averaging].impedance[0]
     assert found.base == pytest.approx(complex(wanted), rel=1e-6)
     assert any(row.factor == "averaging length" for row in found.rows)
+
+
+def test_a_row_is_a_mapping_with_attributes(found):
+    """Rows go to tables and JSON as they are; what is not there is named with what is."""
+    (height,) = found.of(factor="height")
+    assert height["impedance"] == height.impedance
+    with pytest.raises(AttributeError, match=r"no 'impedanc' \(it has: factor, variant"):
+        _ = height.impedanc

@@ -10,8 +10,8 @@ class Row(dict[str, Any]):
 
     Names that all studies share: ``impedance``, ``low`` and ``high`` (ends of its statistical interval: real part of R,
     imaginary part of X; None without one), complex and normalised; ``frequency`` (Hz), ``height`` (m), ``level_check``
-    (dB that the velocity and Z are off the known pressure; None where none is known). A study is a ``Row`` too: what
-    its ``rows`` share.
+    (dB that the velocity and Z are off the known pressure; None where none is known). No name may be that
+    of a method of ``dict``, such as ``clear`` or ``values``, which the attribute would be.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -22,7 +22,7 @@ class Row(dict[str, Any]):
 
 
 class Study(Row):
-    """A result: ``rows``, and what they share."""
+    """A result: ``rows``, and by name what they share."""
 
     def of(self, **labels: Any) -> list[Row]:
         """The rows that have these values, e.g. ``found.of(factor="height")``."""
