@@ -9,7 +9,6 @@ plane and all planes, each in all averagings. Table, CSV and picture go to resul
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from torchliner.report.calibration_report import (
     parameter_table,
     prediction_table,
 )
-from torchliner.studies.calibration import PredictionRow
+from torchliner.studies.rows import Row
 
 FOLDER = RESULTS / "calibration"
 OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}
@@ -55,7 +54,7 @@ def fitted(cases: Sequence[str], free: Any, variant: str, averaging: str, draws:
 
 def predicted(
     cases: Sequence[str], free: Any, targets: Sequence[str], variant: str, averaging: str, draws: int
-) -> tuple[Any, list[PredictionRow]]:
+) -> tuple[Any, list[Row]]:
     """Calibration on ``cases`` and the rows of ``targets``."""
     found, liner = fitted(cases, free, variant, averaging, draws)
     rows = []
@@ -66,14 +65,14 @@ def predicted(
     return found, rows
 
 
-def study(variant: str, averaging: str, draws: int) -> tuple[list[Any], list[PredictionRow]]:
+def study(variant: str, averaging: str, draws: int) -> tuple[list[Any], list[Row]]:
     """Slit and orifice."""
     slit, rows = predicted(("n115", "n130"), FREE, ("g01_145", "g03_145"), variant, averaging, draws)
     orifice, more = predicted(("o115",), OFFSET, ("o145",), variant, averaging, draws)
     return [slit, orifice], rows + more
 
 
-def draw(panels: dict[str, list[PredictionRow]], path: Path) -> None:
+def draw(panels: dict[str, list[Row]], path: Path) -> None:
     """Averagings side by side."""
     draw_predictions(panels, "fitted without flow (n115, n130; o115), 1400 Hz, y = 2.5 mm", path)
 
@@ -95,8 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for name, found in zip(("slit", "orifice"), fits, strict=True):
                 print(format_calibration(found))
                 parameters += [{**about, "fit": name, **row} for row in parameter_table(found).as_rows()]
-            shown = [dataclasses.replace(row, label=f"{row.label} {1e3 * (row.height or 0):.1f} mm")
-                     for row in rows]  # fmt: skip
+            shown = [Row(row, label=f"{row.label} {1e3 * (row.height or 0):.1f} mm") for row in rows]
             print(prediction_table(shown).as_text())
             predictions += [{**about, **row} for row in prediction_table(rows).as_rows()]
             if variant == HIGHEST:

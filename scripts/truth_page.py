@@ -11,7 +11,6 @@ takes minutes.
 from __future__ import annotations
 
 import csv
-import dataclasses
 import math
 import re
 import sys
@@ -35,10 +34,11 @@ from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
 from torchliner.report.truth_table import plain_truth
 from torchliner.studies.reference_cases import TABLE, hole_kind
+from torchliner.studies.rows import Row
 from torchliner.studies.validate import (
     DEFAULT,
-    ValidationRow,
     errors_by_rule,
+    validation_row,
     validation_table,
 )
 
@@ -77,36 +77,37 @@ def pressures_of(case: str) -> tl.PressureRecord:
     return tl.read_pressure(DATA / f"pressure_{case}.h5")
 
 
-def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[ValidationRow]:
+def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[Row]:
     """All rules of a case beside its reference and the in situ value (Dean, pressure first)."""
     rows = validation_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
     found = tl.in_situ(pressures_of(case), allow_short=True)
     dean = complex(found.liner_impedance_pressure_first[0])
-    return [dataclasses.replace(row, in_situ=dean) for row in rows]
+    return [Row(row, in_situ=dean) for row in rows]
 
 
-def truth_row_of(row: dict[str, str]) -> ValidationRow:
+def truth_row_of(row: dict[str, str]) -> Row:
     """The row of such a CSV again."""
 
     def pair(key: str) -> complex:
         return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
 
-    names = ("educed", "true", "in_situ", "low", "high")
     rest = ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods")
-    educed, true, in_situ, low, high = map(pair, names)
-    return ValidationRow(
-        row["case"], float(row["height"]), row["drive"], row["mean"], row["phase"], row["averaging"],
-        educed, true, in_situ, low, high, *(float(row[key]) for key in rest),
-    )  # fmt: skip
+    known: dict[str, Any] = {name: pair(name) for name in ("in_situ", "low", "high")} | {
+        name: float(row[name]) for name in rest
+    }
+    rule = (row["drive"], row["mean"], row["phase"])
+    return validation_row(
+        row["case"], float(row["height"]), rule, row["averaging"], pair("educed"), pair("true"), **known
+    )
 
 
-def read_rows(path: Path) -> list[ValidationRow]:
+def read_rows(path: Path) -> list[Row]:
     """Rows of an earlier run."""
     with path.open(newline="") as file:
         return [truth_row_of(row) for row in csv.DictReader(file)]
 
 
-def write_truth_rows(rows: Sequence[ValidationRow], path: Path) -> None:
+def write_truth_rows(rows: Sequence[Row], path: Path) -> None:
     """As CSV, to ``PRINTED`` digits."""
     write_rows(
         [
@@ -140,7 +141,7 @@ def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
     return re.sub(r"-(?=\d)", "−", table(header, lines))
 
 
-def interval_table(rows: Sequence[ValidationRow]) -> str:
+def interval_table(rows: Sequence[Row]) -> str:
     """Per case: the in situ value, and of each averaging the widest interval and what they hold."""
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
@@ -150,7 +151,7 @@ def interval_table(rows: Sequence[ValidationRow]) -> str:
     return page_table(f"case | in situ | {' | '.join(AVERAGINGS)}", lines)
 
 
-def interval_words(rows: Sequence[ValidationRow]) -> str:
+def interval_words(rows: Sequence[Row]) -> str:
     """Largest half-width in R and X, and at how many heights each interval holds the reference."""
     halves, held = [], []
     for part in ("real", "imag"):
@@ -163,7 +164,7 @@ def interval_words(rows: Sequence[ValidationRow]) -> str:
     return f"{halves[0]:.3f}, {halves[1]:.3f} ({held[0]}, {held[1]})"
 
 
-def rule_table(rows: Sequence[ValidationRow]) -> str:
+def rule_table(rows: Sequence[Row]) -> str:
     """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
     found = [{(e.drive, e.mean, e.phase, e.averaging): e for e in errors_by_rule(g)} for g in groups]
@@ -178,7 +179,7 @@ def rule_table(rows: Sequence[ValidationRow]) -> str:
     return page_table(" | ".join(["drive, phase", "averaging", *GROUPS]), lines)
 
 
-def default_table(rows: Sequence[ValidationRow], ends: bool = False) -> str:
+def default_table(rows: Sequence[Row], ends: bool = False) -> str:
     """Z and level check of the default rules by case, height and averaging.
 
     Args:
@@ -202,7 +203,7 @@ def default_table(rows: Sequence[ValidationRow], ends: bool = False) -> str:
     return made(f"case | reference Z | y (mm) | {' | '.join(AVERAGINGS)}{level}", lines)
 
 
-def known_rows(rows: Sequence[ValidationRow]) -> list[dict[str, Any]]:
+def known_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The table of the package: what the default rules gave, and where."""
     found = []
     for row in rows:
@@ -284,7 +285,7 @@ def write_tables(page: Path, tables: dict[str, str]) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def draw(rows: Sequence[ValidationRow], reasons: Sequence[ReasonRow], folder: Path) -> None:
+def draw(rows: Sequence[Row], reasons: Sequence[ReasonRow], folder: Path) -> None:
     """Both pictures and the numbers behind them."""
     draw_truth_errors(rows, folder / "truth_errors.png")
     write_truth_rows(rows, folder / "truth_errors.csv")
@@ -300,7 +301,7 @@ def draw(rows: Sequence[ValidationRow], reasons: Sequence[ReasonRow], folder: Pa
     write_rows([row.plain() for row in reasons], folder / "truth_reach.csv")
 
 
-def everything(rows: Sequence[ValidationRow] | None, say: Callable[[str], None]) -> dict[str, str]:
+def everything(rows: Sequence[Row] | None, say: Callable[[str], None]) -> dict[str, str]:
     """Tables by name; numbers and pictures in results/truth."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     if rows is None:

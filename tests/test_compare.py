@@ -114,19 +114,19 @@ def test_what_a_record_does_not_bound_has_no_bounded_difference(same):
         row = found.rows[0]
         assert (row.low.real, row.low.imag) == (-torch.inf, -torch.inf)
         assert (row.high.real, row.high.imag) == (torch.inf, torch.inf)
-        assert row.clear == ""
+        assert row.differs_in == ""
         assert found.rows[1].low.real > -torch.inf
 
 
 def test_louder_turbulence_differs_clearly_and_the_same_flow_does_not():
-    assert "R" in tl.compare(made(0), made(1, rms=6.0)).rows[0].clear
-    assert tl.compare(made(0), made(1)).rows[0].clear == ""
+    assert "R" in tl.compare(made(0), made(1, rms=6.0)).rows[0].differs_in
+    assert tl.compare(made(0), made(1)).rows[0].differs_in == ""
 
 
 @pytest.mark.slow
 def test_the_interval_of_two_records_covers():
     """40 pairs of one flow: 0 lies within the interval of R in 93 to 97 %, within what 40 tell."""
-    inside = sum("R" not in tl.compare(made(2 * n), made(2 * n + 1)).rows[0].clear for n in range(40))
+    inside = sum("R" not in tl.compare(made(2 * n), made(2 * n + 1)).rows[0].differs_in for n in range(40))
     assert inside >= 33
 
 
@@ -163,7 +163,7 @@ def test_averagings_must_be_held_by_both():
 
 def test_without_intervals_the_difference_stands_alone():
     found = tl.compare(made(0), made(1, interval=None))
-    assert (found.level, found.rows[0].low, found.rows[0].clear) == (None, None, "")
+    assert (found.level, found.rows[0].low, found.rows[0].differs_in) == (None, None, "")
     assert "no intervals" in found.words
 
 
@@ -183,10 +183,10 @@ def test_the_command_takes_maps_and_moments(tmp_path, capsys):
     assert main([*words, "--json", "-o", str(tmp_path / "d.csv")]) == DONE
     rows = json.loads(capsys.readouterr().out)["rows"]
     wanted = complex(made(1).answer[0] - made(0).answer[0])
-    assert rows[0]["difference_resistance"] == pytest.approx(wanted.real, abs=1e-5)
+    assert rows[0]["difference"]["resistance"] == pytest.approx(wanted.real, abs=1e-5)
     with (tmp_path / "d.csv").open() as file:
         first = next(csv.DictReader(file))
-    assert float(first["low_reactance"]) == pytest.approx(rows[0]["low_reactance"], rel=1e-9)
+    assert float(first["low_reactance"]) == pytest.approx(rows[0]["low"]["reactance"], rel=1e-9)
     made(1, tones=(1000.0,)).write(tmp_path / "c.h5")
     assert main([*words[:2], str(tmp_path / "c.h5")]) == BAD_INPUT
     assert "other frequencies: 1400 Hz and 1000 Hz" in capsys.readouterr().err

@@ -20,6 +20,7 @@ from torchliner.studies.heights import study_heights
 from torchliner.studies.jets import jet_velocity
 from torchliner.studies.modulation import cell_modulation, fit_decay
 from torchliner.studies.recommend import Limits, recommend_height
+from torchliner.studies.rows import Row, Study
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PITCH, SPACING = 12.44e-3, 1e-3
@@ -46,7 +47,7 @@ def study(planes, liner):
 
 def test_one_spacing_has_no_averaging(study, liner, planes):
     """Windows of one probe: both are the map's own average over probes."""
-    for row, plane in zip(study.at_length(study.lengths[0]), planes[::-1], strict=True):
+    for row, plane in zip(study.of(length=study.lengths[0]), planes[::-1], strict=True):
         assert (row.probes, row.windows) == (1, 52)
         assert row.admittance == pytest.approx(row.velocity, rel=1e-12)
         found = tl.educe(plane, liner, **WHOLE)
@@ -55,7 +56,7 @@ def test_one_spacing_has_no_averaging(study, liner, planes):
 
 def test_the_whole_plane_is_one_window(study, liner, planes):
     """Admittance over all probes; R of the plane's mean velocity."""
-    for row, plane in zip(study.at_length(study.lengths[-1]), planes[::-1], strict=True):
+    for row, plane in zip(study.of(length=study.lengths[-1]), planes[::-1], strict=True):
         whole = tl.educe(plane, liner, **WHOLE).liner["admittance"].impedance
         mean = tl.educe(plane_of(plane.velocity.reshape(-1, 480).mean(0)), liner, **WHOLE).impedance
         assert (row.probes, row.windows) == (52, 1)
@@ -213,7 +214,7 @@ def test_a_sound_field_qualifies_where_its_imprint_has_died(liner):
     study = study_heights(evanescent_planes(heights), liner, lengths=[PITCH], **WHOLE)
     assert study.decay.length == pytest.approx(PITCH / (2 * math.pi), rel=1e-3)
     found = recommend_height(study)
-    apart = {j.height: j.value for j in found.judgements if j.name == "averagings"}
+    apart = {j.height: j.value for j in found.rows if j.name == "averagings"}
     assert apart[1e-3] > 0.02 > apart[6e-3]
     assert study.facts[0].modulation.relative > 0.1  # which refuses nothing
     assert found.heights["velocity"] == 1e-3
@@ -246,7 +247,7 @@ def test_turbulence_averages_out_of_the_cell(liner):
     found = recommend_height(study_heights(planes, liner, lengths=[PITCH], **WHOLE), Limits(9, 9, 9))
     assert found.heights["velocity"] is None
     assert found.heights["admittance"] == 1e-3
-    (one,) = [j for j in found.judgements if (j.height, j.name) == (1e-3, "turbulence")]
+    (one,) = [j for j in found.rows if (j.height, j.name) == (1e-3, "turbulence")]
     assert (one.averaging, one.passed) == ("velocity", False)
     assert one.value > 0.5
 
@@ -257,12 +258,12 @@ def test_the_level_check_decides_alone(liner):
     gaps = ({"admittance": -0.9, "velocity": 0.31, "phase-locked": 0.4}, {"admittance": 0.2,
             "velocity": -0.1, "phase-locked": 0.3})  # fmt: skip
     facts = tuple(
-        replace(one, impedance=dict.fromkeys(gap, 1 + 0j), level_check=gap, level_limit=0.3)
+        Row(one, impedance=dict.fromkeys(gap, 1 + 0j), level_check=gap, level_limit=0.3)
         for one, gap in zip(study.facts, gaps, strict=True)
     )
-    found = recommend_height(replace(study, facts=facts))
+    found = recommend_height(Study(study, facts=facts))
     assert found.heights == {"admittance": 3e-3, "velocity": 3e-3, "phase-locked": 3e-3}
-    assert {j.name for j in found.judgements} == {"level check"}
+    assert {j.name for j in found.rows} == {"level check"}
     assert "level check off by 0.9 dB (ABOVE 0.3 dB)" in found.reasons[1]
     assert not any("has no plane above" in line for line in found.unknown)
 
@@ -273,7 +274,7 @@ def test_the_top_height_is_never_chosen(liner):
     found = recommend_height(study, Limits(change=1e-9))
     assert set(found.heights.values()) == {None}
     assert any("has no plane above it" in line for line in found.unknown)
-    last = [j for j in found.judgements if j.height == 9e-3 and j.name == "change"]
+    last = [j for j in found.rows if j.height == 9e-3 and j.name == "change"]
     assert {(one.value, one.passed) for one in last} == {(None, False)}
 
 
@@ -478,8 +479,8 @@ def test_moments_stand_for_planes(planes, study, liner):
 def test_moments_beside_a_plane(planes, study, liner):
     """One height reduced, one not: each as by itself."""
     found = study_heights([planes[0], tl.moments(planes[1], liner)], liner, **WHOLE)
-    high, low = (study.at_length(study.lengths[-1])[i] for i in (1, 0))
-    mine = found.at_length(found.lengths[-1])
+    high, low = (study.of(length=study.lengths[-1])[i] for i in (1, 0))
+    mine = found.of(length=found.lengths[-1])
     assert mine[1].velocity == pytest.approx(high.velocity, rel=1e-6)
     assert math.isnan(mine[0].velocity.real)
     assert mine[0].admittance == pytest.approx(low.admittance, rel=1e-6)

@@ -19,7 +19,7 @@ from torchliner.liners.catalogue import liner_text
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.curves import BOUNDS, CurveShape, Knots
 from torchliner.studies.fit import residuals_of
-from torchliner.studies.leave_out import CurveModel, candidate_of, error_of
+from torchliner.studies.leave_out import candidate_of, error_of
 
 FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
 
@@ -122,17 +122,6 @@ def test_curves_are_monotone_and_passive(parameters, top, direction, shape):
     slopes = found.real[beyond].diff() / speed[beyond].diff()
     assert slopes.tolist() == pytest.approx([float(slopes[0])] * len(slopes), rel=1e-5)
     assert float(found.imag[beyond].diff().abs().max()) <= tiny
-
-
-def test_slopes_of_a_curve_are_its_derivatives():
-    knots = Knots(3.0)
-    shape = CurveShape(base(), FREQUENCY, knots, "law", "falling", 1.0)
-    generator = torch.Generator().manual_seed(1)
-    at = torch.randn(shape.count, generator=generator, dtype=torch.float64)
-    rising = knots.rising(torch.tensor([0.0, 0.4, 2.0, 5.0], dtype=torch.float64))
-    step = 1e-6 * torch.eye(shape.count, dtype=torch.float64)
-    central = (shape.values(at + step, rising) - shape.values(at - step, rising)).T / 2e-6
-    torch.testing.assert_close(shape.slopes(at, rising), central, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("references", ["values", "level-check"])
@@ -582,8 +571,8 @@ def test_bands_cover_the_truth():
     runs, generator, inside, checked = planes(), torch.Generator().manual_seed(3), 0, 0
     first = curve_of(freedom=0.5)
     model = first.best.model
-    assert isinstance(model, CurveModel)
-    shape = model.shape_at(FREQUENCY)
+    liner = first.runs[0].liner
+    shape = CurveShape(liner, FREQUENCY, first.knots, "law", "falling", 0.5)
     factor = torch.linalg.cholesky(torch.linalg.inv(shape.prior.T @ shape.prior))
     speed = torch.tensor([0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)
     for _ in range(60):
@@ -595,7 +584,7 @@ def test_bands_cover_the_truth():
             values = shape.values(drawn, shape.knots.rising(run.nodes.speeds))
             z = run.impedance(values[None]) + 0.01 * torch.complex(*away)
             made.append(dataclasses.replace(run, wanted=z, noise=torch.full_like(run.noise, 0.01 + 0.01j)))
-        _best, low, high = model.fit(made).fits[0].band(model.base, FREQUENCY, speed)
+        _best, low, high = model.fit(made).fits[0].band(liner, FREQUENCY, speed)
         wanted = shape.values(drawn, shape.knots.rising(speed))
         held = [(low.real <= wanted.real) & (wanted.real <= high.real),
                 (low.imag <= wanted.imag) & (wanted.imag <= high.imag)]  # fmt: skip

@@ -16,7 +16,7 @@ from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records.level_check import Gap
 from torchliner.report.alongside import joint_bounds
-from torchliner.report.audit_report import format_audit, plain_audit, write_audit
+from torchliner.report.audit_report import format_audit, write_audit
 from torchliner.report.calibration_report import format_calibration, plain_calibration
 from torchliner.report.line_table import format_line, plain_line
 from torchliner.velocity.level_check import change_that_passes
@@ -368,14 +368,13 @@ def test_every_row_of_an_audit_has_its_closure(tmp_path):
     found = tl.audit(planes, MODEL, averaging="velocity", interval=None)
     one, other = (tl.educe(each, MODEL, interval=None) for each in planes)
     assert found.level_check == pytest.approx(float(one.level_check.liner.level[1, 0]), abs=1e-9)
-    (height,) = found.of("height")
+    (height,) = found.of(factor="height")
     assert height.level_check == pytest.approx(float(other.level_check.liner.level[1, 0]), abs=1e-3)
-    swapped = next(row for row in found.of("averaging") if row.variant == "admittance")
+    swapped = next(row for row in found.of(factor="averaging") if row.variant == "admittance")
     assert swapped.level_check == pytest.approx(float(one.level_check.liner.level[0, 0]), abs=1e-3)
     assert f"level check {found.level_check:+.2f} dB off the stated 130 dB" in format_audit(found)
     write_audit(found, tmp_path / "a.csv")
     assert "level check (dB)" in (tmp_path / "a.csv").read_text().splitlines()[0]
-    assert plain_audit(found)["rows"][0]["level_check"] == found.rows[0].level_check
 
 
 def test_an_audit_without_a_known_pressure_says_so():

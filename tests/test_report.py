@@ -21,7 +21,7 @@ from torchliner.report.numbers import (
 )
 from torchliner.report.pictures import draw_pictures
 from torchliner.report.truth_table import format_summary, format_truth
-from torchliner.studies.validate import DEFAULT, ValidationRow, reference_wave_phase, validation_table
+from torchliner.studies.validate import DEFAULT, reference_wave_phase, validation_row, validation_table
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -159,7 +159,7 @@ def test_truth_table_covers_every_rule_once(liner):
 def closing(**cases):
     """The closing lines for rows of the default rule: per case (true, level check, educed ...)."""
     rows = [
-        ValidationRow(case, 1e-3 * (1 + i), *DEFAULT, averaging, z, true, level_check=gap, periods=periods)
+        validation_row(case, 1e-3 * (1 + i), DEFAULT, averaging, z, true, level_check=gap, periods=periods)
         for case, (true, gap, periods, *values) in cases.items()
         for i, z in enumerate(values)
         for averaging in AVERAGINGS

@@ -176,7 +176,7 @@ def test_one_tolerance_is_one_contribution(wrapped):
     for limits, factor in (("rectangular", 3**-0.5), ("standard", 1.0)):
         budget = wrapped.propagate({"orifice_diameter": "0.02 mm"}, limits=limits)
         wanted = factor * 2e-5 * wrapped.liner["admittance"][row, 0]
-        found = complex(budget.combined("admittance")[0])
+        found = complex(budget.combined["admittance"][0])
         assert found == pytest.approx(complex(abs(wanted.real), abs(wanted.imag)), rel=1e-12)
         probes = factor * 2e-5 * wrapped.probes[row]
         assert torch.allclose(budget.places["probes"].imag, probes.imag.abs(), rtol=1e-12)
@@ -219,7 +219,7 @@ def test_any_model_that_states_numbers_is_differentiated():
             assert largest(slopes_of(found)[key][i], slope) < SPEEDS
     budget = found.propagate({"length": "0.1 mm", "a": "0.01"}, limits="standard")
     assert budget.half_widths.tolist() == pytest.approx([0.01, 1e-4])
-    assert [part.unit for part in budget.sorted("admittance")] == ["s/m", "m"]
+    assert [part.unit for part in budget.of(averaging="admittance", frequency=FREQUENCY)] == ["s/m", "m"]
 
 
 @pytest.mark.filterwarnings("ignore:Converting a tensor with requires_grad")
@@ -244,8 +244,8 @@ def test_correlated_tolerances_add_or_cancel(wrapped):
         pair = {("vena_contracta", "porosity"): sign}
         budget = wrapped.propagate(tolerances, limits="standard", correlation=pair)
         wanted = changes[0] + sign * changes[1]
-        assert complex(budget.combined("velocity")[0]).real == pytest.approx(abs(float(wanted.real)), rel=1e-9)
-    largest_first = [part.parameter for part in alone.sorted("velocity")]
+        assert complex(budget.combined["velocity"][0]).real == pytest.approx(abs(float(wanted.real)), rel=1e-9)
+    largest_first = [part.parameter for part in alone.of(averaging="velocity")]
     assert largest_first == ["porosity", "vena_contracta"]
 
 

@@ -19,7 +19,7 @@ from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
 from torchliner.report.truth_table import format_rules, plain_truth
-from torchliner.studies.validate import ValidationRow, errors_by_rule, validate
+from torchliner.studies.validate import errors_by_rule, validate, validation_row
 
 page = load_script("truth_page")
 MORE_CASES = load_script("make_data").MORE_CASES
@@ -225,7 +225,7 @@ def test_rows_survive_their_csv(tmp_path):
 def test_errors_by_rule_by_hand():
     """Median and largest of |dR| and |dX|, each by itself."""
     rule = ("rms", "kept", "averaged", "admittance")
-    rows = [ValidationRow("c", 0.0, *rule, 1 + e, 1 + 0j) for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)]
+    rows = [validation_row("c", 0.0, rule[:3], rule[3], 1 + e, 1 + 0j) for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)]
     (found,) = errors_by_rule(rows)
     assert found.planes == 3
     assert found.median == pytest.approx(0.2 + 0.2j)

@@ -27,7 +27,8 @@ from torchliner.report.figure import (
 )
 from torchliner.report.truth_table import drive_label
 from torchliner.report.typesetting import typeset
-from torchliner.studies.validate import DEFAULT, DRIVES, ValidationRow
+from torchliner.studies.rows import Row
+from torchliner.studies.validate import DEFAULT, DRIVES
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)
@@ -35,7 +36,7 @@ MARKED_SPEEDS = (0.3, 1.0, 3.0)  # m/s, on the model's curve
 
 
 @styled
-def draw_truth_errors(rows: Sequence[ValidationRow], path: str | Path | None = None) -> Figure:
+def draw_truth_errors(rows: Sequence[Row], path: str | Path | None = None) -> Figure:
     """dR and dX of every rule: a line per case and averaging, drives beside it; the median over the
     heights, and their range.
 

@@ -31,7 +31,7 @@ OPTIONS = (
 def run(options: argparse.Namespace) -> int:
     """Print the table, sorted by what moves Z most."""
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.audit_report import draw_audit, format_audit, plain_audit, write_audit
+    from torchliner.report.audit_report import draw_audit, format_audit, write_audit
     from torchliner.studies.audit import audit
 
     records = read_records(options.planes, options)
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
             **chosen_from(options, CHOICES),
         )  # fmt: skip
     show_results(
-        options, lambda: format_audit(found), lambda: plain_audit(found),
+        options, lambda: format_audit(found), lambda: found,
         output=lambda path: write_audit(found, path), figure=lambda path: draw_audit(found, path),
     )  # fmt: skip
     return 0

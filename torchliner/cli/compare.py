@@ -25,11 +25,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print how far the second is off the first, for the liner and each cell."""
     from torchliner.io.moments_file import holds_moments
-    from torchliner.report.comparison_table import (
-        comparison_table,
-        format_comparison,
-        plain_comparison,
-    )
+    from torchliner.report.comparison_table import comparison_table, format_comparison
     from torchliner.studies.compare import compare
 
     given = [f"--{name}" for name in ("frequency", "liner") if getattr(options, name) is not None]
@@ -41,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     first, second = (_map_of(path, options) for path in (options.first, options.second))
     found = compare(first, second, options.averaging)
     show_results(
-        options, lambda: format_comparison(found), lambda: plain_comparison(found),
+        options, lambda: format_comparison(found), lambda: found,
         output=comparison_table(found).write_csv,
     )  # fmt: skip
     return 0

@@ -12,7 +12,7 @@ from torchliner.cli.options import progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
 if TYPE_CHECKING:
-    from torchliner.studies.heights import HeightStudy
+    from torchliner.studies.rows import Study
 
 CHOICES = (
     "averaging", "phase", "drive", "mean", "missing", "allow_short", "wall_filter",
@@ -36,20 +36,18 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Study the heights, print rows, facts and the recommendation."""
     from torchliner.report.height_table import format_study, height_table, plain_study
-    from torchliner.studies.height_facts import JetFlow
     from torchliner.studies.heights import study_heights
     from torchliner.studies.recommend import Limits, recommend_height
 
     limits = Limits(*options.limits) if options.limits else Limits()
-    flow = JetFlow(1e-3 * options.duct_height, options.shear)
     planes = read_records(options.planes, options)
     liner = only_liner(options.liner, planes, options.planes)
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch
     with progress_bar(len(planes), "heights", options, "height") as step:
         study = study_heights(
-            planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, flow=flow,
-            progress=step, **chosen_from(options, CHOICES),
+            planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, shear=options.shear,
+            duct_height=1e-3 * options.duct_height, progress=step, **chosen_from(options, CHOICES),
         )  # fmt: skip
     found = recommend_height(study, limits)
     if options.figure is not None:
@@ -61,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(study: HeightStudy, folder: Path) -> None:
+def _draw(study: Study, folder: Path) -> None:
     from torchliner.report import height_figures as height
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -99,8 +99,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _bounds(text: str, liner: Any) -> dict[str, tuple[float, float]]:
     """NAME, NAME=LOW:HIGH and commas."""
-    from torchliner.studies.leave_out import bounds_for
-    from torchliner.studies.runs import with_flow
+    from torchliner.studies.identification import with_flow
+    from torchliner.studies.identify import bounds_for
 
     with_factors = with_flow(liner)
     found: dict[str, tuple[float, float]] = {}

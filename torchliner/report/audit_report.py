@@ -1,14 +1,13 @@
-"""The audit as a table, as CSV, for JSON and as a figure."""
+"""The audit as a table, as CSV and as a figure."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from torchliner.report.figure import COLOURS, ONE_ROW, PARTS, Figure, finish, styled, subplots
 from torchliner.report.numbers import part_of
 from torchliner.report.table import Column, Table, format_bounds, format_complex, real_and_imaginary
-from torchliner.studies.audit import Audit, AuditRow
+from torchliner.studies.rows import Row, Study
 
 ROW_HEIGHT = 0.17  # inches
 SHOWN = (
@@ -24,47 +23,28 @@ WRITTEN = (
     Column("variant"),
     *real_and_imaginary("R (rho c)", "X (rho c)", "impedance", None),
     *real_and_imaginary("change of R", "change of X", "change", None),
-    Column("note"),
+    Column("note", lambda row: row.get("note", "")),
     Column("level check (dB)", lambda row: row.get("level_check")),
 )
 
 
-def plain_audit(found: Audit) -> dict[str, Any]:
-    """For JSON."""
-    names = (
-        "title",
-        "frequency",
-        "averaging",
-        "base",
-        "level",
-        "readings",
-        "level_check",
-        "level_check_words",
-        "choices",
-    )
-    return {
-        **{key: getattr(found, key) for key in names},
-        "interval": None if found.low is None else [found.low, found.high],
-        "rows": [vars(row) for row in found.rows],
-        "not_applicable": dict(found.skipped),
-        "notes": list(found.notes),
-        "nearest_case": found.nearest_case or None,
-    }
-
-
-def write_audit(found: Audit, path: str | Path) -> None:
+def write_audit(found: Study, path: str | Path) -> None:
     """One row per variant; the base and its interval are rows too, and what does not apply."""
-    rows = [AuditRow("base", found.averaging, found.base, 0j, found.level_check)]
-    for name, bound in (("low", found.low), ("high", found.high)):
-        if bound is not None:
-            rows.append(AuditRow("interval", name, bound, bound - found.base))
-    nothing = {"variant": "does not apply", "impedance": None, "change": None}
-    written = [vars(row) | {"note": ""} for row in (*rows, *found.rows)]
-    written += [{"factor": key, "note": why, **nothing} for key, why in found.skipped.items()]
-    Table(written, WRITTEN, ".9g").write_csv(path)
+    ends = {"base": found.base, "low": found.low, "high": found.high}
+    rows = [
+        Row(factor="base" if name == "base" else "interval", variant=found.averaging if name == "base" else name,
+            impedance=z, change=z - found.base, level_check=found.level_check if name == "base" else None)
+        for name, z in ends.items() if z is not None
+    ]  # fmt: skip
+    rows += found.rows
+    rows += [
+        Row(factor=key, note=why, variant="does not apply", impedance=None, change=None)
+        for key, why in found.skipped.items()
+    ]
+    Table(rows, WRITTEN, ".9g").write_csv(path)
 
 
-def format_audit(found: Audit) -> str:
+def format_audit(found: Study) -> str:
     """Factors by how far they move Z; the base and its interval on top."""
     base = f"base {format_complex(found.base)}"
     if found.low is not None and found.high is not None and found.level is not None:
@@ -84,9 +64,9 @@ def format_audit(found: Audit) -> str:
 
 
 @styled
-def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
+def draw_audit(found: Study, path: str | Path | None = None) -> Figure:
     """A bar per factor from its smallest to its largest value, its variants as points."""
-    factors = found.factors[::-1]
+    factors = list(dict.fromkeys(row.factor for row in found.rows))[::-1]
     figure, axes = subplots(1, 2, 1.0 + ROW_HEIGHT * 1.5 * len(factors), beside=True)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         base = part_of(found.base, part)
@@ -97,7 +77,7 @@ def draw_audit(found: Audit, path: str | Path | None = None) -> Figure:
             )  # fmt: skip
         axis.axvline(base, color="k", linewidth=0.9, label="base", zorder=1)
         for place, factor in enumerate(factors):
-            values = [part_of(row.impedance, part) for row in found.of(factor)]
+            values = [part_of(row.impedance, part) for row in found.of(factor=factor)]
             ends = [*values, base]
             axis.plot([min(ends), max(ends)], [place] * 2, color=COLOURS[0], linewidth=3.5,
                       alpha=0.45, solid_capstyle="butt", zorder=2)  # fmt: skip

@@ -10,7 +10,8 @@ import numpy as np
 
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, head_panel, styled, subplots
 from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
-from torchliner.studies.calibration import Calibration, PredictionRow
+from torchliner.studies.calibrate import Calibration
+from torchliner.studies.rows import Row
 
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 
@@ -56,12 +57,12 @@ def parameter_table(found: Calibration) -> Table:
     )  # fmt: skip
 
 
-def prediction_table(rows: Sequence[PredictionRow]) -> Table:
+def prediction_table(rows: Sequence[Row]) -> Table:
     """Before, after, spread, reference, misses in standard deviations; complex values as two."""
     return Table(rows, PREDICTIONS)
 
 
-def plain_calibration(found: Calibration, rows: Sequence[PredictionRow]) -> dict[str, Any]:
+def plain_calibration(found: Calibration, rows: Sequence[Row]) -> dict[str, Any]:
     """For JSON."""
     return {
         "parameters": parameter_table(found).as_rows(),
@@ -76,7 +77,7 @@ def plain_calibration(found: Calibration, rows: Sequence[PredictionRow]) -> dict
         "level_check": None if found.level_check is None else found.level_check.tolist(),
         "fitted_speeds": list(found.speeds),
         "fitted": [complex(z) for z in found.found],
-        "predictions": [vars(row) for row in rows],
+        "predictions": list(rows),
         "notes": list(found.notes),
     }
 
@@ -106,9 +107,7 @@ def format_calibration(found: Calibration) -> str:
 
 
 @styled
-def draw_predictions(
-    panels: Mapping[str, Sequence[PredictionRow]], title: str, path: str | Path | None = None
-) -> Figure:
+def draw_predictions(panels: Mapping[str, Sequence[Row]], title: str, path: str | Path | None = None) -> Figure:
     """Complex plane: reference, prediction as it was, calibrated with its 95 % ellipse; a panel of rows
     a title."""
     figure, axes = subplots(1, len(panels), 3.6)
@@ -132,7 +131,7 @@ def draw_predictions(
     return finish(figure, path, title, legend=3)
 
 
-def _draw_prediction(axis: Any, row: PredictionRow, colour: str) -> None:
+def _draw_prediction(axis: Any, row: Row, colour: str) -> None:
     if row.true is not None:
         axis.plot(row.true.real, row.true.imag, "*", color=colour, markersize=10)
         axis.plot(
@@ -144,7 +143,7 @@ def _draw_prediction(axis: Any, row: PredictionRow, colour: str) -> None:
     axis.plot(*_ellipse(row), color=colour, linewidth=0.9)
 
 
-def _ellipse(row: PredictionRow) -> tuple[Any, Any]:
+def _ellipse(row: Row) -> tuple[Any, Any]:
     """Points of the 95 % ellipse of the parameters' spread."""
     product = row.correlation * row.standard.real * row.standard.imag
     covariance = np.array([[row.standard.real**2, product], [product, row.standard.imag**2]])

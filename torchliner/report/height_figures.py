@@ -20,7 +20,7 @@ from torchliner.report.figure import (
     subplots,
 )
 from torchliner.report.numbers import COMPLEX_PART, Array, Curves, part_of
-from torchliner.studies.heights import HeightStudy
+from torchliner.studies.rows import Study
 
 AVERAGINGS = {"admittance": "admittance over probes", "velocity": "velocity averaged"}
 MOST_LENGTHS = 5  # curves a reader can tell apart
@@ -38,20 +38,20 @@ def length_label(length: float, pitch: float | None) -> str:
     return f"{1e3 * length:.3g} mm"
 
 
-def impedance_over_height(study: HeightStudy) -> Curves:
+def impedance_over_height(study: Study) -> Curves:
     """R and X over height, one column per averaging length, averaging and part."""
     values: dict[str, Array] = {}
     for length in study.lengths:
-        rows = study.at_length(length)
+        rows = study.of(length=length)
         for part in COMPLEX_PART:
             for averaging in AVERAGINGS:
                 name = f"{part}, {averaging}, {1e3 * length:.4g} mm"
-                values[name] = np.array([part_of(getattr(row, averaging), part) for row in rows])
+                values[name] = np.array([part_of(row[averaging], part) for row in rows])
     heights = np.array([facts.height for facts in study.facts])
     return Curves(heights, values, study.title, "height (m)")
 
 
-def imprint_over_height(study: HeightStudy) -> Curves:
+def imprint_over_height(study: Study) -> Curves:
     """Cell-periodic parts, rms, relative to the mean of the profile (of v_0: to that of v'); nan: unknown."""
     known = [facts.modulation for facts in study.facts]
     steady = [facts.mean_modulation for facts in study.facts]
@@ -72,23 +72,23 @@ def imprint_over_height(study: HeightStudy) -> Curves:
 
 
 @styled
-def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = None) -> Figure:
+def draw_impedance_over_height(study: Study, path: str | Path | None = None) -> Figure:
     """R and X over height: admittance over probes, and velocity averaged over several lengths."""
     figure, panels = impedance_panels(3.2, "$y$ (mm)")
     lengths = tuple(
         length for length in study.lengths[1:]
-        if any(row.velocity == row.velocity for row in study.at_length(length))
+        if any(row.velocity == row.velocity for row in study.of(length=length))
     )  # fmt: skip
     if len(lengths) > MOST_LENGTHS:
         keep = np.unique(np.linspace(0, len(lengths) - 1, MOST_LENGTHS).round().astype(int))
         lengths = tuple(lengths[i] for i in keep)
     for axis, part in panels:
-        rows = study.at_length(study.lengths[0])
+        rows = study.of(length=study.lengths[0])
         heights = [1e3 * row.height for row in rows]
         values = [part_of(row.admittance, part) for row in rows]
         axis.plot(heights, values, "k*-", label="admittance over probes", markersize=6, zorder=4)
         for i, length in enumerate(lengths):
-            rows = study.at_length(length)
+            rows = study.of(length=length)
             values = [part_of(row.velocity, part) for row in rows]
             spread = [part_of(row.velocity_spread, part) for row in rows]
             shifted = [h + 0.02 * (i - len(lengths) / 2) for h in heights]
@@ -106,7 +106,7 @@ def draw_impedance_over_height(study: HeightStudy, path: str | Path | None = Non
 
 
 @styled
-def draw_imprint(study: HeightStudy, path: str | Path | None = None) -> Figure:
+def draw_imprint(study: Study, path: str | Path | None = None) -> Figure:
     """Cell-periodic modulation over height, its fitted decay and that of an evanescent sound field."""
     curves = imprint_over_height(study)
     figure, axes = subplots(1, 1, 3.4)

@@ -7,9 +7,7 @@ from typing import Any
 
 from torchliner.report.height_figures import AVERAGINGS, imprint_over_height, length_label
 from torchliner.report.table import Column, Table, format_complex, format_pair, real_and_imaginary
-from torchliner.studies.height_facts import HeightFacts
-from torchliner.studies.heights import HeightStudy
-from torchliner.studies.recommend import Recommendation
+from torchliner.studies.rows import Row, Study
 
 FACTS = (
     Column("", "coherence", "coherence", ".2f"),
@@ -24,12 +22,12 @@ FACTS = (
 )  # fmt: skip
 
 
-def _of(name: str, averaging: str) -> Callable[[HeightFacts], Any]:
+def _of(name: str, averaging: str) -> Callable[[Row], Any]:
     """The entry of one averaging in a mapping."""
-    return lambda one: getattr(one, name).get(averaging)
+    return lambda one: one[name].get(averaging)
 
 
-def facts_table(facts: Sequence[HeightFacts]) -> Table:
+def facts_table(facts: Sequence[Row]) -> Table:
     """Z of the whole plane and level check by averaging, and what else is known."""
     names = list(facts[0].impedance)
     values = [Column("", _of("impedance", name), name, format_complex) for name in names]
@@ -38,9 +36,9 @@ def facts_table(facts: Sequence[HeightFacts]) -> Table:
     return Table(facts, [Column("", "height", "y mm", ".2f", 1e3), *values, *gaps, *FACTS])
 
 
-def height_table(study: HeightStudy) -> Table:
+def height_table(study: Study) -> Table:
     """One row per height and averaging length, with the facts of the height in CSV and JSON."""
-    facts = {one.height: vars(one) for one in study.facts}
+    facts = {one.height: one for one in study.facts}
     pitch = study.pitch
     columns = [
         Column("height (m)", "height", "y mm", ".2f", 1e3),
@@ -64,11 +62,11 @@ def height_table(study: HeightStudy) -> Table:
         Column("jet velocity (m/s)", "jet_velocity"),
         Column("jet height (m)", "jet_height"),
     ]
-    rows = [facts[row.height] | vars(row) for row in study.rows]
+    rows = [facts[row.height] | row for row in study.rows]
     return Table(rows, columns, csv=".9g")
 
 
-def plain_study(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
+def plain_study(study: Study, found: Study) -> dict[str, Any]:
     """For JSON."""
     imprint, decay, first = imprint_over_height(study), study.decay, study.first_decay
     columns = {imprint.variable: imprint.at, **imprint.values}
@@ -87,16 +85,16 @@ def plain_study(study: HeightStudy, found: Recommendation) -> dict[str, Any]:
             {"height": one.height, "impedance": dict(one.impedance), "level_check": dict(one.level_check)}
             for one in study.facts
         ],
-        "judgements": [vars(one) | {"passed": one.passed} for one in found.judgements],
-        "reasons": list(found.reasons),
-        "unknown": list(found.unknown),
+        "judgements": found.rows,
+        "reasons": found.reasons,
+        "unknown": found.unknown,
         "reference": study.reference,
         "choices": study.choices,
-        "notes": list(study.notes),
+        "notes": study.notes,
     }
 
 
-def format_study(study: HeightStudy, found: Recommendation) -> str:
+def format_study(study: Study, found: Study) -> str:
     """Rows, facts, and which height."""
     lines = [
         f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard "

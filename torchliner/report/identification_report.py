@@ -25,7 +25,8 @@ from torchliner.report.numbers import part_of
 from torchliner.report.table import Column, Table, format_complex, format_pair, plain_columns
 from torchliner.studies.curves import law_of
 from torchliner.studies.identification import Identification
-from torchliner.studies.leave_out import Candidate, RunRow
+from torchliner.studies.leave_out import Candidate
+from torchliner.studies.rows import Row
 
 SHOWN = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, in text
 DRAWN = 200  # speeds of a picture
@@ -53,13 +54,13 @@ def candidate_table(found: Identification) -> Table:
     )
 
 
-def run_table(rows: Sequence[RunRow]) -> Table:
+def run_table(rows: Sequence[Row]) -> Table:
     """What the other runs predict of each."""
 
-    def off(row: RunRow) -> float | None:
+    def off(row: Row) -> float | None:
         return None if row.true is None else 100 * (row.predicted.real / row.true.real - 1)
 
-    def across(row: RunRow) -> float | None:
+    def across(row: Row) -> float | None:
         return None if row.true is None else row.predicted.imag - row.true.imag
 
     return Table(

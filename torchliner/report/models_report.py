@@ -27,12 +27,12 @@ from torchliner.report.table import (
     format_references,
     plain_columns,
 )
-from torchliner.studies.compare_models import ModelComparison, ModelRow
+from torchliner.studies.rows import Row, Study
 
 STYLES = ("-", "--", ":", "-.") * 99
 
 
-def _table(found: ModelComparison) -> Table:
+def _table(found: Study) -> Table:
     """Columns of text, CSV and JSON."""
 
     def under(name: str) -> Any:
@@ -72,22 +72,22 @@ def _checked(value: tuple[float | None, str]) -> str:
     return "-" if value[0] is None else f"{value[0]:+.2f} {value[1]}"
 
 
-def _bounds(row: ModelRow) -> Any:
+def _bounds(row: Row) -> Any:
     return None if row.low is None else (row.low, row.high)
 
 
-def write_models(found: ModelComparison, path: str | Path) -> None:
+def write_models(found: Study, path: str | Path) -> None:
     """One row a frequency and model."""
     _table(found).write_csv(path)
 
 
-def plain_models(found: ModelComparison) -> dict[str, Any]:
+def plain_models(found: Study) -> dict[str, Any]:
     """For JSON."""
     names = ("title", "averaging", "level", "sorted_by", "references", "level_check_words", "notes")
     return {**{key: getattr(found, key) for key in names}, "rows": _table(found).as_rows()}
 
 
-def format_models(found: ModelComparison) -> str:
+def format_models(found: Study) -> str:
     """The table, what it is sorted by, the references."""
     frequencies = dict.fromkeys(row.frequency for row in found.rows)
     at = f", {next(iter(frequencies)):g} Hz" if len(frequencies) == 1 else ""
@@ -100,14 +100,14 @@ def format_models(found: ModelComparison) -> str:
     ])  # fmt: skip
 
 
-def draw_models(found: ModelComparison, path: str | Path | None = None) -> Figure:
+def draw_models(found: Study, path: str | Path | None = None) -> Figure:
     """R and X with their intervals: a line a model at one frequency, curves over several."""
     several = len(next(iter(found.maps.values())).frequency) > 1
     return (_draw_spectra if several else _draw_values)(found, path)
 
 
 @styled
-def _draw_values(found: ModelComparison, path: str | Path | None) -> Figure:
+def _draw_values(found: Study, path: str | Path | None) -> Figure:
     rows = found.rows[::-1]
     figure, axes = subplots(1, 2, 1.1 + 0.25 * len(rows), beside=True)
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
@@ -131,7 +131,7 @@ def _draw_values(found: ModelComparison, path: str | Path | None) -> Figure:
 
 
 @styled
-def _draw_spectra(found: ModelComparison, path: str | Path | None) -> Figure:
+def _draw_spectra(found: Study, path: str | Path | None) -> Figure:
     figure, panels = impedance_panels(3.0, r"$f$ (kHz)")
     tone = next((row.frequency for row in found.rows if row.distance), None)
     for axis, part in panels:
@@ -145,6 +145,6 @@ def _draw_spectra(found: ModelComparison, path: str | Path | None) -> Figure:
     return finish(figure, path, _title(found), legend=4)
 
 
-def _title(found: ModelComparison, at: str = "") -> str:
+def _title(found: Study, at: str = "") -> str:
     bars = "" if found.level is None else f"; bands: {100 * found.level:g} % statistical interval"
     return f"{found.title}{at}, averaging {found.averaging}{bars}"

@@ -10,7 +10,8 @@ import numpy as np
 
 from torchliner.report.figure import COLOURS, Figure, finish, place_legend, styled, subplots
 from torchliner.report.table import Column, Table, format_complex
-from torchliner.studies.budget import Budget, correlation_of
+from torchliner.studies.budget import correlation_of
+from torchliner.studies.rows import Study
 from torchliner.studies.sensitivities import Sensitivities
 
 SIGNS = {
@@ -66,18 +67,18 @@ def sensitivity_table(found: Sensitivities, averaging: str) -> Table:
     return Table(rows, SLOPES)
 
 
-def budget_table(budget: Budget, frequency: Sequence[float], averaging: str) -> Table:
+def budget_table(budget: Study, frequency: Sequence[float], averaging: str) -> Table:
     """One row per frequency and parameter, largest first, and one of the sum."""
     rows: list[dict[str, Any]] = []
     for i, each in enumerate(frequency):
-        rows += [vars(part) | {"frequency": each} for part in budget.sorted(averaging, i)]
+        rows += budget.of(averaging=averaging, frequency=each)
         nothing = dict.fromkeys(("value", "unit", "half_width", "standard"))
         rows.append({"frequency": each, "parameter": COMBINED, **nothing,
-                     "impedance": complex(budget.combined(averaging)[i])})  # fmt: skip
+                     "impedance": complex(budget.combined[averaging][i])})  # fmt: skip
     return Table(rows, CONTRIBUTIONS)
 
 
-def format_budget(budget: Budget, found: Sensitivities, averaging: str, table: Table) -> str:
+def format_budget(budget: Study, found: Sensitivities, averaging: str, table: Table) -> str:
     """``budget_table`` with the impedance and its correlation of R and X."""
     nominal = found.found.liner[averaging].impedance.tolist()
     lines = [

@@ -14,7 +14,8 @@ from torchliner.report.table import (
     format_range,
     plain_columns,
 )
-from torchliner.studies.validate import DEFAULT, RuleErrors, ValidationRow, errors_by_rule
+from torchliner.studies.rows import Row
+from torchliner.studies.validate import DEFAULT, errors_by_rule
 
 TOLERABLE = 0.1  # share of |Z_true| beyond which the table says that a rule fails
 RESISTANCE = 0.15  # of R_true, beside which the level check is told: it hardly sees X where R is large
@@ -31,16 +32,16 @@ def drive_label(drive: str, mean: str) -> str:
     return drive + (", mean removed" if mean == "removed" else "")
 
 
-def plain_truth(rows: Sequence[ValidationRow]) -> Table:
+def plain_truth(rows: Sequence[Row]) -> Table:
     """For CSV and JSON: complex values as two numbers."""
     return Table(rows, COLUMNS)
 
 
-def _by_phase(cells: Iterable[tuple[ValidationRow | RuleErrors, complex]], written: Callable[[Any], str]) -> str:
+def _by_phase(cells: Iterable[tuple[Row, complex]], written: Callable[[Any], str]) -> str:
     """One line per height (if the cells have one), drive and averaging; one column per phase rule."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for cell, value in cells:
-        key = (getattr(cell, "height", None), drive_label(cell.drive, cell.mean), cell.averaging)
+        key = (cell.get("height"), drive_label(cell.drive, cell.mean), cell.averaging)
         line = lines.setdefault(key, dict(zip(("height", "drive", "averaging"), key, strict=True)))
         line[cell.phase] = value
     columns = [Column("", "drive", "drive"), Column("", "averaging", "averaging"),
@@ -50,14 +51,14 @@ def _by_phase(cells: Iterable[tuple[ValidationRow | RuleErrors, complex]], writt
     return Table(list(lines.values()), columns).as_text()
 
 
-def format_rules(rows: Sequence[ValidationRow]) -> str:
+def format_rules(rows: Sequence[Row]) -> str:
     """Median |dR| and |dX| of every rule over all planes given."""
     found = errors_by_rule(rows)
     head = f"median |dR|, |dX| (rho c) of each rule; planes: {found[0].planes}"
     return f"{head}\n{_by_phase(((each, each.median) for each in found), format_pair)}"
 
 
-def format_truth(rows: Sequence[ValidationRow]) -> str:
+def format_truth(rows: Sequence[Row]) -> str:
     """One text table per case: Z by height, drive, averaging and phase rule."""
     return "\n\n".join(
         f"case {mine[0].case}: reference Z = {format_complex(mine[0].true)} (normalised)\n"
@@ -66,12 +67,12 @@ def format_truth(rows: Sequence[ValidationRow]) -> str:
     )
 
 
-def _by_case(rows: Sequence[ValidationRow]) -> list[list[ValidationRow]]:
+def _by_case(rows: Sequence[Row]) -> list[list[Row]]:
     return [[row for row in rows if row.case == case]
             for case in dict.fromkeys(row.case for row in rows)]  # fmt: skip
 
 
-def _case_summary(rows: Sequence[ValidationRow]) -> dict[str, Any]:
+def _case_summary(rows: Sequence[Row]) -> dict[str, Any]:
     """Of one case: errors of the default rules over the heights, of the best and worst rule."""
     true, within = abs(rows[0].true), []
     summary: dict[str, Any] = {"case": rows[0].case, "|Z_true|": true}
@@ -87,7 +88,7 @@ def _case_summary(rows: Sequence[ValidationRow]) -> dict[str, Any]:
     }
 
 
-def format_summary(rows: Sequence[ValidationRow]) -> str:
+def format_summary(rows: Sequence[Row]) -> str:
     """Per case: the error of the default rules over the heights, and of the best and worst rule."""
     cases = _by_case(rows)
     summaries = [_case_summary(mine) for mine in cases]
@@ -111,7 +112,7 @@ def format_summary(rows: Sequence[ValidationRow]) -> str:
     return "\n".join([*lines, *_closing(cases, best)])
 
 
-def _closing(cases: Sequence[Sequence[ValidationRow]], best: Sequence[ValidationRow]) -> list[str]:
+def _closing(cases: Sequence[Sequence[Row]], best: Sequence[Row]) -> list[str]:
     """What these rows say together, and how much each case can say."""
     lines = []
     rules = {(*one.rule, one.averaging) for one in best}
@@ -147,7 +148,7 @@ def _closing(cases: Sequence[Sequence[ValidationRow]], best: Sequence[Validation
     return lines
 
 
-def _holds(row: ValidationRow) -> bool:
+def _holds(row: Row) -> bool:
     return row.error < TOLERABLE * abs(row.true)
 
 
@@ -155,7 +156,7 @@ def _some(names: Sequence[str], of: int) -> str:
     return f"{len(names)} of {of} cases" + (f" ({', '.join(names)})" if names else "")
 
 
-def _level_checks(rows: Sequence[ValidationRow], averaging: str) -> list[str]:
+def _level_checks(rows: Sequence[Row], averaging: str) -> list[str]:
     """How well the level check tells the right planes from the wrong ones."""
     known = [row for row in rows if row.level_check == row.level_check]
     if not known:
@@ -170,5 +171,5 @@ def _level_checks(rows: Sequence[ValidationRow], averaging: str) -> list[str]:
     return [f"level check, {averaging}: {', '.join(parts)} {100 * RESISTANCE:g} %"]
 
 
-def _resistance_holds(row: ValidationRow) -> bool:
+def _resistance_holds(row: Row) -> bool:
     return abs(row.miss.real) <= RESISTANCE * abs(row.true.real)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -12,64 +11,8 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.liners.parameters import Number
 from torchliner.names import LIMITS
+from torchliner.studies.rows import Row, Study
 from torchliner.units import parse_tolerance
-
-
-@dataclass(frozen=True, eq=False)
-class Contribution:
-    """One line of a budget: change of Z for one standard uncertainty of a parameter."""
-
-    parameter: str
-    value: float
-    unit: str
-    half_width: float
-    standard: float
-    impedance: complex
-
-
-@dataclass(frozen=True, eq=False)
-class Budget:
-    """Uncertainty of an educed impedance from the tolerances of its liner, to first order.
-
-    Args:
-        numbers: parameters by name, n of them.
-        half_widths, standard: SI, (n,).
-        limits: how a half-width was read.
-        correlation: (n, n).
-        contributions: signed change of the liner's Z for one standard uncertainty of each parameter, by averaging,
-            complex, (n, F).
-        covariance: of R and X of the liner, by averaging, (F, 2, 2).
-        places: standard uncertainty u(R) + j u(X) of the probes and of the cells, (..., F), by "probes" and by
-            averaging.
-    """
-
-    numbers: Mapping[str, Number]
-    half_widths: Tensor
-    standard: Tensor
-    limits: str
-    correlation: Tensor
-    contributions: Mapping[str, Tensor]
-    covariance: Mapping[str, Tensor]
-    places: Mapping[str, Tensor]
-
-    def combined(self, averaging: str) -> Tensor:
-        """u(R) + j u(X) of the liner, (F,)."""
-        return standard_of(self.covariance[averaging])
-
-    def sorted(self, averaging: str, frequency_index: int = 0) -> list[Contribution]:
-        """Contributions, the largest |dZ| first."""
-        amounts = self.contributions[averaging][:, frequency_index].tolist()
-        widths, spreads = self.half_widths.tolist(), self.standard.tolist()
-        rows = [
-            Contribution(name, number.value, number.unit, *each)
-            for (name, number), *each in zip(self.numbers.items(), widths, spreads, amounts, strict=True)
-        ]
-        return sorted(rows, key=lambda row: -abs(row.impedance))
-
-
-def values_of(numbers: Mapping[str, Number]) -> Tensor:
-    """SI, float64, (n,)."""
-    return torch.tensor([number.value for number in numbers.values()], dtype=torch.float64)
 
 
 def standard_of(covariance: Tensor) -> Tensor:
@@ -92,18 +35,20 @@ def covariance_of(changes: Tensor, correlation: Tensor) -> Tensor:
 
 def budget_of(
     numbers: Mapping[str, Number],
+    frequency: Tensor,
     liner: Mapping[str, Tensor],
     places: Mapping[str, Tensor],
     tolerances: Mapping[str, Any],
     limits: str,
     correlation: Mapping[tuple[str, str], float],
-) -> Budget:
+) -> Study:
     """First-order budget of anything whose slopes in some parameters are known.
 
     Args:
         numbers: parameters by name, n of them.
-        liner, places: dZ/dp, complex, (n, ...): of the liner by averaging, and of the places of ``Budget``.
-        tolerances, limits, correlation: as ``Sensitivities.propagate`` takes them.
+        frequency: Hz, (F,).
+        liner, places: dZ/dp, complex, (n, ..., F): of the liner by averaging, and of other places by name.
+        tolerances, limits, correlation, and what is returned: see ``Sensitivities.propagate``.
     Raises:
         ValueError: a half-width that reaches below what the parameter can be.
     """
@@ -119,9 +64,8 @@ def budget_of(
         width = parse_tolerance(tolerances[name], name, number.quantity, number.value)
         if number.low >= 0 and width > abs(number.value) > 0:
             raise ValueError(
-                f"tolerance of {name} is {tolerances[name]!r}, a half-width of {width:g}, more "
-                f"than its value, {number.value:.6g}, which is never below {number.low:g}; write "
-                "'2 %' where per cent are meant"
+                f"tolerance of {name} is {tolerances[name]!r}, a half-width of {width:g}, more than its value, "
+                f"{number.value:.6g}, which is never below {number.low:g}; write '2 %' where per cent are meant"
             )
         widths.append(width)
     half_widths = torch.tensor(widths, dtype=torch.float64)
@@ -130,10 +74,27 @@ def budget_of(
     def changes(slopes: Tensor) -> Tensor:
         return slopes[kept] * standard.reshape(-1, *(1,) * (slopes.ndim - 1))
 
-    of_liner = {name: changes(slopes) for name, slopes in liner.items()}
-    covariance = {name: covariance_of(change, matrix) for name, change in of_liner.items()}
-    of_places = {name: standard_of(covariance_of(changes(slopes), matrix)) for name, slopes in places.items()}
-    return Budget(stated, half_widths, standard, limits, matrix, of_liner, covariance, of_places)
+    contributions = {name: changes(slopes) for name, slopes in liner.items()}
+    covariance = {name: covariance_of(change, matrix) for name, change in contributions.items()}
+    rows = []
+    for averaging, change in contributions.items():
+        for i, f in enumerate(frequency.tolist()):
+            for j in change[:, i].abs().argsort(descending=True, stable=True).tolist():
+                name, number = list(stated.items())[j]
+                about = {"value": number.value, "unit": number.unit, "half_width": widths[j]}
+                about |= {"standard": float(standard[j]), "impedance": complex(change[j, i])}
+                rows.append(Row(averaging=averaging, frequency=f, parameter=name, **about))
+    return Study(
+        rows=rows,
+        half_widths=half_widths,
+        standard=standard,
+        limits=limits,
+        correlation=matrix,
+        contributions=contributions,
+        covariance=covariance,
+        combined={name: standard_of(each) for name, each in covariance.items()},
+        places={name: standard_of(covariance_of(changes(slopes), matrix)) for name, slopes in places.items()},
+    )
 
 
 def _correlation_matrix(names: tuple[str, ...], pairs: Mapping[tuple[str, str], float]) -> Tensor:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -12,72 +11,14 @@ from torch import Tensor
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.records import ImpedanceMap
 from torchliner.records.uncertainty import Interval
+from torchliner.studies.rows import Row, Study
 
 SAME_PLACE = 1e-6  # m
 SAME_RECORD = 1e-4  # of the rms: two records of a flow never share mean and rms of all probes
 ROUNDED = 1e-6  # relative, of float32
 
 
-@dataclass(frozen=True)
-class DifferenceRow:
-    """Z of the whole liner, or of a cell, at one frequency.
-
-    Args:
-        place: ``liner`` or ``cell 0``, ...
-        x, z: centre of the cell, m; nan for the liner and where unknown.
-        frequency: Hz.
-        first, second, difference: Z, and second - first.
-        low, high: of the statistical interval of the difference (real part: R, imaginary: X); None
-            without intervals.
-    """
-
-    place: str
-    x: float
-    z: float
-    frequency: float
-    first: complex
-    second: complex
-    difference: complex
-    low: complex | None = None
-    high: complex | None = None
-
-    @property
-    def clear(self) -> str:
-        """Which parts have an interval without 0: "R", "X", "R, X"; "" for none, or unknown."""
-        if self.low is None or self.high is None:
-            return ""
-        ends = {"R": (self.low.real, self.high.real), "X": (self.low.imag, self.high.imag)}
-        return ", ".join(part for part, (low, high) in ends.items() if low > 0 or high < 0)
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Differences of two maps.
-
-    Args:
-        averaging: of both.
-        rows: whole liner first, then cells, by frequency.
-        level: of the intervals; None without any.
-        same_run: whether both rest on one run, which then move together.
-    """
-
-    averaging: str
-    rows: tuple[DifferenceRow, ...]
-    level: float | None
-    same_run: bool
-
-    @property
-    def words(self) -> str:
-        """What the intervals are."""
-        if self.level is None:
-            return "no intervals: one of the maps has none"
-        how = "of independent records: variances added"
-        if self.same_run:
-            how = "an upper bound: both rest on one run, half-widths added"
-        return f"{100 * self.level:g} % statistical interval, {how}"
-
-
-def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Comparison:
+def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Study:
     """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
 
     The errors of independent records are independent, so squares of half-widths add. Those of one run are not (the
@@ -88,6 +29,12 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
     Args:
         first, second: of the same cells and frequencies, in any order of these.
         averaging: default that of both.
+    Returns:
+        averaging, level (of the intervals; None without any), same_run (whether both rest on one run, which then move
+        together), words (what the intervals are). ``rows``, the whole liner first, then cells, by frequency: place
+        (``liner`` or ``cell 0``, ...), x, z (its centre, m; nan for the liner and where unknown), frequency (Hz),
+        first, second, difference (Z, and second - first), low, high (of the statistical interval of the difference;
+        None without), differs_in (which parts have an interval without 0: "R", "X", "R, X"; "" for none, or unknown).
     Raises:
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
@@ -117,8 +64,10 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
     nowhere = torch.tensor([torch.nan], dtype=torch.float64)
     x, z = (torch.cat([nowhere, value]).tolist() for value in (first.cell_x, first.cell_z))
     frequency = first.frequency.tolist()
-    rows = tuple(
-        DifferenceRow(
+    rows = []
+    for i, k in itertools.product(range(len(x)), range(len(frequency))):
+        ends = [None if each is None else complex(each[i, k]) for each in (low, high)]
+        row = Row(
             place=f"cell {i - 1}" if i else "liner",
             x=x[i],
             z=z[i],
@@ -126,12 +75,25 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
             first=complex(here[i, k]),
             second=complex(there[i, k]),
             difference=complex(there[i, k] - here[i, k]),
-            low=None if low is None else complex(low[i, k]),
-            high=None if high is None else complex(high[i, k]),
+            low=ends[0],
+            high=ends[1],
+            differs_in=_clear(*ends),
         )
-        for i, k in itertools.product(range(len(x)), range(len(frequency)))
-    )
-    return Comparison(averaging, rows, level, same)
+        rows.append(row)
+    words = "no intervals: one of the maps has none"
+    if level is not None:
+        how = "of independent records: variances added"
+        how = "an upper bound: both rest on one run, half-widths added" if same else how
+        words = f"{100 * level:g} % statistical interval, {how}"
+    return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
+
+
+def _clear(low: complex | None, high: complex | None) -> str:
+    """Parts whose interval does not hold 0."""
+    if low is None or high is None:
+        return ""
+    ends = {"R": (low.real, high.real), "X": (low.imag, high.imag)}
+    return ", ".join(part for part, (least, most) in ends.items() if least > 0 or most < 0)
 
 
 def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:

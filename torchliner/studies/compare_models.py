@@ -6,7 +6,6 @@ import copy
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -16,6 +15,7 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.studies.rows import Row, Study
 from torchliner.studies.variants import Records, Source, plane_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
@@ -23,60 +23,6 @@ from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import review_record
 
 FIRST = ("true", "in situ")  # references by which models are sorted, before others
-
-
-@dataclass(frozen=True)
-class ModelRow:
-    """One model at one frequency.
-
-    Args:
-        model: its name.
-        frequency: Hz.
-        impedance: whole liner, normalised, in the averaging of the comparison.
-        low, high: of its statistical interval (real part: R, imaginary: X); None without one.
-        averagings: the same in all averagings, by name.
-        level_check: dB that the velocity and Z are off the known pressure; None where none is known.
-        verdict: of the level check: passes, fails, inconclusive; "" for none.
-        distance: |Z - reference| by name of the references that the plane holds; empty away from its tone.
-        model_error: largest error in R of the interpolation over |v|.
-    """
-
-    model: str
-    frequency: float
-    impedance: complex
-    low: complex | None
-    high: complex | None
-    averagings: dict[str, complex]
-    level_check: float | None
-    verdict: str
-    distance: dict[str, float]
-    model_error: float
-
-
-@dataclass(frozen=True, eq=False)
-class ModelComparison:
-    """Models side by side, the nearest first.
-
-    Args:
-        title, averaging: of the plane; one of ``names.AVERAGINGS``.
-        level: of the intervals; None without any.
-        sorted_by: ``|Z - true|`` or that to another reference; ``|level check|``; or ``as given``.
-        references: Z at the tone, by name, as the plane holds them.
-        rows: by frequency, then by model.
-        maps: of each model, by name, as ``educe`` would give them.
-        level_check_words: what the level check rests on, or why there is none.
-        notes: warnings.
-    """
-
-    title: str
-    averaging: str
-    level: float | None
-    sorted_by: str
-    references: dict[str, complex]
-    rows: tuple[ModelRow, ...]
-    maps: dict[str, ImpedanceMap]
-    level_check_words: str
-    notes: tuple[str, ...]
 
 
 def compare_models(
@@ -89,7 +35,7 @@ def compare_models(
     pressure: Any = None,
     progress: Progress | None = None,
     **choices: Any,
-) -> ModelComparison:
+) -> Study:
     """Educe one plane with several models of its liner, for which the data are read as often as for one.
 
     Args:
@@ -99,6 +45,13 @@ def compare_models(
         cell_pitch: L_c of the cells, m, which all models share: they belong to the data. Default that of the moments,
             else of the preset that the plane names, else of the models.
         reference_phase, pressure, progress, choices: as for ``educe``.
+    Returns:
+        title, averaging, level (of the intervals; None without any), sorted_by (``|Z - true|`` or that to another
+        reference; ``|level check|``; or ``as given``), references (Z at the tone, by name, as the plane holds them),
+        maps (of each model, by name, as ``educe`` gives them), level_check_words, notes. ``rows``, by frequency, then
+        the nearest model first: model, frequency (Hz), impedance, low, high, averagings (Z in all of them, by name),
+        level_check (dB), verdict (of it: passes, fails, inconclusive; "" for none), distance (|Z - reference| by name;
+        empty away from the tone), model_error (largest error in R of the interpolation over |v|).
     Raises:
         ValueError: fewer than two models; a frequency outside a model's range; models that state different cells; as
             ``educe``.
@@ -192,7 +145,7 @@ def _alike(maps: Mapping[str, ImpedanceMap]) -> list[str]:
     ]
 
 
-def _sorted(title: str, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -> ModelComparison:
+def _sorted(title: str, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -> Study:
     first = next(iter(maps.values()))
     tone, frequencies = first.tone, range(len(first.frequency))
     references = {} if tone is None else first.reference_at(tone)
@@ -206,7 +159,7 @@ def _sorted(title: str, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -
         return max((abs(row.level_check) for row in rows[name] if row.level_check is not None), default=0.0)
 
     nearest = sorted(maps, key=size)
-    return ModelComparison(
+    return Study(
         title=first.title or title,
         averaging=first.averaging,
         level=first.level,
@@ -219,14 +172,14 @@ def _sorted(title: str, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -
     )
 
 
-def _row(name: str, found: ImpedanceMap, i: int) -> ModelRow:
+def _row(name: str, found: ImpedanceMap, i: int) -> Row:
     check, off, verdict = found.level_check, None, ""
     if check is not None:
         off = check.liner.at(check.averagings.index(found.averaging), i)["level"]
         verdict = check.verdict(found.averaging, i)
     z = complex(found.answer[i])
     low, high = found.bounds_of_liner(found.averaging, i) or (None, None)
-    return ModelRow(
+    return Row(
         model=name,
         frequency=float(found.frequency[i]),
         impedance=z,

@@ -15,7 +15,6 @@ slope in s; beyond the last knot R goes on along its tangent in |v|, X stays.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +26,6 @@ from torch import Tensor
 from torchliner.liners.model import LinerModel
 from torchliner.liners.response import complex_tensor
 from torchliner.names import CURVE_SHAPES, REACTANCES
-from torchliner.studies.fit import Fit
 from torchliner.studies.laws import Law
 
 ORDER = 3  # cubic
@@ -39,7 +37,7 @@ REST = (1.0, 0.5)  # spread of the logarithm of R, and of X, at rest, where none
 SIGNS = dict(zip(REACTANCES, (-1.0, 1.0), strict=True))
 LEVEL = 1.0  # standard deviation of the mean logarithm of the ratio to the prior shape
 BOUNDS = 6.0  # of all parameters: factors of 1/400 to 400
-ON_BOUND = 1e-3  # of ``BOUNDS``
+TOLERANCE = 1e-9  # of the search
 STILL = torch.zeros(1, dtype=torch.float64)
 
 
@@ -141,10 +139,9 @@ class CurveShape:
         """The prior shape is the start and the centre."""
         start = torch.zeros(self.count, dtype=torch.float64)
         names = tuple(f"q{i}" for i in range(self.count))
-        search = {"xtol": 1e-9, "ftol": 1e-9, "gtol": 1e-9, "x_scale": "jac", "max_nfev": 1000}
-        ends = (start - BOUNDS, start + BOUNDS)
-        one = torch.ones_like(start)
-        return Law(names, *ends, start, start, self.prior, self._curve, start, one, search, self.frequency)
+        return Law(
+            names, start - BOUNDS, start + BOUNDS, start, self._curve, start, self.prior, TOLERANCE, self.frequency
+        )
 
     @functools.cached_property
     def prior(self) -> Tensor:
@@ -165,21 +162,9 @@ class CurveShape:
         real = resistance * first.exp() + (up * q.exp()) @ rising[0].T
         return torch.complex(real, reactance + second + SIGNS[self.direction] * ((across * x.exp()) @ rising[1].T))
 
-    def slopes(self, parameters: Tensor, rising: tuple[Tensor, Tensor]) -> Tensor:
-        """dZ/dparameters, (V, n)."""
-        resistance, _, up, across = self._shape
-        first, _, q, x = parameters.split([1, 1, len(up), len(across)], -1)
-        one = torch.ones(len(rising[0]), 1, dtype=torch.complex128)
-        imaginary = 1j * SIGNS[self.direction] * rising[1] * (across * x.exp())
-        return torch.cat([one * resistance * first.exp(), 1j * one, rising[0] * (up * q.exp()), imaginary], 1)
-
-    def _curve(
-        self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor, slopes: bool
-    ) -> tuple[Tensor, Tensor]:
+    def _curve(self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         """See ``Law``; F is 1."""
-        rising = self._rising(speed)
-        z = (self.values(values, rising) + self._offset(liner))[None]
-        return z, self.slopes(values, rising)[None] if slopes else z.new_zeros(*z.shape, 0)
+        return (self.values(values, self._rising(speed)) + self._offset(liner))[None]
 
     def _rising(self, speed: Tensor) -> tuple[Tensor, Tensor]:
         """Of the nodes again and again."""
@@ -201,68 +186,3 @@ def _above_floor(steps: Tensor) -> Tensor:
     """Those of the wrong direction, and of parts that do not change, are small."""
     mean = float(steps.abs().mean())
     return steps.clamp(min=FLOOR * mean if mean > 0 else -SMOOTH.imag * FLOOR / PARTS)
-
-
-@dataclass(frozen=True, eq=False)
-class CurveFit(Fit):
-    """Best curve of one frequency, and its Laplace posterior, in which the prior counts."""
-
-    @property
-    def free(self) -> Tensor:
-        """Parameters that end on no bound, bool, (n,)."""
-        return self.values.abs() < BOUNDS * (1 - ON_BOUND)
-
-    @property
-    def on_bound(self) -> tuple[str, ...]:
-        """Parameters that end on a bound."""
-        return tuple(name for name, free in zip(self.law.names, self.free.tolist(), strict=True) if not free)
-
-    @functools.cached_property
-    def _slopes(self) -> tuple[Tensor, Tensor]:
-        """Of the data and of the prior, in the free parameters."""
-        return self.jacobian[: self.data, self.free], self.law.prior[:, self.free]
-
-    @functools.cached_property
-    def singular_values(self) -> Tensor:
-        """Of the Jacobian over noise and prior spread, falling; above 1 the data say more than the prior."""
-        by, own = self._slopes
-        factor = torch.linalg.cholesky(own.T @ own)
-        return torch.linalg.svdvals(torch.linalg.solve_triangular(factor, by.T, upper=False))
-
-    @property
-    def determined(self) -> float:
-        """How many parameters the data determine."""
-        square = self.singular_values.square()
-        return float((square / (1 + square)).sum())
-
-    @property
-    def misfit(self) -> float:
-        """rms of what is left over the noise; above 1 the covariance is widened by it."""
-        left = self.residuals[: self.data]
-        return float(left.square().sum() / max(len(left) - self.determined, 1.0)) ** 0.5
-
-    @functools.cached_property
-    def widened(self) -> Tensor:
-        """Laplace, (n, n), 0 for those on a bound."""
-        by, own = self._slopes
-        inverse = torch.linalg.inv(by.T @ by / max(1.0, self.misfit) ** 2 + own.T @ own)
-        covariance = torch.zeros(len(self.free), len(self.free), dtype=torch.float64)
-        covariance[torch.outer(self.free, self.free)] = inverse.flatten()
-        return covariance
-
-    def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
-        """Z at |v|, and the ends of the 95 % bands of R, above 0, and X apart, (3, V)."""
-        best, low, high = super().band(liner, frequency, speed)
-        factor = ((high.real - best.real) / best.real).exp()
-        ends = (torch.complex(best.real / factor, low.imag), torch.complex(best.real * factor, high.imag))
-        return torch.stack([best, *ends])
-
-    def warnings(self) -> list[str]:
-        """Parameters that end on a bound."""
-        if not self.on_bound:
-            return []
-        return [
-            f"{len(self.on_bound)} of {len(self.values)} parameters of the curve at {self.law.frequency:g} Hz end at a "
-            f"factor of {math.exp(BOUNDS):.0f} of the prior shape: the references ask for a step or the other "
-            "direction; see reactance, or state more noise"
-        ]

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, require_choice, require_positive
+from torchliner.checks import FEWEST_PERIODS
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.kernels import BAND, response_at
 from torchliner.engine.moments import Moments
@@ -22,22 +22,12 @@ from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import LinerModel
 from torchliner.liners.readings import porosity_readings, velocity_readings
 from torchliner.liners.sdof import SDoFLiner
-from torchliner.names import AVERAGINGS, DRIVES, MEANS, PHASES
+from torchliner.names import DRIVES, MEANS, PHASES
 from torchliner.records.boxes import grid_of, windows_of
-from torchliner.studies.variants import (
-    Records,
-    Source,
-    Variant,
-    average_of,
-    every_second,
-    of_blocks,
-    of_liner,
-    plane_of,
-)
+from torchliner.studies.variants import Source, Variant, average_of, every_second, of_blocks, of_liner
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
-AUDITED = ("phase",)  # choices that an audit varies itself
 PSI_STEPS = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5, 1.0)  # of a cell
 CONTRACTION_COEFFICIENTS = (0.75, 0.8, 0.85)
@@ -51,74 +41,22 @@ class Base:
     Args:
         source: the plane.
         averaging: of all values but those of other averagings.
-        stated: choices of the base.
+        chosen: choices of the base, without an interval, which no row has.
         running_window: s, of the drive ``running-rms``, of the base or not.
-        liners: variants of the liner, which the source is read for.
         skipped: factors that cannot be varied, and why.
     """
 
     source: Source
     averaging: str
-    stated: Choices
+    chosen: Choices
     running_window: float | None
-    liners: list[Variant]
     skipped: dict[str, str]
-
-    @classmethod
-    def of(
-        cls, record: Records, model: LinerModel, frequency: float | None, averaging: str, choices: Any, progress: Any
-    ) -> Base:
-        """From the arguments of ``audit``."""
-        require_choice("averaging", averaging, AVERAGINGS)
-        for name in AUDITED:
-            if choices.get(name) is not None:
-                raise ValueError(
-                    f"{name} cannot be chosen for an audit: its base is the phase averaged, and the other rules are "
-                    "among what it varies"
-                )
-        window = choices.get("running_window")  # of a variant, if not of the base
-        if window is not None:
-            require_positive("running_window", window)
-        if choices.get("drive") != "running-rms":
-            choices = {name: value for name, value in choices.items() if name != "running_window"}
-        chosen, plane = Choices(**choices), plane_of(record)
-        if len(plane.asked(frequency)) != 1:
-            raise ValueError(f"an audit has one frequency; {len(plane.asked(frequency))} are given")
-        if isinstance(record, Moments):
-            made = record.settings["averaging"]
-            chosen = dataclasses.replace(chosen, averaging=made)
-            require_choice(f"averaging of moments reduced with {made!r}:", averaging, chosen.averagings)
-        quiet = dataclasses.replace(chosen, interval=None)
-        liners, skipped = [], {}
-        for factor, others in OTHER_LINERS.items():
-            try:
-                liners += [Variant(factor, name, averaging, quiet, each) for name, each in others(model).items()]
-            except ValueError as reason:
-                skipped[factor] = str(reason)
-        source = Source(
-            record,
-            [model, *models_of(liners)],
-            frequency,
-            chosen,
-            more_turns=lambda f: (2 * float(f[0]), plane.sampling_rate / 2),
-            progress=progress,
-        )
-        return cls(source, averaging, chosen, window, liners, skipped)
-
-    @property
-    def chosen(self) -> Choices:
-        """Without an interval, which no row has."""
-        return dataclasses.replace(self.stated, interval=None)
 
     def variant(self, factor: str, name: str, **about: Any) -> Variant:
         """With ``choices`` changed, or another field of ``Variant``."""
         chosen = dataclasses.replace(self.chosen, **about.pop("choices", {}))
-        return Variant(factor, name, about.pop("averaging", self.averaging), chosen, **about)
-
-
-def models_of(variants: Sequence[Variant]) -> list[LinerModel]:
-    """Liners of the variants that have their own."""
-    return [each.liner for each in variants if each.liner is not None]
+        labels = {"factor": factor, "variant": name}
+        return Variant(labels, about.pop("averaging", self.averaging), chosen, **about)
 
 
 def _require(liner: LinerModel, needed: type, words: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from torchliner.liners.model import LinerModel
+from torchliner.studies.budget import standard_of
 from torchliner.studies.laws import Law
-from torchliner.studies.runs import Run
+from torchliner.studies.runs import NOTHING, Run
 
 ON_BOUND = 1e-3  # of the box
 UNSEEN = 1e-6  # singular value, relative to the largest, of a direction the data do not see
@@ -24,39 +25,83 @@ START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 WIDTH = 1.959964  # standard deviations of a 95 % interval
 
 
-def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run], slopes: bool = True) -> list[tuple[Tensor, Tensor]]:
-    """Z at the frequencies and node speeds of each run, (F, K), and dZ/dvalues, (F, K, n); each liner is asked once."""
-    shared: dict[Any, list[int]] = {}
-    for i, run in enumerate(runs):
-        shared.setdefault((id(run.liner), run.plane.mach, run.nodes), []).append(i)
-    found: dict[int, tuple[Tensor, Tensor]] = {}
-    for members in shared.values():
-        first, lines = runs[members[0]], [runs[i].frequency for i in members]
-        every, place = torch.cat(lines).unique(return_inverse=True)
-        z, by = law.curve(values, first.liner.in_flow(first.plane.mach), every, first.nodes.speeds, slopes)
-        for i, rows in zip(members, place.split([len(each) for each in lines]), strict=True):
-            found[i] = z[rows], by[rows]
-    return [found[i] for i in range(len(runs))]
+def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z at the frequencies and node speeds of each run, (F, K), differentiable; each liner is asked once."""
+    every = torch.cat([run.frequency for run in runs]).unique()
+    made: dict[Any, Tensor] = {}
+    found = []
+    for run in runs:
+        key = (id(run.liner), run.plane.mach, run.nodes)
+        if key not in made:
+            made[key] = law.curve(values, run.liner.in_flow(run.plane.mach), every, run.nodes.speeds)
+        found.append(made[key][torch.searchsorted(every, run.frequency)])
+    return found
 
 
-def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[tuple[Tensor, Tensor]]:
-    """Z of each run, (F,), and dZ/dvalues, (F, n)."""
-    both = zip(runs, curves_at_nodes(law, values, runs), strict=True)
-    return [(run.impedance(z), torch.einsum("fk,fkn->fn", run.slopes(z), by)) for run, (z, by) in both]
+def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z of each run, (F,), differentiable in the values."""
+    return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
 
 
 def drawn_impedances(law: Law, draws: Tensor, runs: Sequence[Run]) -> list[Tensor]:
     """Z of each run for many values, (M, n) to (M, F) each."""
-    rows = [[z for z, _ in curves_at_nodes(law, values, runs, slopes=False)] for values in draws]
+    rows = [curves_at_nodes(law, values, runs) for values in draws]
     return [run.impedance(torch.stack(each)) for run, each in zip(runs, zip(*rows, strict=True), strict=True)]
+
+
+def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tensor, Tensor]:
+    """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
+    at = values.detach().requires_grad_()
+    found = made(at)
+    parts = torch.view_as_real(found) if found.is_complex() else found
+    unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
+    (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
+    by = rows.reshape(*parts.shape, -1)
+    by = torch.complex(by.select(-2, 0), by.select(-2, 1)) if found.is_complex() else by
+    return found.detach(), by
 
 
 def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:
     """Residuals of the data and then of the prior, (m,), and their derivatives in the values, (m, n)."""
-    found = impedances(law, values, runs)
-    left = [run.residuals(z) for run, (z, _) in zip(runs, found, strict=True)]
-    by = [run.residual_slopes(*each) for run, each in zip(runs, found, strict=True)]
-    return torch.cat([*left, law.prior @ (values - law.centre)]), torch.cat([*by, law.prior])
+
+    def made(at: Tensor) -> Tensor:
+        return torch.cat([run.residuals(z) for run, z in zip(runs, impedances(law, at, runs), strict=True)])
+
+    left, by = with_slopes(made, values)
+    return torch.cat([left, law.prior @ (values - law.centre)]), torch.cat([by, law.prior])
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Z of the whole liner by a fit.
+
+    Args:
+        frequency: Hz, (F,).
+        impedance: complex, (F,).
+        covariance: of R and X, (F, 2, 2): that of the posterior, else to first order.
+        notes: warnings, with numbers.
+        before: with the liner's own numbers, (F,); empty for a curve.
+        outside: share of the plane's weight at speeds that no run saw, (F,), see ``identify``.
+    """
+
+    frequency: Tensor
+    impedance: Tensor
+    covariance: Tensor
+    notes: tuple[str, ...] = ()
+    before: Tensor = NOTHING
+    outside: Tensor = NOTHING
+
+    @property
+    def standard(self) -> Tensor:
+        """u(R) + j u(X), (F,)."""
+        return standard_of(self.covariance)
+
+    def misses(self, reference: complex, noise: complex = 0j, index: int = 0) -> complex:
+        """By how many standard deviations R and X lie off a known impedance, signed; its own uncertainty ``noise``,
+        u(R) + j u(X), is added in quadrature."""
+        away, own = complex(self.impedance[index]) - reference, complex(self.standard[index])
+        spread = complex(math.hypot(own.real, noise.real), math.hypot(own.imag, noise.imag))
+        return complex(away.real / max(spread.real, 1e-300), away.imag / max(spread.imag, 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +110,9 @@ class Fit:
 
     Args:
         law, runs: what was fitted to what.
-        values: best, (n,).
+        values: best, SI, (n,).
         stated: whether the noise is known; else the residual stands for it.
-        residuals, jacobian: there, (m,) and (m, n).
+        residuals, jacobian: there, of the data and then of the prior, (m,) and (m, n).
     """
 
     law: Law
@@ -88,11 +133,6 @@ class Fit:
         return (self.values - self.law.low) / self.width
 
     @property
-    def boxed(self) -> Tensor:
-        """Jacobian per box width, (m, n)."""
-        return self.jacobian * self.width
-
-    @property
     def data(self) -> int:
         """Real numbers that the runs are held to, priors apart."""
         return sum(run.data for run in self.runs)
@@ -105,7 +145,7 @@ class Fit:
     @property
     def freedom(self) -> int:
         """Data and priors less parameters."""
-        return len(self.residuals) - len(self.share)
+        return len(self.residuals) - len(self.values)
 
     @property
     def scale(self) -> float:
@@ -115,37 +155,60 @@ class Fit:
         return self.chi_square / self.freedom if self.freedom else math.nan
 
     @property
-    def determined(self) -> float:
-        """How many parameters the data determine: without a prior all."""
-        return float(len(self.share))
+    def free(self) -> Tensor:
+        """Parameters that end on no bound, bool, (n,)."""
+        return (self.share >= ON_BOUND) & (self.share <= 1 - ON_BOUND)
 
     @property
-    def misfit(self) -> float:
-        """rms of what is left over the noise, by degrees of freedom."""
-        return float((self.chi_square / max(self.freedom, 1)) ** 0.5)
+    def on_bound(self) -> tuple[str, ...]:
+        """Parameters that end on a bound."""
+        return tuple(name for name, free in zip(self.law.names, self.free.tolist(), strict=True) if not free)
 
     @functools.cached_property
     def _svd(self) -> tuple[Tensor, Tensor]:
-        _, singular, axes = torch.linalg.svd(self.boxed, full_matrices=False)
-        return singular, axes
+        """Of the slopes over what is known beforehand: the prior of a curve, else the box."""
+        if self.law.frequency is None:
+            return torch.linalg.svd(self.jacobian * self.width, full_matrices=False)[1:]
+        prior = self.law.prior[:, self.free]
+        factor = torch.linalg.cholesky(prior.T @ prior)
+        by = torch.linalg.solve_triangular(factor, self.jacobian[: self.data, self.free].T, upper=False)
+        return torch.linalg.svd(by.T, full_matrices=False)[1:]
 
     @property
     def singular_values(self) -> Tensor:
-        """Of the Jacobian over the noise, falling, (n,)."""
+        """Of the Jacobian over the noise, in units of the box, of a curve of the spread of its prior, falling."""
         return self._svd[0] / (self.scale**0.5 if self.scale > 0 else 1.0)
+
+    @property
+    def determined(self) -> float:
+        """How many parameters the data determine: without a prior all."""
+        square = self.singular_values.square()
+        return float(len(self.values) if self.law.frequency is None else (square / (1 + square)).sum())
+
+    @property
+    def misfit(self) -> float:
+        """rms of what is left of the data over the noise, by degrees of freedom."""
+        return float(self.residuals[: self.data].square().sum() / max(self.data - self.determined, 1.0)) ** 0.5
 
     @property
     def covariance(self) -> Tensor:
         """Gauss-Newton, (n, n); huge along what the data do not see."""
-        singular, axes = self._svd
-        floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)
-        return self.scale * (axes.T / floored**2) @ axes * torch.outer(self.width, self.width)
+        return self.scale * _inverse(self.jacobian, self.width)
+
+    @property
+    def standard(self) -> Tensor:
+        """Gauss-Newton standard uncertainty, (n,)."""
+        return self.covariance.diagonal().sqrt()
 
     @property
     def widened(self) -> Tensor:
-        """Covariance of predictions, (n, n): widened where the misfit is above the noise; 0 on a bound."""
-        kept = torch.tensor([name not in self.on_bound for name in self.law.names])
-        return self.covariance * torch.outer(kept, kept) * max(1.0, self.misfit) ** 2
+        """Covariance (n, n), widened where the misfit is above the noise; 0 on a bound."""
+        kept, rows = self.free, self.jacobian.clone()
+        rows[: self.data] /= max(1.0, self.misfit)
+        found = torch.zeros(len(kept), len(kept), dtype=torch.float64)
+        if bool(kept.any()):
+            found[torch.outer(kept, kept)] = _inverse(rows[:, kept], self.width[kept]).flatten()
+        return found
 
     @property
     def unseen(self) -> tuple[tuple[str, ...], ...]:
@@ -161,33 +224,25 @@ class Fit:
             if value <= limit
         )
 
-    @property
-    def on_bound(self) -> tuple[str, ...]:
-        """Parameters that end there."""
-        both = zip(self.law.names, self.share.tolist(), strict=True)
-        return tuple(name for name, u in both if not ON_BOUND <= u <= 1 - ON_BOUND)
-
     def of_run(self, run: Run) -> tuple[Tensor, Tensor]:
         """Z of a plane, (F,), and covariances of R and X, (F, 2, 2), to first order."""
-        ((z, by),) = impedances(self.law, self.values, [run])
-        return z, self._spread(by)
+        z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
+        return z, _spread(by, self.widened)
 
     def curve(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
         """Z of a liner at |v|, complex, (V,)."""
-        lines = torch.tensor([frequency], dtype=torch.float64)
-        return self.law.curve(self.values, liner, lines, speed, False)[0][0]
+        return self.law.curve(self.values, liner, torch.tensor([frequency], dtype=torch.float64), speed)[0]
 
     def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
-        """Z of a liner at |v|, and the ends of the 95 % bands of R and X apart, (3, V)."""
+        """Z of a liner at |v|, and the ends of the 95 % bands of R and X apart, (3, V); R of a curve stays above 0."""
         lines = torch.tensor([frequency], dtype=torch.float64)
-        z, by = (each[0] for each in self.law.curve(self.values, liner, lines, speed, True))
-        spread = WIDTH * torch.complex(*self._spread(by).diagonal(dim1=1, dim2=2).clamp(min=0).sqrt().T.contiguous())
-        return torch.stack([z, z - spread, z + spread])
-
-    def _spread(self, by: Tensor) -> Tensor:
-        """Covariance of real and imaginary parts, (..., 2, 2), from slopes (..., n)."""
-        parts = torch.stack([by.real, by.imag], -2)
-        return parts @ self.widened @ parts.mT
+        z, by = with_slopes(lambda at: self.law.curve(at, liner, lines, speed)[0], self.values)
+        spread = WIDTH * standard_of(_spread(by, self.widened))
+        low, high = z - spread, z + spread
+        if self.law.frequency is not None:
+            factor = (spread.real / z.real).exp()
+            low, high = torch.complex(z.real / factor, low.imag), torch.complex(z.real * factor, high.imag)
+        return torch.stack([z, low, high])
 
     def warnings(self) -> list[str]:
         """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
@@ -196,16 +251,15 @@ class Fit:
             i = law.names.index(name)
             label, at = ("lower", law.low[i]) if self.share[i] < 0.5 else ("upper", law.high[i])
             unit = self.runs[0].liner.numbers()[name].unit
-            end = "" if unit == "1" else f" {unit}"
             notes.append(
-                f"{name} ends on its {label} bound, {float(at):.6g}{end}: the data ask for more "
-                "than the bounds allow, and its uncertainty means little; widen the bound if that "
-                "is physical, else free another parameter"
+                f"{name} ends on its {label} bound, {float(at):.6g}{'' if unit == '1' else f' {unit}'}: the data ask "
+                "for more than the bounds allow, and its uncertainty means little; widen the bound if that is "
+                "physical, else free another parameter"
             )
         for group in self.unseen:
             notes.append(
-                f"the data do not tell {' and '.join(group)} apart within the bounds; fix one of "
-                "them, give a prior, or add data at another frequency or level"
+                f"the data do not tell {' and '.join(group)} apart within the bounds; fix one of them, give a prior, "
+                "or add data at another frequency or level"
                 if len(group) > 1
                 else f"the data do not see {group[0]} within the bounds; fix it or give a prior"
             )
@@ -216,13 +270,26 @@ class Fit:
             )
         if not self.stated and self.freedom == 0:
             notes.append(
-                f"{self.data} data fix {len(self.share)} parameters with nothing "
-                "left over: no residual says how uncertain they are; state noise"
+                f"{self.data} data fix {len(self.values)} parameters with nothing left over: no residual says how "
+                "uncertain they are; state noise"
             )
         return notes
 
 
-def fit_law(law: Law, runs: Sequence[Run], stated: bool, kind: type[Fit] = Fit) -> Fit:
+def _inverse(rows: Tensor, width: Tensor) -> Tensor:
+    """(rows^T rows)^-1, (n, n), from (m, n); huge along what they do not see."""
+    _, singular, axes = torch.linalg.svd(rows * width, full_matrices=False)
+    floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)
+    return (axes.T / floored**2) @ axes * torch.outer(width, width)
+
+
+def _spread(by: Tensor, covariance: Tensor) -> Tensor:
+    """Covariance of real and imaginary parts, (..., 2, 2), from complex slopes (..., n)."""
+    parts = torch.stack([by.real, by.imag], -2)
+    return parts @ covariance @ parts.mT
+
+
+def fit_law(law: Law, runs: Sequence[Run], stated: bool) -> Fit:
     """Least squares by trust-region reflective steps (scipy), with the exact Jacobian; ``stated``: the noise is known.
 
     Raises:
@@ -230,24 +297,35 @@ def fit_law(law: Law, runs: Sequence[Run], stated: bool, kind: type[Fit] = Fit) 
     """
     from scipy.optimize import least_squares
 
+    width = law.high - law.low
+    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
+
     @functools.lru_cache(maxsize=1)
     def both(place: bytes) -> tuple[Tensor, Tensor]:
-        return residuals_of(law, law.origin + law.unit * torch.from_numpy(np.frombuffer(place).copy()), runs)
+        return residuals_of(law, start + width * torch.from_numpy(np.frombuffer(place).copy()), runs)
 
     def residuals(at: np.ndarray) -> np.ndarray:
         return both(at.tobytes())[0].numpy()
 
     def jacobian(at: np.ndarray) -> np.ndarray:
-        return (both(at.tobytes())[1] * law.unit).numpy()
+        return (both(at.tobytes())[1] * width).numpy()
 
-    width = law.high - law.low
-    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
-    first, low, high = (((each - law.origin) / law.unit).numpy() for each in (start, law.low, law.high))
-    found = least_squares(residuals, first, jacobian, bounds=(low, high), **law.search)
+    low, high = (((end - start) / width).numpy() for end in (law.low, law.high))
+    found = least_squares(
+        residuals,
+        np.zeros(len(width)),
+        jacobian,
+        bounds=(low, high),
+        x_scale="jac",
+        xtol=law.tolerance,
+        ftol=law.tolerance,
+        gtol=law.tolerance,
+        max_nfev=1000,
+    )
     if not found.success:
         raise RuntimeError(
             f"the least squares do not settle in {found.nfev} evaluations ({found.message}), sum of squares "
             f"{2 * found.cost:.3g}; narrow the bounds, state a larger noise, or free fewer parameters"
         )
     place = np.asarray(found.x, dtype=np.float64)
-    return kind(law, runs, law.origin + law.unit * torch.from_numpy(place), stated, *both(place.tobytes()))
+    return Fit(law, runs, start + width * torch.from_numpy(place), stated, *both(place.tobytes()))

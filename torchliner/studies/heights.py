@@ -1,95 +1,34 @@
-"""Z against the height of the plane and the length the velocity is averaged over."""
+"""Z against the height of the plane and the length the velocity is averaged over, and what else speaks of a height."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_positive, stated_frequency, tell
+from torchliner.checks import DataWarning, plain_number, require_positive, stated_frequency, tell
 from torchliner.conversions import impedance_from_admittance, mean_impedance
+from torchliner.duct.flow_profiles import Array, TanhProfile
 from torchliner.engine.moments import Moments
-from torchliner.liners.model import Liner, as_liner
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.boxes import Grid, grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.studies.height_facts import HeightFacts, JetFlow, facts_of_plane
-from torchliner.studies.modulation import Decay, fit_decay
+from torchliner.studies.jets import jet_velocity, penetration_height
+from torchliner.studies.modulation import Modulation, cell_modulation, fit_decay
+from torchliner.studies.rows import Row, Study
 from torchliner.studies.variants import Source, Variant, plane_of
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.reading import time_moments
 
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
 UNKNOWN = complex(math.nan, math.nan)
-
-
-@dataclass(frozen=True)
-class LengthRow:
-    """Impedance of one plane at one averaging length.
-
-    Args:
-        height, length: m.
-        probes, windows: probes in a window, and windows.
-        admittance: 1/<Y> over windows, Y averaged over a window's probes.
-        velocity: the same, of the velocity averaged over a window's probes; nan of moments, but for windows of one
-            probe.
-        admittance_spread, velocity_spread: standard deviation of R and of X over the windows; nan for one.
-    """
-
-    height: float
-    length: float
-    probes: int
-    windows: int
-    admittance: complex
-    velocity: complex
-    admittance_spread: complex
-    velocity_spread: complex
-
-
-@dataclass(frozen=True)
-class HeightStudy:
-    """Everything that speaks for or against a height.
-
-    Args:
-        title: what the planes share.
-        frequency: Hz.
-        pitch: L_c, m; None if there are no cells.
-        lengths: m, rising.
-        rows: lowest plane first, then by length.
-        facts: lowest plane first.
-        decay, first_decay: of the cell-periodic part of v'_rms relative to its mean, and of its first harmonic in m/s;
-            None with fewer than three heights.
-        reference: independent impedances, for comparison alone.
-        choices: of the eduction.
-        notes: warnings, and what is not known.
-        source_side: where the sound comes from, one of ``names.SOURCE_SIDES``.
-    """
-
-    title: str
-    frequency: float
-    pitch: float | None
-    lengths: tuple[float, ...]
-    rows: tuple[LengthRow, ...]
-    facts: tuple[HeightFacts, ...]
-    decay: Decay | None
-    first_decay: Decay | None
-    reference: dict[str, complex]
-    choices: dict[str, Any]
-    notes: tuple[str, ...]
-    source_side: str = "unknown"
-
-    @property
-    def averaging(self) -> str:
-        """Of the answer."""
-        return str(self.choices["averaging"])
-
-    def at_length(self, length: float) -> list[LengthRow]:
-        """The rows of one averaging length, lowest first."""
-        return [row for row in self.rows if row.length == length]
 
 
 def study_heights(
@@ -99,11 +38,12 @@ def study_heights(
     *,
     lengths: Sequence[float] | None = None,
     cell_pitch: float | None = None,
-    flow: JetFlow | None = None,
+    duct_height: float = 50e-3,
+    shear: float = 0.05,
     reference_phase: float | None = None,
     progress: Callable[[int], object] | None = None,
     **choices: Any,
-) -> HeightStudy:
+) -> Study:
     """Z over height and averaging length, the cell-periodic modulation, and the height of the jets.
 
     Args:
@@ -115,12 +55,25 @@ def study_heights(
         lengths: averaging lengths along x (and z), m, from a spacing to the whole plane; default a spacing, 1/8, 1/4,
             1/2, 1, 2, 4 ... cells and the whole plane.
         cell_pitch: L_c, m; default the liner's.
-        flow: mean flow for the jets' height.
+        duct_height, shear: H, m, and shear of the ``TanhProfile`` that the jets stand in; default those of figure 22.
         reference_phase: rad, for ``phase="given"``.
         progress: called with 1 per plane.
         choices: see ``torchliner.velocity.choices.Choices``. A ``wall_filter`` acts on the averages over probes.
     Returns:
-        Rows by height and length, facts by height.
+        title, frequency (Hz), pitch (L_c, m, or None), lengths (m, rising), source_side, averaging, choices, notes;
+        reference (independent impedances, for comparison alone); decay, first_decay: ``Decay`` of the cell-periodic
+        part of v'_rms relative to its mean, and of its first harmonic in m/s; None with fewer than three heights.
+
+        ``rows``, the lowest plane first, then by length: height, length (m), probes (in a window), windows, admittance
+        (1/<Y> over windows, Y averaged over a window's probes), velocity (the same, of the velocity averaged over a
+        window's probes; nan of moments, but for windows of one probe), admittance_spread, velocity_spread (standard
+        deviation of R and of X over the windows; nan for one).
+
+        ``facts``, a row a height: height (m); coherence (squared, of v with the tone, median over probes); velocity_rms
+        (v', m/s); modulation, mean_modulation, streamwise_modulation (``Modulation`` of v'_rms, v_0 and u'_rms along x;
+        None without a whole cell, or without u); jet_velocity, jet_height (m/s and m, eqs (A3) and (A2), with |Z| in
+        the averaging of the answer; None where something is unknown); impedance (of the whole plane by averaging);
+        level_check (dB by averaging; empty where it was not checked), level_limit (dB).
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies, or lengths that do not fit.
     Warns:
@@ -133,12 +86,13 @@ def study_heights(
     pitch = model.cell_pitch if cell_pitch is None else cell_pitch
     if pitch is not None:
         require_positive("cell_pitch (m)", pitch)
+    TanhProfile(0.1, duct_height, shear, 343.2)  # refuses what no profile can have
     grids = [grid_of(plane) for plane in ordered]
     long = _checked_lengths(lengths, grids) if lengths else _default_lengths(grids, pitch)
     # What stands beside the heights are spreads; no interval is shown.
     chosen = Choices(**{"interval": None, **choices})
-    rows: list[LengthRow] = []
-    facts: list[HeightFacts] = []
+    rows: list[Row] = []
+    facts: list[Row] = []
     notes: list[str] = []
     first: ImpedanceMap | None = None
     for plane, grid in zip(ordered, grids, strict=True):
@@ -146,9 +100,8 @@ def study_heights(
         with torch.no_grad():
             seen = answer(source.known, model, source.frequency, chosen, reference_phase)
         rows += _rows(source, seen, grid, long, reference_phase)
-        one, unknown = facts_of_plane(plane, seen, model, pitch, flow or JetFlow())
-        facts.append(one)
-        notes += [*(note.text for note in seen.notes), *unknown]
+        notes += [note.text for note in seen.notes]
+        facts.append(_facts(plane, seen, model, pitch, (duct_height, shear), notes))
         if source.reading is None:
             notes.append(
                 f"{plane.name} holds moments: the averaged velocity is known of its cells alone, not over averaging "
@@ -158,22 +111,23 @@ def study_heights(
         if progress is not None:
             progress(1)
     assert first is not None
-    notes = list(dict.fromkeys(notes))
-    tell(notes)
-    decay, first_decay = _decays(facts, pitch)
-    return HeightStudy(
+    tell(dict.fromkeys(notes))
+    known = [(one.height, one.modulation) for one in facts if one.modulation is not None]
+    heights = [height for height, _ in known] if pitch and len(known) == len(facts) else []
+    return Study(
         title=ordered[0].title.split(", y =")[0],
         frequency=wanted,
         pitch=pitch,
         lengths=tuple(long),
+        source_side=ordered[0].source_side,
+        averaging=chosen.averaging,
         rows=tuple(sorted(rows, key=lambda row: (row.height, row.length))),
         facts=tuple(facts),
-        decay=decay,
-        first_decay=first_decay,
+        decay=fit_decay(heights, [each.relative for _, each in known], pitch or 0.0),
+        first_decay=fit_decay(heights, [each.first for _, each in known], pitch or 0.0),
         reference=first.reference_at(0),
         choices=dict(first.choices),
-        notes=tuple(notes),
-        source_side=ordered[0].source_side,
+        notes=tuple(dict.fromkeys(notes)),
     )
 
 
@@ -215,9 +169,7 @@ def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[fl
     return sorted(set(lengths))
 
 
-def _rows(
-    source: Source, seen: ImpedanceMap, grid: Grid, lengths: Sequence[float], psi: float | None
-) -> list[LengthRow]:
+def _rows(source: Source, seen: ImpedanceMap, grid: Grid, lengths: Sequence[float], psi: float | None) -> list[Row]:
     """One plane at every averaging length, for which it is read once more."""
     probes = seen.probes["admittance"]
     alone = probes.admittance[..., 0].flatten()
@@ -227,15 +179,22 @@ def _rows(
     over_velocity = [_average(alone) if each.width * each.height == 1 else (UNKNOWN, UNKNOWN) for each in cut]
     if source.reading is not None:
         chosen = replace(source.chosen, averaging="velocity", background_rms=None, interval=None)
-        variants = [Variant("", "", "velocity", chosen, windows=each, psi=psi) for each in cut]
-        evaluated = source.evaluate(variants)
-        over_velocity = [(complex(each.impedance[0]), complex(each.spread[0])) for each in evaluated]
+        variants = [Variant({}, "velocity", chosen, windows=each, psi=psi) for each in cut]
+        over_velocity = [(each.impedance, each.spread) for each in source.evaluate(variants)]
     rows = []
     for length, windows, (velocity, spread) in zip(lengths, cut, over_velocity, strict=True):
         admittance, between = _average(windows.mean(walled))
-        size = windows.width * windows.height
-        height = source.plane.height or 0.0
-        rows.append(LengthRow(height, length, size, windows.count, admittance, velocity, between, spread))
+        row = Row(
+            height=source.plane.height or 0.0,
+            length=length,
+            probes=windows.width * windows.height,
+            windows=windows.count,
+            admittance=admittance,
+            velocity=velocity,
+            admittance_spread=between,
+            velocity_spread=spread,
+        )
+        rows.append(row)
     return rows
 
 
@@ -247,10 +206,91 @@ def _average(admittance: Tensor) -> tuple[complex, complex]:
     return complex(mean_impedance(known)), spread
 
 
-def _decays(facts: Sequence[HeightFacts], pitch: float | None) -> tuple[Decay | None, Decay | None]:
-    known = [(one.height, one.modulation) for one in facts if one.modulation is not None]
-    if pitch is None or len(known) < len(facts):
-        return None, None
-    heights = [height for height, _ in known]
-    whole = fit_decay(heights, [each.relative for _, each in known], pitch)
-    return whole, fit_decay(heights, [each.first for _, each in known], pitch)
+def _facts(
+    plane: VelocityPlane,
+    seen: ImpedanceMap,
+    liner: LinerModel,
+    pitch: float | None,
+    duct: tuple[float, float],
+    notes: list[str],
+) -> Row:
+    """What does not depend on the averaging length; ``notes`` gets what could not be found out, and why."""
+    rms, check = seen.velocity_rms.detach().cpu(), seen.level_check
+    speed, reach, reason = _jet(plane, complex(seen.answer[0]), liner, duct)
+    levels = {} if check is None else dict(zip(check.averagings, check.liner.level[:, 0].tolist(), strict=True))
+    waves, steady, stream = _modulations(plane, rms, seen.mean_velocity.detach().cpu(), pitch, notes)
+    notes += [f"no jet height: {reason}"] if reason else []
+    return Row(
+        height=plane.height or 0.0,
+        coherence=float(seen.coherence[..., 0].nanmedian()),
+        velocity_rms=float((rms**2).nanmean().sqrt()),
+        modulation=waves,
+        mean_modulation=steady,
+        streamwise_modulation=stream,
+        jet_velocity=speed,
+        jet_height=reach,
+        impedance={name: complex(each.impedance[0]) for name, each in seen.liner.items()},
+        level_check={name: level for name, level in levels.items() if math.isfinite(level)},
+        level_limit=math.nan if check is None else check.limit,
+    )
+
+
+def _modulations(
+    plane: VelocityPlane, rms: Tensor, mean: Tensor, pitch: float | None, notes: list[str]
+) -> list[Modulation | None]:
+    """Of v'_rms, v_0 and u'_rms along x."""
+    if pitch is None:
+        notes.append("no cell pitch is known; the cell-periodic modulation cannot be judged")
+        return [None, None, None]
+    profiles: list[Array | None] = [_over_z(rms**2) ** 0.5, _over_z(mean), None]
+    if plane.streamwise is not None:
+        name = f"{plane.name}, streamwise"
+        mean_stream, square = time_moments(
+            VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=name)
+        )
+        profiles[2] = _over_z((square - mean_stream**2).clamp(min=0).reshape(plane.probe_shape)) ** 0.5
+    try:
+        found = [None if each is None else cell_modulation(plane.x, each, pitch) for each in profiles]
+    except ValueError as error:
+        notes.append(f"{plane.name}: no cell-periodic modulation can be judged: {error}")
+        return [None, None, None]
+    if found[0] is not None and found[0].cells == 1:
+        notes.append(
+            "the probes span a single cell: the cell-periodic modulation is the harmonics of the pitch in it, and "
+            "nothing shows that they repeat"
+        )
+    return found
+
+
+def _over_z(values: Tensor) -> Array:
+    """Mean over z of (z, x); (x) as it is."""
+    return values.reshape(-1, values.shape[-1]).nanmean(0).to(torch.float64).numpy()
+
+
+def _jet(
+    plane: VelocityPlane, impedance: complex, liner: LinerModel, duct: tuple[float, float]
+) -> tuple[float | None, float | None, str]:
+    """U_j, H_j, and why one of them is not known."""
+    if plane.liner == "hard wall":
+        return None, None, "there are no holes in a hard wall"
+    level, mach, porosity, diameter = (
+        plane.incident_level,
+        plane.mach,
+        liner.surface_porosity,
+        liner.hole_diameter,
+    )
+    if level is None or mach is None or porosity is None or diameter is None:
+        stated = {"level of the sound": level, "Mach number": mach, "porosity": porosity, "hole diameter": diameter}
+        return None, None, f"{' and '.join(name for name, value in stated.items() if value is None)} not stated"
+    if not 0 < abs(impedance) < math.inf:
+        return None, None, f"the impedance is {impedance}"
+    speed = jet_velocity(level, plain_number(porosity), impedance, plane.fluid)
+    if not mach:
+        return speed, None, "without a mean flow A.2 sets no limit to a jet"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: ``study_heights`` has warned
+        profile = TanhProfile(mach, *duct, float(plane.fluid.sound_speed))
+    try:
+        return speed, float(penetration_height(speed, diameter, profile)), ""
+    except ValueError as error:
+        return speed, None, str(error)

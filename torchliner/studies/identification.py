@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,16 +14,15 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import reflection_from_impedance
-from torchliner.engine.nodes import interpolation_error
+from torchliner.engine.nodes import checked_speeds
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.liners.sdof import FlowSDoFLiner
+from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
-from torchliner.studies.budget import standard_of
 from torchliner.studies.calibrate import LARGEST_MODEL_ERROR
-from torchliner.studies.curves import Knots
-from torchliner.studies.fit import FAR, Fit
-from torchliner.studies.leave_out import SEEN, Candidate, Fitted, outside_of, seen_by
-from torchliner.studies.runs import Run, read_for_any, with_flow
+from torchliner.studies.curves import BOUNDS, Knots
+from torchliner.studies.fit import FAR, Prediction
+from torchliner.studies.leave_out import SEEN, Candidate, outside_of, seen_by
+from torchliner.studies.runs import Run, read_run
 from torchliner.studies.variants import Records
 from torchliner.velocity.choices import Choices
 
@@ -29,25 +30,6 @@ MARGIN = 1.25  # times the last knot, to which a table reaches
 ROWS = 120  # speeds of a table, uniform in sqrt |v|
 OUTSIDE = 0.1  # of a plane's weight, at speeds that no other run saw, that is warned of
 WIDE = 3.0  # standard deviations, beyond which a prediction is not covered
-
-
-@dataclass(frozen=True, eq=False)
-class PlanePrediction:
-    """Z of a plane by what was identified.
-
-    Args:
-        frequency: Hz, (F,).
-        impedance: complex, (F,).
-        standard: u(R) + j u(X) from the fit, (F,).
-        outside: share of the plane's weight at speeds that no run saw, (F,).
-        notes: warnings.
-    """
-
-    frequency: Tensor
-    impedance: Tensor
-    standard: Tensor
-    outside: Tensor
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,28 +94,26 @@ class Identification:
 
         Args:
             reach: m/s, of the last speed; default 1.25 times the largest |v| of the runs.
+        Raises:
+            TypeError: parameters were found, not a curve.
         Warns:
             DataWarning: it reaches beyond that; there R goes on along its tangent, X stays.
         """
         usual = MARGIN * self.knots.top
         if reach is not None and reach > usual:
             tell(
-                f"the table reaches to {reach:.4g} m/s, {reach / self.knots.top:.3g} times the "
-                f"largest |v| of the runs ({self.knots.top:.4g} m/s): R goes on along its tangent "
-                "there and X stays, which no data support"
+                f"the table reaches to {reach:.4g} m/s, {reach / self.knots.top:.3g} times the largest |v| of the "
+                f"runs ({self.knots.top:.4g} m/s): R goes on along its tangent there and X stays, which no data support"
             )
         speed = torch.linspace(0, max(usual, reach or 0.0) ** 0.5, ROWS, dtype=torch.float64).square()
-        base, fitted = self.runs[0].liner, self._curves()
-        values = torch.stack([fitted.curve(base, f, speed) for f in self.frequencies])
-        return TabulatedLiner(self.frequencies, values, speed, base.cell_pitch, self._name)
+        return TabulatedLiner(self.frequencies, self._values(speed), speed, self.runs[0].liner.cell_pitch, self._name)
 
     @functools.cached_property
     def table_error(self) -> float:
         """Largest error in R of the table's lines between its speeds, up to the runs' |v|."""
         speed = torch.linspace(0, self.knots.top**0.5, 4 * ROWS, dtype=torch.float64).square()
-        drawn, fitted, base = self.table(), self._curves(), self.runs[0].liner
-        pairs = [torch.stack([fitted.curve(base, f, speed), drawn.impedance(f, speed)]) for f in self.frequencies]
-        return max(float(reflection_from_impedance(each).diff(dim=0).abs().max()) for each in pairs)
+        drawn = self.table().impedance(torch.tensor(self.frequencies)[:, None], speed)
+        return float(reflection_from_impedance(torch.stack([self._values(speed), drawn])).diff(dim=0).abs().max())
 
     @property
     def liner(self) -> LinerModel:
@@ -144,7 +124,7 @@ class Identification:
         flow = {"mach": None} if isinstance(found, FlowSDoFLiner) else {}
         return found.replace(name=self._name, **flow)
 
-    def predict(self, plane: Records, liner: Liner | None = None, frequency: Any = None) -> PlanePrediction:
+    def predict(self, plane: Records, liner: Liner | None = None, frequency: Any = None) -> Prediction:
         """Z of another plane, and how much of it rests on speeds that no run saw.
 
         Args:
@@ -157,27 +137,38 @@ class Identification:
             DataWarning: more than 10 % of its weight lies at speeds that no run saw.
         """
         base = self.runs[0].liner if liner is None else as_liner(liner)
-        run = read_for_any(plane, base, frequency, self.choices)
+        run = read_run(plane, base, frequency, self.choices, any_curve=True)
         run = dataclasses.replace(run, liner=with_flow(base, run.plane.mach))
-        fitted = self.best.fitted
-        found, spread = fitted.predict(run)
-        outside = torch.tensor([outside_of(row, self.seen) for row in seen_by([run], fitted, self.knots)])
+        found, spread = self.best.fitted.predict(run)
+        outside = outside_of(seen_by([run], self.best.fitted, self.knots), self.seen)
         notes = beyond(run.plane.name, float(outside.max()), self.seen_speeds)
         tell(notes)
-        return PlanePrediction(run.frequency, found, standard_of(spread), outside, notes)
+        return Prediction(run.frequency, found, spread, notes, outside=outside)
 
     @property
     def _name(self) -> str:
         base = self.runs[0].liner
         return f"{getattr(base, 'name', type(base).__name__)} identified"
 
-    def _curves(self) -> Fitted:
-        if not self.best.fitted.is_curve:
+    def _values(self, speed: Tensor) -> Tensor:
+        """Z of the curves, (F, V)."""
+        fitted, base = self.best.fitted, self.runs[0].liner
+        if not fitted.is_curve:
             raise TypeError(
-                f"parameters were found ({self.best.label}), not a curve; take the liner, whose "
-                "impedance(frequency, speed) holds at any frequency"
+                f"parameters were found ({self.best.label}), not a curve; take the liner, whose impedance(frequency, "
+                "speed) holds at any frequency"
             )
-        return self.best.fitted
+        return torch.stack([fitted.at(f).curve(base, f, speed) for f in self.frequencies])
+
+
+def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
+    """An SDoF liner with the Mach number of a plane, and with factors unless its own law takes one; any other as it
+    is."""
+    if not isinstance(liner, SDoFLiner):
+        return liner
+    if isinstance(liner, FlowSDoFLiner):
+        return liner.replace(mach=mach or 0.0)
+    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
 
 
 def beyond(name: str, outside: float, seen: tuple[float, ...]) -> tuple[str, ...]:
@@ -185,31 +176,35 @@ def beyond(name: str, outside: float, seen: tuple[float, ...]) -> tuple[str, ...
     if outside <= OUTSIDE:
         return ()
     return (
-        f"{name}: {100 * outside:.0f} % of its weight lies at |v| that no other run saw (seen: "
-        f"about {seen[0]:.3g} to {seen[1]:.3g} m/s); the prediction rests on the prior there: add "
-        "a run at its level",
+        f"{name}: {100 * outside:.0f} % of its weight lies at |v| that no other run saw (seen: about {seen[0]:.3g} to "
+        f"{seen[1]:.3g} m/s); the prediction rests on the prior there: add a run at its level",
     )
 
 
 def warnings_of(found: Identification) -> list[str]:
     """Of the best model, and of those that were not chosen because they are not passive."""
     best, fitted = found.best, found.best.fitted
-    own = [note for fit in fitted.fits for note in fit.warnings() if "times the stated" not in note]
-    notes = own if fitted.is_curve else [f"{best.label}: {note}" for note in own]
+    notes = [
+        f"{len(fit.on_bound)} of {len(fit.values)} parameters of the curve at {fit.law.frequency:g} Hz end at a factor "
+        f"of {math.exp(BOUNDS):.0f} of the prior shape: the references ask for a step or the other direction; see "
+        "reactance, or state more noise"
+        for fit in fitted.fits
+        if fitted.is_curve and fit.on_bound
+    ]
+    if not fitted.is_curve:
+        notes += [f"{best.label}: {note}" for note in fitted.fits[0].warnings() if "times the stated" not in note]
     for row in best.rows:
         notes += [f"without it, {text}" for text in beyond(row.label, row.outside, found.seen_speeds)]
     if fitted.misfit > FAR:
         notes.append(
-            f"{best.label}: the misfit is {fitted.misfit:.3g} times the noise: no such law gives "
-            "all references, and uncertainties are widened by that factor"
+            f"{best.label}: the misfit is {fitted.misfit:.3g} times the noise: no such law gives all references, and "
+            "uncertainties are widened by that factor"
         )
-    pairs = [(row.label, row.misses) for row in best.rows if row.misses is not None]
-    far = [label for label, away in pairs if max(abs(away.real), abs(away.imag)) > WIDE]
+    far = [row.label for row in best.rows if row.misses and max(abs(row.misses.real), abs(row.misses.imag)) > WIDE]
     if far:
         notes.append(
-            f"{', '.join(dict.fromkeys(far))}: predicted by the other runs, off by more than "
-            f"{WIDE:g} standard deviations; the uncertainty of the fit does not cover what its law "
-            "misses"
+            f"{', '.join(dict.fromkeys(far))}: predicted by the other runs, off by more than {WIDE:g} standard "
+            "deviations; the uncertainty of the fit does not cover what its law misses"
         )
     notes += [
         f"{each.label} is not passive: R falls to {each.lowest:.3g}; it was not chosen"
@@ -218,27 +213,18 @@ def warnings_of(found: Identification) -> list[str]:
     ]
     if fitted.is_curve and (error := _model_error(found)) > LARGEST_MODEL_ERROR:
         notes.append(
-            f"R of the curve is known to {error:.2g} only (limit {LARGEST_MODEL_ERROR:g}) "
-            "between the speeds at which the moments read it; compare with educe of the table"
+            f"R of the curve is known to {error:.2g} only (limit {LARGEST_MODEL_ERROR:g}) between the speeds at which "
+            "the moments read it; compare with educe of the table"
         )
     return notes
 
 
 def _model_error(found: Identification) -> float:
     """Largest error in R of the interpolation over |v|, at any |v| of the runs."""
-    nodes, fitted, worst = {run.nodes for run in found.runs}, found.best.fitted, 0.0
-    for frequency, fit in zip(fitted.frequencies, fitted.fits, strict=True):
-        lines, curve = torch.tensor([frequency], dtype=torch.float64), _Curve(fit, found.runs[0].liner, frequency)
-        worst = max(worst, *(interpolation_error(each, curve, lines, found.knots.top)[0] for each in nodes))
+    fitted, liner, speed, worst = found.best.fitted, found.runs[0].liner, checked_speeds(found.knots.top), 0.0
+    for f, nodes in itertools.product(fitted.frequencies, {run.nodes for run in found.runs}):
+        curves = [fitted.at(f).curve(liner, f, at) for at in (nodes.speeds, speed)]
+        at_nodes, wanted = map(reflection_from_impedance, curves)
+        between = nodes.coefficients(at_nodes) @ nodes.functions(speed).T.to(wanted)
+        worst = max(worst, float((between - wanted).abs().max()))
     return worst
-
-
-class _Curve(LinerModel):
-    """A fitted curve as a liner, at its own frequency."""
-
-    def __init__(self, fit: Fit, liner: LinerModel, at: float) -> None:
-        self.fit, self.liner, self.at = fit, liner, at
-
-    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
-        """Z of the curve, whatever the frequency."""
-        return self.fit.curve(self.liner, self.at, speed).expand(frequency.shape[0], -1)

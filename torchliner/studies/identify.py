@@ -13,27 +13,27 @@ from typing import Any
 
 import torch
 
-from torchliner.checks import require_choice, tell
+from torchliner.checks import SAME_FREQUENCY, require_choice, tell
 from torchliner.engine.moments import Moments
-from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.model import Liner, LinerModel, named_numbers
 from torchliner.names import AVERAGINGS
 from torchliner.pressure.dean import in_situ
 from torchliner.records import PressureRecord, VelocityPlane
 from torchliner.records.same_case import require_same_run
-from torchliner.studies.curves import SHAPES, SIGNS
-from torchliner.studies.identification import Identification, warnings_of
-from torchliner.studies.leave_out import CurveModel, Model, ParameterModel, bounds_for, candidate_of, knots_for
+from torchliner.studies.calibrate import planes_and_liners
+from torchliner.studies.curves import SHAPES, SIGNS, CurveShape
+from torchliner.studies.identification import Identification, warnings_of, with_flow
+from torchliner.studies.laws import parameter_law
+from torchliner.studies.leave_out import Model, candidate_of, knots_for
 from torchliner.studies.runs import (
     Run,
     held_reference,
     held_to_levels,
     held_to_references,
-    noise_of,
-    read_for_any,
+    read_run,
     require_plain_tones,
-    with_flow,
 )
-from torchliner.studies.variants import Records, plane_of
+from torchliner.studies.variants import plane_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.review import texts
 
@@ -44,6 +44,15 @@ SPREAD = 1.25  # ratio of the rms |v| of the fastest and the slowest run
 SHARE = 0.02  # of |Z|: noise of references for which none is stated
 LEVEL_NOISE = 0.2  # dB, of levels
 LEVEL_CHECK, IN_SITU = "level-check", "in-situ"
+AROUND = 0.5  # bounds that are not stated: so much of a value, or about one that may be negative
+BOUNDS = {  # of factors, whose neutral value says nothing of how far they go
+    "vena_contracta": (0.2, 1.0),
+    "end_correction": (0.0, 4.0),
+    "mass_loss": (0.0, 10.0),
+    "mass_loss_speed": (0.05, 10.0),
+    "mach_resistance": (-5.0, 5.0),
+    "mach_mass_loss": (-10.0, 10.0),
+}
 
 
 def identify(
@@ -101,10 +110,7 @@ def identify(
     Source: Roncen et al. (2026), section 3, inverted; monotone splines by sums of B-splines after Ramsay, Statistical
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
-    several = [planes] if isinstance(planes, Records) else list(planes)
-    given = list(liners) if isinstance(liners, list | tuple) else [liners] * len(several)
-    if len(given) != len(several):
-        raise ValueError(f"{len(several)} planes and {len(given)} liners; give one, or one a plane")
+    several, given = planes_and_liners(planes, liners)
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
     require_choice("averaging", averaging, AVERAGINGS)
     require_choice("prior shape", prior, SHAPES)
@@ -118,30 +124,44 @@ def identify(
     names = _groups(facts, groups, CURVE in models)
     made: dict[Any, LinerModel] = {}  # planes of one liner and flow share one object, which a fit asks once
     for each, plane in zip(given, facts, strict=True):
-        made.setdefault((id(each), plane.mach), with_flow(as_liner(each), plane.mach))
+        made.setdefault((id(each), plane.mach), with_flow(each, plane.mach))
     bases = [made[id(each), plane.mach] for each, plane in zip(given, facts, strict=True)]
-    tried: list[Model] = [*_parameter_models(models, bases[0], facts)]
+    tried = _parameter_models(models, bases[0], facts)
     runs = [
-        dataclasses.replace(read_for_any(plane, liner, frequency, chosen), group=name)
+        dataclasses.replace(read_run(plane, liner, frequency, chosen, any_curve=True), group=name)
         for plane, liner, name in zip(several, bases, names, strict=True)
     ]
     runs = _held(runs, references, pressure, noise)
     knots = knots_for(runs)
     if CURVE in models:
         _require_spread(runs)
-        freedoms = FREEDOMS if freedom is None else (freedom,)
-        tried += [CurveModel(bases[0], each, prior, reactance, knots, rest) for each in freedoms]
-    found = [candidate_of(model, runs, knots) for model in tried]
-    candidates = sorted(found, key=lambda each: (each.lowest < 0, each.error))
+        lines = torch.cat([run.frequency for run in runs]).unique()
+        lines = lines[torch.cat([lines[:1] > 0, lines[1:] > lines[:-1] * (1 + SAME_FREQUENCY)])]
+        for walk in FREEDOMS if freedom is None else (freedom,):
+            laws = [CurveShape(bases[0], f, knots, prior, reactance, walk, rest).law() for f in lines.tolist()]
+            tried.append(Model(f"curve, freedom {walk:g}", tuple(laws)))
+    candidates = sorted(
+        (candidate_of(model, runs, knots) for model in tried), key=lambda each: (each.lowest < 0, each.error)
+    )
     if candidates[0].lowest < 0:
         raise ValueError(
-            f"no fit is passive: R falls to {candidates[0].lowest:.3g} with "
-            f"{candidates[0].label}; fit a curve, which cannot, or narrow the bounds"
+            f"no fit is passive: R falls to {candidates[0].lowest:.3g} with {candidates[0].label}; fit a curve, which "
+            "cannot, or narrow the bounds"
         )
     result = Identification(tuple(runs), tuple(candidates), knots, averaging, chosen, ())
     notes = (*texts(note for run in runs for note in run.notes), *warnings_of(result))
     tell(notes)
     return dataclasses.replace(result, notes=notes)
+
+
+def bounds_for(names: Sequence[str], liner: LinerModel) -> dict[str, tuple[float, float]]:
+    """Usual bounds, SI, of parameters by name."""
+    found = {}
+    for name, number in named_numbers(liner, names).items():
+        reach = AROUND * number.value if number.low >= 0 else AROUND
+        around = number.value - reach, min(number.value + reach, number.high)
+        found[name] = BOUNDS.get(name, around)
+    return found
 
 
 def _groups(planes: Sequence[VelocityPlane], groups: Sequence[str] | None, curve: bool) -> list[str]:
@@ -160,12 +180,10 @@ def _groups(planes: Sequence[VelocityPlane], groups: Sequence[str] | None, curve
     return found
 
 
-def _parameter_models(
-    models: Sequence[Any], liner: LinerModel, planes: Sequence[VelocityPlane]
-) -> list[ParameterModel]:
-    found = []
+def _parameter_models(models: Sequence[Any], liner: LinerModel, planes: Sequence[VelocityPlane]) -> list[Model]:
     if not models:
         raise ValueError("no model is named; leave models out for a curve")
+    found = []
     for names in models:
         if isinstance(names, str):
             require_choice("model", names, [CURVE])
@@ -183,7 +201,7 @@ def _parameter_models(
             raise ValueError(
                 f"{', '.join(flow)} cannot be told: {fault}; state --mach in the files, or free another parameter"
             )
-        found.append(ParameterModel(bounds))
+        found.append(Model(", ".join(bounds), (parameter_law(bounds, liner),)))
     return found
 
 
@@ -194,11 +212,13 @@ def _held(runs: Sequence[Run], references: Any, pressure: Any, noise: Any) -> li
         ValueError: something is missing, or no passive liner can give it.
     """
     if isinstance(references, str) and references == LEVEL_CHECK:
-        records = _by_case(runs, pressure, all_of_them=True)
+        records = _by_case(runs, pressure)
+        for run, record in zip(runs, records, strict=False):
+            if pressure and record is None:
+                raise ValueError(f"{_fault(run.plane, pressure)}; give the pressure record of the same run")
         return held_to_levels(runs, records, LEVEL_NOISE if noise is None else noise)
     if isinstance(references, str) and references == IN_SITU:
         references = _in_situ(runs, pressure)
-    noise_of(noise, runs)
     found = held_to_references(runs, references, noise)
     if noise is None:
         spread = [SHARE * run.wanted.abs() for run in found]
@@ -213,46 +233,38 @@ def _held(runs: Sequence[Run], references: Any, pressure: Any, noise: Any) -> li
     return found
 
 
-def _by_case(runs: Sequence[Run], given: Any, *, all_of_them: bool) -> Any:
-    """The pressure record of each plane, found by its case, tone, level and flow; records that do not tell runs apart
-    are taken in the order of the planes. None where there is none.
+def _by_case(runs: Sequence[Run], given: Any) -> list[Any]:
+    """The pressure record of each plane, found by its case, tone, level and flow, or None; records that do not tell
+    runs apart, and what is none (a line of microphones, None), are taken in the order of the planes.
 
-    Args:
-        runs: two at least.
-        given: records; what is none (a line of microphones, None) stays in its order.
-        all_of_them: whether a plane without a record is refused.
     Raises:
-        ValueError: a plane without a record; records that could be of several runs.
+        ValueError: records that could be of several runs.
     """
-    records = _listed(given)
-    if not records or not all(isinstance(each, PressureRecord) for each in records):
-        return given
-    faults = [[_fault(run.plane, record) for record in records] for run in runs]
-    in_order = len(records) == len(runs) and not any(faults[i][i] for i in range(len(records)))
+    records = [given] if isinstance(given, PressureRecord) else list(given or [None] * len(runs))
+    if not all(isinstance(each, PressureRecord) for each in records):
+        return records
+    fits = [[not _fault(run.plane, record) for record in records] for run in runs]
+    in_order = len(records) == len(runs) and all(row[i] for i, row in enumerate(fits))
     found: list[PressureRecord | None] = []
-    for i, (run, mine) in enumerate(zip(runs, faults, strict=True)):
-        fitting = [k for k, fault in enumerate(mine) if not fault]
-        if not fitting and all_of_them:
-            raise ValueError(f"{mine[-1]}; give the pressure record of the same run")
-        if any(len(fitting) > 1 or not any(row[k] for row in faults) for k in fitting):
+    for i, (run, row) in enumerate(zip(runs, fits, strict=True)):
+        fitting = [k for k, fit in enumerate(row) if fit]
+        if len(fitting) > 1 or any(all(each[k] for each in fits) for k in fitting):
             if not in_order:
-                names = ", ".join(records[k].name for k in fitting)
                 raise ValueError(
-                    f"nothing tells which of the runs {names} is of: {run.plane.name} and others "
-                    "fit; state case, level or Mach number in the files, or give a record for "
-                    "each plane, in their order"
+                    f"nothing tells which of the runs {', '.join(records[k].name for k in fitting)} is of: "
+                    f"{run.plane.name} and others fit; state case, level or Mach number in the files, or give a "
+                    "record for each plane, in their order"
                 )
             fitting = [i]
         found.append(records[fitting[0]] if fitting else None)
     return found
 
 
-def _listed(given: Any) -> list[Any]:
-    return [given] if isinstance(given, PressureRecord) else list(given or [])
-
-
-def _fault(plane: VelocityPlane, record: PressureRecord) -> str:
-    """Why a record is of another run than a plane; nothing if it may be of the same."""
+def _fault(plane: VelocityPlane, given: Any) -> str:
+    """Why a record, or the last of some, is of another run than a plane; nothing if it may be of the same."""
+    record = given if isinstance(given, PressureRecord) else given[-1] if given else None
+    if record is None:
+        return "no pressure record is given"
     try:
         require_same_run(plane, record)
     except ValueError as error:
@@ -262,22 +274,18 @@ def _fault(plane: VelocityPlane, record: PressureRecord) -> str:
 
 def _in_situ(runs: Sequence[Run], given: Any) -> list[Any]:
     """In situ Z of each plane from the record of its case, or the one it holds."""
-    records = _by_case(runs, given, all_of_them=False) or [None] * len(runs)
     found = []
-    for run, record in zip(runs, records, strict=True):
-        plane = run.plane
+    for run, record in zip(runs, _by_case(runs, given), strict=True):
         if record is not None:
             short = bool(run.known.settings["allow_short"])
             beside = in_situ(record, run.frequency, interval=None, allow_short=short)
             found.append(beside.liner_impedance_pressure_first)
-        elif "in situ" in plane.reference:
+        elif "in situ" in run.plane.reference:
             found.append(held_reference(run, "in situ"))
         else:
-            several = _listed(given)
-            fault = _fault(plane, several[-1]) if several else "no pressure record is given"
             raise ValueError(
-                f"{plane.name} has no in situ impedance: {fault}; give the pressure record of the same run, or leave "
-                "the plane out"
+                f"{run.plane.name} has no in situ impedance: {_fault(run.plane, given)}; give the pressure record of "
+                "the same run, or leave the plane out"
             )
     return found
 

@@ -54,9 +54,9 @@ def jet_velocity(
 def penetration_height(velocity: ArrayLike, diameter: float, profile: MeanFlow) -> Array:
     r"""Height of a jet in a sheared cross-flow at x = 10 d downstream of its hole.
 
-    :math:`H = L (x/L)^{1/3}` with :math:`L = \sqrt{\pi/4}\, d\, U_j/U(H)`: the cross-flow is that
-    at the height reached. Since U rises with H there is one answer; it is bracketed and found by
-    Brent's method on ln H, where the paper repeats the formula until it stays.
+    :math:`H = L (x/L)^{1/3}` with :math:`L = \sqrt{\pi/4}\, d\, U_j/U(H)`: the cross-flow is that at the height
+    reached, so that :math:`H^{3/2} U(H) = \sqrt{\pi/4}\, d\, U_j \sqrt{x}`. The left side rises with H: one answer,
+    found by Brent's method on ln H, where the paper repeats the formula until it stays.
 
     Args:
         velocity: U_j, m/s, above 0, any shape.
@@ -66,33 +66,24 @@ def penetration_height(velocity: ArrayLike, diameter: float, profile: MeanFlow) 
         H_j, m, of the shape of ``velocity``. Divided by d it is the paper's H_j/d.
     Raises:
         ValueError: a value not above 0, or a jet that reaches the middle of the duct.
-    Source: Roncen et al. (2026), eq. (A2) after Mahesh (2013). The exponent -1/3 of (A2a) as
-        printed would let the jet fall towards the wall downstream; it is +1/3.
+    Source: Roncen et al. (2026), eq. (A2) after Mahesh (2013). The exponent -1/3 of (A2a) as printed would let the jet
+        fall towards the wall downstream; it is +1/3.
     """
     require_positive("jet diameter (m)", diameter)
     speeds = np.asarray(velocity, np.float64)
     if not (np.isfinite(speeds) & (speeds > 0)).all():
         raise ValueError("jet velocity is in m/s; it must be finite and above 0")
-    found = [_height(float(speed), diameter, profile) for speed in speeds.reshape(-1)]
+    middle, found = profile.duct_height / 2, []
+    for speed in speeds.reshape(-1).tolist():
+        wanted = math.log(math.sqrt(math.pi / 4 * REACH * diameter) * diameter * speed)
+
+        def excess(log_height: float, wanted: float = wanted) -> float:
+            return 1.5 * log_height + math.log(float(profile.velocity(math.exp(log_height)))) - wanted
+
+        if excess(math.log(middle)) < 0:
+            raise ValueError(
+                f"a jet of {speed:g} m/s from a hole of {1e3 * diameter:g} mm reaches the middle of the duct, "
+                f"{1e3 * middle:g} mm, where the scaling of A.2 ends; lower the jet velocity or raise the Mach number"
+            )
+        found.append(math.exp(brentq(excess, math.log(LOWEST * middle), math.log(middle), xtol=1e-13, rtol=1e-13)))
     return np.array(found).reshape(speeds.shape)
-
-
-def _height(speed: float, diameter: float, profile: MeanFlow) -> float:
-    middle = profile.duct_height / 2
-
-    def excess(log_height: float) -> float:
-        """ln H - ln of the height that U(H) allows; rises with H."""
-        cross = float(profile.velocity(math.exp(log_height)))
-        scale = math.sqrt(math.pi / 4) * diameter * speed / cross
-        return log_height - math.log(scale * (REACH * diameter / scale) ** (1 / 3))
-
-    low, high = math.log(LOWEST * middle), math.log(middle)
-    if excess(high) < 0:
-        raise ValueError(
-            f"a jet of {speed:g} m/s from a hole of {1e3 * diameter:g} mm reaches the middle of "
-            f"the duct, {1e3 * middle:g} mm, where the scaling of A.2 ends; lower the jet velocity "
-            "or raise the Mach number"
-        )
-    if excess(low) > 0:
-        raise ValueError(f"a jet of {speed:g} m/s stays below {LOWEST * middle:.1g} m; raise its velocity")
-    return math.exp(float(brentq(excess, low, high, xtol=1e-13, rtol=1e-13)))

@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice
-from torchliner.forward_mode import slopes_of
 from torchliner.liners.model import LinerModel, named_numbers
 from torchliner.liners.response import impedance_of
-
-Curve = Callable[[Tensor, LinerModel, Tensor, Tensor, bool], tuple[Tensor, Tensor]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,33 +20,26 @@ class Law:
 
     Args:
         names: of the n parameters.
-        low, high: bounds, (n,).
-        start: (n,).
+        low, high, start: bounds, and where the search begins, (n,).
+        curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         centre, prior: residuals of the prior are ``prior @ (values - centre)``, (n,) and (r, n).
-        curve: from values (n,), liner, frequency (F,) in Hz, |v| (V,) in m/s, and whether slopes are wanted: Z, (F, V),
-            and dZ/dvalues, (F, V, n), else (F, V, 0).
-        origin, unit: values that the search counts from, and what it counts in, (n,).
-        search: options of scipy's ``least_squares``.
-        frequency: Hz, of a law that holds at one alone.
+        tolerance: of the search, relative.
+        frequency: Hz, of a law that holds at one alone: a curve.
     """
 
     names: tuple[str, ...]
     low: Tensor
     high: Tensor
     start: Tensor
+    curve: Callable[[Tensor, LinerModel, Tensor, Tensor], Tensor]
     centre: Tensor
     prior: Tensor
-    curve: Curve
-    origin: Tensor
-    unit: Tensor
-    search: Mapping[str, Any]
+    tolerance: float = 1e-12
     frequency: float | None = None
 
 
 def parameter_law(
-    bounds: Mapping[str, tuple[float, float]],
-    liner: LinerModel,
-    known: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, tuple[float, float]], liner: LinerModel, known: Mapping[str, tuple[float, float]] | None = None
 ) -> Law:
     """The liner's own law with some of its numbers free, shared by all runs.
 
@@ -61,7 +50,7 @@ def parameter_law(
     Raises:
         ValueError: no parameter, an unknown one, or bounds that are reversed or that no liner has.
     """
-    numbers = named_numbers(liner, bounds)
+    numbers, known = named_numbers(liner, bounds), known or {}
     if not numbers:
         raise ValueError("no parameter is free; name at least one with its bounds")
     pairs = {each: pair for name, pair in bounds.items() for each in liner.groups.get(name, (name,))}
@@ -72,12 +61,11 @@ def parameter_law(
             raise ValueError(f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first")
         refused = low == number.low == 0 and not number.low_included
         if low < number.low or refused or high > number.high:
-            least = "at least" if number.low_included else "above"
             raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}{unit}; it is {least} {number.low:g} and at most "
-                f"{number.high:g}{unit}"
+                f"bounds of {name} are {low:g} to {high:g}{unit}; it is "
+                f"{'at least' if number.low_included else 'above'} {number.low:g} and at most {number.high:g}{unit}"
             )
-    for name, (mean, spread) in (known or {}).items():
+    for name, (mean, spread) in known.items():
         require_choice("parameter of a prior", name, numbers)
         if not (math.isfinite(mean) and 0 < spread < math.inf):
             raise ValueError(
@@ -85,17 +73,10 @@ def parameter_law(
             )
     names = tuple(numbers)
     ends = torch.tensor([(*pairs[name], numbers[name].value) for name in names], dtype=torch.float64)
-    prior = torch.tensor([(known or {}).get(name, (0.0, math.inf)) for name in names], dtype=torch.float64)
+    prior = torch.tensor([known.get(name, (0.0, math.inf)) for name in names], dtype=torch.float64)
+
+    def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
+        return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
+
     rows = torch.diag(1 / prior[:, 1])[prior[:, 1].isfinite()]
-
-    def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor, slopes: bool) -> tuple[Tensor, Tensor]:
-        at = [each.clone().requires_grad_(slopes) for each in values.detach().unbind()]
-        moved = own.with_numbers(dict(zip(names, at, strict=True)))
-        z = impedance_of(moved, frequency[:, None], speed)
-        by = slopes_of(z, at) if slopes else []
-        columns = [torch.zeros_like(z) if each is None else each for each in by]
-        return z.detach(), torch.stack(columns, -1).detach() if slopes else z.new_zeros(*z.shape, 0)
-
-    tight = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, "max_nfev": 300}
-    low, high, start = ends.T
-    return Law(names, low, high, start, prior[:, 0], rows, curve, low, high - low, tight)
+    return Law(names, ends[:, 0], ends[:, 1], ends[:, 2], curve, prior[:, 0], rows)

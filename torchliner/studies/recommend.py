@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from torchliner.checks import require_positive
-from torchliner.studies.height_facts import HeightFacts
-from torchliner.studies.heights import HeightStudy
+from torchliner.studies.rows import Row, Study
 
 ACOUSTIC_DRIFT = 0.025 + 0.03j  # per mm, eq. (A1), for sound at grazing incidence
 GRAZING = ("upstream", "downstream")
@@ -42,54 +41,7 @@ class Limits:
             require_positive(f"limit on {name}", value)
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """One height and averaging against one limit; ``value`` None where it could not be judged.
-
-    Shares of 1, for ``level check`` dB.
-    """
-
-    height: float
-    name: str
-    value: float | None
-    limit: float
-    averaging: str
-
-    @property
-    def passed(self) -> bool:
-        """Judged, and within the limit."""
-        return self.value is not None and self.value <= self.limit
-
-    @property
-    def words(self) -> str:
-        """What is judged, the value and the limit."""
-        if self.value is None:
-            return f"{CRITERIA[self.name]}: not known"
-        unit, scale = ("dB", 1) if self.name == "level check" else ("%", 100)
-        side = "within" if self.passed else "ABOVE"
-        return f"{CRITERIA[self.name]} {scale * self.value:.3g} {unit} ({side} {scale * self.limit:g} {unit})"
-
-
-@dataclass(frozen=True)
-class Recommendation:
-    """The answer.
-
-    Args:
-        height: m, for the averaging of the answer; None if no height of these qualifies.
-        judgements: every height and averaging against what that averaging needs, lowest first.
-        reasons: in words, with numbers.
-        unknown: what could not be judged, and why.
-        heights: by averaging.
-    """
-
-    height: float | None
-    judgements: tuple[Judgement, ...]
-    reasons: tuple[str, ...]
-    unknown: tuple[str, ...]
-    heights: dict[str, float | None]
-
-
-def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recommendation:
+def recommend_height(study: Study, limits: Limits | None = None) -> Study:
     """For each averaging, the lowest height where what it rests on holds.
 
     Where the level check was made it decides alone. Else Z of that averaging must have settled, so that the highest
@@ -106,39 +58,63 @@ def recommend_height(study: HeightStudy, limits: Limits | None = None) -> Recomm
     Args:
         study: of ``study_heights``.
         limits: default 10 % each, a choice of this program (the paper gives none).
+    Returns:
+        heights (m, by averaging; None where no height qualifies), height (that of the averaging of the answer),
+        reasons (in words, with numbers), unknown (what could not be judged, and why), and ``rows``, every height and
+        averaging against what that averaging needs, lowest first: height, averaging, name (a key of ``CRITERIA``),
+        value (share of 1, for ``level check`` dB; None where it could not be judged), limit, passed.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
     """
-    limits = limits or Limits()
-    judgements: list[Judgement] = []
+    limits, facts = limits or Limits(), study.facts
+    rows: list[Row] = []
     reasons: list[str] = []
     heights: dict[str, float | None] = {}
-    for averaging in study.facts[0].impedance:
-        mine = [_judge(study.facts, i, averaging, limits) for i in range(len(study.facts))]
+    for averaging in facts[0].impedance:
+        mine = [_judge(facts, i, averaging, limits) for i in range(len(facts))]
         heights[averaging] = next((one[0].height for one in mine if all(each.passed for each in one)), None)
-        reasons.append(_answer(study.facts, averaging, heights[averaging]))
-        for one in mine:
-            judgements += one
-            reasons.append(f"  {_mm(one[0].height)}: " + "; ".join(each.words for each in one))
+        reasons.append(_answer(facts, averaging, heights[averaging]))
+        reasons += [f"  {_mm(one[0].height)}: " + "; ".join(map(_words, one)) for one in mine]
+        rows += [each for one in mine for each in one]
     chosen = heights[study.averaging]
     reasons += [*_context(study, chosen), *_extrapolated(study, limits)]
-    return Recommendation(chosen, tuple(judgements), tuple(reasons), tuple(_unknown(study, judgements)), heights)
+    return Study(height=chosen, heights=heights, rows=rows, reasons=reasons, unknown=_unknown(study, rows))
 
 
-def _judge(facts: Sequence[HeightFacts], i: int, averaging: str, limits: Limits) -> list[Judgement]:
+def _judge(facts: Sequence[Row], i: int, averaging: str, limits: Limits) -> list[Row]:
     """What one averaging needs at one height."""
-    here, gap = facts[i], facts[i].level_check.get(averaging, math.nan)
-    if math.isfinite(gap):
-        return [Judgement(here.height, "level check", abs(gap), here.level_limit, averaging)]
+    here, gap = facts[i], facts[i].level_check.get(averaging)
     values: dict[str, float | None] = {"change": None}
-    if i + 1 < len(facts):
+    if gap is not None:
+        values = {"level check": abs(gap)}
+    elif i + 1 < len(facts):
         values["change"] = _relative(facts[i + 1].impedance[averaging], here.impedance[averaging])
-    if averaging == "velocity":
+    if gap is None and averaging == "velocity":
         values["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
-    elif averaging == "admittance" and here.coherence >= 1 - limits.turbulence:
+    elif gap is None and averaging == "admittance" and here.coherence >= 1 - limits.turbulence:
         values["averagings"] = _relative(here.impedance["admittance"], here.impedance["velocity"])
-    elif averaging == "admittance":
+    elif gap is None and averaging == "admittance":
         values["modulation"] = None if here.modulation is None else here.modulation.relative
-    return [Judgement(here.height, name, value, getattr(limits, name), averaging) for name, value in values.items()]
+    kept = vars(limits) | {"level check": here.level_limit}
+    return [
+        Row(
+            height=here.height,
+            averaging=averaging,
+            name=name,
+            value=value,
+            limit=kept[name],
+            passed=value is not None and value <= kept[name],
+        )
+        for name, value in values.items()
+    ]
+
+
+def _words(one: Row) -> str:
+    """What is judged, the value and the limit."""
+    if one.value is None:
+        return f"{CRITERIA[one.name]}: not known"
+    unit, scale = ("dB", 1) if one.name == "level check" else ("%", 100)
+    side = "within" if one.passed else "ABOVE"
+    return f"{CRITERIA[one.name]} {scale * one.value:.3g} {unit} ({side} {scale * one.limit:g} {unit})"
 
 
 def _relative(found: complex, wanted: complex) -> float:
@@ -148,7 +124,7 @@ def _relative(found: complex, wanted: complex) -> float:
     return abs(found - wanted) / abs(wanted)
 
 
-def _answer(facts: Sequence[HeightFacts], averaging: str, height: float | None) -> str:
+def _answer(facts: Sequence[Row], averaging: str, height: float | None) -> str:
     """Where one averaging holds, and how far it moves over all heights."""
     values = [one.impedance[averaging] for one in facts]
     moves = max(_relative(value, values[0]) for value in values)
@@ -160,7 +136,7 @@ def _answer(facts: Sequence[HeightFacts], averaging: str, height: float | None) 
     return f"{averaging}: {where} ({known}{spread if len(facts) > 1 else ''})"
 
 
-def _context(study: HeightStudy, chosen: float | None) -> list[str]:
+def _context(study: Study, chosen: float | None) -> list[str]:
     """Drift of A.1, for sound that grazes, and jets of A.2, at the chosen height, else at all."""
     lines = []
     if study.source_side == "normal":
@@ -184,7 +160,7 @@ def _context(study: HeightStudy, chosen: float | None) -> list[str]:
     return lines
 
 
-def _extrapolated(study: HeightStudy, limits: Limits) -> list[str]:
+def _extrapolated(study: Study, limits: Limits) -> list[str]:
     """Where the fitted decay of the modulation would meet its limit."""
     decay = study.decay
     if decay is None:
@@ -204,7 +180,7 @@ def _extrapolated(study: HeightStudy, limits: Limits) -> list[str]:
     ]
 
 
-def _unknown(study: HeightStudy, judgements: Sequence[Judgement]) -> list[str]:
+def _unknown(study: Study, judgements: Sequence[Row]) -> list[str]:
     lines = []
     if any(one.name != "level check" for one in judgements):
         lines.append(

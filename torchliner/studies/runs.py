@@ -21,11 +21,10 @@ from torchliner.conversions import admittance_from_reflection, impedance_from_ad
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
 from torchliner.liners.model import LinerModel
-from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
-from torchliner.studies.variants import Records
+from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
@@ -102,12 +101,6 @@ class Run:
         reflection = reflection_from_impedance(values) @ self.weights.T
         return impedance_from_admittance(admittance_from_reflection(reflection) @ self.share)
 
-    def slopes(self, values: Tensor) -> Tensor:
-        """dZ of the plane by the liner's Z at the speeds of the nodes, (F, K)."""
-        reflection = reflection_from_impedance(values) @ self.weights.T
-        by_reflection = (self.share * 2 / (1 + reflection) ** 2) @ self.weights
-        return self.impedance(values)[..., None] ** 2 * by_reflection * 2 / (1 + values) ** 2
-
     def errors(self, impedance: Tensor) -> Tensor:
         """What is left, complex, (..., F): Z less the reference, or the logarithm of the ratio of pressures, without a
         phase where none is known."""
@@ -124,17 +117,7 @@ class Run:
 
     def residuals(self, impedance: Tensor) -> Tensor:
         """``errors`` over their noise, real, (..., data)."""
-        return self._over_noise(self.errors(impedance))
-
-    def residual_slopes(self, impedance: Tensor, slopes: Tensor) -> Tensor:
-        """d residuals/dp, (data, n), from Z (F,) and dZ/dp (F, n); both kinds of errors are holomorphic in Z."""
-        if self.ratio is not None:
-            at = impedance.detach().requires_grad_()
-            (gradient,) = torch.autograd.grad(self.ratio(at).log().real.sum(), at)
-            slopes = gradient.conj()[:, None] * slopes
-        return self._over_noise(slopes.T).T
-
-    def _over_noise(self, errors: Tensor) -> Tensor:
+        errors = self.errors(impedance)
         parts = [errors.real / self.noise.real, errors.imag / self.noise.imag]
         return torch.cat(parts[: 1 + self.has_phase], dim=-1)
 
@@ -163,13 +146,15 @@ def require_plain_tones(chosen: Choices) -> None:
         )
 
 
-def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices) -> Run:
-    """A plane, or its moments, read once for its liner with any numbers; tables over |v| have their own speeds."""
+def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> Run:
+    """A plane, or its moments, read once for its liner with any numbers, or with ``any_curve`` for any liner; else
+    tables over |v| have their own speeds."""
+    asked, own = plane_of(plane).asked(frequency), liner.speed_max is not None and not any_curve
     if isinstance(plane, Moments):
-        known, asked = plane, plane.plane.asked(frequency)
-        require_fitting(known, liner, asked, chosen)
+        known, bare = plane, LinerModel()
+        bare.cell_pitch = liner.cell_pitch
+        require_fitting(known, bare if any_curve else liner, asked, chosen)
     else:
-        asked, own = plane.asked(frequency), liner.speed_max is not None
         about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
         known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
     averaging, nodes = chosen.averaging, known.nodes
@@ -179,38 +164,9 @@ def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices)
     transform = nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64))
     size = known.cells.weight if averaging == "velocity" else None
     size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
-    notes = tuple(dict.fromkeys([*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, liner)]))
+    notes = [*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, liner)]
     weights, share = (transform @ sums).T.to(torch.complex128), (size / size.sum()).to(torch.complex128)
-    return Run(known, averaging, asked, liner, weights, share, notes)
-
-
-def with_flow(liner: LinerModel, mach: float | None = None) -> LinerModel:
-    """An SDoF liner with the Mach number of a plane, and with factors unless its own law takes one; any other as it
-    is."""
-    if not isinstance(liner, SDoFLiner):
-        return liner
-    if isinstance(liner, FlowSDoFLiner):
-        return liner.replace(mach=mach or 0.0)
-    return AdjustedSDoFLiner.of(liner, mach=mach or 0.0)
-
-
-@dataclass(frozen=True)
-class AtRest(LinerModel):
-    """A table's Z at rest, at any |v|: what reads the data must be smooth."""
-
-    liner: LinerModel
-    cell_pitch: float | None = None
-
-    def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
-        """See ``LinerModel``."""
-        rest = self.liner.impedance(frequency, torch.zeros(1, dtype=torch.float64))
-        return rest + 0 * torch.as_tensor(speed)
-
-
-def read_for_any(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices) -> Run:
-    """A plane read once, for any liner."""
-    smooth = liner if liner.speed_max is None else AtRest(liner, liner.cell_pitch)
-    return replace(read_run(plane, smooth, frequency, chosen), liner=liner)
+    return Run(known, averaging, asked, liner, weights, share, tuple(dict.fromkeys(notes)))
 
 
 def _columns(known: Moments, averaging: str) -> Tensor:
@@ -236,7 +192,7 @@ def held_to_references(runs: Sequence[Run], references: Any, noise: Any) -> list
     if len(values) != len(runs):
         raise ValueError(f"{len(values)} references for {len(runs)} planes; one each")
     found = []
-    for run, value, spread in zip(runs, values, noise_of(noise, runs), strict=True):
+    for run, value, spread in zip(runs, values, _noise(noise, runs), strict=True):
         name, count = run.plane.name, len(run.frequency)
         wanted = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
         if len(wanted) != count:
@@ -276,16 +232,16 @@ def held_to_levels(runs: Sequence[Run], pressure: Any, noise: Any) -> list[Run]:
     Raises:
         ValueError: pressures do not fit the planes, or nothing is known of a plane.
     """
-    if noise is not None and any(isinstance(value, complex) for value in _each(noise)):
+    decibels = [1 / NEPER] if noise is None else _each(noise)
+    if any(isinstance(value, complex) for value in decibels):
         raise ValueError(
             f"noise is {noise}, and with level_check it is of levels: state dB, one number, or one by plane"
         )
     given = list(pressure) if isinstance(pressure, list | tuple) else [pressure] * len(runs)
     if len(given) != len(runs):
         raise ValueError(f"{len(given)} pressures for {len(runs)} planes; one each, or None")
-    nepers = None if noise is None else [value * NEPER for value in _each(noise)]
     found = []
-    for run, record, spread in zip(runs, given, noise_of(nepers, runs), strict=True):
+    for run, record, spread in zip(runs, given, _noise([value * NEPER for value in decibels], runs), strict=True):
         known = run.known
         case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
         pressures = known_pressure(case, record)
@@ -298,7 +254,7 @@ def held_to_levels(runs: Sequence[Run], pressure: Any, noise: Any) -> list[Run]:
     return found
 
 
-def noise_of(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
+def _noise(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
     """u(R) + j u(X) of every run, (F,) each; 1 + 1j where it is unknown."""
     stated = _each(1.0 if noise is None else noise)
     stated = stated * len(runs) if len(stated) == 1 else stated
@@ -306,7 +262,7 @@ def noise_of(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
         raise ValueError(f"noise has {len(stated)} values for {len(runs)} planes; one, or one each")
     found = []
     for value, run in zip(stated, runs, strict=True):
-        each = complex(value) if isinstance(value, complex) else complex(value, value)
+        each = value if isinstance(value, complex) else complex(value, value)
         if not (0 < each.real < math.inf and 0 < each.imag < math.inf):
             raise ValueError(
                 f"noise is {value}; u(R) and u(X), normalised by rho c, are finite and above 0 (None if unknown)"

@@ -22,8 +22,9 @@ from torchliner.forward_mode import dual_level, slopes_of
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.liners.parameters import Number
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.budget import Budget, budget_of, values_of
-from torchliner.studies.variants import Records
+from torchliner.studies.budget import budget_of
+from torchliner.studies.rows import Study
+from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.answer import averages_of
 from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
@@ -60,34 +61,25 @@ class Sensitivities:
     @property
     def values(self) -> Tensor:
         """At which the derivatives hold, SI, float64, (n,)."""
-        return values_of(self.numbers)
+        return torch.tensor([number.value for number in self.numbers.values()], dtype=torch.float64)
 
     @property
     def units(self) -> tuple[str, ...]:
         """SI unit of each parameter, "1" if it has none."""
         return tuple(number.unit for number in self.numbers.values())
 
-    def scaled(self, steps: Any) -> Sensitivities:
-        """Change of Z, to first order, for a step of each parameter.
-
-        Args:
-            steps: SI, (n,).
-        """
-        amounts = torch.as_tensor(steps, dtype=torch.float64)
+    def per_percent(self) -> Sensitivities:
+        """Change of Z, to first order, for 1 % of each parameter's value."""
 
         def moved(part: Tensor) -> Tensor:
-            return part * amounts.reshape(-1, *(1,) * (part.ndim - 1))
+            return part * (0.01 * self.values).reshape(-1, *(1,) * (part.ndim - 1))
 
         cells, liner = ({name: moved(part) for name, part in each.items()} for each in (self.cells, self.liner))
         return dataclasses.replace(self, probes=moved(self.probes), cells=cells, liner=liner)
 
-    def per_percent(self) -> Sensitivities:
-        """Change of Z for 1 % of each parameter's value."""
-        return self.scaled(0.01 * self.values)
-
     def propagate(
         self, tolerances: Mapping[str, Any], *, limits: str, correlation: Mapping[tuple[str, str], float] | None = None
-    ) -> Budget:
+    ) -> Study:
         """First-order standard uncertainty of R and X from stated tolerances.
 
         Args:
@@ -98,14 +90,18 @@ class Sensitivities:
                 standard uncertainty itself.
             correlation: coefficients of pairs of parameters, -1 to 1; others are independent.
         Returns:
-            The budget, contributions and covariance of R and X.
+            half_widths, standard (u(p)), SI, (n,); limits; correlation, (n, n); by averaging contributions (signed
+            change of the liner's Z for one standard uncertainty of each parameter, complex, (n, F)), covariance (of R
+            and X of the liner, (F, 2, 2)) and combined (u(R) + j u(X), (F,)); places (the same of the probes and of the
+            cells, (..., F), by "probes" and by averaging). ``rows``, the largest first: averaging, frequency (Hz),
+            parameter, value, unit, half_width, standard, impedance (its contribution).
         Raises:
             ValueError: a parameter that was not differentiated, a tolerance without a unit, an
                 unknown reading, correlations that no set of quantities can have.
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (13).
         """
         places = {"probes": self.probes, **self.cells}
-        return budget_of(self.numbers, self.liner, places, tolerances, limits, correlation or {})
+        return budget_of(self.numbers, self.found.frequency, self.liner, places, tolerances, limits, correlation or {})
 
 
 def sensitivities(
@@ -139,7 +135,7 @@ def sensitivities(
     """
     if not isinstance(plane, Records):
         raise TypeError(f"plane is {type(plane).__name__}; one VelocityPlane is needed")
-    model = as_liner(liner).in_flow((plane.plane if isinstance(plane, Moments) else plane).mach)
+    model = as_liner(liner).in_flow(plane_of(plane).mach)
     numbers = named_numbers(model, parameters)
     if not numbers:
         raise ValueError("no parameter is named; leave parameters out for all of them")

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -26,6 +27,7 @@ from torchliner.liners.model import LinerModel
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import Windows
+from torchliner.studies.rows import Row
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
@@ -42,7 +44,7 @@ class Variant:
     """One way of asking for Z.
 
     Args:
-        factor, name: what differs from the base, and how.
+        labels: of its row.
         averaging: of the value.
         chosen: all choices.
         liner: default that of the plane.
@@ -51,37 +53,13 @@ class Variant:
         windows: over which v is averaged in place of the cells, with averaging ``velocity``.
     """
 
-    factor: str
-    name: str
+    labels: dict[str, Any]
     averaging: str
     chosen: Choices
     liner: LinerModel | None = None
     moments: Moments | None = None
     psi: float | None = None
     windows: Windows | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluated:
-    """Z of the whole liner for one variant.
-
-    Args:
-        variant: what was asked.
-        found: R of cells and liner, with intervals where ``chosen.interval`` asks for them.
-        impedance: Z, complex128, (F,); over windows 1/<Y> of those that hold a probe.
-        level_check: dB by which Z and the velocity are off the known pressure, (F,); nan where none is known.
-    """
-
-    variant: Variant
-    found: Averages
-    impedance: Tensor
-    level_check: Tensor
-
-    @property
-    def spread(self) -> Tensor:
-        """Standard deviation of R + that of X times j over the cells or windows, (F,); nan for fewer than two."""
-        z = impedance_from_admittance(_known(self.found.cells.admittance.cpu()))
-        return torch.complex(z.real.std(0), z.imag.std(0)) if len(z) > 1 else torch.full_like(self.impedance, torch.nan)
 
 
 class Source:
@@ -133,19 +111,28 @@ class Source:
         if self.reading is None:
             raise ValueError("the time samples are gone: the plane was reduced to moments")
 
-    def evaluate(self, variants: Sequence[Variant]) -> list[Evaluated]:
-        """Z of each variant; those of another |v| share one more reading.
+    def evaluate(self, variants: Sequence[Variant]) -> list[Row]:
+        """Z of the whole liner for each variant; those of another |v| share one more reading.
 
+        Returns:
+            A row a variant and frequency: its labels, averaging, frequency, impedance (over windows 1/<Y> of those that
+            hold a probe), low, high, level_check, and spread: standard deviation of R + that of X times j over the
+            cells or windows, nan for fewer than two.
         Raises:
             ValueError: another |v| is asked of moments.
         """
-        return [self._evaluated(*each) for each in zip(variants, self.moments_of(variants), strict=True)]
+        return [row for pair in zip(variants, self.moments_of(variants), strict=True) for row in self._rows(*pair)]
 
-    def level_of(self, impedance: Tensor) -> Tensor:
-        """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; nan if none is."""
-        if self._ratio is None:
-            return torch.full_like(self.frequency, torch.nan)
-        return 20 * self._ratio(impedance).abs().log10()
+    def level_of(self, impedance: Tensor) -> list[float | None]:
+        """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; None if none is."""
+        found = [] if self._ratio is None else (20 * self._ratio(impedance).abs().log10()).tolist()
+        return [level if math.isfinite(level) else None for level in found or [math.nan] * len(impedance)]
+
+    def moments_of(self, variants: Sequence[Variant]) -> list[Moments]:
+        """Moments that each variant asks, as ``evaluate`` reads them."""
+        others = [each for each in variants if self._is_read(each)]
+        made = dict(zip(map(id, others), self._read(others), strict=True))
+        return [each.moments or made.get(id(each), self.known) for each in variants]
 
     @functools.cached_property
     def _ratio(self) -> Callable[[Tensor], Tensor] | None:
@@ -154,26 +141,34 @@ class Source:
         pressure = known_pressure(case)
         return None if isinstance(pressure, str) else ratio_of_pressures(known, case, pressure)
 
-    def moments_of(self, variants: Sequence[Variant]) -> list[Moments]:
-        """Moments that each variant asks, as ``evaluate`` reads them."""
-        others = [each for each in variants if self._is_read(each)]
-        made = dict(zip(map(id, others), self._read(others), strict=True))
-        return [each.moments or made.get(id(each), self.known) for each in variants]
-
     def _is_read(self, variant: Variant) -> bool:
-        if variant.moments is not None:
-            return False
         same = variant.chosen.drive == "rms" or all(
             getattr(variant.chosen, name) == getattr(self.chosen, name) for name in DRIVING
         )
-        return variant.windows is not None or not same
+        return variant.moments is None and (variant.windows is not None or not same)
 
-    def _evaluated(self, variant: Variant, known: Moments) -> Evaluated:
+    def _rows(self, variant: Variant, known: Moments) -> list[Row]:
         found = average_of(known, variant.liner or self.liner, self.frequency, variant)
-        z = found.liner.impedance.cpu()
+        over_cells = found.cells.admittance.cpu()
+        over_cells = over_cells[torch.isfinite(over_cells.real).all(1)]
+        z, each, ends = found.liner.impedance.cpu(), impedance_from_admittance(over_cells), found.liner.interval
         if variant.windows is not None:
-            z = mean_impedance(_known(found.cells.admittance.cpu()))
-        return Evaluated(variant, found, z, self.level_of(z))
+            z = mean_impedance(over_cells)
+        spread = torch.full_like(z, complex(torch.nan, torch.nan))
+        if len(each) > 1:
+            spread = torch.complex(each.real.std(0), each.imag.std(0))
+        return [
+            Row(
+                variant.labels,
+                averaging=variant.averaging,
+                frequency=float(self.frequency[i]),
+                impedance=complex(z[i]),
+                **dict(zip(("low", "high"), (None, None) if ends is None else ends.bounds(i), strict=True)),
+                level_check=level,
+                spread=complex(spread[i]),
+            )
+            for i, level in enumerate(self.level_of(z))
+        ]
 
     def _reduce(
         self, record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None
@@ -231,10 +226,6 @@ def average_of(known: Moments, liner: LinerModel, frequency: Tensor, variant: Va
     phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64)
     with torch.no_grad():
         return average(known, Asked.of(known, liner, frequency, variant.chosen, phase), variant.averaging)
-
-
-def _known(admittance: Tensor) -> Tensor:
-    return admittance[torch.isfinite(admittance.real).all(1)]
 
 
 def of_blocks(known: Moments, part: slice) -> Moments:

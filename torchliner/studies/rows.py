@@ -1,0 +1,29 @@
+"""What every study returns rows of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Row(dict[str, Any]):
+    """Values of one place, choice, model or run by name; ``row.impedance`` is ``row["impedance"]``.
+
+    Names that all studies share: ``impedance``, ``low`` and ``high`` (ends of its statistical interval: real part of R,
+    imaginary part of X; None without one), complex and normalised; ``frequency`` (Hz), ``height`` (m), ``level_check``
+    (dB that the velocity and Z are off the known pressure; None where none is known). No name may be that
+    of a method of ``dict``, such as ``clear`` or ``values``, which the attribute would be.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            raise AttributeError(f"the row has no {name!r} (it has: {', '.join(self)})") from None
+
+
+class Study(Row):
+    """A result: ``rows``, and by name what they share."""
+
+    def of(self, **labels: Any) -> list[Row]:
+        """The rows that have these values, e.g. ``found.of(factor="height")``."""
+        return [row for row in self.rows if all(row[name] == value for name, value in labels.items())]
