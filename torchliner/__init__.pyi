@@ -13,10 +13,10 @@ from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 
 from torchliner.bursts.arrivals import onto_grid as onto_grid
-from torchliner.bursts.stations import BurstFilters as BurstFilters
-from torchliner.bursts.stations import validate_bursts as validate_bursts
 from torchliner.bursts.line import educe_bursts as educe_bursts
+from torchliner.bursts.stations import BurstFilters as BurstFilters
 from torchliner.bursts.stations import burst_moments as burst_moments
+from torchliner.bursts.stations import validate_bursts as validate_bursts
 from torchliner.bursts.tone_damping import tone_attenuation as tone_attenuation
 from torchliner.campaign.growing import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning
@@ -48,17 +48,15 @@ from torchliner.io.point_file import read_points as read_points
 from torchliner.io.pressure_file import read_pressure as read_pressure
 from torchliner.io.signal_file import read_signal as read_signal
 from torchliner.io.wall_file import read_wall as read_wall
-from torchliner.ir_tdibc_method.ir_tdibc import ir_tdibc as ir_tdibc
-from torchliner.ir_tdibc_method.level_curve import LevelCurve as LevelCurve
-from torchliner.liners.sdof import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner
+from torchliner.liners.layered import Cavity as Cavity
 from torchliner.liners.layered import LayeredLiner as LayeredLiner
-from torchliner.liners.layers import Cavity as Cavity
-from torchliner.liners.layers import sheet as sheet
+from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.multipole import Multipole as Multipole
 from torchliner.liners.multipole import fit_multipole as fit_multipole
+from torchliner.liners.sdof import AdjustedSDoFLiner as AdjustedSDoFLiner
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.sheets.terms import goodrich_resistance as goodrich_resistance
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
@@ -89,6 +87,8 @@ from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare_models import compare_models as compare_models
 from torchliner.studies.identify import identify as identify
+from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
+from torchliner.velocity.level_curve import LevelCurve as LevelCurve
 from torchliner.velocity.replay import replay as replay
 from torchliner.version import __version__ as __version__
 
