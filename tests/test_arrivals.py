@@ -289,6 +289,8 @@ def test_study_runs(tmp_path, monkeypatch):
 
 
 def test_times_in_other_units_do_not_fill_the_memory():
-    """Microseconds taken for seconds: a tone that no such arrivals carry."""
-    with pytest.raises(ValueError, match="fewer than two a period of 100 Hz"):
-        tone_attenuation(1e6 * poisson(1e3, 1.0), 100.0, 1e-3)
+    """Microseconds taken for seconds: 1e9 points of a grid for 1000 arrivals."""
+    times = poisson(1e3, 1.0)
+    with pytest.raises(ValueError, match=r"points for \d+ arrivals, more than 1000 .* times in s"):
+        onto_grid(1e6 * times, torch.ones_like(times), 1e3)
+    assert onto_grid(times, torch.ones_like(times), 2e5).grid.samples > 1e5

@@ -470,3 +470,11 @@ def test_command_sends_noise(capsys):
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert [row["frequency"] for row in rows] == [1200, 1400]
     assert all(0 < row["spread_resistance"] < 0.1 for row in rows)
+
+
+def test_a_wave_that_is_0_at_a_sample_stops_no_other():
+    """Of two realisations one is at rest at first, where its root is found at once."""
+    found = tl.ir_tdibc(
+        tl.load_liner("lbm_slit"), [120.0], tl.Tones([1000, 2000], [1, 1], [0, math.pi]), realisations=2
+    )
+    assert torch.isfinite(torch.view_as_real(found.impedance)).all()

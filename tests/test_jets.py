@@ -176,6 +176,7 @@ def test_jet_velocity_refuses(arguments, message):
     [
         (1e5, 1e-3, "reaches the middle of the duct, 25 mm"),
         (0.0, 1e-3, "jet velocity is in m/s; it must be finite and above 0"),
+        (1e-30, 1e-3, "stays below"),
         (5.0, 0.0, "jet diameter"),
     ],
 )

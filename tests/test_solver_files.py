@@ -43,7 +43,24 @@ def test_pressures_are_refused(path, stated):
     assert tl.read_plane(STORED / path, **stated, wall_normal_component=True).samples > 2
 
 
-@pytest.mark.parametrize(("name", "read"), [("W", False), ("vel_y", True), ("pressure", False), ("U_y", True)])
+@pytest.mark.parametrize("name", ["high_pressure_run", "suppressed", "fan_pressure_ratio"])
+def test_names_of_files_that_only_speak_of_pressure_are_read(tmp_path, name):
+    np.save(tmp_path / f"{name}.npy", np.zeros((8, 3)))
+    stated = {"axes": ["time", "x"], "velocity_units": "m/s", "sampling_rate": 1e3}
+    assert tl.read_plane(tmp_path / f"{name}.npy", **stated).samples == 8
+
+
+def test_an_array_of_xarray_is_no_pressure():
+    xarray = pytest.importorskip("xarray")
+    data = xarray.DataArray(np.zeros((8, 3)), dims=("time", "x"), name="pressure", attrs={"units": "m/s"})
+    with pytest.raises(ValueError, match="names no velocity"):
+        tl.VelocityPlane.from_xarray(data, sampling_rate=1e3)
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [("y-velocity", True), ("v.y", True), ("W", False), ("vel_y", True), ("pressure", False), ("U_y", True)],
+)
 def test_one_value_a_point_names_its_direction(tmp_path, name, read):
     for i in range(3):
         mesh = pyvista.ImageData(dimensions=(3, 1, 2))

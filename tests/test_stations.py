@@ -203,6 +203,8 @@ def test_overlap_and_window_are_free(onera):
                            r"overlap of 0\.5 take 0\.45 s.*shorten the segment"),
         ({"overlap": 1.0}, "overlap is 1; it is a share of a segment"),
         ({"overlap": -0.1}, "overlap is -0.1"),
+        ({"overlap": 0.9999}, r"s0: 0\.3999 s hold \d+ segments of 0\.04 s with an overlap of 0\.9999 \(limit: 5000\)"),
+        ({"phase": "given", "reference_phase": float("nan")}, "reference_phase holds values that are not finite"),
         ({"background_rms": 1.0}, "background_rms is 1.0; it is for planes"),
         ({"missing": "exclude"}, "missing is 'exclude'; it is for planes"),
         ({"segment": 0.0}, r"segment \(s\) is 0; it must be finite and above 0"),
@@ -281,6 +283,8 @@ def test_a_tone_that_wanders_past_the_correction_says_so(onera):
 def test_more_that_is_refused(onera):
     with pytest.raises(ValueError, match="a frequency is asked for twice"):
         educed([station(0)], onera, frequency=[FREQUENCY, FREQUENCY])
+    with pytest.raises(ValueError, match=r"s0: a grid of 1e\+308 Hz over .* are the times in s"):
+        educed([station(0)], onera, grid_rate=1e308)
     with pytest.raises(ValueError, match="s0 and s5 have the same position"):
         educed([station(0), station(5, x=0.0)], onera)
     about = {"mach": 0.3, "displacement_thickness": 1e-3}

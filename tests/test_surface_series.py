@@ -200,7 +200,7 @@ def test_faults_of_a_series(tmp_path):
     with pytest.raises(ValueError, match=r"cannot read all of .*plane_05.vtp"):
         plane.load()
     (tmp_path / "plane_05.vtp").write_bytes(raw.replace(b'Name="U"', b'Name="U" type="Float32"'))
-    with pytest.raises(ValueError, match=r"plane_05.vtp"):
+    with pytest.raises(ValueError, match=r"plane_05.vtp is nothing that VTK reads"):
         plane.load()
     save(surface(0, False), tmp_path / "other_00.vtp")
     with pytest.raises(ValueError, match=r"series other_, plane_; name one as group"):
@@ -453,6 +453,23 @@ def test_points_of_later_times_are_the_first(tmp_path):
     save(mesh, folder / "0.00104/top.vtp")
     with pytest.raises(ValueError, match=r"0.00104/top.vtp has 12 points elsewhere than the first frame"):
         opened(FOAM, folder)
+
+
+def test_faces_of_later_times_are_the_first(tmp_path):
+    folder = foam(tmp_path / "planes", "vtp", faces=True)
+    mesh = surface(4, True)
+    mesh.faces = mesh.faces.reshape(-1, 5)[::-1].reshape(-1).copy()
+    save(mesh, folder / "0.00104/top.vtp")
+    with pytest.raises(ValueError, match=r"0.00104/top.vtp has other faces than the first frame"):
+        opened(FOAM, folder)
+
+
+def test_content_tells_the_kind_of_a_file_and_any_spelling_the_clock(tmp_path):
+    for name in ("Time", "TIMEVALUE", "TimeValue"):
+        mesh = surface(0, False)
+        mesh.field_data[name] = [0.25]
+        path = save(mesh, tmp_path / f"{name}.vtp", "raw")
+        assert parse_vtk(path.rename(path.with_suffix(".dat"))).time == 0.25
 
 
 def test_foam_files_are_refused_by_name(tmp_path):

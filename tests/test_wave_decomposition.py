@@ -232,7 +232,7 @@ def test_missing_parts_are_named():
     with pytest.raises(ValueError, match="no microphone_velocity"):
         tl.decompose_waves(dataclasses.replace(record, microphone_velocity=None), velocities=True)
     silent = dataclasses.replace(record, microphones=record.microphones * torch.tensor([[1.0], [0.0]]))
-    with pytest.raises(ValueError, match="microphones pressure has no tone at 1400 Hz in 1 of 2"):
+    with pytest.raises(ValueError, match="microphone pressure has no tone at 1400 Hz in 1 of 2"):
         tl.decompose_waves(silent)
     with pytest.raises(ValueError, match="states no frequency"):
         tl.decompose_waves(dataclasses.replace(record, frequency=None))

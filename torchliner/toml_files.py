@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 import tomllib
 from collections.abc import Mapping
@@ -155,5 +156,13 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
         return f"{place}: no such key{did_you_mean(key, known)}"
     if mistake["type"] == "missing":
         return f"{place}: missing"
+    about = mistake.get("ctx", {})
+    if mistake["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        known = re.findall(r"'([^']+)'", about.get("expected_tags", ""))
+        name, tag = about["discriminator"].strip("'"), about.get("tag")
+        stated = "missing" if tag is None else f"{tag!r}{did_you_mean(tag, known)}"
+        return f"{place}: {name} is {stated}" + (f"; it is one of {', '.join(known)}" if known else "")
+    if mistake["type"] == "list_type" and isinstance(mistake["input"], Mapping):
+        return f"{place}: write [[{place}]], with two brackets, for each of its tables"
     message = mistake["msg"].removeprefix("Value error, ")  # of our own checks
     return f"{place} = {reprlib.repr(mistake['input'])}: {message[0].lower()}{message[1:]}"

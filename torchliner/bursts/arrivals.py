@@ -23,6 +23,7 @@ from torch import Tensor
 from torchliner.checks import real_tensor, require_choice, require_positive, tell
 from torchliner.names import GRID_METHODS
 
+MOST_POINTS, FEWEST = 1000, 1000  # of a grid, for an arrival; arrivals, for so few as show nothing
 STEPS_A_PERIOD = 16  # of a tone, on a derived grid
 STEPS_AN_ARRIVAL = 2  # folds at the mean rate, where Poisson arrivals leave 0.09 of a line
 LONG_GAP = 20.0  # mean intervals; among 150 000 Poisson arrivals one in 3000 records has such a gap
@@ -65,6 +66,12 @@ class ArrivalGrid:
         band = BAND_SHARE * own if band is None else band
         require_positive("rate of the grid (Hz)", rate)
         require_positive("band (Hz)", band)
+        seconds = float(times[-1] - times[0])
+        if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
+            raise ValueError(
+                f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
+                f"arrivals, more than {MOST_POINTS} for each; are the times in s?"
+            )
         grid = cls(times, float(rate), method, float(band), name)
         if grid.samples < 2:
             raise ValueError(

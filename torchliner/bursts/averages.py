@@ -57,14 +57,16 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
         interval=None,
         stations=int(used.sum()),
     )
-    if level is None or int(counts.min()) < FEWEST_BLOCKS:
+    if level is None or int(counts[used].min()) < FEWEST_BLOCKS:
         return dataclasses.replace(line, average=average)
     bias = admittance - admittance_from_reflection(reflection)
     bias = bias if line.wall is None else torch.where(line.wall, 0, bias)
     shares = together(scatter(each[used] / average.stations, counts[used]))
     mean, off = admittance[used].mean(0), bias[used].mean(0)
     average = dataclasses.replace(average, interval=interval_of(mean, shares, level, FROM_ADMITTANCE, off))
-    return dataclasses.replace(line, average=average, interval=station_intervals(line.reflection, counts, level))
+    known = int(counts.min()) >= FEWEST_BLOCKS
+    interval = station_intervals(line.reflection, counts, level) if known else None
+    return dataclasses.replace(line, average=average, interval=interval)
 
 
 def station_intervals(reflection: Tensor, counts: Tensor, level: float) -> Interval:

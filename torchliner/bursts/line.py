@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -85,6 +86,8 @@ def educe_bursts(
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     if reference_phase is not None:
         reference_phase = real_tensor(reference_phase, name="reference_phase (rad)").reshape(-1).tolist()
+        if not all(map(math.isfinite, reference_phase)):
+            raise ValueError("reference_phase holds values that are not finite; it is in rad")
     tasks = _tasks(stations, reference, reference_phase)
     keys, shared = [""] * len(tasks), (model, frequency, own, chosen)
     done: list[ImpedanceLine | None] = [None] * len(tasks)

@@ -13,6 +13,7 @@ from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenua
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.records import BurstRecord, VelocityPlane
 
+MOST_SEGMENTS = 5000
 STATED = ("frequency", "fluid", "incident_level", "mach", "source_side", "liner", "displacement_thickness", "name")
 DAMPED = 0.95  # warned of below
 
@@ -63,6 +64,11 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     length = round(choices.segment * grid.rate)
     hop = max(1, int((1 - choices.overlap) * length + 1e-9))
     count, (gap, begin) = 1 + (grid.samples - length) // hop, grid.longest_gap
+    if count > MOST_SEGMENTS:
+        raise ValueError(
+            f"{name}: {grid.seconds:.4g} s hold {count} segments of {choices.segment:g} s with an overlap of "
+            f"{choices.overlap:g} (limit: {MOST_SEGMENTS}). Lower the overlap, or lengthen the segment"
+        )
     if count < 2:
         raise ValueError(
             f"{name}: {len(times)} bursts over {grid.seconds:.4g} s; two segments of {choices.segment:g} s with an "

@@ -213,7 +213,9 @@ def _solve(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) 
     left = ((matrix @ solution[..., None])[..., 0] - right).abs().amax(-1)
     # Of a singular system the residual may be small by luck; rounding of a solution so large is not.
     rounding = torch.finfo(torch.float64).eps * matrix.abs().amax((-2, -1)) * solution.abs().amax(-1)
-    worst = float(torch.nan_to_num(torch.maximum(left, rounding) / right.abs().amax(-1), nan=torch.inf).max())
+    worst = float(
+        torch.nan_to_num(torch.maximum(left, rounding) / right.abs().amax(-1).clamp(min=1e-300), nan=torch.inf).max()
+    )
     if worst > SINGULAR:
         raise RuntimeError(
             f"the duct's equations are singular: their solution leaves a residual of {worst:.2g} of the incident wave "

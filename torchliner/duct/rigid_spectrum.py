@@ -97,4 +97,9 @@ def cut_on_frequency(profile: MeanFlow, mode: int = 1) -> float:
         down, up = (rigid_wavenumbers(profile, at, mode + 1, d)[0, mode] for d in DIRECTIONS)
         return float(((down - up) / 2).square().real)
 
-    return to_hertz * float(brentq(difference, 0.5 * uniform, 1.5 * uniform, xtol=1e-9))
+    low, high = 0.5 * uniform, 1.5 * uniform
+    if difference(low) > 0 or difference(high) < 0:
+        raise RuntimeError(
+            f"mode {mode} has no cut-on within 0.5 to 1.5 of that of the uniform flow, {uniform * to_hertz:.4g} Hz"
+        )
+    return to_hertz * float(brentq(difference, low, high, xtol=1e-9))

@@ -15,7 +15,7 @@ from torchliner.duct.case import DuctCase
 from torchliner.duct.doubts import doubt_ends, doubt_gain
 from torchliner.duct.field import DuctField
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.sweep import SweptDuct, sweep_duct
+from torchliner.duct.sweep import MEMORY, SweptDuct, sweep_duct
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 from torchliner.engine.threads import one_thread
 from torchliner.names import SOURCES
@@ -33,13 +33,17 @@ class DuctSolver:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
         keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what pressures and velocities
             along both walls need.
+        memory: bytes that the waves may take, those kept and those of the sweep in hand.
     Raises:
-        ValueError: a mesh of another duct, frequencies that are none, waves beyond 2 GB, a missing slip condition.
+        ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a missing slip
+            condition.
     Warns:
         DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges gets there.
     """
 
-    def __init__(self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all") -> None:
+    def __init__(
+        self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all", memory: float = MEMORY
+    ) -> None:
         self.case = case
         self.frequency = frequency_tensor(frequency)
         self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
@@ -51,7 +55,7 @@ class DuctSolver:
         self.mesh.warn_if_coarse(float(self.frequency.max()))
         doubt_ends(case, self.frequency)
         with one_thread():  # see ``solve``
-            self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all")
+            self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory=memory)
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
         """The field of one or many impedances.

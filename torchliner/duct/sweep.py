@@ -65,6 +65,7 @@ def sweep_duct(
     frequency: Tensor,
     keep_all: bool,
     modes: Callable[..., EndModes] = plane_modes,
+    memory: float = MEMORY,
 ) -> SweptDuct:
     """Condense and sweep; see ``DuctSolver``. ``modes`` are those that the ends let out."""
     basis = Basis.of_degree(mesh.degree, frequency.device)
@@ -74,7 +75,7 @@ def sweep_duct(
     y = torch.as_tensor((mesh.y[:-1, None] + sizes * basis.nodes.cpu().numpy()).ravel()).to(frequency)
     means = torch.as_tensor((sizes * basis.weights.cpu().numpy() / case.height).ravel()).to(y.device, torch.complex128)
     ends = modes(case.profile, frequency, y, flow)
-    at_once = _frequencies_at_once(mesh, basis.count, flow, len(frequency), keep_all)
+    at_once = _frequencies_at_once(mesh, basis.count, flow, len(frequency), keep_all, memory)
     kinds = list(zip(mesh.widths.tolist(), mesh.lined.tolist(), strict=True))
     parts, columns = [], []
     for at in torch.arange(len(frequency), device=frequency.device).split(at_once):
@@ -87,11 +88,11 @@ def sweep_duct(
     return SweptDuct(mesh, basis, ends, reading, upper, lower, columns if keep_all else [], incoming)
 
 
-def _frequencies_at_once(mesh: DuctMesh, n: int, flow: bool, wanted: int, keep_all: bool) -> int:
+def _frequencies_at_once(mesh: DuctMesh, n: int, flow: bool, wanted: int, keep_all: bool, memory: float) -> int:
     """How many frequencies to sweep together: all, where all waves are kept.
 
     Raises:
-        ValueError: what is kept and in hand takes more than ``MEMORY``.
+        ValueError: what is kept and in hand takes more than ``memory``.
     """
     columns, lined = len(mesh.lined), int(mesh.lined.sum())
     units = 4 + n * lined  # D: two modes at either end and n points of each lined column
@@ -99,11 +100,11 @@ def _frequencies_at_once(mesh: DuctMesh, n: int, flow: bool, wanted: int, keep_a
     each, walls = 16 * inside * units, 16 * n * (2 * columns + lined) * units
     at_once = wanted if keep_all else min(wanted, max(1, int(AT_ONCE // each)))
     need = at_once * each + wanted * walls
-    if need > MEMORY:
+    if need > memory:
         fewer = "give keep='walls' if pressures along the walls are enough, or " if keep_all else ""
         raise ValueError(
             f"the waves of {mesh.unknowns} unknowns take {need / 2**30:.3g} GB for {wanted} frequencies, above the "
-            f"limit of {MEMORY / 2**30:.3g} GB; {fewer}take fewer frequencies or a coarser mesh"
+            f"limit of {memory / 2**30:.3g} GB; {fewer}take fewer frequencies, a coarser mesh or more memory"
         )
     return at_once
 

@@ -63,10 +63,13 @@ class TabulatedProfile(MeanFlow):
         mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
         if self.bulk_mach is None:
             object.__setattr__(self, "bulk_mach", mean / self.sound_speed)
-        require_positive("profile bulk_mach", self.bulk_mach)
-        if mean == 0:
-            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}")
-        machs = speeds * (self.bulk_mach / mean)
+        else:
+            require_positive("profile bulk_mach", self.bulk_mach)
+            if mean == 0:
+                raise ValueError(
+                    f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}"
+                )
+        machs = speeds * (self.bulk_mach / mean if mean else 0.0)
         if machs.max() >= 1:
             raise ValueError(
                 f"the table's largest Mach number is {machs.max():.4g} at y = {heights[machs.argmax()]:g} m; it must "

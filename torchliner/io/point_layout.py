@@ -24,9 +24,13 @@ from torchliner.units import require_plausible, si_factor
 
 AXES = "xyz"
 SAME = 1e-5  # of the largest coordinate: points that agree to the digits of a text
-COMPONENT = re.compile(r"([xyz])[ _]?vel(?:ocity)?|(?:u|v|(?:.*[ _])?vel(?:ocity)?)[ _:[]*([xyz])]?", re.IGNORECASE)
-OTHERS = re.compile(r"p|p[ _]?(rgh|mean|prime|0)|cp|t|rho|k|nut|omega|(.*[ _])?(temperature|density)", re.IGNORECASE)
-PRESSURE = re.compile(r"pressure|press(?![a-z])", re.IGNORECASE)
+COMPONENT = re.compile(r"([xyz])[ _.-]?vel(?:ocity)?|(?:u|v|(?:.*[ _])?vel(?:ocity)?)[ _:.[-]*([xyz])]?", re.IGNORECASE)
+OTHERS = re.compile(
+    r"(?:p|rho|t)(?:[ _]?(?:rgh|mean|prime|prime2mean|fluc\w*|rms|0))?|cp|k|nut|omega"
+    r"|.*(?:temperature|density|vorticity)",
+    re.IGNORECASE,
+)
+PRESSURE = re.compile(r"(?:.*[ _-])?(?:static|total|dynamic|mean|acoustic|wall)?[ _-]?press(?:ure)?s?", re.IGNORECASE)
 Source = Callable[[int, int], np.ndarray]
 
 
@@ -47,7 +51,7 @@ def require_velocity(label: str, request: PlaneRequest) -> None:
     """
     path, _, name = label.rpartition(":/")
     name = name.rpartition("/")[2] if path else Path(label).stem
-    if request.wall_normal_component or not (PRESSURE.search(name) or (path and OTHERS.fullmatch(name))):
+    if request.wall_normal_component or not (PRESSURE.fullmatch(name) or (path and OTHERS.fullmatch(name))):
         return
     raise ValueError(
         f"{label}: {name!r} names no velocity but another quantity; name the velocity (--variable), or state "

@@ -24,7 +24,7 @@ from torchliner.io.vtk_frames import is_vtk, parse_vtk, vtk_parser
 from torchliner.records import VelocityPlane
 from torchliner.records.numbered_files import numbered_series
 
-ENDINGS = (".vtp", ".vtk", ".vtu", ".vti", ".vts")
+ENDINGS = (".vtp", ".vtk", ".vtu", ".vti", ".vts", ".vtr")
 LISTS = (".vtm", ".vtmb", ".pvtp", ".pvtu", ".pvti", ".pvts")  # of files that hold parts of a frame
 HEAD = 1 << 14  # bytes that hold the time of a frame
 XML_TIME = re.compile(rb"Name=[\"']TimeValue[\"'][^>]*format=[\"']ascii[\"'][^>]*>\s*([^\s<]+)")

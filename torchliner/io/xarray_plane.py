@@ -16,6 +16,7 @@ from torchliner.io.netcdf_terms import NamedArray, in_terms_of_hdf5
 from torchliner.io.plane_file import FORMAT as HDF5
 from torchliner.io.plane_file import plane_from
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest, exact_type
+from torchliner.io.point_layout import require_velocity
 from torchliner.io.stored_values import Packing, packing_of
 from torchliner.records import VelocityPlane
 
@@ -41,7 +42,7 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
         TypeError: neither a DataArray nor a Dataset.
         ValueError: as ``read_plane``; a Dataset that has no wall-normal velocity, or several.
     """
-    request = PlaneRequest(**{key: stated.pop(key) for key in HDF5.takes if key in stated})
+    request = PlaneRequest(**{key: stated.pop(key) for key in (*HDF5.takes, "wall_normal_component") if key in stated})
     if not hasattr(data, "data_vars") and hasattr(data, "dims") and hasattr(data, "coords"):
         name = str(data.name or "velocity")
         data = data.rename(name).to_dataset()
@@ -54,6 +55,7 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
         )
     source = data.encoding.get("source") or "xarray"
     plane = _open(data, Path(source), request, None)
+    require_velocity(plane.name, request)
     plane = replace(plane, **stated) if stated else plane
     lazy = data.chunks or any("source" in each.encoding for each in data.variables.values())
     return plane if lazy else plane.load()

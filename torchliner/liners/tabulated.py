@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,17 @@ from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor, tell
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Pitch
-from torchliner.text_columns import Array, cells_of, header_line, number_of, read_lines, read_table, separator_of
+from torchliner.text_columns import (
+    LABEL,
+    Array,
+    cells_of,
+    header_line,
+    number_of,
+    read_lines,
+    read_table,
+    separator_of,
+)
+from torchliner.units import si_factor
 
 COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"}
 UNITS = {"frequency": "Hz", "speed": "m/s", "resistance": "rho c", "reactance": "rho c"}  # where the header has none
@@ -174,8 +183,9 @@ def _read_columns(path: Path) -> dict[str, Array]:
     start = header_line(lines, path)
     separator = separator_of(lines[start])
     labels = cells_of(lines[start], separator)
-    lines[start] = separator.join(f"{label} [{UNITS[label]}]" if label in UNITS else label for label in labels)
-    others = {i: label for i, label in enumerate(labels) if re.split(r"\W", label.lower())[0] not in COLUMNS}
+    units = [UNITS.get(label.lower()) for label in labels]
+    lines[start] = separator.join(f"{label} [{u}]" if u else label for label, u in zip(labels, units, strict=True))
+    others = {i: label for i, label in enumerate(labels) if not _is_known(label)}
     known: Mapping[str, str | None] = dict(COLUMNS)
     ignored = [label.lower() for label in others.values()]
     found = read_table(lines, known, path, example=EXAMPLE, optional=["speed"], others=ignored)
@@ -185,6 +195,21 @@ def _read_columns(path: Path) -> dict[str, Array]:
         names = ", ".join(map(repr, others.values()))
         tell(f"{path}: numbers in the columns {names} are passed over; decimal commas need semicolons between cells")
     return found
+
+
+def _is_known(label: str) -> bool:
+    """Whether a heading names a column of the table, with a unit of it or without."""
+    found = LABEL.fullmatch(label)
+    quantity = COLUMNS.get(found[1].lower()) if found else None
+    if found is None or quantity is None:
+        return False
+    unit = found[2] or found[3]
+    if unit:
+        try:
+            si_factor(quantity, unit, label)
+        except ValueError:
+            return False
+    return True
 
 
 def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor, Tensor]:

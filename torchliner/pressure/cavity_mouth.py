@@ -49,9 +49,9 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
         node = f"a velocity node of the cavity's mouth, {f * max(order, 1) / turn:.6g} Hz"
         if order and abs(value) < NODE:
             raise ValueError(
-                f"{record.name}: sin(kH) is {abs(value):.2g} at {f:g} Hz, with a cavity of "
-                f"{1e3 * record.cavity_depth:g} mm {node} (n c/(2H), n = {order}), and Dean's formula divides by it; "
-                "take a frequency further off"
+                f"{record.name}: sin(kH) is {abs(value):.2g} at {f:g} Hz: there is, with a cavity of "
+                f"{1e3 * record.cavity_depth:g} mm {node} (n c/(2H), n = {order}), and Dean's formula divides by "
+                "sin(kH); take a frequency further off"
             )
         gain = abs(math.pi * turn / math.tan(math.pi * turn))
         if gain > LARGE_GAIN:

@@ -145,7 +145,7 @@ def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
     record = tones.record
     signals = {name: getattr(record, name).reshape(-1, record.samples) for name in ("facesheet", "backplate")}
     parts = tones.parts(list(signals.values()), frequency)
-    for (label, signal), amplitude in zip(signals.items(), parts.amplitudes, strict=True):
+    for (label, signal), amplitude in zip(signals.items(), parts.segments, strict=True):
         tones.require_tone(label, signal, amplitude, frequency)
     face, back = parts.amplitudes
     return replace(parts, amplitudes=(face, back[:, rows.clamp(min=0)]))

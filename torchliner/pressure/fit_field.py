@@ -170,7 +170,7 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
     """Refuse what cannot be fitted, or is of another duct."""
     case, side, count = solver.case, line.source_side, line.microphones
-    start, end = case.liner[0]
+    start, end = case.liner[0] if case.liner else (None, None)
     both = {  # of line and duct; the line may leave a number out
         "duct_height (m)": (line.duct_height, case.height),
         "mach": (line.mach, case.profile.bulk_mach),

@@ -124,7 +124,7 @@ def decompose_waves(
     made, each = [], []
     for hertz in tones.frequency[:, None]:
         parts = tones.parts(signals, hertz)
-        tones.require_tone("microphones", signals[0], parts.amplitudes[0], hertz)
+        tones.require_tone("microphone", signals[0], parts.segments[0], hertz, chosen)
 
         def split(pressure: Tensor, *velocity: Tensor, hertz: Tensor = hertz) -> tuple[Tensor, Tensor, Tensor]:
             return split_waves(pressure, places, hertz, fluid.sound_speed, record.microphone_mach, *velocity)

@@ -159,13 +159,17 @@ class Tones:
             found.append((fitted[..., 0] + own)[..., None])
         return Parts(found, share / share.sum(), True)
 
-    def require_tone(self, label: str, signal: Tensor, amplitude: Tensor, frequency: Tensor) -> None:
-        """Refuse pressures (N, T) one of which has no tone: amplitudes (S, N, 1)."""
+    def require_tone(
+        self, label: str, signal: Tensor, amplitude: Tensor, frequency: Tensor, numbers: Sequence[int] | None = None
+    ) -> None:
+        """Refuse pressures (N, T) one of which has no tone: amplitudes of segments (S, N, 1); ``numbers`` as in the
+        record, default 0, 1, ..."""
         quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0]
         if len(quiet):
             raise ValueError(
                 f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz in {len(quiet)} of "
-                f"{len(signal)} signals, the first is {int(quiet[0])}; leave it out"
+                f"{len(signal)} signals, the first is {int(quiet[0] if numbers is None else numbers[int(quiet[0])])}; "
+                "leave it out"
             )
 
     def intervals(

@@ -53,6 +53,8 @@ def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tenso
     """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
     at = values.detach().requires_grad_()
     found = made(at)
+    if not found.requires_grad:
+        return found, found.new_zeros(*found.shape, len(values))
     parts = torch.view_as_real(found) if found.is_complex() else found
     unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
     (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
@@ -265,8 +267,9 @@ class Fit:
             )
         if self.stated and self.freedom and self.chi_square > FAR**2 * (self.freedom + 2):
             notes.append(
-                f"the misfit is {self.misfit:.3g} times the stated noise: the model cannot give all references, and "
-                "the posterior, which knows the noise alone, is too narrow"
+                f"the misfit is {(self.chi_square / self.freedom) ** 0.5:.3g} times the stated noise: the model cannot "
+                "give all references (or is far from its prior), and the posterior, which knows the noise alone, is "
+                "too narrow"
             )
         if not self.stated and self.freedom == 0:
             notes.append(

@@ -213,8 +213,10 @@ def _held(runs: Sequence[Run], references: Any, pressure: Any, noise: Any) -> li
     """
     if isinstance(references, str) and references == LEVEL_CHECK:
         records = _by_case(runs, pressure)
+        several = [pressure] if isinstance(pressure, PressureRecord) else list(pressure or [])
+        sorted_by_case = several and None not in several  # None: the level that the plane states
         for run, record in zip(runs, records, strict=False):
-            if pressure and record is None:
+            if sorted_by_case and record is None:
                 raise ValueError(f"{_fault(run.plane, pressure)}; give the pressure record of the same run")
         return held_to_levels(runs, records, LEVEL_NOISE if noise is None else noise)
     if isinstance(references, str) and references == IN_SITU:

@@ -85,5 +85,7 @@ def penetration_height(velocity: ArrayLike, diameter: float, profile: MeanFlow) 
                 f"a jet of {speed:g} m/s from a hole of {1e3 * diameter:g} mm reaches the middle of the duct, "
                 f"{1e3 * middle:g} mm, where the scaling of A.2 ends; lower the jet velocity or raise the Mach number"
             )
+        if excess(math.log(LOWEST * middle)) > 0:
+            raise ValueError(f"a jet of {speed:g} m/s stays below {LOWEST * middle:.1g} m; raise its velocity")
         found.append(math.exp(brentq(excess, math.log(LOWEST * middle), math.log(middle), xtol=1e-13, rtol=1e-13)))
     return np.array(found).reshape(speeds.shape)

@@ -26,4 +26,4 @@ class Study(Row):
 
     def of(self, **labels: Any) -> list[Row]:
         """The rows that have these values, e.g. ``found.of(factor="height")``."""
-        return [row for row in self.rows if all(row[name] == value for name, value in labels.items())]
+        return [row for row in self.rows if all(getattr(row, name) == value for name, value in labels.items())]

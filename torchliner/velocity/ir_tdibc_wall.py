@@ -144,11 +144,13 @@ def _root(function: Callable[[Array], Array], ends: Array, values: Array, limit:
     Of an end that stays a second time the value is halved, so that the other end moves, too.
     """
     columns, before = np.arange(ends.shape[1]), None
+    place, done = ends[0], np.zeros(ends.shape[1], bool)
     with np.errstate(invalid="ignore", divide="ignore"):  # columns without a solution
         for _ in range(MOST_STEPS):
-            place = ends[0] - values[0] * (ends[1] - ends[0]) / (values[1] - values[0])
+            place = np.where(done, place, ends[0] - values[0] * (ends[1] - ends[0]) / (values[1] - values[0]))
             value = function(place)
-            if not (np.abs(value) > limit).any():
+            done = np.abs(value) <= limit
+            if (done | np.isnan(value)).all():
                 break
             side = (value >= 0).astype(int)
             if before is not None:

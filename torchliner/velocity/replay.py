@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.engine.blocks import Blocks
+from torchliner.engine.blocks import SLAB, Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, remaining
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.replay import Replay, Transfer, transfer
@@ -147,7 +147,8 @@ def replay(
         found = transfer(signal, wave, asked, rate, **how)
         rest = samples - samples % (length if segment is None else length // 2)  # behind the last segment
         if store and rest < samples:
-            next(signal.slabs([(rest, samples)]))
+            for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(rest, samples, SLAB)]):
+                pass
     values, lengths = _replicates(found, interval), torch.ones(len(found.incident), device=reading.device)
     about = Asked(model, asked, torch.empty(0), chosen)
     averages: dict[str, Averages] = {}
