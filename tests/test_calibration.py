@@ -18,7 +18,7 @@ from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
 from torchliner.report.calibration_report import parameter_table
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import drawn_impedances, impedances, residuals_of
+from torchliner.studies.fit import drawn_impedances, impedances, residuals_of, with_slopes
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import held_to_references, read_run
@@ -486,3 +486,10 @@ def test_negative_references_are_read(capsys):
     main([*words, "--reference", "-0.1-0.066j", "--json", "--quiet"])
     found = json.loads(capsys.readouterr().out)
     assert found["reference"] == [{"resistance": -0.1, "reactance": -0.066}]
+
+
+def test_a_parameter_that_z_does_not_use_has_slopes_of_zero():
+    """A user's model may hold numbers that do not enter: nothing is found of them, and nothing fails."""
+    still = with_slopes(lambda at: torch.ones(3, dtype=torch.complex128), torch.tensor([1.0, 2.0], dtype=torch.float64))
+    assert still[0].tolist() == [1, 1, 1]
+    assert still[1].tolist() == [[0, 0]] * 3

@@ -170,7 +170,9 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
     """Refuse what cannot be fitted, or is of another duct."""
     case, side, count = solver.case, line.source_side, line.microphones
-    start, end = case.liner[0] if case.liner else (None, None)
+    if len(case.liner) != 1:
+        raise ValueError(f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch")
+    start, end = case.liner[0]
     both = {  # of line and duct; the line may leave a number out
         "duct_height (m)": (line.duct_height, case.height),
         "mach": (line.mach, case.profile.bulk_mach),
@@ -191,7 +193,6 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
             f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz; build the "
             "solver for those of the line",
         ),
-        (len(case.liner) != 1, f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch"),
         *(
             (
                 mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=SAME * ("liner" in what)),
