@@ -167,7 +167,6 @@ def test_speed_beyond_a_table():
     assert complex(found.answer[0]) == pytest.approx(0.5 + 0.1j, abs=1e-5)
 
 
-@pytest.mark.filterwarnings("ignore:.*the mean of v is")
 @pytest.mark.parametrize("choices", [{"drive": "rms"}, {"mean": "removed"}], ids=str)
 def test_a_table_serves_the_speeds_that_drive(choices):
     """Peaks of 4.5 m/s around a mean of 1.5 m/s: neither the rms nor what is left without the
