@@ -14,11 +14,12 @@ from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulen
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.engine.nodes import Chebyshev, Levels
+from torchliner.least_squares import with_slopes
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
 from torchliner.report.calibration_report import parameter_table
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import drawn_impedances, impedances, residuals_of, with_slopes
+from torchliner.studies.fit import drawn_impedances, impedances, residuals_of
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import held_to_references, read_run

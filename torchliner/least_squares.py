@@ -12,7 +12,7 @@ Where the residual :math:`\Phi(\theta) c - p` is linear in amplitudes c, these a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import torch
@@ -178,3 +178,17 @@ def damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
     damped = normal + torch.diag_embed(damping[..., None] * scale)
     step: Tensor = torch.linalg.solve(damped, -(jacobian.mH @ residual[..., None]))[..., 0]
     return step
+
+
+def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tensor, Tensor]:
+    """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
+    at = values.detach().requires_grad_()
+    found = made(at)
+    if not found.requires_grad:
+        return found, found.new_zeros(*found.shape, len(values))
+    parts = torch.view_as_real(found) if found.is_complex() else found
+    unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
+    (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
+    by = rows.reshape(*parts.shape, -1)
+    by = torch.complex(by.select(-2, 0), by.select(-2, 1)) if found.is_complex() else by
+    return found.detach(), by

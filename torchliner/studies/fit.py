@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.least_squares import with_slopes
 from torchliner.liners.model import LinerModel
 from torchliner.studies.budget import standard_of
 from torchliner.studies.laws import Law
@@ -47,20 +48,6 @@ def drawn_impedances(law: Law, draws: Tensor, runs: Sequence[Run]) -> list[Tenso
     """Z of each run for many values, (M, n) to (M, F) each."""
     rows = [curves_at_nodes(law, values, runs) for values in draws]
     return [run.impedance(torch.stack(each)) for run, each in zip(runs, zip(*rows, strict=True), strict=True)]
-
-
-def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tensor, Tensor]:
-    """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
-    at = values.detach().requires_grad_()
-    found = made(at)
-    if not found.requires_grad:
-        return found, found.new_zeros(*found.shape, len(values))
-    parts = torch.view_as_real(found) if found.is_complex() else found
-    unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
-    (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
-    by = rows.reshape(*parts.shape, -1)
-    by = torch.complex(by.select(-2, 0), by.select(-2, 1)) if found.is_complex() else by
-    return found.detach(), by
 
 
 def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:

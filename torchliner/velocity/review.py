@@ -26,7 +26,7 @@ from torchliner.velocity.choices import Choices
 FEWEST_SAMPLES_PER_PERIOD = 8.0
 EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
-DOUBTFUL_MEAN, LARGEST_MEAN = 1.0, 10.0  # |mean| over rms of v, half of the probes beyond: noted, refused
+DOUBTFUL_MEAN, LARGEST_MEAN = 3.0, 10.0  # |mean| over rms of v, half of the probes beyond: noted, refused
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
 
 
