@@ -128,7 +128,7 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
     r"""``SDoFLiner`` with factors on the terms that the resolved cases find wrong; neutral by default.
 
     With the reactance of both ends :math:`E = 2\varepsilon_e \omega/(c \varphi_p \alpha)` of eq. (2.2b) and the flow's
-    Mach number M:
+    Mach number M::
 
         X = X_2.2 + (end_correction - 1) E - mass_loss c |v|^2.5/(|v|^2.5 + s^2.5 d)
             - mach_mass_loss M end_correction E,
