@@ -14,6 +14,7 @@ import dataclasses
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from itertools import product
 
 import torch
 from torch import Tensor
@@ -51,21 +52,22 @@ def clean_line(side: str) -> tl.MicrophoneLine:
     return tl.MicrophoneLine(X, pressure, FREQUENCY, duct_height=HEIGHT, mach=MACH, source_side=side)
 
 
+def held_by_draws(method: str, side: str, size: float, lines: int, draws: int) -> tuple[float, list[WallEduction]]:
+    """Share of the intervals, of draws of the errors as assumed, that hold R and X of noisy lines; what was found."""
+    line, random, found, held = clean_line(side), torch.Generator().manual_seed(5), [], []
+    level, phase = LEVEL_ERROR * size, PHASE_ERROR * size
+    for pressure in draw_pressures(line.pressure, lines, random, level_error=level, phase_error=phase):
+        found.append(METHODS[method](dataclasses.replace(line, pressure=pressure), draws=draws))
+        low, high = found[-1].interval(0.95)
+        held += [(low.real < WALLS.real) & (WALLS.real < high.real)]
+        held += [(low.imag < WALLS.imag) & (WALLS.imag < high.imag)]
+    return float(torch.stack(held).double().mean()), found
+
+
 def rows(lines: int, draws: int) -> Iterator[tuple[str, str, float, float]]:
     """Method, side of the source, size of the errors and the share of intervals that hold, %."""
-    for side in SIDES:
-        line = clean_line(side)
-        for name, method in METHODS.items():
-            for size in SIZES:
-                random, held = torch.Generator().manual_seed(5), []
-                level, phase = LEVEL_ERROR * size, PHASE_ERROR * size
-                noisy = draw_pressures(line.pressure, lines, random, level_error=level, phase_error=phase)
-                for pressure in noisy:
-                    found = method(dataclasses.replace(line, pressure=pressure), draws=draws)
-                    low, high = found.interval(0.95)
-                    held += [(low.real < WALLS.real) & (WALLS.real < high.real)]
-                    held += [(low.imag < WALLS.imag) & (WALLS.imag < high.imag)]
-                yield name, side, size, 100 * float(torch.stack(held).double().mean())
+    for side, method, size in product(SIDES, METHODS, SIZES):
+        yield method, side, size, 100 * held_by_draws(method, side, size, lines, draws)[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

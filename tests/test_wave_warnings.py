@@ -14,22 +14,20 @@ from test_two_wave_fit import both_ways
 from test_wall_pressure import BY_CHANCE, FREQUENCY, OTHER, WALLS, X, line_of, wave
 
 import torchliner as tl
+from coverage_waves import METHODS, held_by_draws
 from torchliner.cli.main import main
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.microphone_errors import (
     LEVEL_ERROR,
-    PHASE_ERROR,
     MicrophoneErrors,
     draw_pressures,
     largest_misfit,
 )
 from torchliner.pressure.plane_waves import sort_waves
-from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
+from torchliner.pressure.two_waves import free_wave_fit
 from torchliner.records import MicrophoneLine
 from torchliner.report.wall_pressure import draw_wall, near_cloud
 from torchliner.report.wall_table import format_wall
-
-METHODS = {"kt": kumaresan_tufts, "two-waves": two_wave_fit, "free-waves": free_wave_fit}
 
 
 def codes(found) -> list[str]:
@@ -167,26 +165,13 @@ def test_linearised_is_the_draws(method):
         assert (getattr(scaled, part) / wanted).tolist() == pytest.approx([1.0] * 3, rel=0.2)
 
 
-def held_by_draws(method, size: float, count: int = 60) -> tuple[float, list]:
-    """Share of 95 % intervals, of draws of the errors as assumed, that hold R and X of noisy lines; what was found."""
-    line, found, held = line_of(both_ways()[0]), [], []
-    random = torch.Generator().manual_seed(5)
-    errors = {"level_error": LEVEL_ERROR * size, "phase_error": PHASE_ERROR * size}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tl.DataWarning)
-        for pressure in draw_pressures(line.pressure, count, random, **errors):
-            found.append(METHODS[method](dataclasses.replace(line, pressure=pressure), draws=200))
-            low, high = found[-1].interval(0.95)
-            held += [(low.real < WALLS.real) & (WALLS.real < high.real),
-                     (low.imag < WALLS.imag) & (WALLS.imag < high.imag)]  # fmt: skip
-    return float(torch.stack(held).double().mean()), found
-
-
 @pytest.mark.parametrize(("method", "size"), [("kt", 1.0), ("kt", 1.5), ("kt", 3.0), ("two-waves", 3.0)])
 def test_intervals_hold_whatever_the_errors_assumed(method, size):
     """Errors up to three times those assumed: 360 of R and X, of 60 lines; 2.4 % is two standard deviations. The errors
     that were used are those that there were."""
-    share, found = held_by_draws(method, size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        share, found = held_by_draws(method, "upstream", size, 60, 200)
     assert 0.92 < share < 0.985
     level = torch.stack([one.used_errors[0] for one in found]).median(0).values  # one line in 60 has no second wave
     if size == 3.0:

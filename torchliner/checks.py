@@ -237,6 +237,19 @@ def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the
     return torch.as_tensor(array.astype(np.float64)).to(dtype)
 
 
+def phase_tensor(value: Any) -> Tensor:
+    """A ``reference_phase``, rad, as a real tensor.
+
+    Raises:
+        TypeError: as ``real_tensor``.
+        ValueError: it is not finite.
+    """
+    values = real_tensor(value, name="reference_phase (rad)")
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError("reference_phase holds values that are not finite; it is in rad")
+    return values
+
+
 def stated_frequency(frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None) -> Tensor:
     """What is asked for, else what a record states, Hz, (F,).
 

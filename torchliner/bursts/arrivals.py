@@ -57,7 +57,8 @@ class ArrivalGrid:
     ) -> ArrivalGrid:
         """The grid of checked arrivals; arguments and errors as of ``onto_grid``."""
         require_choice("method", method, GRID_METHODS)
-        own = (len(times) - 1) / float(times[-1] - times[0])
+        seconds = float(times[-1] - times[0])
+        own = (len(times) - 1) / seconds
         if rate is None:
             rate = STEPS_AN_ARRIVAL * own
             if frequency is not None:
@@ -66,7 +67,6 @@ class ArrivalGrid:
         band = BAND_SHARE * own if band is None else band
         require_positive("rate of the grid (Hz)", rate)
         require_positive("band (Hz)", band)
-        seconds = float(times[-1] - times[0])
         if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
             raise ValueError(
                 f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
@@ -75,7 +75,7 @@ class ArrivalGrid:
         grid = cls(times, float(rate), method, float(band), name)
         if grid.samples < 2:
             raise ValueError(
-                f"{name}: {grid.seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, "
+                f"{name}: {seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, "
                 "take a longer record or a higher rate"
             )
         return grid

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -18,7 +17,7 @@ from torchliner.bursts.choices import StationChoices, split_choices
 from torchliner.bursts.level_check import line_level_check
 from torchliner.bursts.line_notes import notes_of
 from torchliner.bursts.station import CASE, educe_station
-from torchliner.checks import real_tensor, tell
+from torchliner.checks import phase_tensor, tell
 from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
@@ -85,9 +84,7 @@ def educe_bursts(
     if reference_phase is not None and chosen.phase != "given":
         raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     if reference_phase is not None:
-        reference_phase = real_tensor(reference_phase, name="reference_phase (rad)").reshape(-1).tolist()
-        if not all(map(math.isfinite, reference_phase)):
-            raise ValueError("reference_phase holds values that are not finite; it is in rad")
+        reference_phase = phase_tensor(reference_phase).reshape(-1).tolist()
     tasks = _tasks(stations, reference, reference_phase)
     keys, shared = [""] * len(tasks), (model, frequency, own, chosen)
     done: list[ImpedanceLine | None] = [None] * len(tasks)

@@ -37,6 +37,8 @@ from torchliner.records.uncertainty import Interval
 SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always allowed for
 MOST_CORRELATED = 0.9
 FEWEST_BLOCKS = 4  # two runs
+FEWEST_RUNS = 8  # below, an interval says little
+SMALLEST_WIDTH = 1e-9  # of an interval: what is steady leaves rounding
 QUARTERS = 4  # each long enough to hold most of the correlation
 BENT = 8.0  # an ellipse is small beside its distance to the pole if Z bends this many times less than it moves
 ANGLES, STEPS = 64, 2  # tried on a larger ellipse, and of Newton's method from the best

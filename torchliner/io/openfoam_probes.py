@@ -13,7 +13,7 @@ import numpy as np
 from torchliner.checks import tell
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import component_of, named, plane_at, require_direction
+from torchliner.io.point_layout import direction_of, named, plane_at
 from torchliner.io.text_rows import TextRows, bytes_at, index_rows, number_of
 from torchliner.records import VelocityPlane
 
@@ -89,8 +89,7 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
         raise ValueError(f"{files[0]}: rows have {width - 1} values for {len(points)} probes; "
                          "vectors, or one component, are needed")  # fmt: skip
 
-    if each == 1:
-        require_direction(name, request, f"{path}:/{name}")
+    component = direction_of(name, request, f"{path}:/{name}") if each == 1 else None
 
     def columns(axis: int) -> tuple[int, ...]:
         return tuple((1 + each * probe + (axis if each == 3 else 0)).tolist())
@@ -104,7 +103,7 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
     return plane_at(
         points[probe], request, lambda axis: ProbeColumns(rows, width, columns(axis)), len(rows),
         uniform_rate(rows.first, label, rows.rounding) if len(rows) > 1 else 1.0,
-        path=path, variable=name, component=component_of(name) if each == 1 else None,
+        path=path, variable=name, component=component,
         format="OpenFOAM probes", files=len(files), start=float(rows.first[0]),
     )  # fmt: skip
 

@@ -59,17 +59,19 @@ def require_velocity(label: str, request: PlaneRequest) -> None:
     )
 
 
-def require_direction(name: str, request: PlaneRequest, label: str) -> None:
-    """Refuse one value a point whose name tells no direction, unless the user says that it is the wall normal.
+def direction_of(name: str, request: PlaneRequest, label: str) -> int | None:
+    """``component_of`` one value a point; None only where the user says that it is along the wall normal.
 
     Raises:
-        ValueError: it does not.
+        ValueError: its name tells no direction, and the user says none.
     """
-    if component_of(name) is None and not request.wall_normal_component:
+    component = component_of(name)
+    if component is None and not request.wall_normal_component:
         raise ValueError(
             f"{label} has one value a point, and its name tells no direction: take a vector or a component "
             "(--variable), or state wall_normal_component=True (--wall-normal-component)"
         )
+    return component
 
 
 def length_factor(request: PlaneRequest, label: str) -> float:

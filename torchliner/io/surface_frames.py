@@ -15,7 +15,7 @@ import torch
 
 from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.plane_format import PlaneRequest
-from torchliner.io.point_layout import Arranged, component_of, plane_at, require_direction
+from torchliner.io.point_layout import Arranged, component_of, direction_of, plane_at
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
@@ -253,13 +253,12 @@ def plane_of_frames(
         raise ValueError(f"{label} has {array.count} values for {len(points)} "
                          f"{'faces' if array.on_faces else 'points'}")  # fmt: skip
     vectors = array.components == 3
-    if not vectors:
-        require_direction(name, request, label)
+    component = None if vectors else direction_of(name, request, label)
     return plane_at(
         points, request,
         lambda axis: FrameFiles(paths, parse, name, vectors * axis, array.count, array.wide),
         len(paths), rate, path=path, variable=name, factor=factor, area=area,
-        component=None if vectors else component_of(name),
+        component=component,
         dtype=torch.float64 if array.wide else torch.float32,
         frames=len(paths), values="faces" if array.on_faces else "points", **about,
     )  # fmt: skip

@@ -48,7 +48,7 @@ def parse_vtk(path: Path, points: np.ndarray | None = None, faces: Faces | None 
         faces: what those of the file must be then.
     Raises:
         ImportError: pyvista is not installed.
-        ValueError: VTK cannot read all of it, it holds several blocks, or its points are elsewhere.
+        ValueError: VTK cannot read all of it, it holds several blocks, or its points or faces are others.
     """
     mesh = _read(path)
     if points is not None and points.shape == mesh.points.shape:

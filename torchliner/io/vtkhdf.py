@@ -21,11 +21,10 @@ from torchliner.io.hdf5 import get_dataset, get_group, is_there, open_file, text
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import (
     all_rows,
-    component_of,
+    direction_of,
     length_factor,
     named,
     plane_at,
-    require_direction,
     velocity_factor,
 )
 from torchliner.io.stored_values import read_values, require_numbers, require_stored
@@ -141,15 +140,14 @@ def open_steps(path: Path, request: PlaneRequest) -> VelocityPlane:
                              f"{'faces' if array.on_faces else 'points'}")  # fmt: skip
         require_stored(data, f"{path}:{data.name}", path)
     vectors = array.components == 3
-    if not vectors:
-        require_direction(name, request, f"{path}:/{section}/{name}")
+    component = None if vectors else direction_of(name, request, f"{path}:/{section}/{name}")
     rate, start = clock_of(time, f"{path}:/VTKHDF/Steps/Values", request.sampling_rate,
                            last_digit(time, 7))  # fmt: skip
     return plane_at(
         points, request,
         lambda axis: Steps(path, f"{section}/{name}", offsets, rows, axis if vectors else None),
         len(time), rate, path=path, variable=f"VTKHDF/{section}/{name}", factor=factor, area=area,
-        component=None if vectors else component_of(name), start=start,
+        component=component, start=start,
         dtype=torch.float64 if array.wide else torch.float32, format=f"VTKHDF {kind}",
     )  # fmt: skip
 

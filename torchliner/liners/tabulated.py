@@ -189,9 +189,9 @@ def _read_columns(path: Path) -> dict[str, Array]:
     known: Mapping[str, str | None] = dict(COLUMNS)
     ignored = [label.lower() for label in others.values()]
     found = read_table(lines, known, path, example=EXAMPLE, optional=["speed"], others=ignored)
-    rows = [cells_of(line, separator) for line in lines[start + 1 :]]
+    rows = [cells_of(line, separator) for line in lines[start + 1 :]] if separator == "," and others else []
     unread = [row[i] for row in rows for i in others if i < len(row)]
-    if separator == "," and not np.isnan([number_of(cell) for cell in unread]).all():  # shifted by decimal commas?
+    if not np.isnan([number_of(cell) for cell in unread]).all():  # shifted by decimal commas?
         names = ", ".join(map(repr, others.values()))
         tell(f"{path}: numbers in the columns {names} are passed over; decimal commas need semicolons between cells")
     return found

@@ -124,14 +124,15 @@ def decompose_waves(
     made, each = [], []
     for hertz in tones.frequency[:, None]:
         parts = tones.parts(signals, hertz)
-        tones.require_tone("microphone", signals[0], parts.segments[0], hertz, chosen)
+        segments = parts.segments
+        tones.require_tone("microphone", signals[0], segments[0], hertz, chosen)
 
         def split(pressure: Tensor, *velocity: Tensor, hertz: Tensor = hertz) -> tuple[Tensor, Tensor, Tensor]:
             return split_waves(pressure, places, hertz, fluid.sound_speed, record.microphone_mach, *velocity)
 
         incident, back = split(*parts.amplitudes)[0].unbind(1)
         reflection = parts.h1(incident, back)
-        waves, left, condition = split(*parts.segments)
+        waves, left, condition = split(*segments)
         size = 2 * waves[:, 0].abs().square().mean(0).sqrt()
         each.append((size, reflection[0], left.square().mean(0).sqrt(), condition))
         made.append((parts, {"": (reflection, FROM_REFLECTION)}))

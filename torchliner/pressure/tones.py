@@ -22,14 +22,12 @@ from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, stated_frequency
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.intervals import FEWEST_BLOCKS, Conversion, jackknife, replicates
+from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH, Conversion, jackknife, replicates
 from torchliner.records import Interval, PressureRecord
 from torchliner.records.notes import Note
 from torchliner.tones import segment_amplitudes, window_weights
 
 LEVEL = 0.95
-FEWEST_RUNS = 8  # below, an interval says little
-SMALLEST_WIDTH = 1e-9  # a steady tone leaves rounding
 NO_TONE = 1e-9  # of a signal's largest value
 
 

@@ -212,12 +212,7 @@ def _held(runs: Sequence[Run], references: Any, pressure: Any, noise: Any) -> li
         ValueError: something is missing, or no passive liner can give it.
     """
     if isinstance(references, str) and references == LEVEL_CHECK:
-        records = _by_case(runs, pressure)
-        several = [pressure] if isinstance(pressure, PressureRecord) else list(pressure or [])
-        sorted_by_case = several and None not in several  # None: the level that the plane states
-        for run, record in zip(runs, records, strict=False):
-            if sorted_by_case and record is None:
-                raise ValueError(f"{_fault(run.plane, pressure)}; give the pressure record of the same run")
+        records = _by_case(runs, pressure, all_of_them=True)
         return held_to_levels(runs, records, LEVEL_NOISE if noise is None else noise)
     if isinstance(references, str) and references == IN_SITU:
         references = _in_situ(runs, pressure)
@@ -235,12 +230,12 @@ def _held(runs: Sequence[Run], references: Any, pressure: Any, noise: Any) -> li
     return found
 
 
-def _by_case(runs: Sequence[Run], given: Any) -> list[Any]:
+def _by_case(runs: Sequence[Run], given: Any, *, all_of_them: bool = False) -> list[Any]:
     """The pressure record of each plane, found by its case, tone, level and flow, or None; records that do not tell
     runs apart, and what is none (a line of microphones, None), are taken in the order of the planes.
 
     Raises:
-        ValueError: records that could be of several runs.
+        ValueError: records that could be of several runs; ``all_of_them`` are to have one, and a plane has none.
     """
     records = [given] if isinstance(given, PressureRecord) else list(given or [None] * len(runs))
     if not all(isinstance(each, PressureRecord) for each in records):
@@ -258,6 +253,8 @@ def _by_case(runs: Sequence[Run], given: Any) -> list[Any]:
                     "record for each plane, in their order"
                 )
             fitting = [i]
+        if all_of_them and not fitting:
+            raise ValueError(f"{_fault(run.plane, given)}; give the pressure record of the same run")
         found.append(records[fitting[0]] if fitting else None)
     return found
 

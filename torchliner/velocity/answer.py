@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import index_of_frequency, real_tensor
+from torchliner.checks import index_of_frequency, phase_tensor, real_tensor
 from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
@@ -211,9 +211,7 @@ def _phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> 
         return None
     if phase is None:
         raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
-    values = real_tensor(phase).cpu()
-    if not bool(torch.isfinite(values).all()):
-        raise ValueError("reference_phase holds values that are not finite; it is in rad")
+    values = phase_tensor(phase).cpu()
     shape = plane.probe_shape
     if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
         raise ValueError(

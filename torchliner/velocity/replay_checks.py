@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_positive
 from torchliner.engine.drives import as_measured
-from torchliner.engine.intervals import FEWEST_BLOCKS
+from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held
@@ -19,7 +19,6 @@ from torchliner.records import VelocityPlane
 from torchliner.records.averaged import Educed
 from torchliner.records.incident import ComplexTones, Incident
 from torchliner.records.notes import Note
-from torchliner.velocity.review_answer import FEWEST_RUNS
 
 LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
 LARGEST_GAIN = 10.0  # 1.3 on the default band, 5 up to 5 kHz

@@ -12,6 +12,7 @@ from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import tone_variances
+from torchliner.engine.intervals import FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import response
 from torchliner.liners.model import LinerModel
@@ -20,9 +21,7 @@ from torchliner.records.notes import Note
 from torchliner.velocity.averages import Averages, mean_direction
 from torchliner.velocity.choices import Choices
 
-FEWEST_RUNS = 8  # below, an interval says little
 LONGEST_WINDOW = 0.25  # of a running rms, in records
-SMALLEST_WIDTH = 1e-9  # a frozen |v| leaves rounding
 LEAST_DIRECTION = 0.9  # mean of e^{j psi}: phases over 90 degrees, evenly
 CHANCE = 0.01  # of probes that pass a limit of coherence without any tone, above which a warning is given
 PHASES = 64  # of the tone, and equally likely values of the turbulence
