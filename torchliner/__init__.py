@@ -47,6 +47,7 @@ _HOMES = {
     "Multipole": "torchliner.liners.multipole",
     "educe": "torchliner.velocity.educe",
     "moments": "torchliner.velocity.educe",
+    "sum_share": "torchliner.velocity.educe",
     "replay": "torchliner.velocity.replay",
     "GrowingMoments": "torchliner.campaign.growing",
     "Moments": "torchliner.engine.moments",

@@ -87,6 +87,7 @@ from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare_models import compare_models as compare_models
 from torchliner.studies.identify import identify as identify
+from torchliner.velocity.educe import sum_share as sum_share
 from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.velocity.level_curve import LevelCurve as LevelCurve
 from torchliner.velocity.replay import replay as replay
@@ -111,5 +112,5 @@ class _Choices(TypedDict, total=False):
     device: str | torch.device | None
     dtype: str | torch.dtype | None
 def educe(plane: Any, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
-def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, blocks: Iterable[int] | None=None, given: Moments | None=None, **choices: Unpack[_Choices]) -> Moments: ...
+def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, **choices: Unpack[_Choices]) -> Moments: ...
 def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, reference_phase: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...

@@ -42,14 +42,16 @@ class Kept(Protocol):
         ...
 
 
-def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
+def reduce_on(client: Any = None, kept: Kept | None = None, own: slice = slice(None)) -> Reduce:
     """``engine.sums.reduce`` of a ``PlaneRecord`` of a plane in its file, shared out; no data travel.
 
     Args:
         client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
         kept: what is there is not read again.
+        own: shares that are read here; those of others must be among the kept ones.
     Raises:
         ValueError: the plane is in memory.
+        Unfinished: shares of others are not there yet.
         OSError, ImportError: a worker cannot read; it says which, and which path.
         RuntimeError: workers of another version, or workers that end one after another.
     """
@@ -63,25 +65,29 @@ def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
                 "lazy=True"
             )
         sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
-        shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
         about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded)
+        shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
         asked = [(about, blocks, sent[2], list(share)) for share in shares]
-        known = [None if kept is None else kept.load(each) for each in asked]
-        left = [share for share, rows in zip(shares, known, strict=True) if rows is None]
-        read = tasks_in_order(client, _rows, (sent,), ((list(share),) for share in left))
-        parts = []
+        rows = [None if kept is None else kept.load(each) for each in asked]
+        left = [i for i in range(len(shares))[own] if rows[i] is None]
+        read = tasks_in_order(client, _rows, (sent,), ((list(shares[i]),) for i in left))
         for i, share in enumerate(shares):
-            rows = known[i]
-            if rows is None:
-                rows = next(read)
+            if i in left:
+                rows[i] = new = next(read)
                 if kept is not None:
-                    kept.save(asked[i], rows)
-            parts.append([torch.from_numpy(each) for each in rows])
+                    kept.save(asked[i], new)
             if progress is not None:
                 progress(sum(blocks.borders[block + 1] - blocks.borders[block] for block in share))
-        return [torch.cat(each).to(record.device) for each in zip(*parts, strict=True)]
+        found = [each for each in rows if each is not None]
+        if len(found) < len(rows):
+            raise Unfinished(f"{plane.name}: {len(rows) - len(found)} of {len(rows)} shares are not summed yet")
+        return [torch.cat([*map(torch.from_numpy, each)]).to(record.device) for each in zip(*found, strict=True)]
 
     return run
+
+
+class Unfinished(Exception):
+    """Shares of other jobs are not summed yet."""
 
 
 def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[Sequence[int]]:

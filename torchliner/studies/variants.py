@@ -32,7 +32,6 @@ from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_check import ratio_of_pressures
-from torchliner.velocity.parts import with_rows
 from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
 Records = VelocityPlane | Moments
@@ -233,9 +232,10 @@ def of_blocks(known: Moments, part: slice) -> Moments:
     blocks = known.survey.blocks
     first, last = (blocks.periods * i // blocks.count for i in (part.start, part.stop))
     borders = blocks.borders[part.start : part.stop + 1]
-    fewer = with_rows(known, lambda rows: rows[part])
+    rows = {name: getattr(known.survey, name)[part] for name in ("sums", "squares", "peaks", "gram")}
     own = dataclasses.replace(blocks, borders=borders, periods=last - first)
-    return dataclasses.replace(fewer, survey=dataclasses.replace(fewer.survey, blocks=own))
+    survey = dataclasses.replace(known.survey, blocks=own, **rows)
+    return dataclasses.replace(known, survey=survey, sums={name: sums[part] for name, sums in known.sums.items()})
 
 
 def every_second(known: Moments) -> Moments:

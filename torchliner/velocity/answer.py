@@ -106,11 +106,6 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
     """
     name = known.plane.name
     known.require_speeds(liner)
-    if known.only is not None:
-        raise ValueError(
-            f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
-            "second reading, read the parts again with it as given"
-        )
     wanted = vars(chosen) | {"running_window": chosen.window(frequency)}
     again = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
     again |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
