@@ -34,19 +34,25 @@ STATED: dict[str, Any] = {
 }  # fmt: skip
 
 
-def plane_options(further: bool = True) -> dict[str, dict[str, Any]]:
-    """The tables by title; ``further``: they wait for --help-all."""
-    tables = {"part of the data": SELECTION, "missing metadata": STATED}
+def plane_options(further: bool = True, *, selection: bool = True) -> dict[str, dict[str, Any]]:
+    """The tables by title.
+
+    Args:
+        further: they wait for --help-all.
+        selection: with the part of the data.
+    """
+    tables = {"part of the data": SELECTION} if selection else {}
     return {
-        title: {spec: argument(spec, entry)[1] | ({"further": True} if further else {})
-                for spec, entry in table.items()}
-        for title, table in tables.items()
-    }  # fmt: skip
+        title: {
+            spec: argument(spec, entry)[1] | ({"further": True} if further else {}) for spec, entry in table.items()
+        }
+        for title, table in {**tables, "missing metadata": STATED}.items()
+    }
 
 
-def reading(options: argparse.Namespace) -> dict[str, Any]:
+def reading(options: argparse.Namespace, *, selection: bool = True) -> dict[str, Any]:
     """What the user said of the data, for ``read_plane``."""
-    found = stated(options, [dest(spec) for spec in SELECTION | STATED])
+    found = stated(options, [dest(spec) for spec in ({**SELECTION, **STATED} if selection else STATED)])
     if "axes" in found:
         found["axes"] = found["axes"].split(",")
     return found
