@@ -6,7 +6,9 @@ import os
 import re
 import signal
 import socket
+import subprocess
 import sys
+import time
 from tempfile import TemporaryDirectory
 
 import pytest
@@ -201,10 +203,9 @@ def test_planes_of_commands_go_through_a_cluster(capsys, file, client):
         ("nowhere.json", FileNotFoundError, "the scheduler writes it when it starts"),
     ],
 )
-def test_a_cluster_that_is_not_there(monkeypatch, where, kind, words):
+def test_a_cluster_that_is_not_there(where, kind, words):
     """Said with what would be right; nothing waits for ever."""
-    monkeypatch.setattr(cluster, "PATIENCE", 1)
-    with pytest.raises(kind, match=re.escape(words)), cluster.open_cluster(where):
+    with pytest.raises(kind, match=re.escape(words)), cluster.open_cluster(where, wait=1):
         pass
 
 
@@ -220,14 +221,37 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         pass
 
 
-def test_a_scheduler_without_workers_is_not_waited_for(monkeypatch):
-    """For longer than a while."""
+def test_workers_come_when_there_is_work(file):
+    """A cluster that adapts starts its first worker for tasks that wait; without any the wait ends."""
     import distributed
 
-    monkeypatch.setattr(cluster, "PATIENCE", 1)
-    with (
-        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as none,
-        pytest.raises(OSError, match="has no worker within 1 s"),
-        cluster.open_cluster(none.scheduler_address),
-    ):
-        pass
+    plane = tl.read_plane(file, lazy=True)
+    with distributed.LocalCluster(n_workers=0, threads_per_worker=1, dashboard_address=":0") as own:
+        with (
+            cluster.open_cluster(own.scheduler_address, wait=1) as client,
+            pytest.raises(OSError, match=r"has no worker within 1 s.*--wait"),
+        ):
+            tl.moments(plane, client=client)
+        own.adapt(maximum=2)
+        with cluster.open_cluster(own.scheduler_address, wait=60) as client:
+            assert same_bits(tl.moments(plane, cell_pitch=PITCH, client=client), tl.moments(plane, cell_pitch=PITCH))
+
+
+@pytest.mark.slow
+def test_a_lost_scheduler_is_said(tmp_path, file):
+    """With what to do."""
+    where = tmp_path / "scheduler.json"
+
+    def started(kind: str, *words: str) -> subprocess.Popen:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(where)]
+        return subprocess.Popen([*command, "--no-dashboard", *words], stderr=subprocess.DEVNULL)
+
+    with started("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
+        while not where.exists():
+            time.sleep(0.05)
+        with (
+            started("worker", "--nthreads", "1", "--death-timeout", "5"),
+            cluster.open_cluster(str(where), wait=5) as client,
+            pytest.raises(OSError, match=r"the scheduler of dask is gone.*start it again"),
+        ):
+            tl.moments(tl.read_plane(file, lazy=True), client=client, progress=lambda _: scheduler.kill())

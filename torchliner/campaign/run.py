@@ -126,7 +126,12 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
 def _reduced(found: Plan, client: Any, progress: Progress | None) -> Iterator[Callable[[Unit], object]]:
     """What makes sure that the moments of a unit are there; with a client those of many planes are under way."""
     if client is None:
-        yield lambda unit: unit.moments.exists() or _reduce(unit, progress)
+
+        def reduce_now(unit: Unit) -> None:
+            if not unit.moments.exists():
+                _reduce(unit, progress)
+
+        yield reduce_now
         return
     threads = sum(client.nthreads().values())
     pool = ThreadPoolExecutor(max(1, min(MOST_PLANES, threads, len(found.to_read))))

@@ -99,7 +99,7 @@ def _reduced(records: list[Any], liner: Any, options: argparse.Namespace) -> lis
     from torchliner.velocity.educe import moments
 
     choices = {"averaging": options.averaging} | chosen_from(options, CHOICES)
-    with open_cluster(options.cluster) as client:
+    with open_cluster(options.cluster, options.wait) as client:
         return [
             each if isinstance(each, Moments)
             else moments(each, cell_pitch=liner.cell_pitch, client=client, **choices)

@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     summary = _plan_text(planned, units=False)
     total = sum(2 * unit.samples for unit in planned.to_read.values())
     with (
-        open_cluster(options.cluster) as client,
+        open_cluster(options.cluster, options.wait) as client,
         progress_bar(total, options.campaign.name, options) as bar,
     ):
         rows = run_campaign(campaign, client=client, progress=bar)

@@ -7,6 +7,7 @@ another in order of time: the same bits whoever does the work, and whoever is lo
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import os
 import socket
 import warnings
@@ -26,6 +27,8 @@ from torchliner.engine.sums import Job, Record, reduce
 from torchliner.version import __version__
 
 SHARE = 1 << 27  # velocities that a task reads: about a second of work, and 0.5 GB in float32
+WAIT = 30.0  # s, for the first worker
+MOST_AHEAD = 16  # tasks that are under way, at least, so that a cluster that adapts sees work for so many workers
 Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Tensor]]
 Rows = list[np.ndarray]
 
@@ -118,24 +121,53 @@ def tasks_in_order(
         return
     # As results of tasks: sent once, and made again where the workers that held them are lost.
     held = [client.submit(_same, each, pure=False) for each in shared]
-    ahead = 2 * max(1, sum(client.nthreads().values()))
     left, waiting = iter(tasks), deque[Any]()
     try:
         while True:
+            ahead = max(MOST_AHEAD, 2 * sum(client.nthreads().values()))
             for task in islice(left, ahead - len(waiting)):
                 waiting.append(client.submit(on_worker, __version__, work, *held, *task, pure=False))
             if not waiting:
                 return
+            _require_worker(client)
             yield waiting[0].result()
             waiting.popleft()  # the worker may forget it
     except Exception as error:
-        if type(error).__name__ != "KilledWorker":
-            raise
-        raise RuntimeError(
-            f"workers ended one after another on the same task: {error}; give them more memory, or look into their logs"
-        ) from error
+        name = type(error).__name__
+        if name == "KilledWorker":
+            raise RuntimeError(
+                f"workers ended one after another on the same task: {error}; give them more memory, or look into their "
+                "logs"
+            ) from error
+        if client.status != "running" or name in ("FutureCancelledError", "CommClosedError"):
+            raise OSError(
+                "the scheduler of dask is gone, and its workers with it; start it again and repeat the command: a "
+                "campaign goes on from what it has kept"
+            ) from error
+        raise
     finally:
-        client.cancel([*held, *waiting])
+        if client.status == "running":
+            client.cancel([*held, *waiting])
+
+
+def _require_worker(client: Any) -> None:
+    """Wait for the first worker; the work waits already, so that a cluster that adapts starts some.
+
+    Raises:
+        OSError: none comes.
+    """
+    if client.nthreads():
+        return
+    dask = importlib.import_module("dask")
+    seconds = dask.config.get("torchliner.wait", WAIT)
+    try:
+        client.wait_for_workers(1, timeout=seconds)
+    except TimeoutError as error:
+        where = client.scheduler.address
+        raise OSError(
+            f"the scheduler at {where} has no worker within {seconds:g} s; start some (dask worker {where} --nthreads "
+            "1), or wait longer (--wait)"
+        ) from error
 
 
 def _same(value: Any) -> Any:
