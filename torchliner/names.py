@@ -21,6 +21,7 @@ SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
 WINDOWS = ("hann", "boxcar")  # of a replay
 MISSING = ("refuse", "exclude")
+OVERLAPS = ("refuse", "later", "earlier")  # of files of one run
 DTYPES = ("float32", "float64")
 AVERAGINGS = {  # over the probes of a cell: what is averaged
     "admittance": "the admittance: each probe is driven by its own velocity (the paper)",

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from torchliner.cli.options import argument, count, dest, stated
-from torchliner.names import NORMALS
+from torchliner.names import NORMALS, OVERLAPS
 
 SELECTION: dict[str, Any] = {
     "--start S": "samples from this time on, s, on the clock of the file; default: all",
@@ -31,6 +31,7 @@ STATED: dict[str, Any] = {
     "--holes PATH": "places of the holes, for figures: a table x [mm], z [mm], diameter [mm], "
                     "without z for slits; default: the file's",
     "--points PATH": "point list, of histories at points; default: none",
+    "--overlap": (OVERLAPS, "what counts of samples that two files of one run hold with other values; default refuse"),
 }  # fmt: skip
 
 

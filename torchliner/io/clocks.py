@@ -69,6 +69,11 @@ def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) 
     """Frames out of order, missing, or times that waver."""
     steps = np.diff(time)
     back = int(np.argmin(steps))
+    if steps[back] == 0 and steps.min() >= 0:
+        raise ValueError(
+            f"{name}: samples {back} and {back + 1} have the same time, {time[back]:.9g} s: times are written with too "
+            "few digits; write more (OpenFOAM: timePrecision in controlDict)"
+        )
     if steps[back] <= 0:
         raise ValueError(
             f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one "

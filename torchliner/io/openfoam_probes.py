@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.checks import tell
+from torchliner.checks import require_choice, tell
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import direction_of, named, plane_at
 from torchliner.io.text_rows import TextRows, bytes_at, index_rows, number_of
+from torchliner.names import OVERLAPS
 from torchliner.records import VelocityPlane
 
 PROBE = re.compile(r"#\s*Probe\s+(\d+)\s+\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)(.*)")
@@ -94,7 +95,7 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
     def columns(axis: int) -> tuple[int, ...]:
         return tuple((1 + each * probe + (axis if each == 3 else 0)).tolist())
 
-    rows = _joined(parts, width, columns(0 if each == 1 else 1))
+    rows = _joined(parts, width, columns(0 if each == 1 else 1), request.overlap or "refuse")
     label = f"{path}:/{name}, time"
     if outside:
         tell(f"{path}:/{name}: probes {', '.join(map(str, outside[:8]))}"
@@ -118,13 +119,19 @@ def _probes(rows: TextRows, path: Path) -> tuple[np.ndarray, list[int]]:
     return points, [i for i, match in enumerate(found) if "Not Found" in match[5]]
 
 
-def _joined(parts: list[TextRows], width: int, columns: tuple[int, ...]) -> TextRows:
-    """Rows of all restarts in the order of time, each instant once."""
+def _joined(parts: list[TextRows], width: int, columns: tuple[int, ...], overlap: str) -> TextRows:
+    """Rows of all restarts in the order of time, each instant once; ``overlap`` as of ``PlaneRequest``."""
+    require_choice("overlap", overlap, OVERLAPS)
     whole = parts[0]
     for part in parts[1:]:
         step = np.median(np.diff(part.first if len(part) > 1 else whole.first))
         again = int(np.searchsorted(part.first, whole.first[-1] + step / 2))
-        _require_same(whole, part.part(slice(0, again)), width, columns, step)
+        if overlap == "refuse":
+            _require_same(whole, part.part(slice(0, again)), width, columns, step)
+        elif again:
+            tell(f"{part.paths[0]} begins {again} samples before {whole.paths[-1]} ends; the {overlap} ones count")
+        if overlap == "later":
+            whole, again = whole.part(slice(0, int(np.searchsorted(whole.first, part.first[0] - step / 2)))), 0
         rest = part.part(slice(again, None))
         joined: dict[str, Any] = {name: np.append(getattr(whole, name), getattr(rest, name))
                   for name in ("begin", "end", "line", "first")}  # fmt: skip
@@ -151,7 +158,7 @@ def _require_same(whole: TextRows, again: TextRows, width: int, columns: tuple[i
         raise ValueError(
             f"{again.paths[0]} begins {count} samples before {whole.paths[-1]} ends, with other "
             f"values: at {again.first[some[error.argmax()]]:.9g} s they differ by up to "
-            f"{error.max():.4g} m/s; delete these rows of one of them"
+            f"{error.max():.4g} m/s; say which count with overlap='later' or 'earlier' (--overlap)"
         )
 
 
