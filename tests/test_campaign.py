@@ -414,6 +414,8 @@ def test_two_runs_do_not_collide(capsys, smallest):
         (TOML.replace("liner =", "height = -1\nsource_side = 'left'\nliner ="),
          "has 2 mistake(s)"),
         (TOML.replace("[[planes]]", "[planes]"), "planes"),
+        (TOML.replace("liner =", "mach = true\nliner ="), "planes.0.mach = True: input should be a valid number"),
+        (TOML.replace("liner =", "mach = '0.3'\nliner ="), "planes.0.mach = '0.3': input should be a valid number"),
         (TOML.replace('liner = "polito"', ""), "one names no liner; state liner in [[planes]]"),
         (TOML.replace("polito", "polyto"), "did you mean 'polito'"),
         (TOML.replace("liner =", "variable = 'v'\nliner ="), "has no variable 'v'"),

@@ -321,7 +321,7 @@ def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
     [
         ("", r"a.toml has 1 mistake\(s\):\s+layers: missing"),
         ("[layers]\nkind = 'cavity'", r"write \[\[layers\]\], with two brackets"),
-        ("layers = [3]", r"layers.0 = 3: input should be a valid dictionary"),
+        ("layers = [3]", r"layers.0 = 3: input should be a table"),
         ("layers = []", r"a.toml: liner 'a' has no layers"),
         (
             "[[layers]]\nkind = 'cavity'\ndepth = 0.1\nhydraulic_radius = 1e-3",
