@@ -35,7 +35,7 @@ def solved(name: str, side: str, impedance: Any) -> Solved:
     """A facility with one impedance, (R, X), or with a function of x."""
     varies = callable(impedance)
     setup = load_duct(name, source_side=side, **({} if varies else {"impedance": [impedance]}))
-    solver = tl.DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = tl.DuctSolver(setup.case, setup.frequency)
     return setup, solver.solve(impedance if varies else setup.impedance)
 
 

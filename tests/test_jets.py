@@ -71,9 +71,8 @@ def test_profile_limits():
     [
         ({"shear": 0.029}, r"shear is 0\.029, below 0\.03"),
         ({"shear": 0.0}, "shear is 0; it must be finite and above 0"),
-        ({"bulk_mach": 1.0}, r"bulk_mach is 1; it must be below 1 \(a Mach number, not m/s\)"),
+        ({"bulk_mach": 1.0}, r"bulk_mach is 1; it must be at least 0 and below 1"),
         ({"bulk_mach": 0.99}, r"centreline Mach number is 1\.06.*it must be below 1"),
-        ({"bulk_mach": 0.0}, "bulk_mach is 0"),
         ({"duct_height": -1.0}, "duct_height is -1"),
     ],
 )

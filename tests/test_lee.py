@@ -183,7 +183,7 @@ def test_energy_without_flow():
     field = solve(B2A, mesh_options=fine)
     missing = 1 - float(field.reflection.abs() ** 2 + field.transmission.abs() ** 2)
     places, weights = np.polynomial.legendre.leggauss(12)
-    edges = field.swept.mesh.x[(field.swept.mesh.x > -1e-9) & (field.swept.mesh.x < 0.15 + 1e-9)]
+    edges = field.mesh.x[(field.mesh.x > -1e-9) & (field.mesh.x < 0.15 + 1e-9)]
     x = (edges[:-1, None] + np.diff(edges)[:, None] * (1 + places) / 2).ravel()
     weights = (np.diff(edges)[:, None] * weights / 2).ravel()
     p, v = field.wall_pressure(x, "lined")[0], 1.204 * SPEED * field.wall_velocity(x)[0]

@@ -24,7 +24,7 @@ from test_lee import (
 
 from torchliner.duct import boundaries
 from torchliner.duct import sweep as lee_sweep
-from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
+from torchliner.duct.flow_profiles import LawOfTheWallProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.solver import DuctSolver, solve_duct
@@ -70,7 +70,7 @@ def test_walls_that_vary_along_the_liner():
     """A constant function is the constant; patches tend to Z(x) with the square of their size."""
     case, about = case_of(TANH), {"column": 0.15 / 16, "row": 0.0125, "wall_cell": 2e-3}
     mesh = build_mesh(case, FREQUENCY, **about)
-    solver = DuctSolver(case, FREQUENCY, mesh, keep="walls")
+    solver = DuctSolver(case, FREQUENCY, mesh)
     x = np.linspace(-0.2, 0.35, 23)
 
     def wall(places, frequency):
@@ -159,12 +159,11 @@ def test_batch_is_the_loop(monkeypatch):
     monkeypatch.setattr(lee_sweep, "AT_ONCE", 1)
     parts = DuctSolver(case, frequency, mesh).solve(walls)
     assert torch.allclose(parts.waves, wanted.waves, rtol=0, atol=1e-13)
-    walls_only = DuctSolver(case, frequency, mesh, keep="walls").solve(walls)
     for i, f in ((0, 0), (3, 2), (2, 1)):
         one = solve_duct(case, frequency[f], walls[i, f], mesh)
         for wall in ("opposite", "lined"):
             p = one.wall_pressure(x, wall)[0]
-            for field in (wanted, parts, walls_only):
+            for field in (wanted, parts):
                 assert torch.allclose(field.wall_pressure(x, wall)[i, f], p, rtol=0, atol=1e-12)
         for field in (wanted, parts):
             for found, expected in zip(field.at(x, 0.01), one.at(x, 0.01), strict=True):
@@ -176,7 +175,7 @@ def test_one_solver_serves_both_sources():
     about = {"end_reflection": 0.3j, "source_reflection": -0.2}
     cases = [case_of(TANH, source=source, **about) for source in BOTH]
     x = np.linspace(-0.2, 0.35, 7)
-    solver = DuctSolver(cases[0], FREQUENCY, keep="walls")
+    solver = DuctSolver(cases[0], FREQUENCY)
     for case in cases:
         wanted = solve_duct(case, FREQUENCY, B2A)
         found = solver.solve(B2A, source=case.source)

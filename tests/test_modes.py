@@ -10,11 +10,11 @@ import torch
 from scipy.integrate import solve_ivp
 
 from torchliner.duct.flow_profiles import (
+    LawOfTheWallProfile,
     ParabolicProfile,
     TanhProfile,
     UniformProfile,
 )
-from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.polynomials import chebyshev_points, derivative_matrix, integral_matrix
 from torchliner.duct.tabulated_profile import TabulatedProfile

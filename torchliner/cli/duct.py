@@ -143,7 +143,6 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     settled = solve_settled(
         setup.case, setup.frequency, setup.impedance, places=setup.places,
         wall=setup.wall, mesh=_mesh(options.mesh, setup),
-        keep="all" if options.field is not None else "walls",
     )  # fmt: skip
     field = settled.field
     found = plain_duct(setup, settled)

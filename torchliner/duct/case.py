@@ -45,8 +45,7 @@ class DuctCase:
             edge, the hydrodynamic wave of the vortex sheet grows beyond all bounds.
     Raises:
         ValueError: an end before the start, a patch outside the duct or of no length, patches that
-            overlap, a density not above 0, an amplitude or reflection that is not finite, an
-            unknown word.
+            overlap, a density not above 0, a number that is not finite, an unknown word.
     Warns:
         DataWarning: an end that reflects more than it gets.
     """
@@ -64,39 +63,41 @@ class DuctCase:
     slip_condition: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start", "end", "incident_at"):
+        most = {}
+        for name in ("start", "end", "incident_at", "incident", "end_reflection", "source_reflection"):
             value = getattr(self, name)
-            if value is not None and not math.isfinite(value):
-                raise ValueError(f"{'' if name == 'incident_at' else 'duct '}{name} is {value} m; it must be finite")
+            exact = value.detach() if isinstance(value, Tensor) else np.asarray(value or 0.0, np.complex128)
+            sizes = torch.as_tensor(exact).abs()
+            if not bool(torch.isfinite(sizes).all()):
+                raise ValueError(f"{name} is {value}; it must be finite")
+            most[name] = float(sizes.max()) if sizes.numel() else 0.0
         require_positive("duct length, end - start (m)", self.end - self.start)
         require_positive("density (kg/m3)", self.density)
         require_choice("source", self.source, SOURCES)
         if self.slip_condition is not None:
             require_choice("slip condition", self.slip_condition, CONDITIONS)
         object.__setattr__(self, "liner", _patches(self.liner))
-        before = -math.inf
+        before = self.start
         for start, end in self.liner:
             where = f"the lined patch from x = {start:g} to {end:g} m"
             if not end > start:
                 raise ValueError(f"{where} has the length {end - start:.3g} m; it must be above 0")
             if start < self.start or end > self.end:
                 raise ValueError(
-                    f"{where} lies outside the duct, {self.start:g} to {self.end:g} m; move its "
-                    "edges, or the duct's ends (start, end)"
+                    f"{where} lies outside the duct, {self.start:g} to {self.end:g} m; move its edges, or the duct's "
+                    "ends (start, end)"
                 )
             if start < before:
                 raise ValueError(
-                    f"lined patches overlap: one ends at x = {before:g} m, the next starts at "
-                    f"{start:g} m; give them in order along x"
+                    f"lined patches overlap: one ends at x = {before:g} m, the next starts at {start:g} m; give them "
+                    "in order along x"
                 )
             before = end
-        _largest("incident (Pa)", self.incident)
         for name in ("end_reflection", "source_reflection"):
-            most = _largest(name, getattr(self, name))
-            if most > GAINS:
+            if most[name] > GAINS:
                 tell(
-                    f"{name} has a modulus of {most:.4g}, above 1: such an end sends back more "
-                    "than it gets, and fields may have no bound",
+                    f"{name} has a modulus of {most[name]:.4g}, above 1: such an end sends back more than it gets, and "
+                    "fields may have no bound",
                     depth=2,
                 )
 
@@ -115,15 +116,6 @@ class DuctCase:
     def wavenumber(self, frequency: Tensor) -> Tensor:
         """k = omega/c, 1/m."""
         return 2 * math.pi / self.profile.sound_speed * frequency
-
-
-def _largest(name: str, value: Any) -> float:
-    """Modulus of a complex number, array or tensor, all of it finite."""
-    values = value.detach() if isinstance(value, Tensor) else np.asarray(value, np.complex128)
-    sizes = torch.as_tensor(values).abs()
-    if not bool(torch.isfinite(sizes).all()):
-        raise ValueError(f"{name} is {value}; it must be finite")
-    return float(sizes.max()) if sizes.numel() else 0.0
 
 
 def _patches(liner: Any) -> tuple[tuple[float, float], ...]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.duct.boundaries import EnergyBalance
 from torchliner.duct.case import DuctCase
-from torchliner.duct.rigid_spectrum import cut_on_frequency, rigid_wavenumbers
+from torchliner.duct.modes import cut_on_frequency, rigid_modes
 
 SLOWEST = 0.01  # k H: a wave 600 heights long
 RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
@@ -56,12 +56,12 @@ def doubt_ends(case: DuctCase, frequency: Tensor) -> None:
         DataWarning: a frequency at which mode 1 runs, or hardly decays from the liner to an end.
     """
     profile, kappa = case.profile, case.height * case.wavenumber(frequency)
-    runs = rigid_wavenumbers(profile, kappa, 2, "downstream")[:, 1].imag.abs() < RUNS
+    runs = rigid_modes(profile, kappa, 2, "downstream")[:, 1].imag.abs() < RUNS
     if case.liner and not bool(runs.all()):
         # At the highest frequency below cut-on mode 1 decays least.
         nearest = torch.where(runs, 0, frequency).argmax()
         ends = {"upstream": case.liner[0][0] - case.start, "downstream": case.end - case.liner[-1][1]}
-        decay = {end: rigid_wavenumbers(profile, kappa[nearest, None], 2, end)[0, 1] for end in ends}
+        decay = {end: rigid_modes(profile, kappa[nearest, None], 2, end)[0, 1] for end in ends}
         rate = {end: float(decay[end].imag.abs()) / case.height for end in ends}
         end = min(ends, key=lambda name: rate[name] * ends[name])
         lost = rate[end] * ends[end]

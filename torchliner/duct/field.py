@@ -15,7 +15,9 @@ from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.boundaries import EnergyBalance
 from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.flow_profiles import Array
+from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.sweep import SweptDuct
+from torchliner.engine.threads import one_thread
 from torchliner.names import SOURCES, WALLS
 from torchliner.records.outlets import Reported
 
@@ -25,29 +27,42 @@ class DuctField(Reported):
     """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
 
     Args:
-        case: the duct.  frequency: Hz, (F,).  source: its side.
-        waves: X of ``sweep.py``, Pa, (..., F, D).  swept: the duct's answers to unit waves.
+        swept: the duct's answers to unit waves.  source: side of the sound.
+        waves: X of ``sweep.py``, Pa, (..., F, D).
         energy: out and absorbed over that which comes in, (..., F).
         dtype: of what is read from the field; the sums are done in complex128.
         impedance: Z of the wall as it was asked for.
     """
 
-    case: DuctCase
-    frequency: Tensor
+    swept: SweptDuct
     source: str
     waves: Tensor
-    swept: SweptDuct
     energy: EnergyBalance
     dtype: torch.dtype = torch.complex128
     impedance: Any = None
 
+    @property
+    def mesh(self) -> DuctMesh:
+        """On which it was solved."""
+        return self.swept.mesh
+
+    @property
+    def case(self) -> DuctCase:
+        """The duct."""
+        return self.mesh.case
+
+    @property
+    def frequency(self) -> Tensor:
+        """Hz, (F,)."""
+        return self.swept.frequency
+
     def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
-        """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P).
+        """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P); the duct is swept once more for them.
 
         Args:
             x, y: m, (P,) or numbers.
         Raises:
-            ValueError: a point outside the duct, or the solver kept the walls only.
+            ValueError: a point outside the duct.
         """
         p, u, v = fields_at(self.swept, self.waves, x, y).to(self.dtype).unbind(-1)
         speed = self.case.density * self.case.profile.sound_speed
@@ -113,18 +128,15 @@ class DuctField(Reported):
         return [{name: float(part[f]) for name, part in columns.items()} for f in range(len(through))]
 
     def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
-        """The plane-like mode that comes in and that goes out at an end, Pa at the wall, (..., F).
-
-        Args:
-            end: ``upstream`` or ``downstream``.
-        """
+        """The plane-like mode that comes in and that goes out at an end, ``upstream`` or ``downstream``, Pa at the
+        wall, (..., F)."""
         first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
         return self.waves[..., first], self.waves[..., first + 1]
 
     def _wall_waves(self, x: Any, wall: str) -> tuple[Tensor, Tensor]:
         """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
         require_choice("wall", wall, WALLS)
-        mesh, basis = self.swept.mesh, self.swept.basis
+        mesh, basis = self.mesh, self.swept.basis
         column, inside = _cells("x", x, mesh.x)
         values = basis.values(inside).to(self.waves)
         kept = self.swept.upper if wall == "opposite" else self.swept.lower
@@ -139,25 +151,19 @@ class DuctField(Reported):
 
 
 def fields_at(swept: SweptDuct, waves: Tensor, x: Any, y: Any) -> Tensor:
-    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3).
-
-    Raises:
-        ValueError: a point outside the duct, or the duct was swept for its walls only.
-    """
-    if not swept.incoming:
-        raise ValueError(
-            "the solver kept what the walls need (keep='walls'); build it with keep='all' to read fields inside"
-        )
+    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3)."""
     places, heights = np.broadcast_arrays(_places(x), _places(y))
     column, inside = _cells("x", places, swept.mesh.x)
     element, above = _cells("y", heights, swept.mesh.y)
     along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
     found = waves.new_zeros(*waves.shape[:-1], len(places), 3)
-    for number in np.unique(column):
-        here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
-        incoming = torch.einsum("fid,...fd->...fi", swept.incoming[number], waves)
-        nodes = swept.columns[number].nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
-        found[..., here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
+    with one_thread():
+        for at, columns, sweep in swept.sweeps():
+            for number, (one, units) in enumerate(zip(columns, sweep, strict=True)):
+                here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
+                incoming = torch.einsum("fid,...fd->...fi", units, waves[..., at, :])
+                nodes = one.nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
+                found[..., at, here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
     return found
 
 

@@ -19,7 +19,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
 from torchliner.duct.case import DuctCase
 from torchliner.duct.doubts import doubt_sound
-from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
+from torchliner.duct.flow_profiles import LawOfTheWallProfile
 from torchliner.duct.tables import Z, tabulated_wall, velocity_table
 from torchliner.duct.tabulated_profile import TabulatedProfile
 from torchliner.fluid import Fluid

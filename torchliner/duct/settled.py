@@ -76,7 +76,6 @@ def solve_settled(
     places: Any = (),
     wall: str = "opposite",
     mesh: DuctMesh | None = None,
-    keep: str = "walls",
 ) -> SettledField:
     """The field of one impedance, refined until a finer mesh moves it by less than 0.05 dB.
 
@@ -84,7 +83,7 @@ def solve_settled(
         case, frequency: as for ``DuctSolver``.
         impedance: as for ``DuctSolver.solve``, without leading axes.
         places: x at which levels on ``wall`` are compared, m; the transmission always is.
-        mesh: to be used as it is, without a second one.  keep: ``all`` or ``walls``.
+        mesh: to be used as it is, without a second one.
     Raises:
         RuntimeError: meshes that still differ by more than 1 dB, or a wave in the field that grows
             by more than 100 dB over the liner; the message says by how much.
@@ -98,11 +97,11 @@ def solve_settled(
         growth, growing = growth_over_liner(case, wanted, impedance)
         if float(growth.max()) > 0:
             _judge_growth(case, wanted, growth, growing, mesh is None)
-        field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
+        field = DuctSolver(case, wanted, mesh).solve(impedance)
         moved, finer_unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
         for step in range(1, TRIES + 1) if mesh is None else ():
             finer = _finer_mesh(case, wanted, step, growing)
-            other = DuctSolver(case, wanted, finer, keep=keep).solve(impedance)
+            other = DuctSolver(case, wanted, finer).solve(impedance)
             moved, finer_unknowns = _difference(field, other, torch.as_tensor(places), wall), finer.unknowns
             if float(moved.max()) <= SETTLED:
                 break
@@ -144,7 +143,7 @@ def _judge(field: DuctField, difference: Tensor, finer_unknowns: int) -> None:
     moved = float(difference[worst])
     text = (
         f"at {float(field.frequency[worst]):g} Hz the answer is not settled: {finer_unknowns} unknowns "
-        f"move that of {field.swept.mesh.unknowns} by {moved:.2g} dB"
+        f"move that of {field.mesh.unknowns} by {moved:.2g} dB"
     )
     if not moved <= REFUSED:
         raise RuntimeError(

@@ -59,7 +59,7 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
             "plane_mode": found.rows(),
             "impedance": walls if walls is None else [[_pair(z) for z in row] for row in walls.tolist()],
             "wall": setup.wall,
-            "unknowns": field.swept.mesh.unknowns,
+            "unknowns": field.mesh.unknowns,
             "finer_unknowns": settled.finer_unknowns if settled else None,
             "version": __version__,
             **known,

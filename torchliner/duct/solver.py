@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,19 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice
-from torchliner.duct.boundaries import energy_balance, solve_boundaries, wall_of
+from torchliner.duct.boundaries import (
+    Boundaries,
+    EndModes,
+    downwind_derivative,
+    energy_balance,
+    plane_modes,
+    wall_matrices,
+)
 from torchliner.duct.case import DuctCase
 from torchliner.duct.doubts import doubt_ends, doubt_gain
 from torchliner.duct.field import DuctField
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.sweep import MEMORY, SweptDuct, sweep_duct
+from torchliner.duct.sweep import MEMORY, SweptDuct
 from torchliner.duct.wall_impedance import require_slip_condition, result_type
 from torchliner.engine.threads import one_thread
 from torchliner.names import SOURCES
@@ -31,9 +39,8 @@ class DuctSolver:
 
     Args:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
-        keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what pressures and velocities
-            along both walls need.
         memory: bytes that the waves may take, those kept and those of the sweep in hand.
+        modes: those that the ends let out, as ``plane_modes``.
     Raises:
         ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a missing slip
             condition.
@@ -42,20 +49,28 @@ class DuctSolver:
     """
 
     def __init__(
-        self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all", memory: float = MEMORY
+        self,
+        case: DuctCase,
+        frequency: Any,
+        mesh: DuctMesh | None = None,
+        *,
+        memory: float = MEMORY,
+        modes: Callable[..., EndModes] = plane_modes,
     ) -> None:
         self.case = case
         self.frequency = frequency_tensor(frequency)
         self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
         if self.mesh.case is not case:
             raise ValueError("the mesh was built for another DuctCase; build one for this")
-        require_choice("keep", keep, ("all", "walls"))
         slips = bool(case.liner) and require_slip_condition(case.profile, case.slip_condition)
-        self.slip_mach = float(case.profile.mach(0.0)) if slips else 0.0
         self.mesh.warn_if_coarse(float(self.frequency.max()))
         doubt_ends(case, self.frequency)
-        with one_thread():  # see ``solve``
-            self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory=memory)
+        self.swept = SweptDuct(self.mesh, self.frequency, modes, memory)
+        slip = None
+        if slips:
+            share = float(case.profile.mach(0.0)) / (2j * case.wavenumber(self.frequency))
+            slip = share[:, None, None] * downwind_derivative(self.mesh, self.swept.basis).to(share)
+        self._boundaries = Boundaries(self.swept.reading, slip)
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
         """The field of one or many impedances.
@@ -74,25 +89,21 @@ class DuctSolver:
         Warns:
             DataWarning: negative resistance; more energy out than in past a wall that gives none.
         """
-        case, swept = self.case, self._swept
-        side = require_choice("source", source or case.source, SOURCES)
-        wall = None
-        if case.liner:
-            k = case.wavenumber(self.frequency)
-            wall = wall_of(impedance, self.mesh, swept.basis, k, self.frequency, self.slip_mach)
+        side, basis = require_choice("source", source or self.case.source, SOURCES), self.swept.basis
+        wall = wall_matrices(impedance, self.mesh, basis, self.frequency)
         # torch 2.13 has given wrong complex LU factors of 150 rows in two threads, in a process that had drawn figures
         # and used threads before; in one thread they were right.
         with one_thread():
-            waves, eta = solve_boundaries(swept.reading, wall, *self._ends(side))
-        energy = energy_balance(self.mesh, swept.basis, waves, eta, wall)
+            waves, eta = self._boundaries.solve(wall, *self._ends(side))
+        energy = energy_balance(self.mesh, basis, waves, eta, wall)
         doubt_gain(energy, self.frequency)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
-        return DuctField(case, self.frequency, side, waves, swept, energy, kind, impedance)
+        return DuctField(self.swept, side, waves, energy, kind, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
         case, down, shape = self.case, side == "upstream", self.frequency.shape
-        alpha = self._swept.modes.wavenumber[:, 0 if down else 1].real
+        alpha = self.swept.modes.wavenumber[:, 0 if down else 1].real
         distance = case.place_of_incidence(side) - (case.start if down else case.end)
         amplitude = case.incident * torch.exp(1j * alpha * distance)
         sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
@@ -112,10 +123,8 @@ class DuctSolver:
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
 
 
-def solve_duct(
-    case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None, *, keep: str = "all"
-) -> DuctField:
+def solve_duct(case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None) -> DuctField:
     """The sound field of a lined duct with flow: ``DuctSolver`` of these and its ``solve``."""
     if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
         frequency = frequency_tensor(frequency).to(impedance.device)
-    return DuctSolver(case, frequency, mesh, keep=keep).solve(impedance)
+    return DuctSolver(case, frequency, mesh).solve(impedance)

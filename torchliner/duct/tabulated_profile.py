@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from torchliner.checks import one_number, plain_array, require_positive
+from torchliner.checks import one_number, plain_array
 from torchliner.duct.flow_profiles import Array, MeanFlow
 
 WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
@@ -42,8 +42,6 @@ class TabulatedProfile(MeanFlow):
     sound_speed: float = 343.2
 
     def __post_init__(self) -> None:
-        for name in ("duct_height", "sound_speed"):
-            require_positive(f"profile {name}", getattr(self, name))
         heights, speeds = _checked_table(self.y, self.velocity_table, "velocity_table", 3)
         if (speeds < 0).any():
             raise ValueError(
@@ -63,18 +61,15 @@ class TabulatedProfile(MeanFlow):
         mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
         if self.bulk_mach is None:
             object.__setattr__(self, "bulk_mach", mean / self.sound_speed)
-        else:
-            require_positive("profile bulk_mach", self.bulk_mach)
-            if mean == 0:
-                raise ValueError(
-                    f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}"
-                )
+        elif mean == 0:
+            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}")
         machs = speeds * (self.bulk_mach / mean if mean else 0.0)
         if machs.max() >= 1:
             raise ValueError(
                 f"the table's largest Mach number is {machs.max():.4g} at y = {heights[machs.argmax()]:g} m; it must "
                 "be below 1"
             )
+        self._check()
         object.__setattr__(self, "y", heights)
         object.__setattr__(self, "velocity_table", self.sound_speed * machs)
 
@@ -116,10 +111,8 @@ def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocit
     heights, speeds = _checked_table(y, velocity, "velocity", 2)
     stated = speeds[-1] if centreline_velocity is None else centreline_velocity
     reference = one_number("centreline_velocity", stated)
-    if not math.isfinite(reference):
-        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite")
-    if reference == 0:
-        raise ValueError("the centreline velocity is 0; the profile has no flow")
+    if reference == 0 or not math.isfinite(reference):
+        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite and not 0")
     return float(trapezoid(1 - speeds / reference, heights))
 
 
@@ -128,8 +121,8 @@ def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) ->
     heights, speeds = np.array(plain_array(y, "y"), np.float64), np.array(plain_array(velocity, name), np.float64)
     if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
         raise ValueError(
-            f"y has shape {heights.shape} and {name} {speeds.shape}; two equal lists of at least "
-            f"{('two', 'three')[fewest - 2]} points are needed"
+            f"y has shape {heights.shape} and {name} {speeds.shape}; two equal lists of at least {fewest} points are "
+            "needed"
         )
     if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
         raise ValueError(f"y and {name} must be finite")

@@ -17,11 +17,10 @@ ACTIVE = 1e-12  # |Z + 1| from which R overflows what the sums keep
 
 
 def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tensor:
-    r"""R = (Z - 1)/(Z + 1), complex128, for any passive Z with 0 and infinity among them.
+    r"""R = (Z - 1)/(Z + 1), complex128, for any passive Z with 0 and infinity among them; gradients are kept.
 
     Args:
-        impedance: Z, normalised, v into the wall: number, array or tensor; gradients are kept.
-        device: where to put numbers; tensors stay where they are.
+        impedance: Z, normalised, v into the wall.  device: of what is no tensor.
     Raises:
         ValueError: Z is nan, or -1, where a wall gives out waves without being asked.
     Warns:
@@ -37,20 +36,15 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
         raise ValueError("impedance is nan; a hard wall is inf")
     if bool(((finite + 1).abs() < ACTIVE).any()):
         raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
-    warn_if_feeding(finite, depth=3)
-    return torch.where(rigid, 1, reflection_from_impedance(finite))
-
-
-def warn_if_feeding(impedance: Tensor, depth: int) -> None:
-    """Warn of negative resistances, with how many there are; ``depth`` is that of ``tell``."""
-    resistance = impedance.detach().real
+    resistance = finite.detach().real
     feeds = resistance < FEEDS
     if bool(feeds.any()):
         tell(
             f"impedance has a negative resistance, {float(resistance.min()):.3g} at least, in {int(feeds.sum())} of "
             f"{feeds.numel()} values: such a wall feeds the sound, and fields may have no bound",
-            depth=depth,
+            depth=2,
         )
+    return torch.where(rigid, 1, reflection_from_impedance(finite))
 
 
 def result_type(impedance: Any) -> torch.dtype:
@@ -70,8 +64,7 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
     slip = float(profile.mach(0.0))
     if slip > 0 and slip_condition is None:
         raise ValueError(
-            f"the flow slips along the lined wall at Mach {slip:.3g}; say which condition holds "
-            "there: slip_condition='ingard-myers' (continuity of displacement) or "
-            "'continuous-velocity'"
+            f"the flow slips along the lined wall at Mach {slip:.3g}; say which condition holds there: "
+            "slip_condition='ingard-myers' (continuity of displacement) or 'continuous-velocity'"
         )
     return slip > 0 and slip_condition == "ingard-myers"

@@ -52,7 +52,7 @@ def plain_duct(setup: DuctSetup, settled: SettledField) -> dict[str, Any]:
     ]  # fmt: skip
     return {
         "duct": setup.facts,
-        "unknowns": field.swept.mesh.unknowns,
+        "unknowns": field.mesh.unknowns,
         "unknowns of the finer mesh": settled.finer_unknowns,
         "plane_mode": settled.rows(),
         "microphones": rows,
