@@ -50,7 +50,6 @@ def case_of(**about):
         ({"incident": complex(1, math.inf)}, r"incident is \(1\+infj\)"),
         ({"end_reflection": math.nan}, "end_reflection is nan; it must be finite"),
         ({"source_reflection": torch.tensor([0.1, math.inf])}, r"source_reflection is tensor\(\["),
-        ({"incident_at": math.inf}, "incident_at is inf; it must be finite"),
     ],
 )
 def test_cases_refused(about, match):
@@ -93,7 +92,7 @@ def test_meshes_refused(change, match):
 def test_meshes_built():
     """Edges of the liner are met, cells grow to the wanted size, equal widths are one width."""
     case = case_of(profile=TanhProfile(0.3, HEIGHT, 0.1, SPEED), liner=[(0.0, 0.031), (0.05, 0.15)])
-    mesh = build_mesh(case, FREQUENCY, edge_cell=1e-3)
+    mesh = build_mesh(case, FREQUENCY)
     for edge in (-0.2, 0.0, 0.031, 0.05, 0.15, 0.35):
         assert np.abs(mesh.x - edge).min() < 1e-12
     rows = np.diff(mesh.y)
@@ -101,7 +100,6 @@ def test_meshes_built():
     assert rows.max() <= 0.01 + 1e-12
     assert rows == pytest.approx(rows[::-1], rel=1e-9)
     assert np.diff(mesh.x).max() <= 0.01 + 1e-12
-    assert np.diff(mesh.x)[0] == pytest.approx(1e-3)
     assert len(np.unique(mesh.widths)) < 0.5 * len(mesh.widths)
     assert mesh.widths == pytest.approx(np.diff(mesh.x), rel=1e-9)
     assert mesh.lined_widths.sum() == pytest.approx(0.131)
@@ -110,7 +108,7 @@ def test_meshes_built():
 
 
 @pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, math.inf])
-@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell", "edge_cell"])
+@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell"])
 def test_sizes_that_make_no_mesh(name, size):
     """Doubling from 0 or below would never end."""
     with pytest.raises(ValueError, match=rf"mesh {name} \((m|Hz)\) is {size:g}; it must be finite"):
@@ -121,7 +119,6 @@ def test_coarse_meshes_are_named():
     """The shortest wave is the one against the flow; a fine mesh is quiet."""
     case = case_of(profile=PLUG, slip_condition="continuous-velocity")
     mesh = DuctMesh(case, np.linspace(-0.2, 0.35, 12), Y, 4)
-    assert mesh.points_per_wavelength(FREQUENCY) == pytest.approx(0.7 * SPEED / 1500 * 5 / 0.05)
     mesh.warn_if_coarse(FREQUENCY)  # quiet
     with pytest.warns(tl.DataWarning, match=r"2900 Hz: 8\.28 points per wavelength .* below 9 for"):
         mesh.warn_if_coarse(2900.0)

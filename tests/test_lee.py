@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -13,7 +14,7 @@ from oracles.mode_matching import match_modes
 from torchliner.duct.case import DuctCase
 from torchliner.duct.columns import Rows, condense_column
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
-from torchliner.duct.mesh import build_mesh
+from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import solve_duct
@@ -174,13 +175,17 @@ def test_energy_without_flow():
 
     With columns of 1 mm at the edges the upwind flux itself takes 2e-8 of the power.
     """
-    fine = {"edge_cell": 1e-3, "wall_cell": 1e-3}
+    case = case_of()
+    rough, steps = build_mesh(case, FREQUENCY, wall_cell=1e-3), np.array([0, 1e-3, 3e-3, 7e-3])
+    x = [np.r_[a + steps, np.linspace(a + 0.015, b - 0.015, 13), (b - steps)[::-1]]
+         for a, b in itertools.pairwise((case.start, *LINER, case.end))]  # fmt: skip
+    fine = DuctMesh(case, np.unique(np.concatenate(x).round(12)), rough.y)
     for reactance, passes in ((0.3, 0.602), (-0.8, 0.994)):
-        field = solve(1j * reactance, mesh_options=fine)
+        field = solve_duct(case, FREQUENCY, 1j * reactance, fine)
         total = float(field.reflection.abs() ** 2 + field.transmission.abs() ** 2)
         assert total == pytest.approx(1, abs=1e-7)
         assert float(field.transmission.abs()) == pytest.approx(passes, abs=1e-3)
-    field = solve(B2A, mesh_options=fine)
+    field = solve_duct(case, FREQUENCY, B2A, fine)
     missing = 1 - float(field.reflection.abs() ** 2 + field.transmission.abs() ** 2)
     places, weights = np.polynomial.legendre.leggauss(12)
     edges = field.mesh.x[(field.mesh.x > -1e-9) & (field.mesh.x < 0.15 + 1e-9)]

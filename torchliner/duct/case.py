@@ -32,9 +32,8 @@ class DuctCase:
         start, end: x of the duct's ends, m; both reflect nothing unless said otherwise.
         liner: x of the two edges of a lined patch, m, or several such pairs, which may touch.
         source: ``upstream`` (at ``start``, its wave runs along +x) or ``downstream``.
-        incident: amplitude (peak) of the incident plane-like mode on the rigid wall, Pa; complex.
-        incident_at: x where it has that amplitude and phase, m; default the lined edge that it
-            meets first, or the source's end where there is no liner.
+        incident: amplitude (peak) of the incident plane-like mode on the rigid wall at the lined edge that it meets
+            first, or at the source's end where there is no liner, Pa; complex.
         end_reflection, source_reflection: ratio of the wall pressures of the plane-like mode that
             comes back to the one that goes out, at the far end and at the source's; complex,
             broadcast against (F,), leading axes free.
@@ -56,7 +55,6 @@ class DuctCase:
     liner: Sequence[Any] = ()
     source: str = "upstream"
     incident: complex = 1.0
-    incident_at: float | None = None
     end_reflection: Any = 0.0
     source_reflection: Any = 0.0
     density: float = 1.204
@@ -64,7 +62,7 @@ class DuctCase:
 
     def __post_init__(self) -> None:
         most = {}
-        for name in ("start", "end", "incident_at", "incident", "end_reflection", "source_reflection"):
+        for name in ("start", "end", "incident", "end_reflection", "source_reflection"):
             value = getattr(self, name)
             exact = value.detach() if isinstance(value, Tensor) else np.asarray(value or 0.0, np.complex128)
             sizes = torch.as_tensor(exact).abs()
@@ -108,8 +106,6 @@ class DuctCase:
 
     def place_of_incidence(self, source: str) -> float:
         """x where the wave of a source has the incident amplitude, m."""
-        if self.incident_at is not None:
-            return self.incident_at
         edges = (self.start, self.end) if not self.liner else (self.liner[0][0], self.liner[-1][1])
         return float(edges[SOURCES.index(source)])
 

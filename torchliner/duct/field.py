@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,10 @@ class DuctField(Reported):
         energy: out and absorbed over that which comes in, (..., F).
         dtype: of what is read from the field; the sums are done in complex128.
         impedance: Z of the wall as it was asked for.
+        growth, growing: of a wave that grows over the liner, dB, (F,), 0 where none was found, and its wavenumber,
+            1/m, (F,), nan where there is none; these and the next two of ``solve_settled``.
+        difference: by which a finer mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
+        finer_unknowns: of that mesh.  notes: warnings, with numbers.
     """
 
     swept: SweptDuct
@@ -40,6 +45,11 @@ class DuctField(Reported):
     energy: EnergyBalance
     dtype: torch.dtype = torch.complex128
     impedance: Any = None
+    growth: Tensor | None = None
+    growing: Tensor | None = None
+    difference: Tensor | None = None
+    finer_unknowns: int | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def mesh(self) -> DuctMesh:
@@ -114,7 +124,7 @@ class DuctField(Reported):
         return (self.end_waves(other_side(self.source))[1] / sent).to(self.dtype)
 
     def rows(self) -> list[dict[str, float | None]]:
-        """One a frequency, of a field without leading axes: reflection, transmission, energy."""
+        """One a frequency, of a field without leading axes: reflection, transmission, energy, checks."""
         through = self.transmission.detach().abs()
         columns = {
             "frequency (Hz)": self.frequency,
@@ -125,7 +135,15 @@ class DuctField(Reported):
             "energy absorbed": self.energy.absorbed,
             "energy missing": self.energy.missing,
         }
-        return [{name: float(part[f]) for name, part in columns.items()} for f in range(len(through))]
+        if self.growing is not None:
+            columns |= {
+                "growing wave real (1/m)": self.growing.real,
+                "growing wave imaginary (1/m)": self.growing.imag,
+                "growth over the liner (dB)": self.growth,
+                "mesh difference (dB)": self.difference,
+            }
+        lists = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in columns.items()}
+        return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
 
     def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
         """The plane-like mode that comes in and that goes out at an end, ``upstream`` or ``downstream``, Pa at the

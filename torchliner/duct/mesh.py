@@ -84,17 +84,13 @@ class DuctMesh:
         """Of the lined columns, m."""
         return self.widths[self.lined]
 
-    def points_per_wavelength(self, frequency: float) -> float:
-        """Of the shortest acoustic wave, the one against the flow, (1 - M_b) c/f.
+    def warn_if_coarse(self, frequency: float) -> None:
+        """Warn of fewer points per wavelength, that of the wave against the flow, (1 - M_b) c/f, than the degree needs.
 
         An element of degree p counts as p + 1 points, along its longer side.
         """
-        largest = max(self.widths.max(), np.diff(self.y).max())
-        return float(_shortest_wave(self.case, frequency) * (self.degree + 1) / largest)
-
-    def warn_if_coarse(self, frequency: float) -> None:
-        """Warn, with the number, of fewer points per wavelength than the degree needs."""
-        points, fewest = self.points_per_wavelength(frequency), FEWEST.get(self.degree, 7.0)
+        largest, fewest = max(self.widths.max(), np.diff(self.y).max()), FEWEST.get(self.degree, 7.0)
+        points = _shortest_wave(self.case, frequency) * (self.degree + 1) / largest
         if points < fewest:
             tell(
                 f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of the wave against the "
@@ -111,7 +107,6 @@ def build_mesh(
     column: float | None = None,
     row: float | None = None,
     wall_cell: float | None = None,
-    edge_cell: float | None = None,
 ) -> DuctMesh:
     """A mesh for one frequency and all below it.
 
@@ -121,13 +116,12 @@ def build_mesh(
             points per wavelength of ``FEWEST``, whichever is less.
         wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the height, whichever is
             less, in a sheared flow, ``row`` otherwise.
-        edge_cell: width of the columns at the edges of lined patches, m; default ``column``.
     Raises:
         ValueError: a frequency, size or degree not above 0.
     """
     stated = {
         "frequency (Hz)": frequency, "degree": degree, "column (m)": column, "row (m)": row,
-        "wall_cell (m)": wall_cell, "edge_cell (m)": edge_cell,
+        "wall_cell (m)": wall_cell,
     }  # fmt: skip
     for name, size in stated.items():
         if size is not None:
@@ -140,9 +134,7 @@ def build_mesh(
     y = np.concatenate([half, case.height - half[-2::-1]])
     x = [np.array([case.start])]
     for low, high in itertools.pairwise(sorted({case.start, case.end, *itertools.chain(*case.liner)})):
-        part = _graded((high - low) / 2, edge_cell, column) if edge_cell and edge_cell < column else None
-        whole = _even(high - low, column) if part is None else np.concatenate([part, high - low - part[-2::-1]])
-        x.append(low + whole[1:])
+        x.append(low + _even(high - low, column)[1:])
     return DuctMesh(case, np.concatenate(x), y, degree)
 
 

@@ -72,7 +72,12 @@ class PridmoreBrown:
         widths = np.diff(edges)[::-1, None]  # from the rigid wall down: the first panel ends at eta = 1
         nodes = (edges[:0:-1, None] - widths * inner).clip(0, 1)
         y = (height * nodes).clip(0, height)
-        found = profile.mach(y), height * profile.mach_slope(y), nodes, (-1 + 0j) * widths[..., None] * integral_matrix(inner)
+        found = (
+            profile.mach(y),
+            height * profile.mach_slope(y),
+            nodes,
+            (-1 + 0j) * widths[..., None] * integral_matrix(inner),
+        )
         mach, slope, nodes, integral = (torch.as_tensor(part, device=device) for part in found)
         return cls(mach, slope, nodes, integral, profile.bulk_mach, myers)
 

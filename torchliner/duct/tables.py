@@ -64,42 +64,28 @@ def tabulated_wall(
         raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = found["resistance"], found["reactance"]
-    places = found["x"] if "x" in found else found["frequency"]
-    if "x" in found:
-        _check_stations(places, liner, start, end, path)
+    places = found.get("x", found.get("frequency"))
     try:
         between = impedance_along(places, walls)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
-    if "x" in found:
-        return between
     low, high = float(places[0]), float(places[-1])
-    for f in frequencies:
-        if not low * (1 - NEAR) <= f <= high * (1 + NEAR):
-            raise ValueError(f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz")
-    wanted = torch.tensor(frequencies, dtype=torch.float64)
-    return between(wanted, wanted[:1]).mT.expand(-1, len(liner))
-
-
-def _check_stations(x: Array, liner: Sequence[tuple[float, float]], start: float, end: float, path: Path) -> None:
-    outside = (x < start - NEAR) | (x > end + NEAR)
-    if outside.any():
-        raise ValueError(
-            f"{path}: a station at x = {x[outside][0]:g} m lies outside the duct, {start:g} to "
-            f"{end:g} m; is its unit right?"
-        )
-    low, high = float(x.min()), float(x.max())
+    if "frequency" in found:
+        for f in frequencies:
+            if not low * (1 - NEAR) <= f <= high * (1 + NEAR):
+                raise ValueError(f"{path.name}: {f:g} Hz lies outside its table, {low:g} to {high:g} Hz")
+        wanted = torch.tensor(frequencies, dtype=torch.float64)
+        return between(wanted, wanted[:1]).mT.expand(-1, len(liner))
+    stations = f"{path}: its stations, x = {low:g} to {high:g} m,"
+    if low < start - NEAR or high > end + NEAR:
+        raise ValueError(f"{stations} leave the duct, {start:g} to {end:g} m; is their unit right?")
     for first, last in liner:
         where = f"the lined patch, x = {first:g} to {last:g} m"
         if low > last or high < first:
-            raise ValueError(
-                f"{path}: its stations, x = {low:g} to {high:g} m, do not reach {where}; is their unit right?"
-            )
+            raise ValueError(f"{stations} do not reach {where}; is their unit right?")
         if low > first + NEAR or high < last - NEAR:
-            tell(
-                f"{path}: its stations, x = {low:g} to {high:g} m, do not span {where}; beyond them Z "
-                "is taken as at the last one"
-            )
+            tell(f"{stations} do not span {where}; beyond them Z is taken as at the last one")
+    return between
 
 
 def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
@@ -117,13 +103,12 @@ def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor
         raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
     if (np.diff(places) <= 0).any():
         raise ValueError("the stations of an impedance profile must increase along x")
-    for value, fault in ((values == 0, "0"), (np.isnan(values), "nan")):
-        if value.any():
-            raise ValueError(
-                f"the impedance profile is {fault} at x = {places[value][0]:g} m, which has no "
-                "admittance to interpolate; write a small resistance, as 0.001, for a soft wall "
-                "and inf for a rigid one"
-            )
+    faulty = (values == 0) | np.isnan(values)
+    if faulty.any():
+        raise ValueError(
+            f"the impedance profile is {values[faulty][0].real:g} at x = {places[faulty][0]:g} m, which has no "
+            "admittance to interpolate; write a small resistance, as 0.001, for a soft wall and inf for a rigid one"
+        )
     rigid = np.isinf(values)
     admittance = np.where(rigid, 0, 1 / np.where(rigid, 1, values))
 

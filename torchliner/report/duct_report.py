@@ -12,7 +12,6 @@ import torch
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
-from torchliner.duct.settled import SettledField
 from torchliner.report.figure import (
     COLOURS,
     LINES,
@@ -38,9 +37,8 @@ MICROPHONES = (
 )
 
 
-def plain_duct(setup: DuctSetup, settled: SettledField) -> dict[str, Any]:
+def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
     """For JSON; levels in dB re 20 uPa rms, phases in degrees."""
-    field = settled.field
     places = setup.places
     level = field.wall_level(places, setup.wall).detach()
     phase = field.wall_phase(places, setup.wall).detach()
@@ -53,8 +51,8 @@ def plain_duct(setup: DuctSetup, settled: SettledField) -> dict[str, Any]:
     return {
         "duct": setup.facts,
         "unknowns": field.mesh.unknowns,
-        "unknowns of the finer mesh": settled.finer_unknowns,
-        "plane_mode": settled.rows(),
+        "unknowns of the finer mesh": field.finer_unknowns,
+        "plane_mode": field.rows(),
         "microphones": rows,
     }
 
