@@ -48,7 +48,7 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
             "with flagged='use'"
         )
     drawn = monte_carlo(each[used], counts[used], draws, SEED)
-    reflection, admittance = line.over_segments(line.reflection), line.over_segments(each)
+    admittance = line.over_segments(each)
     average = LineAverage(
         impedance=mean_impedance(admittance[used]),
         monte_carlo=mean_impedance(drawn),
@@ -57,15 +57,19 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
         interval=None,
         stations=int(used.sum()),
     )
-    if level is None or int(counts[used].min()) < FEWEST_BLOCKS:
-        return dataclasses.replace(line, average=average)
-    bias = admittance - admittance_from_reflection(reflection)
-    bias = bias if line.wall is None else torch.where(line.wall, 0, bias)
-    shares = together(scatter(each[used] / average.stations, counts[used]))
-    mean, off = admittance[used].mean(0), bias[used].mean(0)
-    average = dataclasses.replace(average, interval=interval_of(mean, shares, level, FROM_ADMITTANCE, off))
-    known = int(counts.min()) >= FEWEST_BLOCKS
-    interval = station_intervals(line.reflection, counts, level) if known else None
+    interval = None
+    if level is not None and int(counts[used].min()) >= FEWEST_BLOCKS:
+        bias = admittance - admittance_from_reflection(line.over_segments(line.reflection))
+        bias = bias if line.wall is None else torch.where(line.wall, 0, bias)
+        power, square, runs = scatter(each[used] / average.stations, counts[used])
+        # Of what all stations contribute to, as they are independent.
+        whole, share = power.sum(0), (power**2 / (runs - 1)).sum(0)
+        runs = torch.where(share > 0, 1 + whole**2 / share.clamp(min=1e-300), runs.sum(0))
+        found = whole, square.sum(0), runs
+        own = interval_of(admittance[used].mean(0), found, level, FROM_ADMITTANCE, bias[used].mean(0))
+        average = dataclasses.replace(average, interval=own)
+        if int(counts.min()) >= FEWEST_BLOCKS:
+            interval = station_intervals(line.reflection, counts, level)
     return dataclasses.replace(line, average=average, interval=interval)
 
 
@@ -116,20 +120,12 @@ def scatter(segments: Tensor, counts: Tensor) -> Scatter:
     return power, square, runs
 
 
-def together(of_stations: Scatter) -> Scatter:
-    """Of what all stations contribute to, (N, ...) to (...), as they are independent."""
-    power, square, runs = of_stations
-    whole, share = power.sum(0), (power**2 / (runs - 1)).sum(0)
-    return whole, square.sum(0), torch.where(share > 0, 1 + whole**2 / share.clamp(min=1e-300), runs.sum(0))
-
-
 def interval_of(
     value: Tensor, found: Scatter, level: float, conversion: Conversion, bias: Tensor | None = None
 ) -> Interval:
     """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    parts = (value, 0 * value if bias is None else bias, power, square, quantile, runs)
-    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
-    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
+    parts = value, 0 * value if bias is None else bias, power, square, quantile, runs
+    flat = intervals.impedance_interval(*(part.flatten() for part in parts), conversion)
     return flat.map(lambda each: each.reshape(value.shape))
