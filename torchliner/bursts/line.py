@@ -47,10 +47,10 @@ def educe_bursts(
 ) -> ImpedanceLine:
     """Impedance along a line of stations of bursts, segment by segment, and its averages.
 
-    Each station is put on a uniform grid, cut into overlapping segments, and these are educed as one batch. A station's
-    result depends on no other station. The paper to the letter is ``educe_bursts(stations, liner, frequency,
-    correction="none", window="hann", flagged="use")``: linear interpolation, segments of 1 s that overlap by half,
-    Hann's window, mean of Z over segments (5.1), mean of admittances over stations (5.2), 5000 draws as a check.
+    Each station, by itself, is put on a uniform grid and cut into overlapping segments, which are educed as one batch.
+    The paper to the letter is ``educe_bursts(stations, liner, frequency, correction="none", window="hann",
+    flagged="use")``: linear interpolation, segments of 1 s that overlap by half, Hann's window, mean of Z over segments
+    (5.1), mean of admittances over stations (5.2), 5000 draws as a check.
 
     Args:
         stations: file or folder, as for ``read_bursts``; or records; or what ``list_stations`` returns, which is read
@@ -81,23 +81,20 @@ def educe_bursts(
         flagged stations do not count in averages, intervals.
     """
     model, (own, chosen) = as_liner(liner), split_choices(choices)
-    if reference_phase is not None and chosen.phase != "given":
-        raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     if reference_phase is not None:
+        if chosen.phase != "given":
+            raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
         reference_phase = phase_tensor(reference_phase).reshape(-1).tolist()
     tasks = _tasks(stations, reference, reference_phase)
-    keys, shared = [""] * len(tasks), (model, frequency, own, chosen)
-    done: list[ImpedanceLine | None] = [None] * len(tasks)
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    if kept is not None:
-        about = frequency, own, chosen.describe()
-        keys = [_digest(model, each, _channel(channel, each), phase, *about) for each, channel, phase in tasks]
-        done = [kept.load(key) for key in keys]
+    about = frequency, own, chosen.describe()
+    keys = [_digest(model, task, *about) if kept else "" for task in tasks]
+    done = [kept.load(key) if kept else None for key in keys]
     missing = [task for task, part in zip(tasks, done, strict=True) if part is None]
-    made, lines = tasks_in_order(client, _read_and_educe, shared, missing), []
+    made, lines = tasks_in_order(client, _read_and_educe, (model, frequency, own, chosen), missing), []
     for key, part in zip(keys, done, strict=True):
         if part is None:
-            part = next(made) if kept is None else kept.keep(key, next(made))
+            part = kept.keep(key, next(made)) if kept else next(made)
         lines.append(part)
         if progress is not None:
             progress(1)
@@ -147,9 +144,8 @@ def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
 def _read_and_educe(
     model: LinerModel, frequency: Any, own: StationChoices, chosen: Choices, station: Station, channel: Any, phase: Any
 ) -> ImpedanceLine:
-    channel = _channel(channel, station)
     record = station.read() if isinstance(station, StationSource) else station
-    return educe_station(record, model, frequency, own, chosen, channel, phase)
+    return educe_station(record, model, frequency, own, chosen, _channel(channel, station), phase)
 
 
 def _inputs(tasks: Sequence[tuple[Station, Any, Any]], liner: LinerModel) -> Iterator[tuple[str, str]]:
@@ -203,8 +199,9 @@ def _case(line: ImpedanceLine) -> dict[str, Any]:
     }
 
 
-def _digest(liner: LinerModel, station: Station, channel: ReferenceChannel | None, *more: Any) -> str:
+def _digest(liner: LinerModel, task: tuple[Station, Any, Any], *more: Any) -> str:
     """Hash of what a finished station follows from, 32 hexadecimal digits: the name of a table says too little."""
+    station, channel, phase = task[0], _channel(task[1], task[0]), task[2]
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
     with torch.no_grad():
@@ -213,7 +210,7 @@ def _digest(liner: LinerModel, station: Station, channel: ReferenceChannel | Non
             for f in torch.linspace(float(low), float(high), 9).tolist()
         ]
     facts += [station.digest()] if isinstance(station, StationSource) else vars(station).values()
-    facts += [station.name, liner.describe(), *more, *([] if channel is None else vars(channel).values())]
+    facts += [station.name, liner.describe(), phase, *more, *([] if channel is None else vars(channel).values())]
     digest = hashlib.sha256(__version__.encode())
     for fact in facts:
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
