@@ -86,15 +86,14 @@ def test_mode_matching_without_flow(impedance):
     x = np.linspace(-0.24, 0.39, 64)
     wanted = match_modes(HEIGHT, LINER, FREQUENCY, impedance, sound_speed=SPEED, modes=200)
     found = solve(impedance)
-    error = (found.wall_pressure(x) - wanted.fields(x, HEIGHT)[0]).abs().max()
-    assert float(error) < 1e-4
+    assert np.abs(found.wall_pressure(x)[0].numpy() - wanted.fields(x, HEIGHT)[0]).max() < 1e-4
     away = np.abs(x[:, None] - LINER).min(1) > 0.01
     units = (1, 1.204 * SPEED, 1.204 * SPEED)
     for field, unit, part in zip(found.at(x, 0.02), units, wanted.fields(x, 0.02), strict=True):
-        assert float((field * unit - part)[0, away].abs().max()) < 1e-3
+        assert np.abs(field[0].numpy() * unit - part)[away].max() < 1e-3
     length = np.exp(-1j * K * 0.25)  # from the duct's ends to the liner's edges
-    assert abs(complex(found.transmission) - complex(wanted.transmission) * length**2) < 1e-4
-    assert abs(complex(found.reflection) - complex(wanted.reflection) * length**2) < 1e-4
+    assert abs(complex(found.transmission) - wanted.transmission * length**2) < 1e-4
+    assert abs(complex(found.reflection) - wanted.reflection * length**2) < 1e-4
 
 
 @pytest.mark.parametrize("source", BOTH)
