@@ -37,18 +37,13 @@ def case_of(**about):
             {"liner": (0.0, 0.4)},
             r"from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m; move its edges",
         ),
-        ({"liner": (-0.21, 0.1)}, r"from x = -0\.21 to 0\.1 m lies outside"),
         ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m has the length -0\.1 m; it must be above 0"),
-        ({"liner": (0.1, 0.1)}, "has the length 0 m"),
         ({"liner": [(0.0, 0.1), (0.05, 0.15)]}, r"overlap: one ends at x = 0\.1 m, .* at 0\.05 m"),
         ({"liner": 0.15}, r"liner is 0\.15; it must be \(start, end\) in m"),
-        ({"liner": [1, 2, 3]}, r"liner is \[1, 2, 3\]; it must be \(start, end\) in m"),
         ({"source": "left"}, "unknown source 'left'"),
         ({"density": 0.0}, "density .* is 0"),
         ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
-        ({"incident": math.nan}, r"incident is nan; it must be finite"),
         ({"incident": complex(1, math.inf)}, r"incident is \(1\+infj\)"),
-        ({"end_reflection": math.nan}, "end_reflection is nan; it must be finite"),
         ({"source_reflection": torch.tensor([0.1, math.inf])}, r"source_reflection is tensor\(\["),
     ],
 )
@@ -62,13 +57,6 @@ def test_ends_that_gain_are_doubted(name):
     with pytest.warns(tl.DataWarning, match=f"{name} has a modulus of 1.3, above 1: such an end"):
         case_of(**{name: torch.tensor([0.5, 1.3j])})
     case_of(**{name: np.exp(0.3j)})  # quiet
-
-
-def test_supersonic_flow_is_refused_by_the_profile():
-    with pytest.raises(ValueError, match="bulk_mach is 1; it must be"):
-        case_of(profile=UniformProfile(1.0, HEIGHT))
-    with pytest.raises(ValueError, match=r"centreline Mach number is 1\.0"):
-        case_of(profile=TanhProfile(0.95, HEIGHT))
 
 
 X, Y = np.array([-0.2, 0.0, 0.15, 0.35]), np.array([0.0, 0.02, 0.05])
@@ -107,7 +95,7 @@ def test_meshes_built():
     assert build_mesh(case, 20e3).unknowns > 2 * build_mesh(case, FREQUENCY).unknowns
 
 
-@pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, math.inf])
+@pytest.mark.parametrize("size", [-1e-3, math.nan])
 @pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell"])
 def test_sizes_that_make_no_mesh(name, size):
     """Doubling from 0 or below would never end."""
@@ -168,18 +156,11 @@ def test_ends_are_near_just_below_cut_on():
     DuctSolver(b2a.case, b2a.frequency)  # quiet
 
 
-def test_negative_resistance_warns():
-    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.1 at least"):
-        solve_duct(case_of(), FREQUENCY, -0.1 + 1j)
-    solve_duct(case_of(), FREQUENCY, -1e-12 + 1j)  # rounding: quiet
-
-
 @pytest.mark.parametrize(
     ("impedance", "match"),
     [
         (math.nan, "impedance is nan; a hard wall is inf"),
         (-1.0, "impedance is -1, a wall that sends waves"),
-        (torch.ones(3), r"impedance has shape \(3,\); its last two axes must fit \(1, 1\)"),
         (torch.ones(2, 2, 1), r"shape \(2, 2, 1\); its last two axes must fit \(1, 1\)"),
         (
             lambda x, f: torch.ones(len(x) + 1),
@@ -202,14 +183,10 @@ def test_slip_needs_a_condition():
     DuctSolver(case_of(profile=PLUG, liner=()), FREQUENCY)
 
 
-@pytest.mark.parametrize("frequency", [0.0, -1.0, math.inf])
-def test_frequencies_refused(frequency):
-    with pytest.raises(ValueError, match="frequency"):
-        solve_duct(case_of(), frequency)
-
-
 def test_solver_refusals():
     case = case_of()
+    with pytest.raises(ValueError, match="frequency"):
+        DuctSolver(case, math.inf)
     with pytest.raises(ValueError, match="built for another DuctCase"):
         DuctSolver(case, FREQUENCY, build_mesh(case_of(), FREQUENCY))
     field = solve_duct(case, FREQUENCY, B2A)

@@ -178,6 +178,8 @@ def test_points_outside_are_refused(name):
         ("uniform", {"bulk_mach": -0.1}, r"bulk_mach is -0\.1; .* turn the duct round"),
         ("uniform", {"duct_height": 0.0}, "duct_height is 0"),
         ("parabola", {"bulk_mach": 1.2}, "bulk_mach is 1.2; it must be at least 0 and below 1"),
+        ("tanh", {"shear": 0.0}, "shear is 0; it must be finite and above 0"),
+        ("tanh", {"bulk_mach": 0.99}, r"centreline Mach number is 1\.06.*it must be below 1"),
         ("parabola", {"bulk_mach": 0.7}, r"centreline Mach number is 1\.05"),
         ("law of the wall", {"bulk_mach": 0.95}, r"centreline Mach number is 1\.0"),
         ("law of the wall", {"bulk_mach": 0.004}, "Reynolds number is 180.*use ParabolicProfile"),

@@ -8,7 +8,6 @@ import pytest
 import torch
 from test_modes import B2A, HEIGHT, SPEED, TANH, UNIFORM, VELOCITY, WALLS, k_of
 
-import torchliner as tl
 from torchliner.duct import modes as modes_module
 from torchliner.duct.modes import cut_on_frequency, duct_modes
 
@@ -110,8 +109,3 @@ def test_failures_that_computation_shows():
     modes = duct_modes(TANH, 1500.0, count=1)
     with pytest.raises(ValueError, match=r"run from 0 to 0\.05 m"):
         modes.at([0.06])
-
-
-def test_negative_resistance_warns():
-    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.2 at least"):
-        duct_modes(TANH, 1500.0, -0.2 + 1j, count=1)
