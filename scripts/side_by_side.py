@@ -24,9 +24,9 @@ import torch
 import b2a_line
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.solved_line import solved_line
+from torchliner.duct.solver import DuctField
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation

@@ -17,7 +17,7 @@ from torchliner.duct.flow_profiles import (
     TanhProfile,
     UniformProfile,
 )
-from torchliner.duct.tabulated_profile import TabulatedProfile
+from torchliner.duct.tables import TabulatedProfile
 
 HEIGHT, SPEED = 50e-3, 340.0
 TABLE_Y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 41))) / 2

@@ -28,7 +28,7 @@ from torchliner.duct.flow_profiles import LawOfTheWallProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.solver import DuctSolver, solve_duct
-from torchliner.duct.tabulated_profile import TabulatedProfile
+from torchliner.duct.tables import TabulatedProfile
 
 # Soft walls under this flow: a wave grows, which does not matter to the claim.
 GROWS = pytest.mark.filterwarnings("ignore:at .* times the energy that comes in goes out")

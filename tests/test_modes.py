@@ -17,7 +17,7 @@ from torchliner.duct.flow_profiles import (
 )
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.polynomials import chebyshev_points, derivative_matrix, integral_matrix
-from torchliner.duct.tabulated_profile import TabulatedProfile
+from torchliner.duct.tables import TabulatedProfile
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED = 50e-3, 343.0

@@ -41,11 +41,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.duct.case import wall_reflection
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.polynomials import Basis
-from torchliner.duct.wall_impedance import wall_reflection
 from torchliner.names import DIRECTIONS
 
 SINGULAR = 1e-6  # residual over right-hand side

@@ -24,8 +24,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import real_tensor, require_choice, require_complex
+from torchliner.duct.case import wall_reflection
 from torchliner.duct.roots import LONGEST_STEP, follow_roots
-from torchliner.duct.wall_impedance import wall_reflection
 from torchliner.names import CONDITIONS, DIRECTIONS
 
 STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow

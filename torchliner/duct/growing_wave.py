@@ -16,11 +16,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor
-from torchliner.duct.case import DuctCase
+from torchliner.duct.case import DuctCase, require_slip_condition, wall_reflection
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.modes import PridmoreBrown
 from torchliner.duct.roots import newton, with_slopes
-from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
 
 POINTS = 12  # Chebyshev points of a panel
 # Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.

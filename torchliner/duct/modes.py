@@ -34,11 +34,11 @@ from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, whole_number
+from torchliner.duct.case import require_slip_condition, result_type, wall_reflection
 from torchliner.duct.dispersion import rigid_wavenumber
 from torchliner.duct.flow_profiles import MeanFlow, UniformProfile
 from torchliner.duct.polynomials import chebyshev_points, integral_matrix, interpolation_matrix
 from torchliner.duct.roots import follow_roots, with_slopes
-from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
 from torchliner.names import DIRECTIONS
 
 WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height

@@ -19,8 +19,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
 from torchliner.duct.case import DuctCase
 from torchliner.duct.doubts import doubt_sound
-from torchliner.duct.tables import Z, tabulated_wall, velocity_table
-from torchliner.duct.tabulated_profile import TabulatedProfile
+from torchliner.duct.tables import TabulatedProfile, Z, tabulated_wall, velocity_table
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated

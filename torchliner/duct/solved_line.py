@@ -10,8 +10,8 @@ import torch
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
+from torchliner.duct.solver import DuctField
 from torchliner.fluid import Fluid
 from torchliner.records import MicrophoneLine
 from torchliner.version import __version__

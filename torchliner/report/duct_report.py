@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
+from torchliner.duct.solver import DuctField
 from torchliner.report.figure import (
     COLOURS,
     LINES,

@@ -7,8 +7,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from torchliner.duct.field import DuctField
 from torchliner.duct.solved_line import setup_of, solved_line
+from torchliner.duct.solver import DuctField
 from torchliner.file_checks import naming
 from torchliner.io import line_file, map_file, microphone_file, point_file, wall_file
 from torchliner.io.hdf5 import open_file, text_attribute
