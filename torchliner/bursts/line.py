@@ -12,10 +12,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.bursts.averages import average_line
+from torchliner.bursts.averages import average_line, line_level_check
 from torchliner.bursts.choices import StationChoices, split_choices
-from torchliner.bursts.level_check import line_level_check
-from torchliner.bursts.line_notes import notes_of
+from torchliner.bursts.segments import DAMPED
 from torchliner.bursts.station import CASE, educe_station
 from torchliner.checks import phase_tensor, tell
 from torchliner.engine.workers import tasks_in_order
@@ -23,6 +22,7 @@ from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import BurstRecord, ImpedanceLine, LevelCheck, ReferenceChannel
+from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of, with_choices
 from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
@@ -30,6 +30,8 @@ from torchliner.version import __version__
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
 OF_LINE = ("frequency", "goodrich")  # tensors that are those of the whole line
+ARRIVALS_A_PERIOD = 8.0  # warned of below
+SHOWN = 4  # names in a warning
 LISTS = ("names", "flags", "dropped", "station_notes")
 
 
@@ -215,3 +217,41 @@ def _digest(liner: LinerModel, task: tuple[Station, Any, Any], *more: Any) -> st
     for fact in facts:
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
     return digest.hexdigest()[:32]
+
+
+def notes_of(line: ImpedanceLine) -> Iterator[Note]:
+    """One note for each thing about a line that is doubtful, with numbers."""
+    count, choices, rate = line.stations, line.choices, float(line.rate.min())
+    flagged = [i for i, flags in enumerate(line.flags) if flags]
+    if flagged:
+        shown = ", ".join(line.names[i] for i in flagged[:SHOWN]) + ", ..." * (len(flagged) > SHOWN)
+        counted = "count in the averages all the same" if bool(line.used.all()) else "do not count in the averages"
+        text = f"{len(flagged)} of {count} stations are flagged and {counted}: {shown}; the first: "
+        yield Note("flagged-stations", text + line.flags[flagged[0]][0])
+    for i, f in enumerate(line.frequency.tolist()):
+        sizes, share = line.attenuation[:, i].abs(), float(line.phase_held[:, i].mean())
+        if float(sizes.min()) < DAMPED:
+            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the"
+            mended = "the tone is corrected, the turbulence is not"
+            mended = mended if bool(line.corrected[:, i].all()) else "it is not corrected there"
+            yield Note("damped-tone", f"{text} stations (least {float(sizes.min()):.3f}); {mended}")
+        if rate < ARRIVALS_A_PERIOD * f:
+            text = f"{rate / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g})"
+            yield Note("few-arrivals", f"{text}: |v(t)| between them is guessed")
+        if line.wall is not None:
+            text = f"wall filter: {int(line.wall[:, i].sum())} of {count} stations have a squared coherence below"
+            text = f"{text} {choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0, in the averages"
+            yield Note("wall-filter", text)
+        if share < 1:
+            text = f"self-consistent phase: at {f:g} Hz it held in {100 * share:.3g} % of the segments; the others,"
+            yield Note("phase-fell-back", f"{text} with too little coherence, are 'averaged' instead")
+        check = line.level_check
+        if check is not None and (sentence := check.sentence("stations", f, i)):
+            yield Note("level-check", sentence)
+    noted = [i for i, notes in enumerate(line.station_notes) if notes]
+    if noted:
+        text = f"{len(noted)} of {count} stations have notes of their own (station_notes); the first, of "
+        yield Note("station-notes", f"{text}{line.names[noted[0]]}: {line.station_notes[noted[0]][0]}")
+    if line.interval is None and choices["interval"] is not None:
+        text = f"no error bars: a station has {int(line.segments.min())} segments, four are the least"
+        yield Note("no-intervals", text)

@@ -192,7 +192,7 @@ def _a_frequency(path: Path, setup: DuctSetup) -> list[Path]:
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.growing_wave import growing_wave
     from torchliner.duct.modes import duct_modes
-    from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
+    from torchliner.report.duct_report import draw_modes, format_modes, mode_table
 
     wall, condition = setup.first_wall, setup.case.slip_condition
     about: dict[str, Any] = {"count": options.count, "slip_condition": condition}
