@@ -170,7 +170,7 @@ def test_what_comes_in_may_be_of_other_types():
         fit_field(none, solver)
     case = dataclasses.replace(solver.case, end_reflection=torch.zeros(3, 1))
     with pytest.raises(ValueError, match="end_reflection of the duct has leading axes"):
-        fit_field(line, DuctSolver(case, line.frequency, keep="walls"))
+        fit_field(line, DuctSolver(case, line.frequency))
 
 
 def test_draws_that_do_not_settle_do_not_count(monkeypatch):

@@ -9,7 +9,7 @@ from torchliner.version import __version__
 
 _HOMES = {
     "Fluid": "torchliner.fluid",
-    "displacement_thickness": "torchliner.duct.tabulated_profile",
+    "displacement_thickness": "torchliner.duct.tables",
     "TanhProfile": "torchliner.duct.flow_profiles",
     "DataWarning": "torchliner.checks",
     "SDoFLiner": "torchliner.liners.sdof",

@@ -31,7 +31,7 @@ from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
 from torchliner.duct.settled import solve_settled as solve_settled
 from torchliner.duct.solver import DuctSolver as DuctSolver
-from torchliner.duct.tabulated_profile import displacement_thickness as displacement_thickness
+from torchliner.duct.tables import displacement_thickness as displacement_thickness
 from torchliner.engine.kernels import build_kernels as build_kernels
 from torchliner.engine.levels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments

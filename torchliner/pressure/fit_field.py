@@ -164,7 +164,7 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
             "--copy FILE writes one to edit)"
         )
     setup = load_duct(duct, frequency=line.frequency.tolist())
-    return fit_field(line, DuctSolver(setup.case, setup.frequency, keep="walls"), wall=setup.wall, **options)
+    return fit_field(line, DuctSolver(setup.case, setup.frequency), wall=setup.wall, **options)
 
 
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
