@@ -14,8 +14,8 @@ from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel
+from torchliner.liners.plates import goodrich_resistance
 from torchliner.liners.response import impedance_of
-from torchliner.liners.sheets.terms import goodrich_resistance
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.averaged import Educed
