@@ -13,7 +13,7 @@ from test_stations import station
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
-from torchliner.pressure.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.records.level_check import Gap
 from torchliner.report.alongside import joint_bounds
 from torchliner.report.audit_report import format_audit, write_audit

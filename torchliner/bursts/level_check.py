@@ -19,7 +19,7 @@ from scipy.special import chdtri, ndtri
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.pressure.known_pressure import INCIDENT, stated_pressure
+from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
 from torchliner.records import Gap, ImpedanceLine, LevelCheck
 from torchliner.records.level_check import gap_of
 from torchliner.velocity.choices import Choices

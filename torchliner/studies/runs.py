@@ -21,7 +21,7 @@ from torchliner.conversions import admittance_from_reflection, impedance_from_ad
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
 from torchliner.studies.variants import Records, plane_of

@@ -24,7 +24,7 @@ from torchliner.engine.moments import Moments, projection_of
 from torchliner.engine.nodes import choose_nodes
 from torchliner.engine.sums import Job, Record, reduce
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import Windows
 from torchliner.studies.rows import Row

@@ -16,7 +16,7 @@ from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel
 from torchliner.liners.plates import goodrich_resistance
 from torchliner.liners.response import impedance_of
-from torchliner.pressure.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.averaged import Educed
 from torchliner.records.level_check import Gap

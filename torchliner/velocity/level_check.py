@@ -26,7 +26,7 @@ from torchliner.conversions import impedance_from_reflection, spl_from_pressure_
 from torchliner.engine.intervals import ITSELF, jackknife
 from torchliner.engine.moments import Moments
 from torchliner.fluid import Fluid
-from torchliner.pressure.known_pressure import INCIDENT, Case, KnownPressure
+from torchliner.velocity.known_pressure import INCIDENT, Case, KnownPressure
 from torchliner.records.level_check import Gap, LevelCheck, gap_of
 from torchliner.velocity.averages import Averages, survey_of_columns, tone_velocity
 from torchliner.velocity.choices import Choices
