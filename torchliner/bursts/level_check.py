@@ -19,10 +19,10 @@ from scipy.special import chdtri, ndtri
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
 from torchliner.records import Gap, ImpedanceLine, LevelCheck
 from torchliner.records.level_check import gap_of
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
 from torchliner.velocity.level_check import implied_pressure, turned_back
 
 CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart

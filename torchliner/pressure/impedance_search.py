@@ -3,9 +3,9 @@ r"""Least squares over what a duct model offers.
 Microphone i hears :math:`\sum_k A_k h_{ik}(Z)`: for each of K waves that are sent into the duct, one from the source or
 one from either end, the duct's response h to a unit of it times an amplitude that is not known. With the measured p_i
 the residuals are those of :math:`q_i = \sum_k A_k h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the
-imaginary part phase, each over its stated error. The wall's P coordinates are found by Levenberg and Marquardt's method
-with the exact derivative of the field by them (h is holomorphic, so one derivative serves both parts); A is solved for
-at every place.
+imaginary part phase, each over its stated error. The wall's P coordinates (``field_model.py``) are found by Levenberg
+and Marquardt's method with the exact derivative of the field by them (h is holomorphic, so one derivative serves both
+parts); A is solved for at every place.
 """
 
 from __future__ import annotations
@@ -28,46 +28,9 @@ ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valley
 # Impedances to begin from: all pairs of resistances and reactances, so many of them.
 Grid = tuple[Sequence[float], Sequence[float], int]
 STEPS_OF_SIZE = [0.01 * 2000 ** (i / 10) for i in range(11)]  # to 20
-COARSE: Grid = (
-    (0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0),
-    (-8.0, -4.0, -2.0, -1.0, -0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4, 1.0, 2.0, 4.0),
-    4,
-)
+SIZES = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0)
+COARSE: Grid = ((0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0), (-8.0, *(-x for x in SIZES[::-1]), 0.0, *SIZES), 4)
 FINE: Grid = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
-
-
-def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Minimum:
-    """The best constant wall for pressures (B, F, N), P = 1, with no guess.
-
-    From the best of a coarse grid of impedances, and of a fine one where chi squared is above ``poor``: a wrong minimum
-    looks like a wrong duct.
-    """
-    found = from_grid(model, pressure, weights, COARSE)
-    again = (found.cost > poor).any(-1)
-    if bool(again.any()):
-        fine = from_grid(model, pressure[again], weights, FINE)
-        for part, new in zip(found, best_of([Minimum(*(part[again] for part in found)), fine]), strict=True):
-            part[again] = new
-    return found
-
-
-def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid) -> Minimum:
-    """The best constant wall from the best impedances of a grid each.
-
-    Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more than the level. So
-    the impedances of the grid are compared by pressure, not by its logarithm, and the first search takes relative
-    errors of both parts alike.
-    """
-    resistance, reactance, starts = grid
-    pairs = [[complex(r, x)] for r in resistance for x in reactance]
-    places = coordinates(torch.tensor(pairs, dtype=torch.complex128, device=pressure.device))
-    fields = model.in_parts(places[:, None].expand(-1, pressure.shape[-2], -1))  # (G, F, N, K)
-    misfit = torch.stack([solve_linear(each, pressure)[-1].norm(dim=-1) for each in fields])
-    best = places[misfit.topk(starts, 0, largest=False).indices]  # (S, B, F, 1)
-    rough = search(model, pressure.repeat(starts, 1, 1), best.flatten(0, 1), ALIKE, NEAR)
-    kept = rough.cost.reshape(best.shape[:-1]).topk(KEPT, 0, largest=False).indices[..., None]
-    begin = rough.place.reshape(best.shape).gather(0, kept)
-    return best_of(search(model, pressure, each, weights) for each in begin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +38,7 @@ class WallSearch(Problem):
     """The wall's coordinates as Re rho, Im rho, ...
 
     Args:
-        model: of the duct.
-        pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
+        model: of the duct.  pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
         weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
         tolerance: of the last step.
     """
@@ -105,7 +67,6 @@ class WallSearch(Problem):
 
     def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
         """Walls within the bounds of the coordinates."""
-        del index
         return bounded(place + torch.complex(step[..., ::2], step[..., 1::2])), True
 
 
@@ -114,6 +75,37 @@ def search(
 ) -> Minimum:
     """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N); Re A, Im A, ... with it."""
     return least_squares(WallSearch(model, pressure, weights, tolerance), start.to(torch.complex128), STEPS)
+
+
+def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Minimum:
+    """The best constant wall for pressures (B, F, N), P = 1, with no guess: from a coarse grid of impedances, and from
+    a fine one where chi squared is above ``poor``, since a wrong minimum looks like a wrong duct."""
+    found = from_grid(model, pressure, weights, COARSE)
+    again = (found.cost > poor).any(-1)
+    if bool(again.any()):
+        fine = from_grid(model, pressure[again], weights, FINE)
+        for part, new in zip(found, best_of([Minimum(*(part[again] for part in found)), fine]), strict=True):
+            part[again] = new
+    return found
+
+
+def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float], grid: Grid) -> Minimum:
+    """The best constant wall from the best impedances of a grid each.
+
+    Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more than the level. So
+    the impedances of the grid are compared by pressure, not by its logarithm, and the first search takes relative
+    errors of both parts alike.
+    """
+    resistance, reactance, starts = grid
+    pairs = [[complex(r, x)] for r in resistance for x in reactance]
+    places = coordinates(torch.tensor(pairs, dtype=torch.complex128, device=pressure.device))
+    fields = model.in_parts(places[:, None].expand(-1, pressure.shape[-2], -1))  # (G, F, N, K)
+    misfit = torch.stack([solve_linear(each, pressure)[-1].norm(dim=-1) for each in fields])
+    best = places[misfit.topk(starts, 0, largest=False).indices]  # (S, B, F, 1)
+    rough = search(model, pressure.repeat(starts, 1, 1), best.flatten(0, 1), ALIKE, NEAR)
+    kept = rough.cost.reshape(best.shape[:-1]).topk(KEPT, 0, largest=False).indices[..., None]
+    begin = rough.place.reshape(best.shape).gather(0, kept)
+    return best_of(search(model, pressure, each, weights) for each in begin)
 
 
 def covariance_of(found: Minimum) -> Tensor:

@@ -209,7 +209,10 @@ def sort_waves(
     places, frequency = ((some.x - place).to(some.pressure.device), some.frequency.to(some.pressure.device))
     found = split_waves(some.pressure, places, frequency, float(some.fluid.sound_speed), some.stated_mach)
     back, incident = found[0].unbind(-2)[:: seen.sign]
-    notes = (*duct_notes(line), *condition_notes(f"{line.name}: the microphones of the rigid duct", frequency, found[2]))
+    notes = (
+        *duct_notes(line),
+        *condition_notes(f"{line.name}: the microphones of the rigid duct", frequency, found[2]),
+    )
     tell([str(note) for note in notes])
     return PlaneWaves("sorted waves", line.frequency, incident, back / incident, place, *found[1:], some.x, notes)
 

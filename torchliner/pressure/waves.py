@@ -115,14 +115,14 @@ def educe_waves(
         RuntimeError: no wave runs with the source at any frequency.
     """
     require_choice("condition", condition, CONDITIONS)
-    line, pressure, spare = seen.line, seen.pressure, seen.line.microphones - unknowns
+    line, pressure, count, spare = seen.line, seen.pressure, seen.line.microphones, seen.line.microphones - unknowns
     freedom = errors.freedom(spare)
     choices = {
         **choices,
         "condition": condition,
         "source_side": seen.source_side,
         "source": line.name,
-        "microphones": line.microphones,
+        "microphones": count,
         "mach": line.stated_mach,
         "sound_speed": float(line.fluid.sound_speed),
         "version": __version__,
@@ -131,14 +131,9 @@ def educe_waves(
     }
 
     def impedance_of(waves: Waves) -> Tensor:
-        return impedance_from_wavenumber(
-            waves.wavenumber,
-            line.frequency.to(waves.wavenumber.device),
-            height=line.duct_height,
-            mach=seen.mach,
-            sound_speed=line.fluid.sound_speed,
-            condition=condition,
-        )
+        frequency = line.frequency.to(waves.wavenumber.device)
+        duct = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
+        return impedance_from_wavenumber(waves.wavenumber, frequency, **duct, condition=condition)
 
     def record_of(pressure: Tensor) -> WallEduction:
         waves = waves_of(pressure)
@@ -153,7 +148,7 @@ def educe_waves(
             amplitudes=waves.amplitudes,
             origin=float(line.x[0 if seen.sign == 1 else -1]),
             residual=waves.residual,
-            misfit=errors.misfit(waves.residual, line.microphones, unknowns),
+            misfit=errors.misfit(waves.residual, count, unknowns),
             source_side=seen.source_side,
             singular_values=waves.singular_values,
             choices={**choices, **settled},
@@ -169,23 +164,18 @@ def educe_waves(
             "the other side, or the phases of the other sign (exp(+j omega t) is needed)"
         )
     if spare > 0 and pressure.ndim == 2:
-        rms = pressure.abs().square().mean(0).sqrt().expand(pressure.shape)
-        slope = _slopes(lambda p: impedance_of(waves_of(p)), pressure, rms if unit is None else unit)
+        # Slopes of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions,
+        # of all microphones as one batch.
+        steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
+        steps = torch.cat([steps, 1j * steps])[..., None]
+        steps = steps * (pressure.abs().square().mean(0).sqrt().expand(pressure.shape) if unit is None else unit)
+        ahead, behind = impedance_of(waves_of(torch.cat([pressure + steps, pressure - steps]))).split(2 * count)
+        slope = torch.view_as_real((ahead - behind) / (2 * STEP))
         # Half of the complex variance belongs to each part.
-        variance = result.residual.square() * line.microphones / (2 * spare)
+        variance = result.residual.square() * count / (2 * spare)
         covariance = variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
         result = replace(result, covariance=covariance)
     result = errors.with_draws(result, pressure, freedom, record_of)
     notes = wave_notes(result, freedom)
     tell([str(note) for note in notes], depth=2)
     return replace(result, notes=notes)
-
-
-def _slopes(impedance: Callable[[Tensor], Tensor], pressure: Tensor, unit: Tensor) -> Tensor:
-    """Of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions, of all
-    microphones as one batch."""
-    count = len(pressure)
-    steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
-    steps = torch.cat([steps, 1j * steps])[..., None] * unit  # (2 N, N, F)
-    ahead, behind = impedance(torch.cat([pressure + steps, pressure - steps])).split(2 * count)
-    return torch.view_as_real((ahead - behind) / (2 * STEP))
