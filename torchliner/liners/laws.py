@@ -42,7 +42,6 @@ class Perforate(Plate):
 
     kind = "perforate"
     shading: ClassVar[float] = 1.14  # eq. (2.2b)
-
     vena_contracta: Share = 0.8
 
     def __post_init__(self) -> None:
@@ -115,7 +114,6 @@ class Guess(Plate):
     """
 
     kind = "guess"
-
     mach: Mach = 0.0
 
     @property
@@ -201,7 +199,6 @@ class TwoParameter(GrazedPlate):
     """
 
     kind = "two-parameter"
-
     discharge_coefficient: Share = SHARP
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
@@ -233,7 +230,6 @@ class Maa(Plate):
     """
 
     kind = "maa"
-
     discharge_coefficient: Share = SHARP
     edge_factor: Annotated[Any, Number(high=10.0, low_included=True)] = 0.5
 
@@ -264,7 +260,6 @@ class Melling(Plate):
     """
 
     kind = "melling"
-
     discharge_coefficient: Share = SHARP
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
@@ -288,7 +283,6 @@ class Mesh(Sheet):
     """
 
     kind = "mesh"
-
     resistance_rayl: Annotated[Any, Number(unit="Pa s/m", low_included=True)]
     resistance_slope_rayl: Annotated[Any, Number(unit="Pa s2/m2", low_included=True)] = 0.0
     surface_mass: Annotated[Any, Number(unit="kg/m2", low_included=True)] = 0.0

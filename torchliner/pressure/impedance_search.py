@@ -35,18 +35,12 @@ FINE: Grid = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *
 
 @dataclass(frozen=True, eq=False)
 class WallSearch(Problem):
-    """The wall's coordinates as Re rho, Im rho, ...
-
-    Args:
-        model: of the duct.  pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
-        weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
-        tolerance: of the last step.
-    """
+    """The wall's coordinates as Re rho, Im rho, ..."""
 
     model: FieldModel
-    pressure: Tensor
-    weights: tuple[float, float]
-    tolerance: float = TOLERANCE
+    pressure: Tensor  # Pa, (B, F, N); frequencies share the solutions of a duct
+    weights: tuple[float, float]  # 1 over the error of the amplitude's logarithm, and of the phase in radians
+    tolerance: float = TOLERANCE  # of the last step
 
     longest = 0.3
 

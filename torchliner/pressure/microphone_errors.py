@@ -37,18 +37,15 @@ def largest_misfit(freedom: float, share: float = POOR) -> float:
 class MicrophoneErrors:
     """Standard deviations that are assumed, and how many draws of them an eduction takes.
 
-    Args:
-        level: of the SPL, dB.  phase: degrees.  draws: 0 for none; 500 in the paper.
-        generator: of random numbers, on the CPU; default one with seed 0.
     Raises:
         TypeError: draws is no whole number.
         ValueError: an error is not finite or below 0; draws is below 0 or 1, which has no deviation.
     """
 
-    level: float = LEVEL_ERROR
-    phase: float = PHASE_ERROR
-    draws: int = 0
-    generator: torch.Generator | None = None
+    level: float = LEVEL_ERROR  # of the SPL, dB
+    phase: float = PHASE_ERROR  # degrees
+    draws: int = 0  # 0 for none; 500 in the paper
+    generator: torch.Generator | None = None  # of random numbers, on the CPU; default one with seed 0
 
     def __post_init__(self) -> None:
         self.require_above(0)

@@ -38,16 +38,11 @@ def _column(values: Tensor, like: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Parts:
-    """Tones of signals at one frequency in S parts of a record: segments, or blocks of one segment.
+    """Tones of signals at one frequency in S parts of a record: segments, or blocks of one segment."""
 
-    Args:
-        amplitudes: of each signal, (S, ..., 1).  weights: of the parts, of sum 1, (S,).
-        single: whether they are of one segment, whose amplitude is their mean.
-    """
-
-    amplitudes: Sequence[Tensor]
-    weights: Tensor
-    single: bool
+    amplitudes: Sequence[Tensor]  # of each signal, (S, ..., 1)
+    weights: Tensor  # of the parts, of sum 1, (S,)
+    single: bool  # whether they are of one segment, whose amplitude is their mean
 
     @property
     def segments(self) -> list[Tensor]:
@@ -67,20 +62,14 @@ class Parts:
 
 @dataclass(frozen=True)
 class Tones:
-    """How tones are read from a record.
-
-    Args:
-        record: of pressures.  frequency: Hz, (F,).  window: any window of scipy.
-        segment: s; None for one segment of all that is there.  start: s at the beginning that are left out.
-        level: of the intervals; None for none.
-    """
+    """How tones are read from a record."""
 
     record: PressureRecord
-    frequency: Tensor
-    window: Any
-    segment: float | None
-    start: float
-    level: float | None
+    frequency: Tensor  # Hz, (F,)
+    window: Any  # of scipy
+    segment: float | None  # s; None for one segment of all that is there
+    start: float  # s at the beginning that are left out
+    level: float | None  # of the intervals; None for none
 
     @classmethod
     def of(

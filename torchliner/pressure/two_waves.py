@@ -119,20 +119,12 @@ free_wave_fit = functools.partial(two_wave_fit, tied=False)
 @dataclass(frozen=True, eq=False)
 class WavePairs(Problem):
     """Lines of microphones, each to be fitted by two waves, from alpha+ and alpha-, (P, 2), which are of one wall if
-    tied.
+    tied."""
 
-    Args:
-        pressure: weighted, complex, (P, N).
-        weight: of each microphone, (P, N).
-        places: s and s - S, m, (N, 2).
-        duct: of each line, (P,), the flow along s.
-        tied: one wall for both waves.
-    """
-
-    pressure: Tensor
-    weight: Tensor
-    places: Tensor
-    duct: Duct
+    pressure: Tensor  # weighted, complex, (P, N)
+    weight: Tensor  # of each microphone, (P, N)
+    places: Tensor  # s and s - S, m, (N, 2)
+    duct: Duct  # of each line, (P,), the flow along s
     tied: bool
 
     # Sizes are relative to k + |alpha|.

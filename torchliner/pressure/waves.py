@@ -29,21 +29,13 @@ STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 
 
 class FromSource(NamedTuple):
-    """A line seen from its source.
+    """A line seen from its source."""
 
-    Args:
-        line: as recorded.
-        sign: 1 for a source upstream, -1 downstream.
-        distance: s of the microphones from the first, m, (N,).
-        pressure: Pa, (..., N, F), in the order of s.
-        mach: of the flow along s.
-    """
-
-    line: MicrophoneLine
-    sign: int
-    distance: Tensor
-    pressure: Tensor
-    mach: float
+    line: MicrophoneLine  # as recorded
+    sign: int  # 1 for a source upstream, -1 downstream
+    distance: Tensor  # s of the microphones from the first, m, (N,)
+    pressure: Tensor  # Pa, (..., N, F), in the order of s
+    mach: float  # of the flow along s
 
     @property
     def source_side(self) -> str:
@@ -68,23 +60,14 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
 
 
 class Waves(NamedTuple):
-    """What a method finds in pressures (..., N, F), along s.
+    """What a method finds in pressures (..., N, F), along s."""
 
-    Args:
-        wavenumber: alpha' of the wave whose impedance is wanted, (..., F); nan for none.
-        modes: alpha' of all waves, (..., K, F).
-        amplitudes: theirs at s = 0, Pa, (..., K, F).
-        residual: rms of what they leave over that of the pressures, (..., F).
-        singular_values: of the prediction matrix, (..., L, F); None for fits.
-        settled: whether the fit ended, (..., F); None without a search.
-    """
-
-    wavenumber: Tensor
-    modes: Tensor
-    amplitudes: Tensor
-    residual: Tensor
-    singular_values: Tensor | None = None
-    settled: Tensor | None = None
+    wavenumber: Tensor  # alpha' of the wave whose impedance is wanted, (..., F); nan for none
+    modes: Tensor  # alpha' of all waves, (..., K, F)
+    amplitudes: Tensor  # theirs at s = 0, Pa, (..., K, F)
+    residual: Tensor  # rms of what they leave over that of the pressures, (..., F)
+    singular_values: Tensor | None = None  # of the prediction matrix, (..., L, F); None for fits
+    settled: Tensor | None = None  # whether the fit ended, (..., F); None without a search
 
 
 def educe_waves(
@@ -102,15 +85,10 @@ def educe_waves(
     """The impedance of a line's waves, its error bars and its warnings, which are told.
 
     Args:
-        seen: the line along s.
-        waves_of: the method, of pressures along s, (..., N, F), with any leading axes.
-        method: for tables and legends.
-        unknowns: U, complex ones of the waves.
-        condition: at the liner.
-        errors: of the microphones.
-        choices: the method's own.
+        seen: the line along s.  waves_of: the method, of pressures along s, (..., N, F), with any leading axes.
+        method: for tables and legends.  unknowns: U, complex ones of the waves.  condition: at the liner.
+        errors: of the microphones.  choices: the method's own.  about: further fields of the record.
         unit: in whose shares the errors behind the covariance are equal, (..., N, F); default the rms of the line.
-        about: further fields of the record.
     Raises:
         RuntimeError: no wave runs with the source at any frequency.
     """
