@@ -18,8 +18,11 @@ from torchliner.liners.parameters import Pitch
 from torchliner.text_columns import LABEL, cells_of, header_line, read_lines, read_table, separator_of
 
 COLUMNS: dict[str, str | None] = {
-    "frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"
-}  # fmt: skip
+    "frequency": "frequency",
+    "speed": "velocity",
+    "resistance": "impedance",
+    "reactance": "impedance",
+}
 UNITS = {"frequency": "Hz", "speed": "m/s", "resistance": "rho c", "reactance": "rho c"}  # where the header has none
 EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
