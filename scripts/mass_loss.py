@@ -26,7 +26,7 @@ from calibrate_without_flow import FITS, calibrated
 from common import FIGURES, RESULTS, ROOT, options_of, parser_of
 from studies.mass_loss_figure import LossRow, draw_mass_loss
 from torchliner.io.csv_rows import write_rows
-from torchliner.liners.end_loss import EndLossSDoFLiner
+from torchliner.liners.sdof import EndLossSDoFLiner
 from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex
 from truth_page import page_table, write_tables

@@ -13,12 +13,12 @@ from test_stations import station
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
-from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records.level_check import Gap
 from torchliner.report.alongside import joint_bounds
 from torchliner.report.audit_report import format_audit, write_audit
 from torchliner.report.calibration_report import format_calibration, plain_calibration
 from torchliner.report.line_table import format_line, plain_line
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import change_that_passes
 
 OF_AIR = tl.Fluid()

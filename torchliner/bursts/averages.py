@@ -37,11 +37,11 @@ from torchliner.conversions import (
 )
 from torchliner.engine import intervals
 from torchliner.engine.intervals import FEWEST_BLOCKS, FROM_REFLECTION, Conversion
-from torchliner.pressure.known_pressure import INCIDENT, stated_pressure
 from torchliner.records import Gap, ImpedanceLine, Interval, LevelCheck, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
 from torchliner.records.level_check import gap_of
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
 from torchliner.velocity.level_check import implied_pressure, turned_back
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)

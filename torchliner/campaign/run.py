@@ -20,7 +20,7 @@ from torchliner.checks import DataWarning
 from torchliner.io.lock import locked
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.whole_file import printable, writable_folder, written_whole
-from torchliner.pressure.beside_maps import with_in_situ
+from torchliner.pressure.dean import with_in_situ
 from torchliner.records import ImpedanceMap
 from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x

@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable
     from torchliner.liners.catalogue import load_liner
-    from torchliner.pressure.beside_maps import with_in_situ
+    from torchliner.pressure.dean import with_in_situ
 
     outputs = _outputs(options.output, options.planes)
     for path in outputs:

@@ -21,7 +21,6 @@ from torchliner.conversions import admittance_from_reflection, impedance_from_ad
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
 from torchliner.studies.variants import Records, plane_of
@@ -29,6 +28,7 @@ from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import moments
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.review import review_liner, review_record
 

@@ -24,13 +24,13 @@ from torchliner.engine.moments import Moments, projection_of
 from torchliner.engine.nodes import choose_nodes
 from torchliner.engine.sums import Job, Record, reduce
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import Windows
 from torchliner.studies.rows import Row
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
