@@ -15,10 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from torchliner.studies.leave_out import Candidate
+
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from torchliner.report.identification_report import draw_identification
-from torchliner.studies.leave_out import Candidate
 from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "identify.md", RESULTS / "identify_resolved"

@@ -12,14 +12,14 @@ import torch
 from conftest import DATA, FREQUENCY, frozen_plane, plane_of, turbulence
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torchliner.studies.curves import BOUNDS, CurveShape, Knots
+from torchliner.studies.leave_out import candidate_of, error_of
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.curves import BOUNDS, CurveShape, Knots
 from torchliner.studies.fit import residuals_of
-from torchliner.studies.leave_out import candidate_of, error_of
 
 FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
 

@@ -9,12 +9,12 @@ import pytest
 import torch
 from conftest import DATA, FREQUENCY, Resistive, frozen_plane, plane_of, turbulence
 from torch.autograd import forward_ad
+from torchliner.studies.budget import covariance_of
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.conversions import impedance_from_reflection
 from torchliner.liners.cell import air_state
-from torchliner.studies.budget import covariance_of
 from torchliner.units import parse_tolerance
 
 pytestmark = [
