@@ -211,7 +211,7 @@ class Fit:
             columns |= {"level_check": (run.errors(z).real / NEPER).tolist(), "off": run.off(z).tolist()}
         elif len(run.wanted):
             own = torch.tensor([noise.real, noise.imag], dtype=torch.float64)
-            total = torch.view_as_real(standard).hypot(own).clamp(1e-300)
+            total = torch.view_as_real(standard).hypot(own)
             misses = torch.view_as_complex(torch.view_as_real(z - run.wanted) / total)
             columns |= {"true": run.wanted.tolist(), "misses": misses.tolist(), "off": run.off(z).tolist()}
         about = {"label": str(plane.provenance.get("case") or plane.name), "group": run.group, "height": plane.height}

@@ -127,7 +127,8 @@ def parameter_law(
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
     rows = torch.diag(1 / prior[:, 1])[prior[:, 1].isfinite()]
-    return Law(", ".join(bounds), names, *ends.unbind(1), curve, prior[:, 0], rows)
+    box: dict[str, Any] = dict(zip(("low", "high", "start"), ends.unbind(1), strict=True))
+    return Law(", ".join(bounds), names, **box, curve=curve, centre=prior[:, 0], prior=rows)
 
 
 @dataclass(frozen=True)
