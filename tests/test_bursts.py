@@ -109,13 +109,6 @@ def test_arrival_statistics_by_hand():
 # Validation
 
 
-def test_clean_bursts_all_stay():
-    record = gaussian_record()
-    kept = validate_bursts(record)
-    assert kept.bursts == record.bursts
-    assert kept.dropped == {}
-
-
 def test_times_that_repeat_or_step_back_are_dropped_and_counted():
     """Of equal times the first stays; after a step back all until the old time is passed."""
     time = np.array([0.0, 1.0, 1.0, 3.0, 2.0, 2.5, 4.0])
@@ -244,10 +237,6 @@ def test_counts_must_be_those_of_the_mask():
 
 def flags_of(record: tl.BurstRecord) -> tuple[str, ...]:
     return Station.of(record).flags
-
-
-def test_a_good_station_has_no_flag():
-    assert flags_of(gaussian_record(frequency=400.0)) == ()
 
 
 def test_each_fault_is_flagged():
