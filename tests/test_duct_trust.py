@@ -17,7 +17,6 @@ from torchliner.cli.main import main
 from torchliner.duct import settled as lee_settled
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import (
-    LawOfTheWallProfile,
     ParabolicProfile,
     TanhProfile,
     UniformProfile,
@@ -115,9 +114,8 @@ def test_the_growing_wave_of_a_vortex_sheet(wall):
 
 @pytest.mark.parametrize(
     ("profile", "frequency", "wall"),
-    [(TANH, 1000.0, 0.3), (TANH, 1500.0, 0.3), (LawOfTheWallProfile(0.3, HEIGHT, SPEED), 1500.0,
-                                                0.3)],
-)  # fmt: skip
+    [(TANH, 1000.0, 0.3), (TANH, 1500.0, 0.3)],
+)
 def test_the_growing_wave_of_a_layer(profile, frequency, wall):
     """The Euler equations integrated from the rigid wall by another method meet the wall's law."""
     alpha = complex(growing_wave(profile, frequency, wall))
@@ -157,16 +155,6 @@ def test_growth_adds_over_the_patches():
     assert float(same) == pytest.approx(3 * float(growth))
 
 
-def test_both_dispersion_relations_number_modes_alike():
-    """Where two modes come close, too."""
-    wall, about = torch.tensor(0.4083 - 0.4108j), {"height": 0.15, "mach": 0.3}
-    by_r = duct_modes(UniformProfile(0.3, 0.15), 2000.0, wall.to(torch.complex128), count=3,
-                      slip_condition=MYERS).wavenumber[0]  # fmt: skip
-    by_y = tl.wavenumber_from_impedance(wall.to(torch.complex128), 2000.0, **about, mode=torch.arange(3))
-    assert torch.allclose(by_r, by_y, rtol=1e-6, atol=0)
-    assert tl.duct_modes is duct_modes
-
-
 # --- the second mesh ----------------------------------------------------------------------------
 
 
@@ -193,11 +181,11 @@ def test_shapes_that_fit_no_frequency_are_refused():
 
 
 def test_fields_of_no_meaning_are_refused(monkeypatch):
-    """A law of the wall above a lined wall: 868 dB of growth over 150 mm, three meshes 0.69-1.7."""
-    law = case_of(LawOfTheWallProfile(0.3, HEIGHT), (0.0, 0.06))
-    said = r"grows along the liner, alpha = 1506\+666\.5j 1/m, by 347 dB over it, above 100 dB"
+    """A soft wall under a long layer; meshes that differ."""
+    soft = DuctCase(TANH, -0.13, 0.6, (0.0, 0.4))
+    said = r"grows along the liner, alpha = 22\d\.\d\+\S+j 1/m, by 13\d dB over it, above 100 dB"
     with pytest.raises(RuntimeError, match=said):
-        solve_settled(law, 1500.0, B2A)
+        solve_settled(soft, 1500.0, 0.3)
     monkeypatch.setattr(lee_settled, "SETTLED", 1e-9)
     with pytest.warns(tl.DataWarning, match=r"not settled: \d+ unknowns move that of \d+ by"):
         solve_settled(case_of(STILL), 1500.0, B2A)
@@ -286,20 +274,6 @@ def test_tables_over_frequency_with_faults(tmp_path, capsys, text, message):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--liner", "polito", "--impedance", "1"], "--impedance and --liner both state the wall"),
-        (["--speed", "1"], "--speed is |v| at the liner that --liner names"),
-        (["--mesh", "1", "2", "3"], "--mesh has 3 sizes"),
-        (["--mesh", "0"], "mesh column (m) is 0"),
-    ],
-)
-def test_options_that_do_not_fit(capsys, words, message):
-    assert main(["duct", "solve", "b2a", *words]) == 2
-    assert message in capsys.readouterr().err
-
-
 # --- values of another unit ---------------------------------------------------------------------
 
 
@@ -313,13 +287,6 @@ def test_options_that_do_not_fit(capsys, words, message):
 )
 def test_values_of_another_unit_are_doubted(change, message):
     with pytest.warns(tl.DataWarning, match=message):
-        tl.load_duct("b2a", **change)
-
-
-@pytest.mark.parametrize("change", [{"impedance": 1e13}, {"width": 0.05}, {"frequency": [50.0]}])
-def test_values_of_the_right_unit_are_not(change):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
         tl.load_duct("b2a", **change)
 
 

@@ -1,16 +1,13 @@
-"""Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers, law of the wall."""
+"""Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from torchliner.checks import require_positive, tell
 
@@ -18,14 +15,12 @@ Array = NDArray[np.float64]
 STEP = 1e-30  # imaginary, of t: the slope of an analytic shape is Im shape(t + j h)/h, to rounding
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
 THIN_SHEAR, THINNEST_SHEAR = 0.05, 0.03  # of a tanh profile, half heights: a warning, a refusal
-KARMAN, BUFFER = 0.4, 7.8  # Reichardt's; B = BUFFER + ln(KARMAN)/KARMAN = 5.5
-SUBLAYER, BUFFER_DECAY = 11.0, 3.0  # y+
-LOWEST, HIGHEST = 180.0, 1e7  # friction Reynolds number
-AIR_VISCOSITY = 1.813e-5 / 1.204  # m2/s, 20 C
 
 
 class MeanFlow:
-    """A subsonic flow; a kind of flow states M and its slope at heights within the duct, and delta*.
+    """A subsonic flow: U/U_0 as an analytic shape over t, 1 at t = 1, with t the half heights from the nearer wall.
+
+    t may be complex, (...): that is how the slope is made. A table states M and its slope itself.
 
     Attributes:
         bulk_mach: mean of U over the height, divided by c.  duct_height: H, m.  sound_speed: c, m/s.
@@ -34,13 +29,23 @@ class MeanFlow:
     bulk_mach: float
     duct_height: float
     sound_speed: float
-    _mach: Callable[[Array], Array]
-    _slope: Callable[[Array], Array]
 
-    @property
-    def displacement_thickness(self) -> float:
-        """delta* at the wall y = 0, m."""
-        raise NotImplementedError
+    def __post_init__(self) -> None:
+        self._check()
+        if self.centreline_mach >= 1:
+            raise ValueError(
+                f"profile centreline Mach number is {self.centreline_mach:.4g} for bulk_mach {self.bulk_mach:g}; it "
+                "must be below 1"
+            )
+
+    def _check(self, *more: str) -> None:
+        for name in ("duct_height", "sound_speed", *more):
+            require_positive(f"profile {name}", getattr(self, name))
+        if not 0 <= self.bulk_mach < 1:
+            raise ValueError(
+                f"profile bulk_mach is {self.bulk_mach:g}; it must be at least 0 and below 1 (a Mach number, not m/s; "
+                "the flow runs along +x, so turn the duct round for the other direction)"
+            )
 
     def velocity(self, y: ArrayLike) -> Array:
         """U, m/s, at distances y from a wall, m, 0 to H, any shape.
@@ -58,36 +63,22 @@ class MeanFlow:
         """dM/dy at y (m), 1/m: the derivative of ``mach``, not a difference quotient."""
         return self._slope(self._inside(y))
 
+    @property
+    def centreline_mach(self) -> float:
+        """U_0/c, from the integral of the profile."""
+        return self.bulk_mach / self._bulk_share
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* at the wall y = 0, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
+        return self.duct_height / 2 * (1 - self._bulk_share)
+
     def _inside(self, y: ArrayLike) -> Array:
         heights = np.asarray(y, np.float64)
         outside = ~((heights >= 0) & (heights <= self.duct_height))
         if outside.any():
             raise ValueError(f"y = {heights[outside].flat[0]:g} m lies outside the duct, 0 to {self.duct_height:g} m")
         return heights
-
-    def _check(self, *more: str) -> None:
-        for name in ("duct_height", "sound_speed", *more):
-            require_positive(f"profile {name}", getattr(self, name))
-        if not 0 <= self.bulk_mach < 1:
-            raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}; it must be at least 0 and below 1 (a Mach number, not m/s; "
-                "the flow runs along +x, so turn the duct round for the other direction)"
-            )
-
-
-class SymmetricProfile(MeanFlow):
-    """U/U_0 as an analytic shape over t, the distance from the nearer wall in half heights; 1 at t = 1.
-
-    t may be complex, (...): that is how the slope is made.
-    """
-
-    def __post_init__(self) -> None:
-        self._check()
-        if self.centreline_mach >= 1:
-            raise ValueError(
-                f"profile centreline Mach number is {self.centreline_mach:.4g} for bulk_mach {self.bulk_mach:g}; it "
-                "must be below 1"
-            )
 
     def _shape(self, t: Any) -> Any:
         return np.ones_like(t)
@@ -96,16 +87,6 @@ class SymmetricProfile(MeanFlow):
     def _bulk_share(self) -> float:
         """Mean of the shape over t = 0..1."""
         return 1.0
-
-    @property
-    def centreline_mach(self) -> float:
-        """U_0/c, from the integral of the profile."""
-        return self.bulk_mach / self._bulk_share
-
-    @property
-    def displacement_thickness(self) -> float:
-        """delta* of either wall, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
-        return self.duct_height / 2 * (1 - self._bulk_share)
 
     def _depth(self, y: Array) -> Array:
         return np.minimum(y, self.duct_height - y) / (self.duct_height / 2)
@@ -120,7 +101,7 @@ class SymmetricProfile(MeanFlow):
 
 
 @dataclass(frozen=True)
-class UniformProfile(SymmetricProfile):
+class UniformProfile(MeanFlow):
     """One velocity from wall to wall, at the walls too, whose step there is left to the wall condition; 0 is no flow.
 
     Args:
@@ -144,7 +125,7 @@ class ParabolicProfile(UniformProfile):
 
 
 @dataclass(frozen=True)
-class TanhProfile(SymmetricProfile):
+class TanhProfile(MeanFlow):
     r"""Boundary layers of adjustable thickness, scaled to a bulk Mach number.
 
     :math:`U/U_0 = \tanh\frac{1-r}{d} + (1 - T)\left[\frac{1+T}{d} r + 1 + r\right](1-r)`, with
@@ -193,80 +174,6 @@ class TanhProfile(SymmetricProfile):
 
     @property
     def _bulk_share(self) -> float:
-        return _mean_over_layer(self._shape, 1 / self.shear)
-
-
-@dataclass(frozen=True)
-class LawOfTheWallProfile(SymmetricProfile):
-    r"""Fully developed turbulent flow between smooth walls, scaled to a bulk Mach number.
-
-    .. math:: u^+ = \frac1\kappa \ln\left[1 + \kappa y^+ \frac{1 + r}{1 + r^2}\right]
-        + C\left[1 - e^{-y^+/11} - \frac{y^+}{11} e^{-y^+/3}\right], \quad r = |2y/H - 1|,
-
-    with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, 2.5 ln y+ + 5.5 above it. The
-    friction velocity is the one that gives the bulk Mach number (200 Gauss points over ln(1 + y+): 1e-12).
-
-    Args:
-        bulk_mach, duct_height, sound_speed: as for ``UniformProfile``.
-        kinematic_viscosity: nu, m2/s; default air at 20 C.
-    Raises:
-        ValueError: as ``UniformProfile``, or a friction Reynolds number u_tau H/(2 nu) below 180, where a channel is
-            not turbulent enough for the law.
-    Source: Reichardt (1951), Z. angew. Math. Mech. 31, 208. Departure from print: his factor for pipes is
-        1.5 (1 + r)/(1 + 2 r^2), over the 1 too; it leaves a kink on the centreline and puts it 1.2 wall units above the
-        channels of Hoyas & Jimenez (2006), Re_tau 550 to 2000, from which the factor here differs by at most 0.9 (y+
-        150 to 250), 0.3 there.
-    """
-
-    bulk_mach: float
-    duct_height: float
-    sound_speed: float = 343.2
-    kinematic_viscosity: float = AIR_VISCOSITY
-
-    def __post_init__(self) -> None:
-        self._check("kinematic_viscosity")
-        lowest = self._bulk_mach_of(LOWEST)
-        if self.bulk_mach < lowest:
-            raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}, below {lowest:.3g}, where the friction Reynolds number is "
-                f"{LOWEST:g}, the lowest the law of the wall is taken at; use ParabolicProfile"
-            )
-        super().__post_init__()
-
-    @cached_property
-    def friction_reynolds(self) -> float:
-        """Re_tau = u_tau H/(2 nu)."""
-        ends = math.log(LOWEST) - 1e-9, math.log(HIGHEST)
-        found = brentq(lambda s: self._bulk_mach_of(math.exp(s)) - self.bulk_mach, *ends, xtol=1e-14)
-        return math.exp(float(found))
-
-    @property
-    def friction_velocity(self) -> float:
-        """u_tau, m/s."""
-        return 2 * self.kinematic_viscosity * self.friction_reynolds / self.duct_height
-
-    def _bulk_mach_of(self, reynolds: float) -> float:
-        bulk = _mean_over_layer(lambda t: _velocity_plus(t, reynolds), reynolds)
-        return 2 * self.kinematic_viscosity * reynolds / self.duct_height * bulk / self.sound_speed
-
-    def _shape(self, t: Any) -> Any:
-        return _velocity_plus(t, self.friction_reynolds) / _velocity_plus(np.ones(()), self.friction_reynolds)
-
-    @cached_property
-    def _bulk_share(self) -> float:  # type: ignore[override]
-        return _mean_over_layer(self._shape, self.friction_reynolds)
-
-
-def _velocity_plus(t: Any, reynolds: float) -> Any:
-    """u+ over t = 1 - r."""
-    height = reynolds * t
-    factor = (2 - t) / (1 + (1 - t) ** 2)
-    buffer = -np.expm1(-height / SUBLAYER) - height / SUBLAYER * np.exp(-height / BUFFER_DECAY)
-    return np.log1p(KARMAN * height * factor) / KARMAN + BUFFER * buffer
-
-
-def _mean_over_layer(shape: Callable[[Any], Any], scale: float) -> float:
-    """Mean over t = 0..1 of what changes within t = 1/scale: Gauss over ln(1 + scale t), in which it is smooth."""
-    span = math.log1p(scale)
-    s = span * (1 + NODES) / 2
-    return float(np.sum(WEIGHTS * shape(np.expm1(s) / scale) * np.exp(s)) * span / (2 * scale))
+        span = math.log1p(1 / self.shear)  # Gauss over ln(1 + t/d), in which the layer is smooth
+        s = span * (1 + NODES) / 2
+        return float(np.sum(WEIGHTS * self._shape(self.shear * np.expm1(s)) * np.exp(s)) * span * self.shear / 2)

@@ -149,7 +149,6 @@ PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
     "tanh": flow_profiles.TanhProfile,
-    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
 }
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {
@@ -263,8 +262,6 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
     about: dict[str, Any] = {"sound_speed": fluid.sound_speed}
     if kind == "tanh":
         about |= {"shear": flow.shear or 0.1, "allow_thin": flow.allow_thin}
-    if kind == "law-of-the-wall":
-        about["kinematic_viscosity"] = fluid.kinematic_viscosity
     if kind != "table":
         return PROFILES[kind](flow.bulk_mach, height, **about)
     if flow.file is None:
