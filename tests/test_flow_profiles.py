@@ -12,6 +12,7 @@ from scipy.integrate import quad
 
 import torchliner as tl
 from torchliner.duct.flow_profiles import (
+    LawOfTheWallProfile,
     ParabolicProfile,
     TanhProfile,
     UniformProfile,
@@ -31,6 +32,7 @@ PROFILES = {
     "parabola": ParabolicProfile(0.3, HEIGHT, SPEED),
     "tanh": TanhProfile(0.3, HEIGHT, 0.1, SPEED),
     "thick tanh": TanhProfile(0.3, HEIGHT, 1.0, SPEED),
+    "law of the wall": LawOfTheWallProfile(0.3, HEIGHT, SPEED),
     "table": table_of(TanhProfile(0.5, HEIGHT, 0.3, SPEED), bulk_mach=0.3),
 }
 
@@ -114,6 +116,28 @@ def test_parabola_is_the_limit_of_the_tanh_profile():
     assert parabola.centreline_mach == pytest.approx(0.45, rel=1e-14)
 
 
+def test_law_of_the_wall():
+    """u+ = y+ in the sublayer, 2.5 ln y+ + 5.5 above it; wall stress; the velocities of a channel.
+
+    The direct simulation of Hoyas & Jimenez (2006) at Re_tau 2003 has U_bulk+ 21.75 and
+    U_centre+ 24.29; the law is 2.3 % off.
+    """
+    profile = PROFILES["law of the wall"]
+    friction, viscosity = profile.friction_velocity, profile.kinematic_viscosity
+    plus = np.array([1e-3, 100.0, 300.0])
+    found = profile.velocity(plus * viscosity / friction) / friction
+    assert found[0] == pytest.approx(plus[0], rel=1e-3)
+    assert found[1:] == pytest.approx(2.5 * np.log(plus[1:]) + 5.5, abs=0.15)
+    stress = profile.mach_slope(0.0) * SPEED * viscosity
+    assert stress == pytest.approx(friction**2, rel=1e-12)
+    # nu chosen for Re_tau = 2003: at a given bulk velocity nu is H U_bulk/(2 Re_tau U_bulk+).
+    channel = LawOfTheWallProfile(0.1, HEIGHT, SPEED, HEIGHT * 0.1 * SPEED / (2 * 2003 * 21.75))
+    assert channel.friction_reynolds == pytest.approx(2003, rel=0.03)
+    assert 0.1 * SPEED / channel.friction_velocity == pytest.approx(21.75, rel=0.03)
+    centre = channel.centreline_mach * SPEED / channel.friction_velocity
+    assert centre == pytest.approx(24.29, rel=0.03)
+
+
 def test_table_gives_its_own_points_back():
     """Unscaled: velocities in m/s as given, between them no new extremes; half a table mirrored."""
     flow = PROFILES["tanh"]
@@ -158,6 +182,9 @@ def test_points_outside_are_refused(name):
         ("tanh", {"shear": 0.0}, "shear is 0; it must be finite and above 0"),
         ("tanh", {"bulk_mach": 0.99}, r"centreline Mach number is 1\.06.*it must be below 1"),
         ("parabola", {"bulk_mach": 0.7}, r"centreline Mach number is 1\.05"),
+        ("law of the wall", {"bulk_mach": 0.95}, r"centreline Mach number is 1\.0"),
+        ("law of the wall", {"bulk_mach": 0.004}, "Reynolds number is 180.*use ParabolicProfile"),
+        ("law of the wall", {"kinematic_viscosity": -1.0}, "kinematic_viscosity is -1"),
         ("table", {"bulk_mach": 0.9}, r"largest Mach number is 1\.\d+ at y = 0\.025 m"),
         ("table", {"y": TABLE_Y[::-1]}, "y must increase from the wall"),
         ("table", {"y": TABLE_Y + 1e-3}, "y must increase from the wall"),

@@ -24,6 +24,7 @@ from test_lee import (
 
 from torchliner.duct import boundaries
 from torchliner.duct import sweep as lee_sweep
+from torchliner.duct.flow_profiles import LawOfTheWallProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
 from torchliner.duct.solver import DuctSolver, solve_duct
@@ -228,9 +229,11 @@ def test_cuda_gives_the_same():
 
 
 def test_other_profiles_run():
-    """A table: pressures near those of the tanh flow."""
+    """Wall law and table: pressures near those of the tanh flow; the layer is not resolved."""
     x = np.linspace(-0.1, 0.3, 9)
     y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 41))) / 2
     wanted = solve(profile=TANH).wall_pressure(x)
     table = solve(profile=TabulatedProfile(y, TANH.velocity(y), HEIGHT, 0.3, SPEED)).wall_pressure(x)
+    law = solve(profile=LawOfTheWallProfile(0.3, HEIGHT, SPEED)).wall_pressure(x)
     assert float((table - wanted).abs().max()) < 2e-3
+    assert 1e-3 < float((law - wanted).abs().max()) < 0.1

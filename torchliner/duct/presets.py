@@ -69,7 +69,9 @@ class DuctSetup:
 
 
 def _pair(value: Any) -> Any:
-    """A number as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
+    """A number, or the two of a list, as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
+    if isinstance(value, list):
+        return tuple(value)
     if not isinstance(value, (int, float, complex, np.number)):
         return value
     z = complex(value)
@@ -87,7 +89,7 @@ class DuctTable(Strict):
     width: float | None = Field(None, gt=0, lt=10)
     start: float
     end: float
-    liner: list[tuple[float, float]] = Field(default_factory=list)
+    liner: list[Pair] = Field(default_factory=list)
 
 
 def _subsonic(value: Any) -> Any:
@@ -149,6 +151,7 @@ PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
     "tanh": flow_profiles.TanhProfile,
+    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
 }
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {
@@ -262,6 +265,8 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
     about: dict[str, Any] = {"sound_speed": fluid.sound_speed}
     if kind == "tanh":
         about |= {"shear": flow.shear or 0.1, "allow_thin": flow.allow_thin}
+    if kind == "law-of-the-wall":
+        about["kinematic_viscosity"] = fluid.kinematic_viscosity
     if kind != "table":
         return PROFILES[kind](flow.bulk_mach, height, **about)
     if flow.file is None:

@@ -21,13 +21,13 @@ from torchliner.liners.plates import Layer
 from torchliner.liners.python_file import read_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
-from torchliner.toml_files import FluidTable, Strict, preset_or_file, validated
+from torchliner.toml_files import FluidTable, Pair, Strict, preset_or_file, validated
 
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 ABOUT = {"name": (str, ""), "description": (str, ""), "source": (str, "")}
 IN_FILE = {  # how fields that are no parameters stand in a file, by type
     Fluid: Annotated[FluidTable, AfterValidator(FluidTable.build)],
-    complex | Tensor: Annotated[tuple[float, float], AfterValidator(lambda pair: complex(*pair))],
+    complex | Tensor: Annotated[Pair, AfterValidator(lambda pair: complex(*pair))],
 }
 
 
