@@ -124,7 +124,8 @@ def test_cells_belong_to_the_data():
     with pytest.warns(tl.DataWarning, match=r"cells are of 3 mm \(cell_pitch\) for all models; as "
                       r"files: onera 12.44 mm, lbm_orifice 4.428 mm"):  # fmt: skip
         found = tl.compare_models(noisy(), liners, cell_pitch=3e-3)
-    assert found.rows[0].impedance == complex(tl.educe(noisy(), liners["onera"].replace(cell_pitch=3e-3)).answer[0])
+    alone = tl.educe(noisy(), liners["onera"].replace(cell_pitch=3e-3))
+    assert found.rows[0].impedance == pytest.approx(complex(alone.answer[0]), abs=1e-9)
     assert liners["onera"].cell_pitch == 12.44e-3
     with pytest.warns(tl.DataWarning, match=r"cells are of 12.45 mm \(lbm_slit, which the plane"):
         tl.compare_models(tl.read_plane(PLANE), liners)
