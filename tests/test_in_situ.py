@@ -125,14 +125,6 @@ def test_probes_in_another_order_than_the_cells_are_told_of():
     assert torch.equal(found.cell_impedance, wanted.cell_impedance)
 
 
-def test_points_of_no_cell_are_nan():
-    """A probe labelled -1 has no impedance and spoils no average."""
-    unit = standing_wave(1.0, 1.0)
-    found = tl.in_situ(record_of([unit, 9.0, unit], [1.0, 1.0], probe_cell=[0, -1, 1]))
-    assert torch.isnan(found.point_impedance[1].real)
-    assert complex(found.liner_impedance[0]) == pytest.approx(1.0)
-
-
 def test_several_frequencies_and_precision():
     """Frequencies are independent of each other; float32 data keep six digits."""
     record = file_of("g01_145")

@@ -39,6 +39,11 @@ class Layer(Declared):
 
     kind: ClassVar[str]
 
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return f"layer {self.kind!r}"
+
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
         """Admittance v/p above it, and velocity below it over that above.
 
@@ -54,11 +59,6 @@ class Layer(Declared):
 
 class Sheet(Layer):
     """A layer that takes no room, under a law: a frozen dataclass of keywords, with a row in ``laws.LAWS``."""
-
-    @property
-    def label(self) -> str:
-        """For messages."""
-        return f"sheet {self.kind!r}"
 
     @property
     def flow_resistance(self) -> float:
