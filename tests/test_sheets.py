@@ -337,7 +337,7 @@ BAD = [
     ("goodrich", {"mach": -0.1}, "mach is -0.1; it is at least 0"),
     ("goodrich", {"mach": 0.3}, "mach is 0.3 and displacement_thickness is 0 m; state it"),
     ("mesh", {"resistance_rayl": -1.0}, "resistance_rayl is -1 Pa s/m; it is at least 0"),
-    ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15 .* holds to 1, law 'two-p"),
+    ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15; .* holds to 1, law 'two-p"),
 ]
 
 

@@ -113,10 +113,8 @@ class GrazedPlate(Plate):
         super().__post_init__()
         mach = plain_number(self.mach)
         if mach > 0 and plain_number(self.displacement_thickness) == 0:
-            raise ValueError(
-                f"{self.label}: mach is {mach:g} and displacement_thickness is 0 m; state it, 1e-3 to 5e-3 m in most "
-                "ducts: the added resistance falls with it"
-            )
+            both = f"mach is {mach:g} and displacement_thickness is 0 m"
+            raise ValueError(f"{self.label}: {both}; state it, 1e-3 to 5e-3 m in most ducts")
 
     def grazing(self) -> Any:
         """``goodrich_resistance``."""
