@@ -50,15 +50,15 @@ from torchliner.io.signal_file import read_signal as read_signal
 from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
-from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner
 from torchliner.liners.layered import Cavity as Cavity
 from torchliner.liners.layered import LayeredLiner as LayeredLiner
 from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.multipole import Multipole as Multipole
 from torchliner.liners.multipole import fit_multipole as fit_multipole
+from torchliner.liners.plates import goodrich_resistance as goodrich_resistance
 from torchliner.liners.sdof import AdjustedSDoFLiner as AdjustedSDoFLiner
+from torchliner.liners.sdof import EndLossSDoFLiner as EndLossSDoFLiner
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
-from torchliner.liners.sheets.terms import goodrich_resistance as goodrich_resistance
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.pressure.dean import in_situ as in_situ
 from torchliner.pressure.fit_field import fit_field as fit_field

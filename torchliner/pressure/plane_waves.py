@@ -141,8 +141,8 @@ def decompose_waves(
     bias = residual * condition
     poor = int(bias.argmax())
     if float(bias[poor]) > BIAS:
-        left = f"{100 * float(residual[poor]):.2g} % of the signals at {float(tones.frequency[poor]):g} Hz"
-        text = f"{left}; there is more (vortices, turbulence), and R may be off by {float(bias[poor]):.2g}"
+        share = f"{100 * float(residual[poor]):.2g} % of the signals at {float(tones.frequency[poor]):g} Hz"
+        text = f"{share}; there is more (vortices, turbulence), and R may be off by {float(bias[poor]):.2g}"
         notes.append(Note("other-waves", f"{record.name}: {name}: two plane waves leave {text}"))
     if record.facesheet is None:  # else the in situ method says it
         notes += tones.few_blocks_notes(name, bounds)
