@@ -84,10 +84,8 @@ def _described(about: Mapping[str, Any]) -> LinerModel:
     found = _build(about, Path(str(about.get("name", "liner"))))
     differ = [key for key, value in found.describe().items() if value != about.get(key)]
     if differ:
-        raise ValueError(
-            f"the description of liner {about.get('name')!r} lacks {', '.join(differ)}; "
-            "describe() of a model, and so a map, states them"
-        )
+        lost = f"the description of liner {about.get('name')!r} lacks {', '.join(differ)}"
+        raise ValueError(f"{lost}; describe() of a model, and so a map, states them")
     return found
 
 

@@ -12,7 +12,6 @@ import torch
 from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
-from torchliner.checks import require_complex
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
@@ -191,9 +190,6 @@ class WallEduction(DrawnImpedance):
         covariance: for errors of the microphones as large as what the waves leave; None without a degree of freedom, or
             for lines with leading axes.
         and those of ``DrawnImpedance``.
-    Raises:
-        TypeError: wavenumber or impedance is not complex.
-        ValueError: shapes disagree.
     """
 
     wavenumber: Tensor
@@ -203,20 +199,6 @@ class WallEduction(DrawnImpedance):
     singular_values: Tensor | None = None
     rank: int | None = None
     order: int | None = None
-
-    def __post_init__(self) -> None:
-        shape = self.wavenumber.shape
-        for label in ("wavenumber", "impedance", "modes", "amplitudes"):
-            require_complex(f"{self.method}: {label}", getattr(self, label))
-        if shape[-1:] != self.frequency.shape:
-            raise ValueError(
-                f"{self.method}: wavenumber has shape {tuple(shape)} for {len(self.frequency)} frequencies"
-            )
-        for label, wanted in (("impedance", shape), ("residual", shape), ("amplitudes", self.modes.shape)):
-            if getattr(self, label).shape != wanted:
-                raise ValueError(
-                    f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; {tuple(wanted)} is needed"
-                )
 
     def pressure_at(self, x: Tensor) -> Tensor:
         """Sum of all waves, peak, Pa, (..., X, F), at places x, m, (X,)."""
