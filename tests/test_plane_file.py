@@ -117,7 +117,7 @@ def test_time_is_first_in_the_file(tmp_path):
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["wall_normal_velocity"][7, 2, 1] == make_plane().velocity[2, 1, 7]
         assert file["time"][7] == 7 / RATE
-        assert file["wall_normal_velocity"].attrs["positive"] == "away from the liner"
+        assert file["wall_normal_velocity"].attrs["positive"] == b"away from the liner"
 
 
 def test_lazy_plane_reads_the_same_slabs(tmp_path):
@@ -235,7 +235,7 @@ def test_bad_file_is_refused_with_its_place(tmp_path, kind):
     ("attribute", "value", "message"),
     [
         ("provenance", "by hand", "a.h5: attribute 'provenance' is not JSON.*repair or remove it"),
-        ("source_side", "left", f"{V}: source_side is 'left'; one of .'upstream', 'downstream'"),
+        ("source_side", "left", f"{V}: source_side 'left'; choose one of: upstream, downstream"),
     ],
 )
 def test_bad_attribute_is_refused(tmp_path, attribute, value, message):

@@ -14,43 +14,31 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.io.axes import read_case, write_case
+from torchliner.io.axes import read_case
 from torchliner.io.burst_csv import write_burst_csv
 from torchliner.io.burst_format import BurstFormat, Place
-from torchliner.io.hdf5 import (
-    get_dataset,
-    is_there,
-    open_file,
-    parse_json,
-    place,
-    read_si,
-    read_texts,
-    to_json,
-    write_index,
-    write_texts,
-    write_variable,
-)
-from torchliner.io.plane_file import UNITS as PLANE_UNITS
-from torchliner.io.tables import FileKind, numbers, plain, read_variables, real, write_variables
+from torchliner.io.fields import fill
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, parse_json, place, read_si, read_texts, to_json
+from torchliner.io.tables import FileKind, plain, read_variables, write_variables
 from torchliner.records import BurstRecord
+from torchliner.records.burst_record import UNITS
+from torchliner.records.declared import Variable, table_of, variables_of
 
 KIND = FileKind(
     "torchliner bursts 1", "file of bursts", {"source_side": "unknown", "liner": ""},
-    (("Conventions", "CF-1.8"), ("featureType", "timeSeries")),
-    others=(".csv",),
+    {"Conventions": "CF-1.8", "featureType": "timeSeries"}, (".csv",),
 )  # fmt: skip
-ARRAYS = (
-    real("arrival_time", "s", ("burst",), optional=True),
-    real("transit_time", "s", ("burst",), optional=True),
-    real("wall_normal_velocity", "m/s", ("burst",), field="wall_normal", optional=True,
-         attributes={"positive": "away from the liner"}),
-    real("streamwise_velocity", "m/s", ("burst",), field="streamwise", optional=True),
-)  # fmt: skip
+ARRAYS = table_of(BurstRecord, *UNITS)
+NUMBERS = tuple(row for row in variables_of(BurstRecord) if not row.dims)
 PLACES = ("x", "y", "z")
-UNITS = {name: unit for name, unit in PLANE_UNITS.items() if name != "height"}
-NUMBERS = numbers(UNITS)
-SHARED = (*UNITS, *KIND.attributes, "fluid", "reference")  # one value for the whole file
 LISTS: dict[str, Any] = {"dropped": {}, "provenance": {}, "notes": []}  # per station, as JSON
+OF_STATION = (*UNITS, *PLACES, *LISTS, "title", "name")
+SHARED = [name for name in BurstRecord.__dataclass_fields__ if name not in OF_STATION]  # one value for the whole file
+STATIONS = (
+    Variable("burst_count", dims=("station",), attributes={"sample_dimension": "burst"}),
+    *(Variable(axis, "m", ("station",)) for axis in PLACES),
+    *(Variable(f"station_{name}", dims=("station",), kind="text") for name in ("name", *LISTS)),
+)
 
 
 def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path) -> None:
@@ -73,9 +61,9 @@ def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path)
         return
     _require_one_case(records)
     with KIND.created(path, records[0]) as file:
-        _write_stations(file, records)
-        _write_arrays(file, records)
-        write_case(file, records[0], NUMBERS)
+        write_variables(file, _stations(records), STATIONS)
+        write_variables(file, _joined(records), ARRAYS, compression="gzip", compression_opts=4, shuffle=True)
+        fill(file, records[0], unsaid=OF_STATION)
 
 
 def _require_one_case(records: Sequence[BurstRecord]) -> None:
@@ -89,34 +77,29 @@ def _require_one_case(records: Sequence[BurstRecord]) -> None:
                 )
 
 
-def _write_stations(file: h5py.File, records: Sequence[BurstRecord]) -> None:
-    write_index(file, "station", len(records))
-    counts = np.array([record.bursts for record in records])
-    write_variable(file, "burst_count", counts, "1", ("station",))
-    file["burst_count"].attrs["sample_dimension"] = "burst"
+def _stations(records: Sequence[BurstRecord]) -> SimpleNamespace:
+    """What each station has: its number of bursts, place, title and lists."""
+    found = SimpleNamespace(
+        burst_count=[record.bursts for record in records],
+        station_name=[record.title or record.name for record in records],
+        **{f"station_{key}": [to_json(getattr(record, key)) for record in records] for key in LISTS},
+    )
     for key in PLACES:
         values = [getattr(record, key) for record in records]
-        if any(value is not None for value in values):
-            known = np.array([np.nan if value is None else value for value in values])
-            write_variable(file, key, known, "m", ("station",))
-    write_texts(file, "station_name", [each.title or each.name for each in records], "station")
-    for key in LISTS:
-        texts = [to_json(getattr(record, key)) for record in records]
-        write_texts(file, f"station_{key}", texts, "station")
+        known = np.array([np.nan if value is None else value for value in values])
+        setattr(found, key, None if all(value is None for value in values) else known)
+    return found
 
 
-def _write_arrays(file: h5py.File, records: Sequence[BurstRecord]) -> None:
+def _joined(records: Sequence[BurstRecord]) -> SimpleNamespace:
     """The bursts of all stations, nan where a station lacks what another has."""
-    write_index(file, "burst", sum(record.bursts for record in records))
     joined = SimpleNamespace()
-    for row in ARRAYS:
-        parts = [getattr(record, row.field) for record in records]
+    for key in UNITS:
+        parts = [getattr(record, key) for record in records]
         filled = [np.full(record.bursts, np.nan) if part is None else plain(part)
                   for record, part in zip(records, parts, strict=True)]  # fmt: skip
-        there = any(part is not None for part in parts)
-        setattr(joined, row.field, np.concatenate(filled) if there else None)
-    storage: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-    write_variables(file, joined, ARRAYS, **storage)
+        setattr(joined, key, None if all(part is None for part in parts) else np.concatenate(filled))
+    return joined
 
 
 def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstRecord]:
@@ -134,9 +117,8 @@ def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstReco
     with open_file(path) as file:
         ends, places = _layout(file, path)
         counts = np.diff(ends, prepend=0)
-        get_dataset(file, "arrival_time", path)
         for row in ARRAYS:
-            if is_there(file, row.names[0], path):
+            if not row.optional or is_there(file, row.names[0], path):
                 _require_length(file, row.names[0], int(ends[-1]), path)
         common = read_case(file, KIND, NUMBERS, path)
         texts = _texts(file, len(counts), path)
@@ -212,3 +194,4 @@ FORMAT = BurstFormat(
     read=lambda path, number, *_: read_burst_file(path, number)[0],
     own_fields=True,
 )
+FILE = SimpleNamespace(write=write_bursts)

@@ -17,6 +17,7 @@ from torchliner.file_checks import naming, require_regular
 from torchliner.io.stored_values import read_values, require_stored
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
+LONGEST_TEXT = 60_000  # bytes
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
 
 
@@ -133,21 +134,6 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
-    """A number among the attributes.
-
-    Raises:
-        ValueError: there is none of this name, or it is no single finite number.
-    """
-    if key not in group.attrs:
-        raise ValueError(f"{path}:{group.name} has no attribute {key!r}")
-    value = np.asarray(group.attrs[key])
-    if value.size != 1 or value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-        raise ValueError(f"{path}:{group.name}: attribute {key!r} is {group.attrs[key]!r}; one "
-                         "finite number is needed")  # fmt: skip
-    return float(value.reshape(()))
-
-
 def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path, stated: str | None = None) -> float:
     """Factor from the units of a dataset to an SI unit of the same quantity.
 
@@ -208,6 +194,14 @@ def read_texts(group: h5py.Group, key: str, path: str | Path) -> list[str]:
     return [str(text) for text in dataset.asstr(errors="replace")[()]]
 
 
+def set_texts(owner: Any, **texts: str) -> None:
+    """Attributes as texts of fixed length, which nco and Octave read; HDF5 has 64 kB for them, beyond it no choice."""
+    for key, text in texts.items():
+        stored = text.encode()
+        fixed = h5py.string_dtype("utf-8", max(1, len(stored)) if len(stored) < LONGEST_TEXT else None)
+        owner.attrs.create(key, stored, dtype=fixed)
+
+
 def write_variable(
     group: h5py.Group, name: str, values: Any, units: str, dims: Sequence[str] = (), **storage: Any
 ) -> h5py.Dataset:
@@ -216,32 +210,29 @@ def write_variable(
     A variable whose dimension bears its own name is that dimension's scale.
     """
     dataset = group.create_dataset(name, data=values, **storage)
-    if name in dims:
-        dataset.make_scale(name)
-    dataset.attrs["units"] = units
+    set_texts(dataset, units=units)
     attach_scales(dataset, group, dims)
     return dataset
 
 
 def attach_scales(dataset: h5py.Dataset, group: h5py.Group, dims: Sequence[str]) -> None:
-    """Name the axes of a dataset by dimension scales of its group."""
+    """Name the axes of a dataset by dimension scales of its group, of which it may be one."""
     for axis, dim in enumerate(dims):
-        if group[dim] != dataset:
+        if group[dim] == dataset:
+            dataset.make_scale(dim)
+        else:
             dataset.dims[axis].attach_scale(group[dim])
 
 
 def write_index(group: h5py.Group, name: str, count: int) -> None:
     """A dimension without coordinates: 0, 1, ..."""
     row = write_variable(group, name, np.arange(count), "1", (name,))
-    row.attrs["long_name"] = f"number of the {name.replace('_', ' ')}"
+    set_texts(row, long_name=f"number of the {name.replace('_', ' ')}")
 
 
 def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
     """A list of texts along a dimension, whose scale it is if it bears its name."""
-    dataset = group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype())
-    if name == dim:
-        dataset.make_scale(name)
-    attach_scales(dataset, group, (dim,))
+    attach_scales(group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,))
 
 
 def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) -> dict[str, Any]:
@@ -261,9 +252,8 @@ def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any
     if not text:
         return default
     found = parse_json(text, f"{path}: attribute {key!r}")
-    wanted = list if isinstance(default, tuple | list) else dict
-    if not isinstance(found, wanted):
-        kind = "a list" if wanted is list else "an object"
+    wanted, kind = (list, "a list") if isinstance(default, tuple | list) else (dict, "an object")
+    if isinstance(default, tuple | list | dict) and not isinstance(found, wanted):
         raise ValueError(f"{path}: attribute {key!r} is {text[:40]!r}; {kind} is needed")
     return found
 
@@ -289,7 +279,7 @@ def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
         parts = {"resistance": complex(value).real, "reactance": complex(value).imag}
         for part, amount in parts.items():
             row = write_variable(file, f"{stem}_{part}", amount, "1")
-            row.attrs.update(label=label, long_name=f"{part} from elsewhere, {label}")
+            set_texts(row, label=label, long_name=f"{part} from elsewhere, {label}")
 
 
 def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:

@@ -28,8 +28,9 @@ from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si,
 from torchliner.io.hdf5_velocity import H5Velocity
 from torchliner.io.holes import stored_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.tables import FileKind, Variable, numbers, read_variables
+from torchliner.io.tables import FileKind, read_variables
 from torchliner.records import VelocityPlane
+from torchliner.records.declared import Variable, variables_of
 from torchliner.units import SI_QUANTITY, si_factor
 
 KIND = FileKind(
@@ -38,9 +39,8 @@ KIND = FileKind(
 )  # fmt: skip
 STREAMWISE, AREA = "streamwise_velocity", "area"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
-         "displacement_thickness": "m"}  # fmt: skip
-NUMBERS = numbers(UNITS)
+NUMBERS = tuple(row for row in variables_of(VelocityPlane) if not row.dims and row.field != "start")
+UNITS = {row.field: row.unit for row in NUMBERS}
 STATED = UNITS | FLUID_UNITS
 SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 

@@ -9,14 +9,15 @@ import h5py
 import numpy as np
 
 from torchliner.file_names import frequency_ends
-from torchliner.io.result_writers import ResultFile, ResultWriter
+from torchliner.io.own_file import OwnFile
+from torchliner.io.result_writers import ResultWriter
 from torchliner.io.whole_file import written_whole
 
 UNIFORM = 1e-6  # of a spacing, that places of an image may be off
 Fields = dict[str, np.ndarray]
 
 
-def write_vtkhdf(file: ResultFile, record: Any, path: str | Path) -> None:
+def write_vtkhdf(file: OwnFile, record: Any, path: str | Path) -> None:
     """The rows of the CSV at their places: an image where x and z are uniform, else points,
     with quadrilaterals between them where rows and columns form a grid.
 

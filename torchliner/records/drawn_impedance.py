@@ -11,13 +11,14 @@ from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.names import resolve
 from torchliner.records.microphone_line import MicrophoneLine
-from torchliner.records.outlets import Written, outlet
+from torchliner.records.outlets import Reported, Written
 
 FINE = 201  # places of a level along the microphones
 
 
-class DrawnImpedance(Written):
+class DrawnImpedance(Written, Reported):
     """Statistics over ``draws``, which all eductions from microphones share.
 
     Attributes:
@@ -32,6 +33,8 @@ class DrawnImpedance(Written):
         misfit: squared residual over that which the assumed errors of the microphones leave, (..., F); None if unknown.
         choices: every option; ``level_error`` and ``phase_error`` are the errors that were assumed.
     """
+
+    FILE = "torchliner.io.wall_file:FILE"
 
     method: str
     line: MicrophoneLine | None
@@ -70,7 +73,7 @@ class DrawnImpedance(Written):
         Raises:
             ValueError: another ending; an eduction without its line, or of several lines.
         """
-        outlet(type(self), "write")(self, path, *others)
+        resolve(self.FILE).write(self, path, *others)
 
     def report(self, path: str | Path, *others: DrawnImpedance) -> None:
         """Write one self-contained HTML page: answer, warnings, figures, provenance.
@@ -82,7 +85,7 @@ class DrawnImpedance(Written):
             ImportError: jinja2 or matplotlib is not installed (extra ``report``).
             ValueError: another ending; an eduction without its line, or of several lines.
         """
-        outlet(type(self), "report")(self, path, *others)
+        resolve(self.PAGE)(self, path, *others)
 
     def fitted_along(self) -> tuple[Tensor, Tensor]:
         """Places along the microphones, m, (X,), and the fitted pressure, Pa, (..., X, F)."""

@@ -3,72 +3,93 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records.declared import record, var
 from torchliner.records.drawn_impedance import DrawnImpedance
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 
+EACH = ("draws", "frequency")
 
-@dataclass(frozen=True, eq=False)
+
+@record
 class FieldFit(DrawnImpedance):
     """Impedance of a liner by fitting the linearised Euler equations to microphones.
 
+    The covariance is the Laplace approximation, inverse of Gauss-Newton's Hessian with the amplitudes fitted too, for
+    errors as stated or as the misfit asks for (``error_scale``). It is infinite where the microphones do not tell the
+    liner from a rigid wall, and too small near that, where the error of 1/Z, abs(dZ)/abs(Z)^2, still holds.
+
     Args:
         method: for tables and legends.
-        frequency: Hz, (F,).
         x: microphones, m, (N,).
-        impedance: Z, normalised, (..., F); its mean along the liner if it varies.
-        covariance: of (resistance, reactance) for the errors of the microphones, as stated or as the misfit asks for
-            (``error_scale``), (..., F, 2, 2): the Laplace approximation, inverse of Gauss-Newton's Hessian with the
-            amplitudes fitted too; infinite where the microphones do not tell the liner from a rigid
-            wall, and too small near that, where the error of 1/Z, |dZ|/|Z|^2, still holds.
-        rise: Z at the liner's downstream edge less that at the upstream one, (..., F); 0 unless it
-            was fitted.
-        rise_error: standard error of its real and of its imaginary part, likewise.
-        amplitude: peak of the source's wave where the case has its own, Pa, complex, (..., F).
-        end_reflection: of the far end, stated or fitted, complex, (..., F): wall pressure of the
-            plane-like mode that comes back over that of the one that goes out, both at that end.
-        pressure: of the model at the microphones, Pa, (..., N, F).
-        along: places from the first microphone to the last, m, (X,).
-        pressure_along: of the model there, Pa, (..., X, F).
-        residual: rms of what the model leaves over that of the pressures, (..., F).
-        misfit: chi squared over its degrees of freedom, (..., F): 1 where the model is right and
-            the errors are as stated.
-        converged: whether the last step was below the tolerance, (..., F).
         source_side: ``upstream`` or ``downstream``.
-        freedom: real degrees of freedom of the misfit.
         draws: the same fit over draws of the errors, (D, ..., F); None without.
         choices: every option.  notes: warnings, with numbers.
         line: microphones that were used; files and pages need them.
     """
 
     method: str
-    frequency: Tensor
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
     x: Tensor
-    impedance: Tensor
-    covariance: Tensor
-    rise: Tensor
-    rise_error: Tensor
-    amplitude: Tensor
-    end_reflection: Tensor
-    pressure: Tensor
-    along: Tensor
-    pressure_along: Tensor
-    residual: Tensor
-    misfit: Tensor
-    converged: Tensor
+    impedance: Tensor = var(*EACH, kind="impedance", name="{}", text="v into the liner; the mean along it if Z varies")
+    covariance: Tensor = var(
+        *EACH, "part", "with_part", any_size=True, text="covariance of resistance (0) and reactance (1)"
+    )
+    rise: Tensor = var(
+        *EACH,
+        kind="impedance",
+        name="rise_of_{}",
+        text="at the liner's downstream edge less that at the upstream one, 0 unless it was fitted",
+    )
+    rise_error: Tensor = var(
+        *EACH, kind="impedance", name="rise_of_{}_error", any_size=True, text="standard error of the rise"
+    )
+    amplitude: Tensor = var(
+        *EACH, unit="Pa", kind="complex", text="peak amplitude of the source's wave where the case has its own"
+    )
+    end_reflection: Tensor = var(
+        *EACH,
+        kind="complex",
+        text="reflection of the far end, stated or fitted: wall pressure "
+        "of the plane-like mode that comes back over that of the one that goes out",
+    )
+    pressure: Tensor = var(
+        "draws",
+        "microphone",
+        "frequency",
+        unit="Pa",
+        kind="complex",
+        name="fitted_pressure",
+        text="fitted pressure at the microphones, peak",
+    )
+    along: Tensor = var("place", unit="m", text="places from the first microphone to the last")
+    pressure_along: Tensor = var(
+        "draws",
+        "place",
+        "frequency",
+        unit="Pa",
+        kind="complex",
+        name="fitted_pressure_along",
+        text="fitted pressure there, peak",
+    )
+    residual: Tensor = var(*EACH, text="rms of what the model leaves over that of the pressures")
+    misfit: Tensor = var(
+        *EACH, text="chi squared over its degrees of freedom: 1 where model and stated errors are right"
+    )
+    converged: Tensor = var(*EACH, kind="flag", text="whether the last step was below the tolerance")
     source_side: str
     draws: FieldFit | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
     line: MicrophoneLine | None = None
-    freedom: int | None = None
+    freedom: int | None = var(text="real degrees of freedom of the misfit", default=None)
 
     @property
     def estimated(self) -> Tensor:

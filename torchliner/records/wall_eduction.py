@@ -3,86 +3,104 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import field
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_complex
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records.declared import Variable, record, var
 from torchliner.records.drawn_impedance import DrawnImpedance, deviation, fine_places
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 
+EACH, WAVES = ("draws", "frequency"), ("draws", "wave", "frequency")
 
-@dataclass(frozen=True, eq=False)
+
+@record
 class WallEduction(DrawnImpedance):
-    r"""Wavenumbers above a liner and the impedance that each stands for.
+    r"""Wavenumbers alpha above a liner, of :math:`e^{-j\alpha x}`, and the impedance that each stands for.
 
     Args:
         method: for tables and legends.
-        frequency: Hz, (F,).
         x: microphones that were used, m, (N,).
-        wavenumber: alpha of the wave that runs with the source, of :math:`e^{-j\alpha x}`, 1/m,
-            (..., F); nan where none was found.
-        impedance: Z by the dispersion relation, normalised, (..., F).
-        modes: alpha of all waves, (..., K, F).
-        amplitudes: theirs at ``origin``, peak, Pa, complex, (..., K, F).
-        origin: x of the microphone nearest the source, m.
-        residual: rms of what the waves leave over that of the pressures, (..., F).
         source_side: ``upstream`` or ``downstream``.
-        singular_values: of the prediction matrix, Pa, (..., L, F); None for fits.
-        rank, order: K and L; None for fits.
-        misfit: squared residual over that which the assumed errors of the microphones leave, (..., F): 1 where waves
-            and errors are right; None or nan where it is not known.
         draws: the same eduction over draws of the microphones' errors, (D, ..., F) and so on.
         choices: every option; ``level_error`` and ``phase_error`` are those assumed.
         notes: warnings, with numbers.
         line: microphones that were used; files and pages need them.
-        covariance: of (resistance, reactance), (F, 2, 2), for errors of the microphones as large
-            as what the waves leave, to first order; None without a degree of freedom, or for lines
-            with leading axes.
-        freedom: real degrees of freedom behind it.
     Raises:
         TypeError: wavenumber or impedance is not complex.
         ValueError: shapes disagree.
     """
 
     method: str
-    frequency: Tensor
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
     x: Tensor
-    wavenumber: Tensor
-    impedance: Tensor
-    modes: Tensor
-    amplitudes: Tensor
-    origin: float
-    residual: Tensor
+    wavenumber: Tensor = var(
+        *EACH,
+        unit="1/m",
+        kind="complex",
+        text="wavenumber alpha of the wave that runs with the source, nan where none was found",
+    )
+    impedance: Tensor = var(*EACH, kind="impedance", name="{}", text="by the dispersion relation, v into the liner")
+    modes: Tensor = var(*WAVES, unit="1/m", kind="complex", name="mode_wavenumber", text="wavenumber of each wave")
+    amplitudes: Tensor = var(
+        *WAVES, unit="Pa", kind="complex", name="mode_amplitude", text="peak amplitude of each wave at the origin"
+    )
+    origin: float = var(unit="m", text="x of the microphone nearest the source")
+    residual: Tensor = var(*EACH, text="rms of what the waves leave over that of the pressures")
     source_side: str
-    singular_values: Tensor | None = None
-    rank: int | None = None
-    order: int | None = None
-    misfit: Tensor | None = None
+    singular_values: Tensor | None = var(
+        "draws",
+        "singular_value",
+        "frequency",
+        unit="Pa",
+        default=None,
+        text="singular values of the prediction matrix; None for fits",
+    )
+    rank: int | None = var(text="waves that were kept; None for fits", default=None)
+    order: int | None = var(text="order of the prediction; None for fits", default=None)
+    misfit: Tensor | None = var(
+        *EACH,
+        default=None,
+        text="squared residual over that which the assumed errors leave: 1 "
+        "where waves and errors are right; nan where it is not known",
+    )
     draws: WallEduction | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
     line: MicrophoneLine | None = None
-    covariance: Tensor | None = None
-    freedom: int | None = None
+    covariance: Tensor | None = var(
+        *EACH,
+        "part",
+        "with_part",
+        default=None,
+        text="covariance of resistance (0) and "
+        "reactance (1) for errors as large as what the waves leave, to first order",
+    )
+    freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
+
+    DERIVED: ClassVar = (
+        Variable("energy_share", dims=EACH, text="energy of the wave of the impedance over that of the strongest"),
+    )
 
     def __post_init__(self) -> None:
         shape = self.wavenumber.shape
         for label in ("wavenumber", "impedance", "modes", "amplitudes"):
             require_complex(f"{self.method}: {label}", getattr(self, label))
-        if shape[-1:] != self.frequency.shape:
-            raise ValueError(
-                f"{self.method}: wavenumber has shape {tuple(shape)} for {len(self.frequency)} frequencies"
-            )
-        for label, wanted in (("impedance", shape), ("residual", shape), ("amplitudes", self.modes.shape)):
+        rows = (("frequency", shape[-1:]), ("impedance", shape), ("residual", shape), ("amplitudes", self.modes.shape))
+        for label, wanted in rows:
             if getattr(self, label).shape != wanted:
                 raise ValueError(
                     f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; {tuple(wanted)} is needed"
                 )
+        if self.singular_values is not None and self.singular_values.shape[-2] != self.order:
+            raise ValueError(
+                f"{self.method}: order is {self.order} of {self.singular_values.shape[-2]} singular values"
+            )
 
     def pressure_at(self, x: Tensor) -> Tensor:
         """Sum of all waves, peak, Pa, (..., X, F), at places x, m, (X,)."""
