@@ -172,7 +172,7 @@ def take(group: h5py.Group, kind: Any, path: str | Path, sizes: Sizes, known: Kn
     found = {**read_variables(group, rows, path, sizes=sizes), **known}
     for row in rows:
         value = found.get(row.field)
-        if isinstance(value, torch.Tensor) and not row.any_size and bool(torch.isinf(value).any()):
+        if isinstance(value, torch.Tensor) and not row.wide and bool(torch.isinf(value).any()):
             raise ValueError(f"{place(group, row.names[0], path)} or its other part is infinite; restore the file")
         if isinstance(value, float) and "int" in str(_hints(kind)[row.field]):
             found[row.field] = int(value)

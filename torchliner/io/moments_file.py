@@ -42,8 +42,8 @@ AREA = (Variable("area", "m2", POINT, optional=True),)
 LINES = (Variable("lines", "Hz", ("line",), name="line_frequency"),)
 TURNS = (Variable("turns", "Hz", ("turn",), name="turn_frequency", optional=True),)
 SURVEY = (
-    Variable("sums", "m/s", ("block", "row", "point"), name="line_sums", any_size=True),
-    Variable("squares", "m2/s2", BLOCK, name="square_sums", any_size=True),
+    Variable("sums", "m/s", ("block", "row", "point"), name="line_sums", wide=True),
+    Variable("squares", "m2/s2", BLOCK, name="square_sums", wide=True),
     Variable("peaks", "m/s", BLOCK),
 )
 USED = (Variable("used", "1", POINT, "flag"),)
@@ -55,7 +55,7 @@ LOCKED = (
 SQUARES = "square of cells"
 COLUMNS = {"admittance": "point", "velocity": "cell", "phase-locked": "point"}
 TABLES: dict[str, Table] = {
-    SQUARES: (Variable("values", "m2/s2", ("block", "cell"), name="cell_square_sums", any_size=True),),
+    SQUARES: (Variable("values", "m2/s2", ("block", "cell"), name="cell_square_sums", wide=True),),
     **{
         name: (Variable("values", "1", (*SUMS, columns), name=f"{name.replace('-', '_')}_sums"),)
         for name, columns in COLUMNS.items()

@@ -134,7 +134,7 @@ def read_variables(
         if not row.dims:
             found[row.field] = read_number(group, row.names[0], row.unit, path)
             continue
-        parts = [_tensor(read_si(group, name, row.unit, path, part, any_size=row.any_size)) for name in row.names]
+        parts = [_tensor(read_si(group, name, row.unit, path, part, any_size=row.wide)) for name in row.names]
         for name, one in zip(row.names, parts, strict=True):
             _require_shape(tuple(one.shape), row.dims, sizes, place(group, name, path))
         value = parts[0] if len(parts) == 1 else torch.complex(*parts)

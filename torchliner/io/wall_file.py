@@ -28,7 +28,7 @@ COUNT = "eductions"  # attribute of the file
 LEVEL = 0.95  # of the interval in the file
 STATISTICAL = f"{100 * LEVEL:g} % statistical interval"
 INTERVAL = tuple(
-    Variable(name, dims=("frequency",), kind="impedance", name=f"{{}}_{name}", text=text)
+    Variable(name, dims=("frequency",), name=f"{{}}_{name}", text=text)
     for name, text in (("low", f"lower bound of its {STATISTICAL}"), ("high", f"upper bound of its {STATISTICAL}"),
                        ("deviation", "standard deviation, of the draws or to first order"))
 )  # fmt: skip

@@ -24,7 +24,7 @@ class Educed:
     interval: Interval | None = part(default=None)
 
     DERIVED: ClassVar = (
-        Variable("impedance", kind="impedance", name="{}"),
+        Variable("impedance", name="{}"),
         Variable("absorption", text="absorption coefficient"),
     )
 

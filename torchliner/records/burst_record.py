@@ -23,7 +23,7 @@ class BurstRecord(Written, OfOneTone):
     """Bursts of one station: a particle's passage each, at random times.
 
     Arrival times may repeat or step back, as some files have them; ``validate_bursts`` drops such
-    bursts and counts them. They are float64: float32 resolves 1 us for 16 s only.
+    bursts and counts them. They are float64: float32 resolves 1 us for 16 s only. One component is needed.
 
     Args:
         dropped: bursts left out so far, by reason; they are no longer in the arrays.
@@ -36,12 +36,7 @@ class BurstRecord(Written, OfOneTone):
 
     arrival_time: Any = var("burst", unit="s", text="arrival of the particle")
     wall_normal: Any = var(
-        "burst",
-        unit="m/s",
-        name="wall_normal_velocity",
-        default=None,
-        text="positive AWAY from the liner; one component is needed",
-        positive="away from the liner",
+        "burst", unit="m/s", name="wall_normal_velocity", text="upwards", default=None, positive="away from the liner"
     )
     streamwise: Any = var("burst", unit="m/s", name="streamwise_velocity", text="positive downstream", default=None)
     transit_time: Any = var("burst", unit="s", text="at least 0, the weight against velocity bias", default=None)

@@ -103,11 +103,7 @@ class Found(Stated):
     _: KW_ONLY
     incident_level: float | None = var(unit="dB", text="stated level of the incident wave", default=None)
     goodrich: Tensor | None = var(
-        "frequency",
-        kind="impedance",
-        name="goodrich_{}",
-        default=None,
-        text="without sound under the flow, by Goodrich",
+        "frequency", name="goodrich_{}", default=None, text="without sound under the flow, by Goodrich"
     )
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()

@@ -23,12 +23,12 @@ class Variable:
         unit: SI, of record and file; the reader converts other units of the same quantity.
         dims: names of the axes, () for one number. "time", last in records, is first in files; some names stand
             for several axes or none, as the writer says.
-        kind: real, flag (0 and 1 in the file), text, complex (two variables ``_real`` and ``_imaginary``) or impedance
-            (two, whose names have resistance and reactance for "{}").
+        kind: real, flag (0 and 1 in the file), text, complex (two variables ``_real`` and ``_imaginary``), impedance.
         text: what it is.
-        name: of the variable; default that of the field.
+        name: of the variable; default that of the field. That of an impedance has "{}" where those of its parts have
+            resistance and reactance.
         optional: may be None in the record and absent from the file.
-        any_size: a sum, a bound or a quotient, which may be infinite or far from all that is measured.
+        wide: a sum, a bound or a quotient, which may be infinite or far from all that is measured.
         attributes: beside ``units`` and ``long_name``.
     """
 
@@ -39,8 +39,12 @@ class Variable:
     text: str = ""
     name: str = ""
     optional: bool = False
-    any_size: bool = False
+    wide: bool = False
     attributes: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if "{}" in self.name:
+            object.__setattr__(self, "kind", "impedance")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,12 +98,12 @@ def var(
     text: str = "",
     kind: str = "real",
     name: str = "",
-    any_size: bool = False,
+    wide: bool = False,
     default: Any = MISSING,
     **attributes: str,
 ) -> Any:
     """A field of a record with what its file says of it; see ``Variable``."""
-    about = Variable("", unit, dims, kind, text, name, default is not MISSING, any_size, attributes)
+    about = Variable("", unit, dims, kind, text, name, default is not MISSING, wide, attributes)
     return field(default=default, metadata={"variable": about})
 
 

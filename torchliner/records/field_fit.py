@@ -15,7 +15,8 @@ from torchliner.records.drawn_impedance import DrawnImpedance
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 
-EACH = ("draws", "frequency")
+EACH, MICROPHONES = ("draws", "frequency"), ("draws", "microphone", "frequency")
+PLACES = ("draws", "place", "frequency")
 
 
 @record
@@ -38,46 +39,26 @@ class FieldFit(DrawnImpedance):
     method: str
     frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
     x: Tensor
-    impedance: Tensor = var(*EACH, kind="impedance", name="{}", text="v into the liner; the mean along it if Z varies")
+    impedance: Tensor = var(*EACH, name="{}", text="v into the liner; the mean along it if Z varies")
     covariance: Tensor = var(
-        *EACH, "part", "with_part", any_size=True, text="covariance of resistance (0) and reactance (1)"
+        *EACH, "part", "with_part", wide=True, text="covariance of resistance (0) and reactance (1)"
     )
     rise: Tensor = var(
-        *EACH,
-        kind="impedance",
-        name="rise_of_{}",
-        text="at the liner's downstream edge less that at the upstream one, 0 unless it was fitted",
+        *EACH, name="rise_of_{}", text="at the liner's downstream edge less that upstream, 0 unless it was fitted"
     )
-    rise_error: Tensor = var(
-        *EACH, kind="impedance", name="rise_of_{}_error", any_size=True, text="standard error of the rise"
-    )
+    rise_error: Tensor = var(*EACH, name="rise_of_{}_error", wide=True, text="standard error of the rise")
     amplitude: Tensor = var(
         *EACH, unit="Pa", kind="complex", text="peak amplitude of the source's wave where the case has its own"
     )
     end_reflection: Tensor = var(
-        *EACH,
-        kind="complex",
-        text="reflection of the far end, stated or fitted: wall pressure "
-        "of the plane-like mode that comes back over that of the one that goes out",
+        *EACH, kind="complex", text="reflection of the far end, stated or fitted, of the plane-like modes"
     )
     pressure: Tensor = var(
-        "draws",
-        "microphone",
-        "frequency",
-        unit="Pa",
-        kind="complex",
-        name="fitted_pressure",
-        text="fitted pressure at the microphones, peak",
+        *MICROPHONES, unit="Pa", kind="complex", name="fitted_pressure", text="peak of the fitted pressure"
     )
     along: Tensor = var("place", unit="m", text="places from the first microphone to the last")
     pressure_along: Tensor = var(
-        "draws",
-        "place",
-        "frequency",
-        unit="Pa",
-        kind="complex",
-        name="fitted_pressure_along",
-        text="fitted pressure there, peak",
+        *PLACES, unit="Pa", kind="complex", name="fitted_pressure_along", text="peak of the fitted pressure there"
     )
     residual: Tensor = var(*EACH, text="rms of what the model leaves over that of the pressures")
     misfit: Tensor = var(

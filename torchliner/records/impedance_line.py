@@ -44,25 +44,13 @@ class LineAverage:
     is neither how Z differs along the line nor how well ``impedance`` is known, which the interval says.
     """
 
-    impedance: Tensor = var(
-        "frequency", kind="impedance", name="{}", any_size=True, text="1 over the mean of 1/Z, (5.2)"
-    )
-    monte_carlo: Tensor = var(
-        "frequency", kind="impedance", name="monte_carlo_{}", any_size=True, text="mean of the draws of (5.2)"
-    )
+    impedance: Tensor = var("frequency", name="{}", wide=True, text="1 over the mean of 1/Z, (5.2)")
+    monte_carlo: Tensor = var("frequency", name="monte_carlo_{}", wide=True, text="mean of the draws of (5.2)")
     monte_carlo_spread: Tensor = var(
-        "frequency",
-        kind="impedance",
-        name="monte_carlo_spread_{}",
-        any_size=True,
-        text="standard deviation over the draws of (5.2)",
+        "frequency", name="monte_carlo_spread_{}", wide=True, text="standard deviation over the draws of (5.2)"
     )
     spatial_spread: Tensor = var(
-        "frequency",
-        kind="impedance",
-        name="spatial_spread_{}",
-        any_size=True,
-        text="standard deviation over the stations",
+        "frequency", name="spatial_spread_{}", wide=True, text="standard deviation over the stations"
     )
     interval: Interval | None = part("", "frequency", text="segments resampled, stations independent")
     stations: int = var(text="stations that count")
@@ -120,15 +108,9 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
     level_check: LevelCheck | None = part(places=("station",), default=None)
 
     DERIVED: ClassVar = (
-        Variable("segment_impedance", dims=SEGMENT, kind="impedance", name="segment_{}", text="of each segment"),
-        Variable("impedance", dims=STATION, kind="impedance", name="{}", text="mean over the segments, (5.1)"),
-        Variable(
-            "segment_spread",
-            dims=STATION,
-            kind="impedance",
-            name="segment_spread_{}",
-            text="standard deviation over the segments",
-        ),
+        Variable("segment_impedance", dims=SEGMENT, name="segment_{}", text="of each segment"),
+        Variable("impedance", dims=STATION, name="{}", text="mean over the segments, (5.1)"),
+        Variable("segment_spread", dims=STATION, name="segment_spread_{}", text="standard deviation over the segments"),
         Variable("admittance", dims=STATION, kind="complex", text="mean of 1/Z over the segments"),
         Variable("inferred_incident_level", "dB", STATION, text="of the wave that gives the coherent v, re 20 uPa rms"),
     )

@@ -70,10 +70,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
         "cell", text="share of its probes that a cell has; None: all the same", default=None
     )
     wall: Tensor | None = var(
-        *FULL,
-        kind="flag",
-        default=None,
-        text="whether a probe counts as wall, of admittance 0, in averages over probes",
+        *FULL, kind="flag", default=None, text="whether a probe counts as wall, of admittance 0, in averages"
     )
     x: Tensor | None = var("columns", unit="m", text="streamwise coordinate", default=None)
     z: Tensor | None = var("rows", unit="m", text="spanwise coordinate", default=None)
@@ -85,13 +82,9 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
 
     DERIVED: ClassVar = (
         Variable("averagings", dims=("averaging",), kind="text", name="averaging", text="averaging over the probes"),
-        Variable("answer", dims=("frequency",), kind="impedance", name="answer_{}", text="in the averaging chosen"),
+        Variable("answer", dims=("frequency",), name="answer_{}", text="in the averaging chosen"),
         Variable(
-            "liner_spread",
-            dims=("frequency",),
-            kind="impedance",
-            name="liner_spread_{}",
-            text="standard deviation over the probes: spread over positions, no uncertainty",
+            "liner_spread", dims=("frequency",), name="liner_spread_{}", text="deviation over positions"
         ),
         Variable("inferred_incident_level", "dB", FULL, text="of the wave that gives the coherent v, re 20 uPa rms"),
     )

@@ -24,12 +24,12 @@ class Gap:
     nan where nothing is known: bounds also without intervals, the phase also where what is known has none.
     """
 
-    level: Tensor = var(unit="dB", name="level_gap", any_size=True, text="implied over known pressure,")
-    level_low: Tensor = var(unit="dB", name="level_gap_low", any_size=True, text="lower bound of the level gap")
-    level_high: Tensor = var(unit="dB", name="level_gap_high", any_size=True, text="upper bound of the level gap")
-    phase: Tensor = var(unit="degree", name="phase_gap", any_size=True, text="implied less known phase,")
-    phase_low: Tensor = var(unit="degree", name="phase_gap_low", any_size=True, text="lower bound of the phase gap")
-    phase_high: Tensor = var(unit="degree", name="phase_gap_high", any_size=True, text="upper bound of the phase gap")
+    level: Tensor = var(unit="dB", name="level_gap", wide=True, text="implied over known pressure,")
+    level_low: Tensor = var(unit="dB", name="level_gap_low", wide=True, text="lower bound of the level gap")
+    level_high: Tensor = var(unit="dB", name="level_gap_high", wide=True, text="upper bound of the level gap")
+    phase: Tensor = var(unit="degree", name="phase_gap", wide=True, text="implied less known phase,")
+    phase_low: Tensor = var(unit="degree", name="phase_gap_low", wide=True, text="lower bound of the phase gap")
+    phase_high: Tensor = var(unit="degree", name="phase_gap_high", wide=True, text="upper bound of the phase gap")
 
     def at(self, *place: int) -> dict[str, float | None]:
         """Plain values of one place, None for what is not known."""

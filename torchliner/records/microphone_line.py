@@ -32,6 +32,8 @@ from torchliner.units import require_plausible
 EQUAL_SPACING = 5e-3  # of the mean spacing
 QUIETEST = 1.0  # dB
 
+DRAWN = ("draws", "microphone", "frequency")
+
 
 @record
 class MicrophoneLine(Written, Case):
@@ -50,15 +52,7 @@ class MicrophoneLine(Written, Case):
     """
 
     x: Any = var("microphone", unit="m", text="places along the flow, increasing")
-    pressure: Any = var(
-        "draws",
-        "microphone",
-        "frequency",
-        unit="Pa",
-        kind="complex",
-        text="peak amplitude",
-        amplitude="peak, exp(+j omega t)",
-    )
+    pressure: Any = var(*DRAWN, unit="Pa", kind="complex", text="peak amplitude", amplitude="peak, exp(+j omega t)")
     frequency: Any = var("frequency", unit="Hz", text="frequency of the tone")
     _: KW_ONLY
     duct_height: float = var(unit="m", text="from the liner to the opposite wall")
@@ -66,11 +60,7 @@ class MicrophoneLine(Written, Case):
     liner_start: float | None = var(unit="m", text="x of the liner's end upstream", default=None)
     liner_end: float | None = var(unit="m", text="x of the liner's end downstream", default=None)
     wall_impedance: Any = var(
-        "frequency",
-        kind="impedance",
-        name="wall_{}",
-        default=None,
-        text="of the liner where it is known; nan where not, or where the wall is rigid",
+        "frequency", name="wall_{}", default=None, text="of the liner; nan where unknown, or rigid"
     )
     coherence: Any = var("microphone", "frequency", text="squared, with the reference channel", default=None)
     notes: tuple[str, ...] = ()

@@ -38,39 +38,21 @@ class PointImpedances(Result):
     cell_x: Tensor = var("cell", unit="m", text="streamwise coordinate of a cell, nan where unknown")
     cell_z: Tensor = var("cell", unit="m", text="spanwise coordinate of a cell, likewise")
     cell_impedance: Tensor = var(
-        *CELL,
-        kind="impedance",
-        name="cell_{}",
-        any_size=True,
-        text="of each cell, from the admittance averaged over points",
+        *CELL, name="cell_{}", wide=True, text="of each cell, from the admittance averaged over points"
     )
     cell_impedance_pressure_first: Tensor = var(
-        *CELL,
-        kind="impedance",
-        name="cell_{}_pressure_first",
-        any_size=True,
-        text="of each cell, pressure averaged first",
+        *CELL, name="cell_{}_pressure_first", wide=True, text="of each cell, pressure averaged first"
     )
     liner_impedance: Tensor = var(
-        "frequency",
-        kind="impedance",
-        name="liner_{}",
-        any_size=True,
-        text="of the whole surface, from the admittance averaged over points",
+        "frequency", name="liner_{}", wide=True, text="of the whole surface, from the admittance averaged over points"
     )
     liner_impedance_pressure_first: Tensor = var(
-        "frequency",
-        kind="impedance",
-        name="liner_{}_pressure_first",
-        any_size=True,
-        text="of the whole surface, pressure averaged first",
+        "frequency", name="liner_{}_pressure_first", wide=True, text="of the whole surface, pressure averaged first"
     )
     coherence: Tensor = var(*CELL, text="squared coherence of the two pressures, mean over the points of a cell")
     point_x: Tensor = var("point", unit="m", text="streamwise coordinate of a point, nan where unknown")
     point_z: Tensor = var("point", unit="m", text="spanwise coordinate of a point, likewise")
-    point_impedance: Tensor = var(
-        "point", "frequency", kind="impedance", name="point_{}", any_size=True, text="at each point"
-    )
+    point_impedance: Tensor = var("point", "frequency", name="point_{}", wide=True, text="at each point")
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
     uncertainty: PointUncertainty | None = part(default=None)

@@ -28,13 +28,8 @@ class AtProbes(OfOneTone):
     _: KW_ONLY
     sampling_rate: float
     start: float = var(unit="s", text="time of the first sample on the clock of the data", default=0.0)
-    x: Any = var(
-        "columns",
-        unit="m",
-        default=None,
-        text="streamwise coordinate: one a column of a (z, x) plane, else one a probe",
-    )
-    z: Any = var("rows", unit="m", text="spanwise coordinate, likewise", default=None)
+    x: Any = var("columns", unit="m", default=None, text="streamwise coordinate, of each column or probe")
+    z: Any = var("rows", unit="m", text="spanwise coordinate, of each row or probe", default=None)
 
     def _check_case(self) -> None:
         super()._check_case()

@@ -22,11 +22,11 @@ class Interval:
     order, 0 for single probes. The bounds are without it, the value is not.
     """
 
-    low: Tensor = var(kind="impedance", name="{}_low", any_size=True, text=f"lower bound, {STATISTICAL},")
-    high: Tensor = var(kind="impedance", name="{}_high", any_size=True, text=f"upper bound, {STATISTICAL},")
-    standard_error: Tensor = var(kind="impedance", name="{}_standard_error", any_size=True, text="standard error")
-    runs: Tensor = var(name="interval_runs", any_size=True, text="number of independent runs of the record")
-    bias: Tensor = var(kind="impedance", name="{}_bias", any_size=True, text="bias, taken off the bounds alone,")
+    low: Tensor = var(name="{}_low", wide=True, text=f"lower bound, {STATISTICAL},")
+    high: Tensor = var(name="{}_high", wide=True, text=f"upper bound, {STATISTICAL},")
+    standard_error: Tensor = var(name="{}_standard_error", wide=True, text="standard error")
+    runs: Tensor = var(name="interval_runs", wide=True, text="number of independent runs of the record")
+    bias: Tensor = var(name="{}_bias", wide=True, text="bias, taken off the bounds alone,")
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Interval:
         """The same with every field put through a function."""

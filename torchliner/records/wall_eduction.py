@@ -17,11 +17,15 @@ from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 
 EACH, WAVES = ("draws", "frequency"), ("draws", "wave", "frequency")
+SINGULAR = ("draws", "singular_value", "frequency")
 
 
 @record
 class WallEduction(DrawnImpedance):
     r"""Wavenumbers alpha above a liner, of :math:`e^{-j\alpha x}`, and the impedance that each stands for.
+
+    nan where nothing was found or is known. A misfit of 1 says that waves and assumed errors are right; the covariance
+    is for errors as large as what the waves leave.
 
     Args:
         method: for tables and legends.
@@ -40,12 +44,9 @@ class WallEduction(DrawnImpedance):
     frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
     x: Tensor
     wavenumber: Tensor = var(
-        *EACH,
-        unit="1/m",
-        kind="complex",
-        text="wavenumber alpha of the wave that runs with the source, nan where none was found",
+        *EACH, unit="1/m", kind="complex", text="wavenumber alpha of the wave that runs with the source"
     )
-    impedance: Tensor = var(*EACH, kind="impedance", name="{}", text="by the dispersion relation, v into the liner")
+    impedance: Tensor = var(*EACH, name="{}", text="by the dispersion relation, v into the liner")
     modes: Tensor = var(*WAVES, unit="1/m", kind="complex", name="mode_wavenumber", text="wavenumber of each wave")
     amplitudes: Tensor = var(
         *WAVES, unit="Pa", kind="complex", name="mode_amplitude", text="peak amplitude of each wave at the origin"
@@ -54,32 +55,17 @@ class WallEduction(DrawnImpedance):
     residual: Tensor = var(*EACH, text="rms of what the waves leave over that of the pressures")
     source_side: str
     singular_values: Tensor | None = var(
-        "draws",
-        "singular_value",
-        "frequency",
-        unit="Pa",
-        default=None,
-        text="singular values of the prediction matrix; None for fits",
+        *SINGULAR, unit="Pa", default=None, text="singular values of the prediction matrix; None for fits"
     )
     rank: int | None = var(text="waves that were kept; None for fits", default=None)
     order: int | None = var(text="order of the prediction; None for fits", default=None)
-    misfit: Tensor | None = var(
-        *EACH,
-        default=None,
-        text="squared residual over that which the assumed errors leave: 1 "
-        "where waves and errors are right; nan where it is not known",
-    )
+    misfit: Tensor | None = var(*EACH, default=None, text="squared residual over that of the assumed errors")
     draws: WallEduction | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
     line: MicrophoneLine | None = None
     covariance: Tensor | None = var(
-        *EACH,
-        "part",
-        "with_part",
-        default=None,
-        text="covariance of resistance (0) and "
-        "reactance (1) for errors as large as what the waves leave, to first order",
+        *EACH, "part", "with_part", default=None, text="covariance of resistance and reactance, to first order"
     )
     freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
 
