@@ -88,7 +88,7 @@ def test_selection():
         ({"x": [0.0, 0.02, 0.01]}, "x goes from 20 mm at microphone 1 to 10 mm at 2; sort"),
         ({"x": [0.0, 0.0, 0.01]}, "x goes from 0 mm at microphone 0 to 0 mm at 1"),
         ({"x": [0.0, math.nan, 0.01]}, "x holds values that are not finite"),
-        ({"pressure": np.ones((2, 1)) + 0j}, r"shape \(2, 1\); 3 microphones and 1 frequencies"),
+        ({"pressure": np.ones((2, 1)) + 0j}, r"shape \(2, 1\); \(draws, 3 microphone, 1 frequency\)"),
         ({"pressure": np.array([1, 0, 1j])}, r"microphone 1 \(x = 10 mm\) is zero, which has no "
          "level at 900 Hz"),
         ({"pressure": np.array([1, math.inf, 1j])}, r"microphone 1 \(x = 10 mm\) is not finite"),
@@ -102,7 +102,7 @@ def test_selection():
         ({"source_side": "up"}, "unknown microphones: source_side 'up'; choose one of: upstream"),
         ({"liner_start": 0.1}, "liner_start and liner_end go together"),
         ({"liner_start": 0.1, "liner_end": 0.0}, "the liner runs from 100 to 0 mm"),
-        ({"coherence": np.ones((2, 1))}, r"coherence has shape \(2, 1\); \(3, 1\) is needed"),
+        ({"coherence": np.ones((2, 1))}, r"coherence has shape \(2, 1\); \(3 microphone, 1 frequency\)"),
     ],
 )  # fmt: skip
 def test_records_are_checked(change, match):

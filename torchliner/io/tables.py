@@ -32,10 +32,9 @@ from torchliner.io.hdf5 import (
     write_variable,
 )
 from torchliner.io.whole_file import HDF5, written_whole
-from torchliner.records.declared import Variable
+from torchliner.records.declared import SEVERAL, Variable
 from torchliner.records.notes import Note
 
-SEVERAL = ("probes", "columns", "rows", "draws")  # dimensions that may stand for several axes or none
 KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")  # types that torch has
 Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 Table = Sequence[Variable]

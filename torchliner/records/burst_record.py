@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchliner.checks import make_plain
 from torchliner.records.case import OfOneTone
-from torchliner.records.declared import record, table_of, var
+from torchliner.records.declared import record, require_shapes, table_of, var
 from torchliner.records.outlets import Written
 from torchliner.records.probes import signal_tensor
 
@@ -74,11 +74,6 @@ class BurstRecord(Written, OfOneTone):
                 raise ValueError(
                     f"{self.name}: {label} has shape {tuple(tensor.shape)}; a list of at least one burst is needed"
                 )
-            if label != "arrival_time" and len(tensor) != self.bursts:
-                raise ValueError(
-                    f"{self.name}: {label} has {len(tensor)} values, arrival_time {self.bursts}; "
-                    "they belong to the same bursts"
-                )
             bad = ~torch.isfinite(tensor)
             if bool(bad.any()):
                 raise ValueError(
@@ -86,6 +81,7 @@ class BurstRecord(Written, OfOneTone):
                     f"first at burst {int(bad.nonzero()[0])}; leave those bursts out"
                 )
             object.__setattr__(self, label, tensor)
+        require_shapes(self, self.name)
         if self.transit_time is not None and bool((self.transit_time < 0).any()):
             worst = int(self.transit_time.argmin())
             raise ValueError(

@@ -9,6 +9,9 @@ from dataclasses import MISSING, dataclass, field
 from itertools import takewhile
 from typing import Any, TypeVar, dataclass_transform
 
+from torchliner.checks import require_complex
+
+SEVERAL = ("probes", "columns", "rows", "draws", "facesheet", "backplate")  # may stand for several axes or none
 PARTS = {"impedance": ("resistance", "reactance"), "complex": ("real", "imaginary")}
 LONG_NAMES = {"impedance": "normalised {}, {}", "complex": "{} part of the {}"}
 Kind = TypeVar("Kind", bound=type)
@@ -151,3 +154,26 @@ def variables_of(kind: type) -> list[Variable]:
 def table_of(kind: type, *names: str) -> tuple[Variable, ...]:
     """Some of them, by field."""
     return tuple(row for row in variables_of(kind) if row.field in names)
+
+
+def require_shapes(record: Any, name: str) -> None:
+    """Refuse fields whose axes are not those that they say, or are longer than in the fields before.
+
+    Raises:
+        TypeError: a real tensor where a complex one is meant.
+        ValueError: a shape; what is needed is named.
+    """
+    sizes: dict[str, int] = {}
+    for row in variables_of(type(record)):
+        value = getattr(record, row.field)
+        if value is None or not row.dims:
+            continue
+        if row.kind in PARTS:
+            require_complex(f"{name}: {row.field}", value)
+        shape = (len(value),) if row.kind == "text" else tuple(value.shape)
+        own = [dim for dim in row.dims if dim not in SEVERAL]
+        tail = shape[len(shape) - len(own) :] if len(own) <= len(shape) else ()
+        wanted = [sizes.setdefault(dim, size) for dim, size in zip(own, tail, strict=False)]
+        if [*tail] != wanted or len(wanted) < len(own) or (len(own) == len(row.dims) < len(shape)):
+            needed = ", ".join(f"{sizes[dim]} {dim}" if dim in sizes else dim for dim in row.dims)
+            raise ValueError(f"{name}: {row.field} has shape {shape}; ({needed}) is needed")

@@ -16,7 +16,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.records.case import Found
-from torchliner.records.declared import Variable, part, record, var
+from torchliner.records.declared import Variable, part, record, require_shapes, var
 from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.summaries import (
@@ -118,11 +118,10 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
     PLOT: ClassVar = "torchliner.report.line_figures:draw_lines"
 
     def __post_init__(self) -> None:
-        for label in ("names", "flags", "dropped", "station_notes"):
-            if len(getattr(self, label)) != len(self.segment_start):
-                raise ValueError(
-                    f"{label} has {len(getattr(self, label))} values for {len(self.segment_start)} stations"
-                )
+        require_shapes(self, "line")
+        for label in ("flags", "dropped", "station_notes"):
+            if len(getattr(self, label)) != self.stations:
+                raise ValueError(f"{label} has {len(getattr(self, label))} values for {self.stations} stations")
 
     @property
     def answer(self) -> Tensor:

@@ -23,7 +23,7 @@ from torchliner.checks import (
 )
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.records.case import LOUDEST, Case
-from torchliner.records.declared import record, var
+from torchliner.records.declared import record, require_shapes, var
 from torchliner.records.outlets import Written
 from torchliner.records.probes import finite_places
 from torchliner.records.unit_checks import require_pressures, unit_warnings
@@ -153,14 +153,14 @@ class MicrophoneLine(Written, Case):
                 f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "
                 "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
             )
-        count = len(self.x)
-        if frequencies == 1 and pressure.shape[-1:] == (count,):
+        if frequencies == 1 and pressure.shape[-1:] == self.x.shape:
             pressure = pressure[..., None]
-        if pressure.ndim < 2 or pressure.shape[-2:] != (count, frequencies):
-            raise ValueError(
-                f"{self.name}: pressure has shape {tuple(pressure.shape)}; {count} microphones and "
-                f"{frequencies} frequencies need (..., {count}, {frequencies})"
-            )
+        object.__setattr__(self, "pressure", pressure)
+        if self.wall_impedance is not None:
+            object.__setattr__(self, "wall_impedance", torch.as_tensor(self.wall_impedance, dtype=torch.complex128))
+        if self.coherence is not None:
+            object.__setattr__(self, "coherence", real_tensor(self.coherence))
+        require_shapes(self, self.name)
         for what, bad in (
             ("is not finite", ~torch.isfinite(pressure)),
             ("is zero, which has no level", pressure == 0),
@@ -173,19 +173,6 @@ class MicrophoneLine(Written, Case):
                     f"{float(self.frequency[place[-1]]):g} Hz; leave that microphone out"
                 )
         require_pressures(pressure, self.frequency, self.name)
-        object.__setattr__(self, "pressure", pressure)
-        if self.wall_impedance is not None:
-            known = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
-            if known.shape != (frequencies,):
-                raise ValueError(f"{self.name}: wall_impedance has shape {tuple(known.shape)}, not ({frequencies},)")
-            object.__setattr__(self, "wall_impedance", known)
-        if self.coherence is not None:
-            coherence = real_tensor(self.coherence)
-            if coherence.shape != (count, frequencies):
-                raise ValueError(
-                    f"{self.name}: coherence has shape {tuple(coherence.shape)}; ({count}, {frequencies}) is needed"
-                )
-            object.__setattr__(self, "coherence", coherence)
 
     @property
     def microphones(self) -> int:

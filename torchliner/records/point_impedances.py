@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 from torch import Tensor
 
-from torchliner.checks import index_of_frequency, require_complex
-from torchliner.records.declared import part, record, var, variables_of
+from torchliner.checks import index_of_frequency
+from torchliner.records.declared import part, record, require_shapes, var
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
 from torchliner.records.uncertainty import PointUncertainty
@@ -60,16 +60,7 @@ class PointImpedances(Result):
     FILE: ClassVar = "torchliner.io.point_file:FILE"
 
     def __post_init__(self) -> None:
-        sizes = {"cell": len(self.cell_x), "point": len(self.point_x), "frequency": len(self.frequency)}
-        for row in variables_of(PointImpedances):
-            value, shape = getattr(self, row.field), tuple(sizes[dim] for dim in row.dims)
-            if row.kind == "impedance":
-                require_complex(f"{self.name}: {row.field}", value)
-            if tuple(value.shape) != shape:
-                raise ValueError(
-                    f"{self.name}: {row.field} has shape {tuple(value.shape)}; {sizes['cell']} cells, {sizes['point']} "
-                    f"points and {sizes['frequency']} frequencies need {shape}"
-                )
+        require_shapes(self, self.name)
 
     @property
     def answer(self) -> Tensor:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import make_plain, plain_array, require_positive_where_stated
-from torchliner.records.declared import record, table_of, var
+from torchliner.records.declared import record, require_shapes, table_of, var
 from torchliner.records.outlets import Written
 from torchliner.records.probes import AtProbes, finite_places, signal_tensor
 
@@ -76,6 +76,7 @@ class PressureRecord(Written, AtProbes):
             )
         self._check_cells()
         self._check_microphones()
+        require_shapes(self, self.name)
 
     def _check_pressures(self) -> None:
         """Facesheet and backplate, or neither but microphones; one time base."""
@@ -92,15 +93,6 @@ class PressureRecord(Written, AtProbes):
                 raise ValueError(
                     f"{self.name}: {label} has shape {tuple(value.shape)}; it needs at least one "
                     f"sample, time last, and at most {most - 1} axes before it"
-                )
-        samples = self.samples
-        for label in SIGNALS:
-            value = getattr(self, label)
-            if value is not None and value.shape[-1] != samples:
-                first = "microphones" if self.facesheet is None else "facesheet"
-                raise ValueError(
-                    f"{self.name}: {label} has {value.shape[-1]} samples, {first} {samples}; they "
-                    "share one time base: resample or cut them to the same times"
                 )
         face, back = self.facesheet, self.backplate
         if back is not None and back.ndim == 3 and back.shape != face.shape:
@@ -137,22 +129,11 @@ class PressureRecord(Written, AtProbes):
             return
         if self.microphones.ndim == 1:
             object.__setattr__(self, "microphones", self.microphones[None])
-        count = len(self.microphones)
         if self.microphone_y is None:
-            raise ValueError(f"{self.name}: microphone_y is missing, the {count} distances in m")
-        places = finite_places(self.microphone_y, "microphone_y", self.name)
-        if len(places) != count:
-            raise ValueError(f"{self.name}: microphone_y has {len(places)} values for {count}")
-        velocity = self.microphone_velocity
-        if velocity is not None:
-            velocity = velocity[None] if velocity.ndim == 1 else velocity
-            if velocity.shape != self.microphones.shape:
-                raise ValueError(
-                    f"{self.name}: microphone_velocity has shape {tuple(velocity.shape)}, "
-                    f"microphones {tuple(self.microphones.shape)}; they go together"
-                )
-            object.__setattr__(self, "microphone_velocity", velocity)
-        object.__setattr__(self, "microphone_y", places)
+            raise ValueError(f"{self.name}: microphone_y is missing, the {len(self.microphones)} distances in m")
+        object.__setattr__(self, "microphone_y", finite_places(self.microphone_y, "microphone_y", self.name))
+        if self.microphone_velocity is not None and self.microphone_velocity.ndim == 1:
+            object.__setattr__(self, "microphone_velocity", self.microphone_velocity[None])
 
     @property
     def samples(self) -> int:

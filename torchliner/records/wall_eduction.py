@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_complex
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.records.declared import Variable, record, var
+from torchliner.records.declared import Variable, record, require_shapes, var
 from torchliner.records.drawn_impedance import DrawnImpedance, deviation, fine_places
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
@@ -74,15 +73,7 @@ class WallEduction(DrawnImpedance):
     )
 
     def __post_init__(self) -> None:
-        shape = self.wavenumber.shape
-        for label in ("wavenumber", "impedance", "modes", "amplitudes"):
-            require_complex(f"{self.method}: {label}", getattr(self, label))
-        rows = (("frequency", shape[-1:]), ("impedance", shape), ("residual", shape), ("amplitudes", self.modes.shape))
-        for label, wanted in rows:
-            if getattr(self, label).shape != wanted:
-                raise ValueError(
-                    f"{self.method}: {label} has shape {tuple(getattr(self, label).shape)}; {tuple(wanted)} is needed"
-                )
+        require_shapes(self, self.method)
         if self.singular_values is not None and self.singular_values.shape[-2] != self.order:
             raise ValueError(
                 f"{self.method}: order is {self.order} of {self.singular_values.shape[-2]} singular values"
