@@ -386,7 +386,7 @@ def test_results_are_checked():
         found.interval(95)
     with pytest.raises(ValueError, match=r"residual has shape \(2,\); \(draws, 3 frequency\) is needed"):
         dataclasses.replace(found, residual=found.residual[:2])
-    with pytest.raises(ValueError, match=r"wavenumber has shape \(3,\); \(draws, 1 frequency\)"):
+    with pytest.raises(ValueError, match=r"impedance has shape \(3,\); \(draws, 1 frequency\)"):
         dataclasses.replace(found, frequency=FREQUENCY[:1])
     with pytest.raises(TypeError, match=r"impedance is torch\.float64"):
         dataclasses.replace(found, impedance=found.residual)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import KW_ONLY, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from scipy.special import ndtri, stdtrit
@@ -12,39 +13,53 @@ from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import resolve
+from torchliner.records.declared import record, var
 from torchliner.records.microphone_line import MicrophoneLine
+from torchliner.records.notes import Note
 from torchliner.records.outlets import Reported, Written
 
 FINE = 201  # places of a level along the microphones
 
 
+EACH = ("draws", "frequency")
+
+
+@record
 class DrawnImpedance(Written, Reported):
     """Statistics over ``draws``, which all eductions from microphones share.
 
-    Attributes:
+    nan where nothing was found or is known.
+
+    Args:
         method: for tables and legends.
-        line: microphones that were used; None where the method does not keep them, which files and
-            pages need.
-        frequency: Hz, (F,).
-        impedance: Z, normalised, (..., F).
-        draws: the same eduction over draws of the error, (D, ..., F); None without.
-        covariance: of (resistance, reactance), (..., F, 2, 2); None if unknown.
-        freedom: real degrees of freedom of the residuals that it may be estimated from.
-        misfit: squared residual over that which the assumed errors of the microphones leave, (..., F); None if unknown.
+        x: microphones that were used, m, (N,).
+        source_side: ``upstream`` or ``downstream``.
+        draws: the same eduction over draws of the microphones' errors, (D, ..., F); None without.
         choices: every option; ``level_error`` and ``phase_error`` are the errors that were assumed.
+        notes: warnings, with numbers.
+        line: microphones that were used; None where the method does not keep them, which files and pages need.
     """
 
-    FILE = "torchliner.io.wall_file:FILE"
-
+    _: KW_ONLY
     method: str
-    line: MicrophoneLine | None
-    frequency: Tensor
-    impedance: Tensor
-    draws: DrawnImpedance | None
-    covariance: Tensor | None
-    freedom: int | None = None
-    misfit: Tensor | None
-    choices: Mapping[str, Any]
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    x: Tensor
+    impedance: Tensor = var(*EACH, name="{}", text="v into the liner")
+    residual: Tensor = var(*EACH, text="rms of what is left over that of the pressures")
+    source_side: str
+    draws: DrawnImpedance | None = None
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[Note | str, ...] = ()
+    line: MicrophoneLine | None = None
+    covariance: Tensor | None = var(
+        *EACH, "part", "with_part", wide=True, default=None, text="covariance of resistance and reactance"
+    )
+    freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
+    misfit: Tensor | None = var(
+        *EACH, default=None, text="squared residual over that of the assumed errors, 1 where all is right"
+    )
+
+    FILE: ClassVar = "torchliner.io.wall_file:FILE"
 
     @property
     def source_line(self) -> MicrophoneLine:
@@ -68,7 +83,7 @@ class DrawnImpedance(Written, Reported):
         """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take.
 
         Args:
-            path: of the file; one that is there is replaced when the new one is whole.
+            path: of the file.
             others: eductions that go along, as of the source on the other side, in this order.
         Raises:
             ValueError: another ending; an eduction without its line, or of several lines.
@@ -76,15 +91,7 @@ class DrawnImpedance(Written, Reported):
         resolve(self.FILE).write(self, path, *others)
 
     def report(self, path: str | Path, *others: DrawnImpedance) -> None:
-        """Write one self-contained HTML page: answer, warnings, figures, provenance.
-
-        Args:
-            path: of the page, .html; one that is there is replaced.
-            others: eductions beside it, which are compared with it.
-        Raises:
-            ImportError: jinja2 or matplotlib is not installed (extra ``report``).
-            ValueError: another ending; an eduction without its line, or of several lines.
-        """
+        """Write one self-contained HTML page, ``others`` beside it; as ``Reported.report``."""
         resolve(self.PAGE)(self, path, *others)
 
     def fitted_along(self) -> tuple[Tensor, Tensor]:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import field
-from typing import Any
+from dataclasses import KW_ONLY
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.declared import record, var
-from torchliner.records.drawn_impedance import DrawnImpedance
-from torchliner.records.microphone_line import MicrophoneLine
-from torchliner.records.notes import Note
+from torchliner.records.drawn_impedance import EACH, DrawnImpedance
 
-EACH, MICROPHONES = ("draws", "frequency"), ("draws", "microphone", "frequency")
+MICROPHONES = ("draws", "microphone", "frequency")
 PLACES = ("draws", "place", "frequency")
 
 
@@ -23,26 +19,13 @@ PLACES = ("draws", "place", "frequency")
 class FieldFit(DrawnImpedance):
     """Impedance of a liner by fitting the linearised Euler equations to microphones.
 
-    The covariance is the Laplace approximation, inverse of Gauss-Newton's Hessian with the amplitudes fitted too, for
-    errors as stated or as the misfit asks for (``error_scale``). It is infinite where the microphones do not tell the
-    liner from a rigid wall, and too small near that, where the error of 1/Z, abs(dZ)/abs(Z)^2, still holds.
-
-    Args:
-        method: for tables and legends.
-        x: microphones, m, (N,).
-        source_side: ``upstream`` or ``downstream``.
-        draws: the same fit over draws of the errors, (D, ..., F); None without.
-        choices: every option.  notes: warnings, with numbers.
-        line: microphones that were used; files and pages need them.
+    Of a Z that varies ``impedance`` is the mean along the liner. The covariance is the Laplace approximation: inverse
+    of Gauss-Newton's Hessian with the amplitudes fitted too, for errors as stated or as the misfit asks for
+    (``error_scale``). It is infinite where the microphones do not tell the liner from a rigid wall, and too small near
+    that, where the error of 1/Z, abs(dZ)/abs(Z)^2, still holds.
     """
 
-    method: str
-    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
-    x: Tensor
-    impedance: Tensor = var(*EACH, name="{}", text="v into the liner; the mean along it if Z varies")
-    covariance: Tensor = var(
-        *EACH, "part", "with_part", wide=True, text="covariance of resistance (0) and reactance (1)"
-    )
+    _: KW_ONLY
     rise: Tensor = var(
         *EACH, name="rise_of_{}", text="at the liner's downstream edge less that upstream, 0 unless it was fitted"
     )
@@ -60,17 +43,8 @@ class FieldFit(DrawnImpedance):
     pressure_along: Tensor = var(
         *PLACES, unit="Pa", kind="complex", name="fitted_pressure_along", text="peak of the fitted pressure there"
     )
-    residual: Tensor = var(*EACH, text="rms of what the model leaves over that of the pressures")
-    misfit: Tensor = var(
-        *EACH, text="chi squared over its degrees of freedom: 1 where model and stated errors are right"
-    )
+    misfit: Tensor = var(*EACH, text="chi squared over its degrees of freedom, 1 where all is right")
     converged: Tensor = var(*EACH, kind="flag", text="whether the last step was below the tolerance")
-    source_side: str
-    draws: FieldFit | None = None
-    choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[Note | str, ...] = ()
-    line: MicrophoneLine | None = None
-    freedom: int | None = var(text="real degrees of freedom of the misfit", default=None)
 
     @property
     def estimated(self) -> Tensor:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import field
-from typing import Any, ClassVar
+from dataclasses import KW_ONLY
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.declared import Variable, record, require_shapes, var
-from torchliner.records.drawn_impedance import DrawnImpedance, deviation, fine_places
-from torchliner.records.microphone_line import MicrophoneLine
-from torchliner.records.notes import Note
+from torchliner.records.drawn_impedance import EACH, DrawnImpedance, deviation, fine_places
 
-EACH, WAVES = ("draws", "frequency"), ("draws", "wave", "frequency")
+WAVES = ("draws", "wave", "frequency")
 SINGULAR = ("draws", "singular_value", "frequency")
 
 
@@ -23,50 +20,28 @@ SINGULAR = ("draws", "singular_value", "frequency")
 class WallEduction(DrawnImpedance):
     r"""Wavenumbers alpha above a liner, of :math:`e^{-j\alpha x}`, and the impedance that each stands for.
 
-    nan where nothing was found or is known. A misfit of 1 says that waves and assumed errors are right; the covariance
-    is for errors as large as what the waves leave.
+    The covariance is to first order, for errors as large as what the waves leave; None without a degree of freedom, or
+    for lines with leading axes.
 
-    Args:
-        method: for tables and legends.
-        x: microphones that were used, m, (N,).
-        source_side: ``upstream`` or ``downstream``.
-        draws: the same eduction over draws of the microphones' errors, (D, ..., F) and so on.
-        choices: every option; ``level_error`` and ``phase_error`` are those assumed.
-        notes: warnings, with numbers.
-        line: microphones that were used; files and pages need them.
     Raises:
         TypeError: wavenumber or impedance is not complex.
         ValueError: shapes disagree.
     """
 
-    method: str
-    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
-    x: Tensor
+    _: KW_ONLY
     wavenumber: Tensor = var(
         *EACH, unit="1/m", kind="complex", text="wavenumber alpha of the wave that runs with the source"
     )
-    impedance: Tensor = var(*EACH, name="{}", text="by the dispersion relation, v into the liner")
     modes: Tensor = var(*WAVES, unit="1/m", kind="complex", name="mode_wavenumber", text="wavenumber of each wave")
     amplitudes: Tensor = var(
         *WAVES, unit="Pa", kind="complex", name="mode_amplitude", text="peak amplitude of each wave at the origin"
     )
     origin: float = var(unit="m", text="x of the microphone nearest the source")
-    residual: Tensor = var(*EACH, text="rms of what the waves leave over that of the pressures")
-    source_side: str
     singular_values: Tensor | None = var(
         *SINGULAR, unit="Pa", default=None, text="singular values of the prediction matrix; None for fits"
     )
     rank: int | None = var(text="waves that were kept; None for fits", default=None)
     order: int | None = var(text="order of the prediction; None for fits", default=None)
-    misfit: Tensor | None = var(*EACH, default=None, text="squared residual over that of the assumed errors")
-    draws: WallEduction | None = None
-    choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[Note | str, ...] = ()
-    line: MicrophoneLine | None = None
-    covariance: Tensor | None = var(
-        *EACH, "part", "with_part", default=None, text="covariance of resistance and reactance, to first order"
-    )
-    freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
 
     DERIVED: ClassVar = (
         Variable("energy_share", dims=EACH, text="energy of the wave of the impedance over that of the strongest"),
@@ -114,5 +89,5 @@ class WallEduction(DrawnImpedance):
     def wavenumber_deviation(self) -> Tensor:
         """Standard deviation of Re alpha (real part) and Im alpha (imaginary part), (..., F)."""
         self._drawn()
-        assert self.draws is not None
+        assert isinstance(self.draws, WallEduction)
         return deviation(self.draws.wavenumber)
