@@ -115,11 +115,11 @@ def test_rows_of_probes_and_cells():
     rows = result.to_dataframe()
     assert len(rows) == 6 * 2
     one = rows[(rows["x (m)"] == 0.01) & (rows["z (m)"] == 0.01) & (rows["frequency (Hz)"] == 1000)]
-    assert one["resistance (rho c)"].item() == float(result.resistance[1, 1, 1])
+    assert one["resistance"].item() == float(result.resistance[1, 1, 1])
     cells = result.to_dataframe("cells")
     for name in result.averagings:
         assert cells[f"reactance, {name}"].tolist() == result.cells[name].reactance.reshape(-1).tolist()
-        assert cells[f"resistance, {name}, low"].tolist() == result.cells[name].low.real.reshape(-1).tolist()
+        assert cells[f"resistance_low, {name}"].tolist() == result.cells[name].low.real.reshape(-1).tolist()
     assert set(points().to_dataframe("liners")["place"]) == {"liner"}
     assert len(line().to_dataframe()) == 2
     with pytest.raises(ValueError, match=r"no rows of 'probe'; there are those of probes, cells"):

@@ -42,8 +42,16 @@ def line_rows(line: ImpedanceLine) -> Rows:
             for name, row in zip(names, rows_of(columns, shape), strict=True)]  # fmt: skip
 
 
-FILE = OwnFile(
-    "torchliner line 1", "impedance line", record=ImpedanceLine, others=RESULT_ENDINGS, rows={"stations": line_rows},
-    csv={"end": "\n"},
+class LineFile(OwnFile):
+    """Its CSV has the columns of the table on a terminal."""
+
+    def rows(self, record: ImpedanceLine, of: str | None = None) -> Rows:
+        """Of the stations."""
+        return line_rows(record)
+
+
+FILE = LineFile(
+    "torchliner line 1", "impedance line", record=ImpedanceLine, others=RESULT_ENDINGS,
+    places={"stations": ("station",)}, csv={"end": "\n"},
 )  # fmt: skip
 write_line, read_line = FILE.write, FILE.read

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from torchliner.io.csv_rows import Rows, write_rows
 from torchliner.io.fields import attach_places, fill, take
-from torchliner.io.hdf5 import open_file, set_texts
+from torchliner.io.hdf5 import open_file, set_texts, text_attribute
 from torchliner.io.tables import Axes, FileKind
 from torchliner.names import RESULT_WRITERS, resolve
 from torchliner.records.declared import PARTS
@@ -29,14 +30,14 @@ class OwnFile(FileKind):
         record: its class, whose fields say what stands in the file.
         axes: of a record: dimensions that stand behind names of its variables.
         unsaid: fields that are not in the file.
-        rows: of a CSV: functions of a record by what a row stands for, the usual one first.
+        places: what a row of a CSV stands for, and its dimensions beside the frequency; the first is the usual one.
         csv: settings of ``write_rows``.
     """
 
     record: Any = None
     axes: Callable[[Any], Axes] = lambda _: {}
     unsaid: Sequence[str] = ()
-    rows: Mapping[str, Callable[[Any], Rows]] = field(default_factory=dict)
+    places: Mapping[str, Sequence[str]] = field(default_factory=dict)
     csv: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, record: Any, path: str | Path) -> None:
@@ -46,10 +47,10 @@ class OwnFile(FileKind):
             ValueError: no writer has this ending; what the format cannot hold.
         """
         ending = Path(path).suffix.lower()
-        if self.rows and ending in RESULT_WRITERS:
+        if self.places and ending in RESULT_WRITERS:
             resolve(RESULT_WRITERS[ending]).write(self, record, path)
-        elif self.rows and ending == ".csv":
-            write_rows(self.default_rows(record), path, **self.csv)
+        elif self.places and ending == ".csv":
+            write_rows(self.rows(record), path, **self.csv)
         else:
             with self.created(path, record) as file:
                 self.fill(file, record)
@@ -82,9 +83,19 @@ class OwnFile(FileKind):
         self.require(group, path)
         return take(group, self.record, path, {}, dict.fromkeys(self.unsaid) | known)
 
-    def default_rows(self, record: Any) -> Rows:
-        """Those of the CSV."""
-        return next(iter(self.rows.values()))(record)
+    def rows(self, record: Any, of: str | None = None) -> Rows:
+        """One row a place and frequency, with all that stands along them.
+
+        Raises:
+            ValueError: there are no such places.
+        """
+        of = next(iter(self.places)) if of is None else of
+        if of not in self.places:
+            raise ValueError(f"no rows of {of!r}; there are those of {', '.join(self.places)}")
+        axes = self.axes(record)
+        dims = [dim for name in self.places[of] for dim in axes.get(name, (name,))]
+        with self.in_memory(record) as (_, file):
+            return rows_along(file, dims, of.removesuffix("s"))
 
     @contextmanager
     def in_memory(self, record: Any) -> Iterator[tuple[io.BytesIO, h5py.File]]:
@@ -125,9 +136,34 @@ class OwnFile(FileKind):
             import pandas
         except ImportError as error:
             raise ImportError('data frames need pip install "torchliner[xarray]"') from error
-        if of not in (None, *self.rows):
-            raise ValueError(f"no rows of {of!r}; there are those of {', '.join(self.rows)}")
-        return pandas.DataFrame(self.default_rows(record) if of is None else self.rows[of](record))
+        return pandas.DataFrame(self.rows(record, of))
+
+
+def rows_along(file: h5py.File, places: Sequence[str], noun: str) -> Rows:
+    """A row for each element of some dimensions and of the frequency: coordinates, then what stands along them.
+
+    Names without the ``noun`` that they begin with; with several averagings a column each.
+    """
+    wanted, found = (*places, "frequency"), {}
+    sizes = [len(file[dim]) for dim in wanted]
+    averagings = file["averaging"].asstr()[()] if "averaging" in file else []
+    for name, each in file.items():
+        if isinstance(each, h5py.Group) or each.dtype.kind not in "fiu" or not each.shape:
+            continue
+        dims = [str(dim[0].name)[1:] for dim in each.dims if len(dim)] or [name]
+        own = [dim for dim in dims if dim != "averaging"]
+        index = each.is_scale and text_attribute(each, "units") == "1"
+        if index or not {*own} <= {*wanted} or not ({*own} & {*places} or name.startswith((f"{noun}_", "frequency"))):
+            continue
+        unit = text_attribute(each, "units")
+        label = name.removeprefix(f"{noun}_") + ("" if unit == "1" else f" ({unit})")
+        shape = [size if dim in own else 1 for dim, size in zip(wanted, sizes, strict=True)]
+        parts = {label: each[()]} if own == dims else {
+            f"{label}, {a}": part for a, part in zip(averagings, each[()], strict=True)}  # fmt: skip
+        found |= {key: np.broadcast_to(part.reshape(shape), sizes).reshape(-1).tolist() for key, part in parts.items()}
+    first = [key for key in ("x (m)", "y (m)", "z (m)", "frequency (Hz)") if key in found]
+    columns = {key: found[key] for key in (*first, *(key for key in found if key not in first))}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def complex_names(names: Iterable[str]) -> dict[str, tuple[str, str]]:

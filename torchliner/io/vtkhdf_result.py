@@ -27,11 +27,11 @@ def write_vtkhdf(file: OwnFile, record: Any, path: str | Path) -> None:
     Raises:
         ValueError: no place has a coordinate.
     """
-    rows = [row for row in file.default_rows(record) if row.get("place", "point") == "point"]
+    rows = file.rows(record, next(iter(file.places)))
     frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
     height = getattr(record, "height", None) or 0.0
-    places = np.array([[row.get(f"{axis} (m)", height) for axis in "xyz"]
-                       for row in rows[:: len(frequencies)]], dtype=np.float64)  # fmt: skip
+    unknown = {"x (m)": np.nan, "y (m)": height, "z (m)": np.nan}
+    places = np.array([[row.get(axis, unknown[axis]) for axis in unknown] for row in rows[:: len(frequencies)]])
     WRITER.require(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
     places = np.nan_to_num(places)
     fields: Fields = {}

@@ -67,8 +67,8 @@ class Result(Written, Reported):
         """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV.
 
         Args:
-            of: ``probes`` (default) or ``cells`` of a map; ``stations`` of a line; ``points``,
-                ``cells`` or ``liners`` of ``PointImpedances`` (default: all).
+            of: ``probes`` (default) or ``cells`` of a map; ``stations`` of a line; ``points``, ``cells`` or
+                ``liners`` of ``PointImpedances`` (default: all).
         Raises:
             ImportError: pandas is not installed (extra ``xarray``).
             ValueError: there are no such rows.
