@@ -332,7 +332,7 @@ def test_faulty_hdf5_is_refused(tmp_path):
     with h5py.File(path, "a") as file:
         del file["station_name"]
         file.create_dataset("station_name", data=["a", "b"], dtype=h5py.string_dtype())
-    with pytest.raises(ValueError, match="2 stations have a title, /burst_count says 1"):
+    with pytest.raises(ValueError, match=r"station_name has shape \(2,\), \(station\); station is \(1,\)"):
         read_burst_file(path)
     with pytest.raises(ValueError, match="frequency 2000"):
         write_bursts([record_of(0), record_of(1, frequency=2000.0)], path)

@@ -32,9 +32,11 @@ from torchliner.records import Educed, Interval
 from torchliner.records.declared import Part, Variable, variables_of
 
 PLACES = {  # coordinates by dimension, of what else stands along it
-    "probe": ("x", "z"), "cell": ("cell_x", "cell_z"), "point": ("point_x", "point_z"),
+    "probe": ("x", "z"),
+    "cell": ("cell_x", "cell_z"),
+    "point": ("point_x", "point_z"),
     "station": ("x", "y", "z", "station_name"),
-}  # fmt: skip
+}
 SAME = 1e-6  # relative: a value that is stored, and what follows from the others
 ROOT = Part()
 Known = Mapping[str, Any]
@@ -51,11 +53,7 @@ def probe_axes(shape: tuple[int, ...], line: bool = False) -> dict[str, tuple[st
 
 
 def write_times(file: h5py.Group, record: Any) -> None:
-    """The dimension ``time`` of the uniform samples of a record.
-
-    Raises:
-        ValueError: a single sample: a file states times, of which one tells no sampling rate.
-    """
+    """The dimension ``time`` of the uniform samples of a record: a file states times, one of which tells no rate."""
     if record.samples < 2:
         raise ValueError(f"{record.name} has 1 sample; at least two times are needed in a file")
     times = record.start + np.arange(record.samples) / record.sampling_rate
@@ -120,11 +118,7 @@ def _named(part: Part, name: str) -> Part:
 
 
 def stacked(parts: Sequence[Educed]) -> Educed:
-    """Several averagings in one, along a new first axis.
-
-    Raises:
-        ValueError: some have intervals.
-    """
+    """Several averagings in one, along a new first axis; all or none have intervals."""
     intervals = [each.interval for each in parts if each.interval is not None]
     if len(intervals) not in (0, len(parts)):
         raise ValueError(
@@ -154,8 +148,10 @@ def _hints(kind: type) -> dict[str, Any]:
 
 def _class_of(hint: Any) -> Any:
     """The record within ``X | None``, ``Mapping[str, X]`` or ``tuple[X, ...]``."""
-    return next((found for each in typing.get_args(hint) if (found := _class_of(each))),
-                hint if dataclasses.is_dataclass(hint) else None)  # fmt: skip
+    return next(
+        (found for each in typing.get_args(hint) if (found := _class_of(each))),
+        hint if dataclasses.is_dataclass(hint) else None,
+    )
 
 
 def take(group: h5py.Group, kind: Any, path: str | Path, sizes: Sizes, known: Known, part: Part = ROOT) -> Any:
@@ -201,8 +197,15 @@ def take(group: h5py.Group, kind: Any, path: str | Path, sizes: Sizes, known: Kn
 
 def _attribute(group: h5py.Group, key: str, hint: Any, path: str | Path) -> Any:
     origin = typing.get_origin(hint) or hint
-    empty: Any = "" if origin is str else () if origin is tuple else {} if isinstance(origin, type) and issubclass(
-        origin, Mapping) else None  # fmt: skip
+    empty: Any = (
+        ""
+        if origin is str
+        else ()
+        if origin is tuple
+        else {}
+        if isinstance(origin, type) and issubclass(origin, Mapping)
+        else None
+    )
     if empty is None and text_attribute(group, key) is None:
         raise ValueError(f"{path} lacks the attribute {key!r}: it is damaged")
     value = read_attribute(group, key, path, empty)
@@ -223,8 +226,9 @@ def _take_part(group: h5py.Group, kind: Any, hint: Any, path: str | Path, sizes:
         whole = take(group, kind, path, sizes, {}, part)
         return {name: whole.map(lambda value, i=i: value[i]) for i, name in enumerate(averagings)}
     places = {name: _named(part, name) for name in averagings}
-    return {name: take(group, kind, path, sizes, {}, at)
-            for name, at in places.items() if _known(group, kind, at, path)}  # fmt: skip
+    return {
+        name: take(group, kind, path, sizes, {}, at) for name, at in places.items() if _known(group, kind, at, path)
+    }
 
 
 def _take_groups(group: h5py.Group, kind: Any, hint: Any, path: str | Path, part: Part) -> Any:
@@ -249,16 +253,14 @@ def _known(group: h5py.Group, kind: Any, part: Part, path: str | Path) -> bool:
 def _require_order(group: h5py.Group, found: Interval, rows: Sequence[Variable], path: str | Path) -> None:
     low, high = (torch.view_as_real(each) for each in (found.low, found.high))
     if bool((low > high).any()):
-        raise ValueError(f"{place(group, rows[0].names[0], path)} or its other part is above the upper bound; the file "
-                         "is damaged: restore it")  # fmt: skip
+        raise ValueError(
+            f"{place(group, rows[0].names[0], path)} or its other part is above the upper bound; the file "
+            "is damaged: restore it"
+        )
 
 
 def require_same(group: h5py.Group, record: Any, rows: Sequence[Variable], path: str | Path) -> None:
-    """What is written for others to see is what follows from a record.
-
-    Raises:
-        ValueError: it is not.
-    """
+    """Refuse a file in which what is written for others to see is not what follows from the record."""
     for row in rows:
         value = getattr(record, row.field)
         if row.kind == "text" or value is None:

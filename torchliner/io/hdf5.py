@@ -23,11 +23,7 @@ CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile ma
 
 @contextmanager
 def open_file(path: str | Path) -> Iterator[h5py.File]:
-    """An HDF5 file for reading; every error of the block names it.
-
-    Raises:
-        As ``hold_open``; ValueError: it is damaged.
-    """
+    """An HDF5 file for reading; every error of the block names it."""
     with naming(path), hold_open(path) as file:
         yield file
 
@@ -64,17 +60,12 @@ def _opened(path: Path, **settings: Any) -> h5py.File:
 
 
 def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
-    """Whether a group has an object of this name.
-
-    Raises:
-        ValueError: a link of this name leads nowhere.
-    """
+    """Whether a group has an object of this name; a link that leads nowhere is a ValueError."""
     link = group.get(key, getlink=True)
     if link is None:
         return False
     if not isinstance(link, h5py.HardLink) and group.get(key) is None:
-        target = ":".join(getattr(link, name) for name in ("filename", "path")
-                          if hasattr(link, name))  # fmt: skip
+        target = ":".join(getattr(link, name) for name in ("filename", "path") if hasattr(link, name))
         raise ValueError(
             f"{place(group, key, path)} is a link to {target}, which is not there; restore that or remove the link"
         )
@@ -82,11 +73,7 @@ def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
 
 
 def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
-    """A dataset by name.
-
-    Raises:
-        ValueError: it is missing, what is there is listed; or a link leads nowhere.
-    """
+    """A dataset by name; a ValueError lists what is there instead."""
     if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
         there = ", ".join(sorted(group)) or "nothing"
         where = "the file" if group.name == "/" else "the group"
@@ -95,11 +82,7 @@ def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
 
 
 def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
-    """A group by name.
-
-    Raises:
-        ValueError: as ``get_dataset``, ``require_names``.
-    """
+    """A group by name; errors as of ``get_dataset`` and ``require_names``."""
     if not is_there(file, key, path) or not isinstance(file[key], h5py.Group):
         raise ValueError(f"{place(file, key, path)} is no group; there are: {', '.join(file)}")
     require_names(file[key], path)
@@ -107,11 +90,7 @@ def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
 
 
 def require_names(group: h5py.Group, path: str | Path) -> None:
-    """Refuse a group whose damage hides some of its names: optional variables would be missed in silence.
-
-    Raises:
-        ValueError: it lists names that it does not find, or finds only unlisted.
-    """
+    """Refuse a group whose damage hides some of its names: optional variables would be missed in silence."""
     lost = [name for name in group if group.get(name, getlink=True) is None]
     if lost or len(set(group)) < len(group):
         raise ValueError(f"{path} is damaged: of the names that {group.name} lists {lost or 'some'} lead nowhere")
@@ -152,9 +131,14 @@ def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path, stated: 
 
 
 def read_si(
-    group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None,
-    stated: str | None = None, any_size: bool = False,
-) -> np.ndarray:  # fmt: skip
+    group: h5py.Group,
+    key: str,
+    unit: str,
+    path: str | Path,
+    part: slice | None = None,
+    stated: str | None = None,
+    any_size: bool = False,
+) -> np.ndarray:
     """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
 
     ``stated`` is as for ``factor_to``. float64 where the file has another unit than ``unit``.
@@ -181,15 +165,10 @@ def read_number(group: h5py.Group, key: str, unit: str, path: str | Path) -> flo
 
 
 def read_texts(group: h5py.Group, key: str, path: str | Path) -> list[str]:
-    """A list of texts along a dimension.
-
-    Raises:
-        ValueError: it is missing, was never written, or holds no texts.
-    """
+    """A list of texts along a dimension."""
     dataset, label = get_dataset(group, key, path), place(group, key, path)
     if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
-        raise ValueError(f"{label} is {dataset.dtype} of shape {dataset.shape}; a list of texts "
-                         "is needed")  # fmt: skip
+        raise ValueError(f"{label} is {dataset.dtype} of shape {dataset.shape}; a list of texts is needed")
     require_stored(dataset, label, path)
     return [str(text) for text in dataset.asstr(errors="replace")[()]]
 
@@ -259,11 +238,7 @@ def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any
 
 
 def parse_json(text: str, label: str) -> Any:
-    """JSON of a file.
-
-    Raises:
-        ValueError: it is none, or nested too deep.
-    """
+    """JSON of a file; a ValueError names what is none, or is nested too deep."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -290,8 +265,7 @@ def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
             stem = key.removesuffix("resistance")
             dataset = get_dataset(file, key, path)
             label = text_attribute(dataset, "label") or stem[10:-1].replace("_", " ")
-            parts = (read_number(file, stem + part, "1", path)
-                     for part in ("resistance", "reactance"))  # fmt: skip
+            parts = (read_number(file, stem + part, "1", path) for part in ("resistance", "reactance"))
             found[label] = complex(*parts)
             if not cmath.isfinite(found[label]):
                 raise ValueError(

@@ -17,8 +17,7 @@ def line_rows(line: ImpedanceLine) -> Rows:
     for part, word in (("real", "resistance"), ("imag", "reactance")):
         columns[word] = getattr(line.impedance, part)
         if line.interval is not None:
-            columns |= {f"{word} {end}": getattr(getattr(line.interval, end), part)
-                        for end in ("low", "high")}  # fmt: skip
+            columns |= {f"{word} {end}": getattr(getattr(line.interval, end), part) for end in ("low", "high")}
         columns[f"{word} spread over segments"] = getattr(line.segment_spread, part)
         columns[f"admittance {part}"] = getattr(line.admittance, part)
     columns |= {
@@ -38,8 +37,7 @@ def line_rows(line: ImpedanceLine) -> Rows:
     if line.level_check is not None:
         columns["level check (dB)"] = line.level_check.cells.level[0]
     names = [name for name in line.names for _ in range(shape[1])]
-    return [{"station": name, **row}
-            for name, row in zip(names, rows_of(columns, shape), strict=True)]  # fmt: skip
+    return [{"station": name, **row} for name, row in zip(names, rows_of(columns, shape), strict=True)]
 
 
 class LineFile(OwnFile):
@@ -51,7 +49,11 @@ class LineFile(OwnFile):
 
 
 FILE = LineFile(
-    "torchliner line 1", "impedance line", record=ImpedanceLine, others=RESULT_ENDINGS,
-    places={"stations": ("station",)}, csv={"end": "\n"},
-)  # fmt: skip
+    "torchliner line 1",
+    "impedance line",
+    record=ImpedanceLine,
+    others=RESULT_ENDINGS,
+    places={"stations": ("station",)},
+    csv={"end": "\n"},
+)
 write_line, read_line = FILE.write, FILE.read

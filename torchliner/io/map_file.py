@@ -34,7 +34,12 @@ def _axes(result: ImpedanceMap) -> dict[str, tuple[str, ...]]:
 
 
 FILE = OwnFile(
-    "torchliner map 1", "impedance map", record=ImpedanceMap, axes=_axes, others=RESULT_ENDINGS,
-    places={"probes": ("probes",), "cells": ("cell",)}, csv={"number": ".9g"},
-)  # fmt: skip
+    "torchliner map 1",
+    "impedance map",
+    record=ImpedanceMap,
+    axes=_axes,
+    others=RESULT_ENDINGS,
+    places={"probes": ("probes",), "cells": ("cell",)},
+    csv={"number": ".9g"},
+)
 write_map = FILE.write

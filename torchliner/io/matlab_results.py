@@ -20,9 +20,12 @@ def write_matlab(file: OwnFile, record: Any, path: str | Path) -> None:
         found = _plain(whole)
     with written_whole(path, ".mat") as temporary:
         savemat(
-            str(temporary), {"result": found}, appendmat=False, long_field_names=True,
+            str(temporary),
+            {"result": found},
+            appendmat=False,
+            long_field_names=True,
             oned_as="column",
-        )  # fmt: skip
+        )
 
 
 def _plain(group: h5py.Group) -> dict[str, Any]:

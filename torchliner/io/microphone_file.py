@@ -41,9 +41,14 @@ def _axes(line: MicrophoneLine) -> dict[str, tuple[str, ...]]:
 
 
 FILE = MicrophoneFile(
-    "torchliner microphones 1", "line of microphones", record=MicrophoneLine, axes=_axes, unsaid=("name",),
-    attributes={"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()}, others=TEXT_ENDINGS,
-)  # fmt: skip
+    "torchliner microphones 1",
+    "line of microphones",
+    record=MicrophoneLine,
+    axes=_axes,
+    unsaid=("name",),
+    attributes={"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
+    others=TEXT_ENDINGS,
+)
 
 
 def read_microphones(
@@ -78,9 +83,16 @@ def read_microphones(
         if "schema" in file.attrs:
             FILE.require(file, path)
         amplitudes = is_there(file, "pressure_real", path)
-        table = [row for row in variables_of(MicrophoneLine)
-                 if row.field not in about and (amplitudes or not {"draws", "frequency"} & {*row.dims}
-                 or (row.field == "frequency" and is_there(file, "frequency", path)))]  # fmt: skip
+        table = [
+            row
+            for row in variables_of(MicrophoneLine)
+            if row.field not in about
+            and (
+                amplitudes
+                or not {"draws", "frequency"} & {*row.dims}
+                or (row.field == "frequency" and is_there(file, "frequency", path))
+            )
+        ]
         head = {**read_case(file, FILE, table, path), "name": str(path)}
         if amplitudes:
             return _selected(MicrophoneLine(**{**head, **about}), frequency, signals)
@@ -126,8 +138,10 @@ def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: 
         torch.from_numpy(np.ascontiguousarray(signals)),
         torch.from_numpy(reference.astype(np.float64).reshape(-1)),
         torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
-        rate, name=str(path), **options,
-    )  # fmt: skip
+        rate,
+        name=str(path),
+        **options,
+    )
     report = {
         "segments": found.segments,
         "lowest_coherence": float(found.coherence.min()),

@@ -144,7 +144,7 @@ def rows_along(file: h5py.File, places: Sequence[str], noun: str) -> Rows:
 
     Names without the ``noun`` that they begin with; with several averagings a column each.
     """
-    wanted, found = (*places, "frequency"), {}
+    wanted, found = (*places, "frequency"), dict[str, list[Any]]()
     sizes = [len(file[dim]) for dim in wanted]
     averagings = file["averaging"].asstr()[()] if "averaging" in file else []
     for name, each in file.items():
@@ -158,8 +158,11 @@ def rows_along(file: h5py.File, places: Sequence[str], noun: str) -> Rows:
         unit = text_attribute(each, "units")
         label = name.removeprefix(f"{noun}_") + ("" if unit == "1" else f" ({unit})")
         shape = [size if dim in own else 1 for dim, size in zip(wanted, sizes, strict=True)]
-        parts = {label: each[()]} if own == dims else {
-            f"{label}, {a}": part for a, part in zip(averagings, each[()], strict=True)}  # fmt: skip
+        parts = (
+            {label: each[()]}
+            if own == dims
+            else {f"{label}, {a}": part for a, part in zip(averagings, each[()], strict=True)}
+        )
         found |= {key: np.broadcast_to(part.reshape(shape), sizes).reshape(-1).tolist() for key, part in parts.items()}
     first = [key for key in ("x (m)", "y (m)", "z (m)", "frequency (Hz)") if key in found]
     columns = {key: found[key] for key in (*first, *(key for key in found if key not in first))}

@@ -18,7 +18,11 @@ class PointFile(OwnFile):
 
 
 FILE = PointFile(
-    "torchliner points 1", "set of point impedances", record=PointImpedances, others=RESULT_ENDINGS,
-    places={"points": ("point",), "cells": ("cell",), "liners": ()}, csv={"number": ".9g"},
-)  # fmt: skip
+    "torchliner points 1",
+    "set of point impedances",
+    record=PointImpedances,
+    others=RESULT_ENDINGS,
+    places={"points": ("point",), "cells": ("cell",), "liners": ()},
+    csv={"number": ".9g"},
+)
 write_points, read_points = FILE.write, FILE.read

@@ -77,7 +77,10 @@ def _axes(record: PressureRecord) -> dict[str, tuple[str, ...]]:
 
 
 FILE = PressureFile(
-    "torchliner pressure 1", "pressure record", {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
-    record=PressureRecord, unsaid=("sampling_rate", "start", "name"),
-)  # fmt: skip
+    "torchliner pressure 1",
+    "pressure record",
+    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
+    record=PressureRecord,
+    unsaid=("sampling_rate", "start", "name"),
+)
 read_pressure, write_pressure = FILE.read, FILE.write

@@ -63,11 +63,7 @@ def write_variables(group: h5py.Group, record: Any, table: Table, axes: Axes | N
 
 
 def write_row(group: h5py.Group, row: Variable, value: Any, axes: Axes | None = None, **storage: Any) -> None:
-    """One variable, or the two parts of a complex one.
-
-    Raises:
-        ValueError: an axis has another length than its dimension in the file.
-    """
+    """One variable, or the two parts of a complex one; arguments as for ``write_variables``."""
     dims = [dim for name in row.dims for dim in (axes or {}).get(name, (name,))]
     if row.kind == "text":
         if dims[0] not in (*group, *row.names):
@@ -87,11 +83,7 @@ def write_row(group: h5py.Group, row: Variable, value: Any, axes: Axes | None = 
 
 
 def write_dimensions(group: h5py.Group, row: Variable, dims: Sequence[str], shape: Sequence[int]) -> None:
-    """Those that a variable needs and the group lacks, as indices.
-
-    Raises:
-        ValueError: an axis has another length than its dimension in the file.
-    """
+    """Those that a variable needs and the group lacks, as indices; one of another length is a ValueError."""
     for dim, count in zip(dims, shape, strict=True):
         if dim not in group and dim not in row.names:
             write_index(group, dim, count)
@@ -149,11 +141,7 @@ def read_variables(
 
 
 def _require_shape(shape: tuple[int, ...], dims: Sequence[str], sizes: Sizes, label: str) -> None:
-    """Each dimension has one length in all variables; ``sizes`` collects them.
-
-    Raises:
-        ValueError: another number of axes, or another length than a variable before it.
-    """
+    """Each dimension has one length in all variables; ``sizes`` collects them."""
     own = sum(dim not in SEVERAL for dim in dims)
     count = len(shape) - own if own < len(dims) else 0
     if count < 0 or len(shape) != own + count:
@@ -239,11 +227,7 @@ class FileKind:
         return {key: read_attribute(group, key, path, default) for key, default in self.attributes.items()}
 
     def require(self, group: h5py.Group, path: str | Path) -> None:
-        """Refuse a file, or a group of one, that holds something else.
-
-        Raises:
-            ValueError: it does; as ``require_names``.
-        """
+        """Refuse a file, or a group of one, that holds something else, or hides names."""
         found = text_attribute(group, "schema")
         require_names(group, path)
         if found != self.schema:

@@ -75,9 +75,12 @@ def _spacing(values: np.ndarray) -> float:
 
 
 def _image(
-    root: h5py.Group, places: np.ndarray, size: tuple[int, int], spacing: list[float],
+    root: h5py.Group,
+    places: np.ndarray,
+    size: tuple[int, int],
+    spacing: list[float],
     fields: Fields,
-) -> None:  # fmt: skip
+) -> None:
     columns, lines = size
     root.attrs["Type"] = np.bytes_("ImageData")
     root.attrs["WholeExtent"] = (0, columns - 1, 0, 0, 0, lines - 1)

@@ -29,9 +29,12 @@ LEVEL = 0.95  # of the interval in the file
 STATISTICAL = f"{100 * LEVEL:g} % statistical interval"
 INTERVAL = tuple(
     Variable(name, dims=("frequency",), name=f"{{}}_{name}", text=text)
-    for name, text in (("low", f"lower bound of its {STATISTICAL}"), ("high", f"upper bound of its {STATISTICAL}"),
-                       ("deviation", "standard deviation, of the draws or to first order"))
-)  # fmt: skip
+    for name, text in (
+        ("low", f"lower bound of its {STATISTICAL}"),
+        ("high", f"upper bound of its {STATISTICAL}"),
+        ("deviation", "standard deviation, of the draws or to first order"),
+    )
+)
 SHARED = ("method", "x", "source_side", "choices", "notes", "line")  # by an eduction and its draws
 
 
@@ -111,8 +114,10 @@ class WallFile(FileKind):
                 raise ValueError(f"{path} holds {count} eductions by its own words; at least one is needed")
             groups = [get_group(file, f"eduction_{i}", path) for i in range(count)]
             schemas = {kind.schema: kind for kind in KINDS.values()}
-            return tuple(schemas.get(text_attribute(each, "schema") or "", KINDS[WallEduction]).taken(each, path)
-                         for each in groups)  # fmt: skip
+            return tuple(
+                schemas.get(text_attribute(each, "schema") or "", KINDS[WallEduction]).taken(each, path)
+                for each in groups
+            )
 
 
 KINDS: dict[type, EductionFile] = {

@@ -126,10 +126,14 @@ def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str,
     files = [(what, path) for what, name in named if (path := named_file(str(name))) is not None]
     return {
         "inputs": [input_file(what, path) for what, path in dict.fromkeys(files)],
-        "versions": {"torchliner": __version__, "torch": torch.__version__,
-                     "numpy": np.__version__, "python": platform.python_version()},
+        "versions": {
+            "torchliner": __version__,
+            "torch": torch.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
         **{key: value for key, value in more.items() if value is not None},
-    }  # fmt: skip
+    }
 
 
 def with_choices(result: Result, **more: Any) -> Result:

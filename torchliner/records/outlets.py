@@ -38,12 +38,9 @@ class Reported:
     PAGE: ClassVar = "torchliner.report.page.opening:write_report"
 
     def report(self, path: str | Path) -> None:
-        """Write one self-contained HTML page: answer, warnings, figures, provenance.
+        """Write one self-contained HTML page (.html; extra ``report``): answer, warnings, figures, provenance.
 
-        Args:
-            path: of the page, .html; one that is there is replaced.
         Raises:
-            ImportError: jinja2 or matplotlib is not installed (extra ``report``).
             ValueError: another ending; leading axes, which a page has no place for.
         """
         resolve(self.PAGE)(self, path)
@@ -53,13 +50,9 @@ class Result(Written, Reported):
     """A result, which leaves as labelled arrays and as rows too."""
 
     def to_xarray(self) -> Any:
-        """``xarray.Dataset`` with coordinates, units and long names; Z complex and in two parts.
+        """``xarray.Dataset`` (extra ``xarray``) with coordinates, units and long names.
 
-        Without the complex variables it is what ``xarray.open_dataset`` shows of the file that
-        ``write`` makes.
-
-        Raises:
-            ImportError: xarray or h5netcdf is not installed (extra ``xarray``).
+        Beside the complex variables it is what ``xarray.open_dataset`` shows of the file that ``write`` makes.
         """
         return resolve(self.FILE).to_xarray(self)
 
@@ -89,10 +82,7 @@ class Drawn(Written):
             ax: axes to draw into, one for each panel, or one for the first panel alone; default a
                 new figure.
         Returns:
-            The matplotlib figure, which a notebook shows; the axes, where they were given.
-        Raises:
-            ImportError: matplotlib is not installed (extra ``report``).
-            ValueError: a path and axes.
+            The matplotlib figure (extra ``report``), which a notebook shows; the axes, where they were given.
         """
         return self._draw(path, ax)
 
@@ -108,15 +98,10 @@ class DrawnAtFrequency(Drawn):
     frequency: Tensor
 
     def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
-        """Draw resistance and reactance along or over the liner.
+        """Draw resistance and reactance along or over the liner, as ``Drawn.plot``, at a frequency (Hz, default the first).
 
-        Args:
-            path, ax: as for ``Drawn.plot``.
-            frequency: Hz; default the first.
-        Returns:
-            As ``Drawn.plot``.
         Raises:
-            ValueError: the frequency is not among those of the record; as ``Drawn.plot``.
+            ValueError: the frequency is not among those of the record.
         """
         index = 0 if frequency is None else index_of_frequency(self.frequency, frequency)
         if index is None:

@@ -36,8 +36,7 @@ def require_pressures(pressure: Tensor, frequency: Tensor, name: str) -> None:
         ValueError: with the level, the frequency and the limit.
     """
     loudest = spl_from_pressure_amplitude(pressure.detach().to(torch.complex128)).amax(-2)
-    for bad, limit in ((loudest > LOUDEST, f"above {LOUDEST:g}"),
-                       (loudest < QUIETEST, f"below {QUIETEST:g}")):  # fmt: skip
+    for bad, limit in ((loudest > LOUDEST, f"above {LOUDEST:g}"), (loudest < QUIETEST, f"below {QUIETEST:g}")):
         if bool(bad.any()):
             place = bad.nonzero()[0].tolist()
             raise ValueError(
@@ -54,8 +53,11 @@ def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
         plane: a ``VelocityPlane``.
         frequency: the lowest that is asked for, Hz; None if none is.
     """
-    spans = [(f"{key} spans", float(values.max() - values.min()), LONGEST, "m", "mm")
-             for key in ("x", "z") if (values := getattr(plane, key)) is not None]  # fmt: skip
+    spans = [
+        (f"{key} spans", float(values.max() - values.min()), LONGEST, "m", "mm")
+        for key in ("x", "z")
+        if (values := getattr(plane, key)) is not None
+    ]
     found = [
         f"{what} {value:.4g} {unit}, above {limit:g} {unit}; are these {other}?"
         for what, value, limit, unit, other in (
@@ -70,11 +72,10 @@ def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
         for what, value, limit, unit, other in (
             ("the frequency is", frequency or LOWEST_TONE, LOWEST_TONE, "Hz", "kHz"),
             ("the sampling rate is", plane.sampling_rate, LOWEST_RATE, "Hz", "kHz"),
-            ("the incident level is", plane.incident_level or LIKE_PASCALS, LIKE_PASCALS, "dB",
-             "pascals"),
+            ("the incident level is", plane.incident_level or LIKE_PASCALS, LIKE_PASCALS, "dB", "pascals"),
         )
         if value < limit
-    ]  # fmt: skip
+    ]
     apart, span = _steps_of(plane.x)
     if apart > APART and LONG < span <= LONGEST:
         found.append(f"x runs in steps of {apart:.4g} m over {span:.4g} m; are these mm?")
