@@ -94,23 +94,6 @@ def write_moments(known: Moments, path: str | Path) -> None:
         attach_places(file)
 
 
-def _sizes(
-    probes: int, blocks: Blocks, only: Any, nodes: Nodes | None, lines: Tensor, harmonics: int, turns: Tensor
-) -> Sizes:
-    """Lengths of the dimensions."""
-    sizes = {
-        "point": probes,
-        "block": blocks.count if only is None else len(only),
-        "line": len(lines),
-        "row": 1 + 2 * len(lines),
-        "harmonic": 1 + harmonics,
-        "harmonic_row": 1 + 2 * harmonics,
-        "turn_row": 1 + 2 * len(turns),
-        **({} if nodes is None else {"node": nodes.count}),
-    }
-    return {name: (size,) for name, size in sizes.items()}
-
-
 def holds_moments(path: str | Path) -> bool:
     """Whether a file says that it holds moments, of whatever format."""
     if not (Path(path).is_file() and h5py.is_hdf5(path)):
@@ -133,11 +116,11 @@ def read_moments(path: str | Path) -> Moments:
     with open_file(path) as file:
         KIND.require(file, path)
         about, said = read_case(file, PLANE_KIND, ABOUT, path), KIND.read_head(file, path)
+        found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
+        lines, turns = found["lines"], found["turns"]
         with _attribute("velocity", path):
             shape = tuple(int(n) for n in said["velocity"]["shape"])
             velocity = ReducedVelocity(shape, PRECISIONS[said["velocity"]["precision"]], str(path))
-        found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
-        lines, turns = found["lines"], found["turns"]
         with _attribute("blocks", path):
             blocks, harmonics, only = _blocks_of(said["blocks"], shape[-1], len(lines))
         with _attribute("nodes", path):
@@ -149,17 +132,14 @@ def read_moments(path: str | Path) -> Moments:
                 raise ValueError(f"{settings} are not {', '.join(SETTINGS)}")
             if (settings["drive"] == "rms") != (nodes is None):
                 raise ValueError(f"drive {settings['drive']!r} does not go with nodes {said['nodes']}")
-        plane = VelocityPlane(
-            velocity,
-            sampling_rate=blocks.sampling_rate,
-            name=str(path),
-            x=read_coordinate(file, "x", shape[:-1], path),
-            z=read_coordinate(file, "z", shape[:-1], path),
-            holes=stored_holes(file, path),
-            **read_variables(file, AREA, path),
-            **about,
-        )
-        sizes = _sizes(plane.probes, blocks, only, nodes, lines, harmonics, turns)
+        about |= {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
+        about |= read_variables(file, AREA, path)
+        about |= {"sampling_rate": blocks.sampling_rate, "name": str(path), "holes": stored_holes(file, path)}
+        plane = VelocityPlane(velocity, **about)
+        count = {"point": plane.probes, "block": blocks.count if only is None else len(only), "line": len(lines)}
+        count |= {"row": 1 + 2 * len(lines), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
+        count |= {"turn_row": 1 + 2 * len(turns)} | ({} if nodes is None else {"node": nodes.count})
+        sizes = {name: (size,) for name, size in count.items()}
         gram = gram_of(blocks, lines)[slice(None) if only is None else list(only)]
         survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram)
         cells, used = _read_cells(file, path, sizes)
@@ -177,12 +157,13 @@ def read_moments(path: str | Path) -> Moments:
                 sums[name] = values[:, None, None] if name == SQUARES else values
                 if name != SQUARES:
                     _require_sums(values, nodes, survey.lengths, place(file, label, path))
+    membership = Membership.of(cells.labels, cells.count, survey.sums.device)
     return Moments(
         plane=plane,
         settings=settings,
         cell_pitch=pitch,
         cells=cells,
-        membership=Membership.of(cells.labels, cells.count, survey.sums.device),
+        membership=membership,
         used=used,
         survey=survey,
         locked=locked,

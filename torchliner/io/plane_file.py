@@ -15,13 +15,7 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.axes import (
-    FLUID,
-    FLUID_UNITS,
-    float_factor,
-    read_case,
-    read_clock,
-)
+from torchliner.io.axes import FLUID, FLUID_UNITS, float_factor, read_case, read_clock
 from torchliner.io.cf import VELOCITY, find_velocity, sign_of
 from torchliner.io.cf_axes import find_axes, find_coordinates
 from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, text_attribute
@@ -34,9 +28,7 @@ from torchliner.records.declared import Variable, variables_of
 from torchliner.units import SI_QUANTITY, si_factor
 
 KIND = FileKind(
-    "torchliner plane 1",
-    "velocity plane",
-    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
+    "torchliner plane 1", "velocity plane", {"title": "", "source_side": "unknown", "liner": "", "provenance": {}}
 )
 STREAMWISE, AREA = "streamwise_velocity", "area"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -73,10 +65,7 @@ FORMAT = PlaneFormat(
 
 
 def plane_from(
-    file: h5py.File,
-    path: Path,
-    request: PlaneRequest,
-    stored: Callable[[Path, str, tuple[int, ...], float], Any],
+    file: h5py.File, path: Path, request: PlaneRequest, stored: Callable[[Path, str, tuple[int, ...], float], Any]
 ) -> VelocityPlane:
     """What a file says, as HDF5 or put into its terms.
 

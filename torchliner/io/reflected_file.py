@@ -18,10 +18,7 @@ from torchliner.io.tables import FileKind, write_variables
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import Variable
 
-TABLE = (
-    Variable("incident", dims=("time",)),
-    *(Variable(axis, "m", ("probe",), optional=True) for axis in "xz"),
-)
+TABLE = (Variable("incident", dims=("time",)), *(Variable(axis, "m", ("probe",), optional=True) for axis in "xz"))
 KIND = FileKind("torchliner reflected 1", "reflected signal", {"title": "", "choices": {}})
 
 

@@ -74,13 +74,7 @@ def _spacing(values: np.ndarray) -> float:
     return float(steps.mean()) if even else 0.0
 
 
-def _image(
-    root: h5py.Group,
-    places: np.ndarray,
-    size: tuple[int, int],
-    spacing: list[float],
-    fields: Fields,
-) -> None:
+def _image(root: h5py.Group, places: np.ndarray, size: tuple[int, int], spacing: list[float], fields: Fields) -> None:
     columns, lines = size
     root.attrs["Type"] = np.bytes_("ImageData")
     root.attrs["WholeExtent"] = (0, columns - 1, 0, 0, 0, lines - 1)

@@ -23,10 +23,7 @@ class Educed:
     reflection: Tensor = var(kind="complex", text="reflection coefficient")
     interval: Interval | None = part(default=None)
 
-    DERIVED: ClassVar = (
-        Variable("impedance", name="{}"),
-        Variable("absorption", text="absorption coefficient"),
-    )
+    DERIVED: ClassVar = (Variable("impedance", name="{}"), Variable("absorption", text="absorption coefficient"))
 
     @property
     def impedance(self) -> Tensor:

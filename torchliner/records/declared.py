@@ -132,7 +132,7 @@ def record(cls: Kind) -> Kind:
     written = list(takewhile(lambda line: line.startswith(" "), rest.splitlines()))
     own = [f"    {row.field}: {_words(row)}." for row in variables_of(made) if row.field in cls.__annotations__]
     made.SAID = [*(line for base in cls.__bases__ for line in getattr(base, "SAID", ())), *written, *own]
-    made.__doc__ = "\n".join([head, "", "Args:", *made.SAID, *rest.splitlines()[len(written) :]])
+    made.__doc__ = "\n".join([head.rstrip(), "", "Args:", *made.SAID, *rest.splitlines()[len(written) :]])
     return made
 
 

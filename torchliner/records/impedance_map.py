@@ -19,14 +19,7 @@ from torchliner.records.holes import Holes
 from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
-from torchliner.records.summaries import (
-    Facts,
-    Summarised,
-    frequency_words,
-    heading_of,
-    impedance_facts,
-    shape_words,
-)
+from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
 
 FULL = ("probes", "frequency")
 
@@ -45,7 +38,6 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
         liner: by averaging, (F,).
         along_x: by averaging, the admittance averaged over z, (X, F), of (z, x) planes.
         averaging: which of them ``answer`` quotes.
-        holes and facts of the case: as in the plane.
         alongside: what other methods found for the same case, such as ``in_situ``.
     """
 

@@ -161,10 +161,7 @@ class MicrophoneLine(Written, Case):
         if self.coherence is not None:
             object.__setattr__(self, "coherence", real_tensor(self.coherence))
         require_shapes(self, self.name)
-        for what, bad in (
-            ("is not finite", ~torch.isfinite(pressure)),
-            ("is zero, which has no level", pressure == 0),
-        ):
+        for what, bad in (("is not finite", ~torch.isfinite(pressure)), ("is zero, which has no level", pressure == 0)):
             if bool(bad.any()):
                 place = bad.nonzero()[0].tolist()
                 raise ValueError(

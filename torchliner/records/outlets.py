@@ -98,7 +98,7 @@ class DrawnAtFrequency(Drawn):
     frequency: Tensor
 
     def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
-        """Draw resistance and reactance along or over the liner, as ``Drawn.plot``, at a frequency (Hz, default the first).
+        """Draw resistance and reactance, as ``Drawn.plot``, at a frequency (Hz, default the first).
 
         Raises:
             ValueError: the frequency is not among those of the record.
