@@ -208,7 +208,7 @@ def test_coincident_bursts_are_paired_once_and_mutually():
     [
         ({"arrival_time": np.zeros(0), "wall_normal": np.zeros(0)}, "at least one burst"),
         ({}, "no velocity"),
-        ({"wall_normal": np.zeros(2)}, "wall_normal has 2 values, arrival_time 3"),
+        ({"wall_normal": np.zeros(2)}, r"wall_normal has shape \(2,\); \(3 burst\)"),
         ({"wall_normal": np.array([0, np.nan, 1])}, "1 values that are not finite, .* burst 1"),
         ({"wall_normal": np.zeros(3), "transit_time": np.array([1, -1e-6, 1])}, "transit_time is"),
         ({"wall_normal": np.zeros((3, 1))}, "shape"),

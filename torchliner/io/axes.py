@@ -9,7 +9,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten
@@ -23,12 +22,9 @@ from torchliner.io.hdf5 import (
     read_references,
     read_si,
     text_attribute,
-    write_index,
-    write_references,
-    write_variable,
 )
 from torchliner.io.stored_values import read_values
-from torchliner.io.tables import FileKind, Table, numbers, plain, read_variables, write_variables
+from torchliner.io.tables import FileKind, Table, numbers, read_variables
 from torchliner.units import si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
@@ -38,52 +34,10 @@ CLOCK: ContextVar[tuple[str, Fraction] | None] = ContextVar("CLOCK", default=Non
 FLUID_UNITS = {"sound_speed": "m/s", "density": "kg/m3", "dynamic_viscosity": "Pa s",
                "heat_capacity_ratio": "1", "prandtl": "1"}  # fmt: skip
 FLUID = numbers(FLUID_UNITS)
-PLACES = {"x": "streamwise coordinate", "z": "spanwise coordinate"}
-
-
-def write_coordinates(
-    file: h5py.Group, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None,
-    line: bool = True,
-) -> tuple[str, ...]:  # fmt: skip
-    """Coordinate variables and dimensions of probes.
-
-    Args:
-        file: to write into.
-        shape: of the probes, (z, x), (probe,) or ().
-        x, z: m; None where unknown.
-        line: probes in the order of x, without z, lie along a dimension x and not ``probe``.
-    Returns:
-        Names of the dimensions.
-    """
-    known = {name: plain(values) for name, values in (("x", x), ("z", z)) if values is not None}
-    if len(shape) == 2:
-        for name, count in zip(("z", "x"), shape, strict=True):
-            if name in known:
-                row = write_variable(file, name, known[name], "m", (name,))
-                row.attrs["long_name"] = PLACES[name]
-            else:
-                write_index(file, name, count)
-        return ("z", "x")
-    dims: tuple[str, ...] = ("probe",) if shape else ()
-    if shape and line and list(known) == ["x"] and bool((np.diff(known["x"]) > 0).all()):
-        dims = ("x",)
-    elif shape:
-        write_index(file, "probe", shape[0])
-    for name, values in known.items():
-        row = write_variable(file, name, values if shape else values.item(), "m", dims)
-        row.attrs["long_name"] = PLACES[name]
-    return dims
-
-
-def write_case(file: h5py.File, record: Any, table: Table) -> None:
-    """What describes a measurement: the variables of a table, the gas, reference impedances."""
-    write_variables(file, record, table)
-    write_variables(file, record.fluid, FLUID)
-    write_references(file, record.reference)
 
 
 def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path, strict: bool = True) -> dict[str, Any]:
-    """What ``write_case`` wrote and the attributes of the file, as fields of a record.
+    """What describes a measurement and the attributes of the file, as fields of a record.
 
     The gas is air at 20 C where the file says nothing, the title the name of the file. Without
     ``strict`` what is no single number is none of the gas.
@@ -101,18 +55,6 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path, strict:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return {**found, "reference": read_references(file, path)}
-
-
-def write_times(file: h5py.File, record: Any) -> None:
-    """The dimension ``time`` of the uniform samples of a record.
-
-    Raises:
-        ValueError: a single sample: a file states times, of which one tells no sampling rate.
-    """
-    if record.samples < 2:
-        raise ValueError(f"{record.name} has 1 sample; at least two times are needed in a file")
-    times = getattr(record, "start", 0.0) + np.arange(record.samples) / record.sampling_rate
-    write_variable(file, "time", times, "s", ("time",))
 
 
 def float_factor(file: h5py.Group, key: str, unit: str, path: Path, stated: str | None = None) -> float:

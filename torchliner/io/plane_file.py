@@ -15,32 +15,25 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.axes import (
-    FLUID,
-    FLUID_UNITS,
-    float_factor,
-    read_case,
-    read_clock,
-)
+from torchliner.io.axes import FLUID, FLUID_UNITS, float_factor, read_case, read_clock
 from torchliner.io.cf import VELOCITY, find_velocity, sign_of
 from torchliner.io.cf_axes import find_axes, find_coordinates
 from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, text_attribute
 from torchliner.io.hdf5_velocity import H5Velocity
 from torchliner.io.holes import stored_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.tables import FileKind, Variable, numbers, read_variables
+from torchliner.io.tables import FileKind, read_variables
 from torchliner.records import VelocityPlane
+from torchliner.records.declared import Variable, variables_of
 from torchliner.units import SI_QUANTITY, si_factor
 
 KIND = FileKind(
-    "torchliner plane 1", "velocity plane",
-    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
-)  # fmt: skip
+    "torchliner plane 1", "velocity plane", {"title": "", "source_side": "unknown", "liner": "", "provenance": {}}
+)
 STREAMWISE, AREA = "streamwise_velocity", "area"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
-         "displacement_thickness": "m"}  # fmt: skip
-NUMBERS = numbers(UNITS)
+NUMBERS = tuple(row for row in variables_of(VelocityPlane) if not row.dims and row.field != "start")
+UNITS = {row.field: row.unit for row in NUMBERS}
 STATED = UNITS | FLUID_UNITS
 SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 
@@ -64,15 +57,16 @@ def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
 
 
 FORMAT = PlaneFormat(
-    "HDF5 or netCDF-4", recognises, open_plane,
+    "HDF5 or netCDF-4",
+    recognises,
+    open_plane,
     ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal"),
-)  # fmt: skip
+)
 
 
 def plane_from(
-    file: h5py.File, path: Path, request: PlaneRequest,
-    stored: Callable[[Path, str, tuple[int, ...], float], Any],
-) -> VelocityPlane:  # fmt: skip
+    file: h5py.File, path: Path, request: PlaneRequest, stored: Callable[[Path, str, tuple[int, ...], float], Any]
+) -> VelocityPlane:
     """What a file says, as HDF5 or put into its terms.
 
     Args:
@@ -85,8 +79,8 @@ def plane_from(
         remedies = {
             "torchliner pressure": "; use torchliner insitu",
             "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
-                                  "name the plane that was reduced (educe takes moments)",
-        }  # fmt: skip
+            "name the plane that was reduced (educe takes moments)",
+        }
         raise ValueError(
             f"{path} is no velocity plane but a file of schema {schema!r}" + remedies.get(schema.rpartition(" ")[0], "")
         )
@@ -95,8 +89,11 @@ def plane_from(
     label, dataset = place(group, key, path), get_dataset(group, key, path)
     factor = float_factor(group, key, "m/s", path, request.velocity_units)
     axes = find_axes(group, key, request, path)
-    rate, _, first = (request.sampling_rate, 0, 0.0) if axes.time is None else read_clock(
-        axes.time.parent, path, axes.time.name.split("/")[-1], request.sampling_rate)  # fmt: skip
+    rate, _, first = (
+        (request.sampling_rate, 0, 0.0)
+        if axes.time is None
+        else read_clock(axes.time.parent, path, axes.time.name.split("/")[-1], request.sampling_rate)
+    )
     if rate is None:
         raise ValueError(f"{label} has no times; give sampling_rate=..., in Hz")
     stream = None
@@ -106,8 +103,7 @@ def plane_from(
                 f"{path}:/{STREAMWISE} has shape {group[STREAMWISE].shape}, /{VELOCITY} "
                 f"{dataset.shape}; they share probes and times"
             )
-        stream = stored(path, f"{where}/{STREAMWISE}", axes.order,
-                        float_factor(group, STREAMWISE, "m/s", path))  # fmt: skip
+        stream = stored(path, f"{where}/{STREAMWISE}", axes.order, float_factor(group, STREAMWISE, "m/s", path))
     # Elsewhere a field may bear the name of one of our numbers: density over time and place.
     ours = key == VELOCITY
     case = read_case(file, KIND, _single(file, ours), path, ours)
@@ -145,8 +141,9 @@ def _with_attributes(case: dict[str, Any], group: h5py.Group, dataset: h5py.Data
     known = case | gas
     for name, (number, words) in _attributes(group.file, dataset, path).items():
         if not math.isclose(known.setdefault(name, number), number, rel_tol=SAME):
-            raise ValueError(f"{words} is {number:.9g} {STATED[name]}, the variable {name} is "
-                             f"{known[name]:.9g}; correct one of them")  # fmt: skip
+            raise ValueError(
+                f"{words} is {number:.9g} {STATED[name]}, the variable {name} is {known[name]:.9g}; correct one of them"
+            )
     gas = {name: known.pop(name) for name in FLUID_UNITS if name in known}
     return known | {"fluid": replace(case["fluid"], **gas)}
 

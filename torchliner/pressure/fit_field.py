@@ -35,7 +35,7 @@ from torchliner.pressure.microphone_errors import (
 )
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.records.wall_eduction import fine_places
+from torchliner.records.drawn_impedance import fine_places
 from torchliner.version import __version__
 
 SAME = 1e-6  # relative, and m, of what line and case both state
