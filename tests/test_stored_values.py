@@ -96,17 +96,6 @@ def partly_virtual(file):
     file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
 
 
-def twice_virtual(file):
-    """As many values as the dataset has, some of them twice."""
-    shape = file[V].shape
-    layout = h5py.VirtualLayout(shape, "f4")
-    source = h5py.VirtualSource("part.h5", "v", (shape[0] // 2, *shape[1:]))
-    for first in (0, 2):
-        layout[first : first + shape[0] // 2] = source
-    del file[V]
-    file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
-
-
 def without_source(file):
     shape = file[V].shape
     layout = h5py.VirtualLayout(shape, "f4")
@@ -118,14 +107,13 @@ def without_source(file):
 PLANES = {
     "chunks never written": (half_written, rf"{V}: 2 of 4 chunks were never written .* read as 0"),
     "values never written": (without_values(V, "m/s"), f"{V} holds no values: none of its 240"),
-    "empty": (lambda f: replaced(f, V, h5py.Empty("f4")), f"{V} has shape None"),
+    "empty": (lambda f: replaced(f, V, h5py.Empty("f4")), rf"{V} has shape \(\)"),
     "height never written": (without_values("height", "m"), "height holds no values"),
     "a link": (linked("height", h5py.SoftLink("/h")), "height is a link to /h, which is not ther"),
     "a link elsewhere": (
         linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
     "raw storage": (raw_storage, rf"{V} keeps its values outside the file, in v.raw.*h5repack"),
     "half a virtual set": (partly_virtual, rf"{V} is a virtual .* sources for 60 of its 240"),
-    "parts twice": (twice_virtual, rf"{V} is a virtual .* sources for 144 of its 240"),
     "no source": (without_source, rf"{V} is a virtual dataset whose source .*part.h5 is not there"),
     "a scale is gone": (gone("x"), rf"{V}: the dimension scale of axis 2 is no longer in the file"),
     "x of index units": (set_attribute("x", "units", "1"), "x has units '1', but is no index"),
@@ -258,7 +246,7 @@ def test_values_of_other_files_are_named(tmp_path, monkeypatch, way):
         with h5py.File(tmp_path / "part.h5", "r+") as other:
             del other["v"]
             other["v"] = np.ones((19, 3, 4))
-        with pytest.raises(ValueError, match=r"more of its source .* than there is, \(19, 3, 4"):
+        with pytest.raises(ValueError, match="is not there, or holds too few values"):
             read(path)
 
 

@@ -19,7 +19,6 @@ from torchliner.campaign.inputs import open_plane
 from torchliner.checks import FEWEST_PERIODS, tell
 from torchliner.engine.moments import Moments, without_velocity
 from torchliner.file_checks import DAMAGE, Unwritten
-from torchliner.io.axes import CLOCK
 from torchliner.io.plane_join import Clock, compare, on_one_clock, refuse_gap
 from torchliner.io.planes import HEAD, format_of
 from torchliner.io.whole_file import HDF5
@@ -104,7 +103,7 @@ class Frames:
                 raise OSError(f"{path} had {seen} samples and has {plane.samples}; it was replaced")
             if path in self._heads and not torch.equal(self._heads[path], _head(plane)):
                 raise OSError(f"{path} begins with other values than before; it was replaced")
-            clock = CLOCK.get()
+            clock = getattr(plane.velocity, "clock", None)
             if path not in self._heads:
                 seen = self._joined(plane, clock, path)
                 self._heads[path] = _head(plane)

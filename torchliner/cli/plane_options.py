@@ -17,31 +17,33 @@ SELECTION: dict[str, Any] = {
 STATED: dict[str, Any] = {
     "--variable NAME": "name of the velocity in the file; default: the one that fits",
     "--group NAME": "group of the file; default: all",
-    "--axes LIST": "axes of an array in order: time,z,x or probe,time ...; default: as the file "
-                   "says",
+    "--axes LIST": "axes of an array in order: time,z,x or probe,time ...; default: as the file says",
     "--velocity-units UNIT": "m/s, mm/s ..., where the file has none; default: the file's",
     "--length-units UNIT": "of coordinates, likewise",
     "--sampling-rate HZ": "Hz, where the file has no times; default: the file's",
     "--normal AXIS": {
         "choices": NORMALS,
-        "help": "of vectors and points, away from the liner; default: as the format has it"},
+        "help": "of vectors and points, away from the liner; default: as the format has it",
+    },
+    "--row I": {"type": int, "help": "of several heights the one that is taken, from 0; default: there is one"},
     "--wall-normal-component": "one value a point, whatever its name, is the velocity along the wall normal",
     "--x ARRAY": "coordinates along the duct: FILE or FILE:VARIABLE; default: the file's",
     "--z ARRAY": "likewise across the duct",
     "--holes PATH": "places of the holes, for figures: a table x [mm], z [mm], diameter [mm], "
-                    "without z for slits; default: the file's",
+    "without z for slits; default: the file's",
     "--points PATH": "point list, of histories at points; default: none",
-}  # fmt: skip
+}
 
 
 def plane_options(further: bool = True) -> dict[str, dict[str, Any]]:
     """The tables by title; ``further``: they wait for --help-all."""
     tables = {"part of the data": SELECTION, "missing metadata": STATED}
     return {
-        title: {spec: argument(spec, entry)[1] | ({"further": True} if further else {})
-                for spec, entry in table.items()}
+        title: {
+            spec: argument(spec, entry)[1] | ({"further": True} if further else {}) for spec, entry in table.items()
+        }
         for title, table in tables.items()
-    }  # fmt: skip
+    }
 
 
 def reading(options: argparse.Namespace) -> dict[str, Any]:

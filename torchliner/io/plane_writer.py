@@ -13,10 +13,10 @@ import numpy as np
 import torch
 
 from torchliner.io.axes import write_case, write_coordinates, write_times
-from torchliner.io.cf import VELOCITY
 from torchliner.io.hdf5 import attach_scales, tiles, write_variable
 from torchliner.io.holes import write_holes
 from torchliner.io.plane_file import AREA, KIND, NUMBERS, STREAMWISE
+from torchliner.io.plane_layout import VELOCITY
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import SLAB_ROWS, bounds_of, bytes_of, read_ahead, rows_per_slab

@@ -6,13 +6,11 @@ import glob
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from torchliner.file_checks import require_regular
 from torchliner.io.arrays import read_array
-from torchliner.io.axes import CLOCK
 from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import JOINED, join_planes
@@ -69,14 +67,12 @@ def read_plane(
             raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, known)}")
     request = PlaneRequest(**stated)
     planes: list[VelocityPlane] = []
-    clocks: list[tuple[str, Fraction] | None] = []
     seen: set[str] = set()  # files of series, of which any file stands for all
     for each in paths_of(path):
         if os.path.abspath(each) not in seen:
-            CLOCK.set(None)
             planes.append(open_plane(each, request))
-            clocks.append(CLOCK.get())
             seen.update(os.path.abspath(frame) for frame in frames_of(planes[-1].velocity))
+    clocks = [getattr(each.velocity, "clock", None) for each in planes]
     plane = select(join_planes(planes, clocks), start, stop, every, region)
     return plane if lazy else plane.load()
 
@@ -127,23 +123,15 @@ def format_of(path: str | Path) -> PlaneFormat:
     for each in formats:
         if each.recognises(path, head):
             return each
-    raise OSError(
-        f"{path} {_looks_like(path, head)}; it is of no format of planes that is known: "
-        f"{', '.join(each.name for each in formats)}"
+    inside = sorted(each.name for each in path.iterdir()) if path.is_dir() else []
+    looks = (
+        f"is a folder of {', '.join(inside[:3])} ..."
+        if inside
+        else "is an empty folder"
+        if path.is_dir()
+        else (f"begins with {head[:20]!r}" if head else "is empty")
     )
-
-
-def _looks_like(path: Path, head: bytes) -> str:
-    """What a file that nobody recognises begins with."""
-    if path.is_dir():
-        names = sorted(each.name for each in path.iterdir())
-        return f"is a folder of {len(names)} files ({', '.join(names[:3])} ...)" if names else (
-            "is an empty folder")  # fmt: skip
-    if not head:
-        return "is empty"
-    if b"\0" in head:
-        return f"is binary and begins with {head[:8]!r}"
-    return f"is text that begins with {head.splitlines()[0][:60].decode(errors='replace')!r}"
+    raise OSError(f"{path} {looks}; it is of no format of planes that is known: {', '.join(f.name for f in formats)}")
 
 
 def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
@@ -166,11 +154,9 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     earlier = {key: kept.pop(key) for key in OF_READING if key in kept}
     kept |= {"earlier": earlier} if earlier else {}
     said = {name: _in_words(getattr(request, name)) for name in given}
-    about: dict[str, Any] = {
-        "provenance": kept | ({"stated": said} if said else {})
-    } | {
+    about: dict[str, Any] = {"provenance": kept | ({"stated": said} if said else {})} | {
         name: stated_coordinate(getattr(request, name), request.length_units, name) for name in own
-    }  # fmt: skip
+    }
     if (holes := request.holes) is not None:
         about["holes"] = read_holes(holes) if isinstance(holes, str | os.PathLike) else holes
     return replace(plane, **about)
