@@ -83,7 +83,7 @@ def test_lines_single_probes_and_integers(tmp_path, name, values, axes, wanted):
     ("values", "stated", "message"),
     [
         (CUBE, {"axes": "z,x"}, "3|but 2 axes are named: z,x"),
-        (CUBE, {"axes": "z,u,time"}, "axes z, u, and which runs|axes u, z, and which runs"),
+        (CUBE, {"axes": "z,u,time"}, "axes z, u, time; which runs along"),
         (CUBE[0], {"axes": "z,x,time"}, "3 axes are named"),
         (CUBE, {"axes": "z,x,time", "velocity_units": "ms"}, "velocity"),
         (CUBE, {"axes": "z,x,time", "x": [0, 1], "length_units": "mm"}, r"x has 2 values; .* need 3"),

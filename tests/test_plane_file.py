@@ -191,7 +191,7 @@ def test_small_jitter_of_time_is_accepted(tmp_path):
 V, T = "a.h5:/wall_normal_velocity", "a.h5:/time"
 BAD = {
     "no velocity": ({"velocity": None}, r"a.h5 holds no velocity above a wall.*it holds: time"),
-    "no time": ({"time": None}, f"{V}: none of its axes is time; name them .*and give sampling_ra"),
+    "no time": ({"time": None}, rf"{V} has shape .* one axis is time: name all .*and give sampling_ra"),
     "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\); \(time, z, x\) or"),
     "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\), but there are 20 times; time is its"),
     "short": ({"velocity": SQUARE[:19], "dims": ("time", "p")}, r"\(19, 20\) with time on axis 0"),

@@ -86,14 +86,14 @@ def velocity_of(
     Raises:
         ValueError: as ``require_stored`` and ``packing_of``; a sample that does not fit into memory.
     """
-    require_numbers(each, each.label)
+    require_numbers(each.array, each.label)
     if isinstance(each.array, h5py.Dataset):
         require_stored(each.array, each.label, each.path)
         chunks = each.array.chunks
     else:
         sizes = getattr(each.array, "encoding", {}).get("preferred_chunks") or {}
         chunks = tuple(int(sizes[dim]) for dim in each.array.dims) if sizes else None
-    kind, shape = exact_type(each.dtype), (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
+    kind, shape = exact_type(each.array.dtype), (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
     require_memory(
         2 * kind.itemsize * math.prod(shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,"
     )
@@ -106,6 +106,6 @@ def velocity_of(
         kind,
         # Rows of a tile hold together; a whole probe where time runs fastest.
         tile_rows=chunks[order[0]] if chunks else 1 if order[0] == 0 else shape[-1],
-        tile_bytes=math.prod(chunks or (0,)) * each.dtype.itemsize,
+        tile_bytes=math.prod(chunks or (0,)) * each.array.dtype.itemsize,
         clock=clock,
     )

@@ -64,11 +64,6 @@ class Field:
         return math.prod(self.shape)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
-        """As which they are stored."""
-        return np.dtype(self.array.dtype)
-
-    @property
     def bare(self) -> bool:
         """Whether it stands for the length of a dimension alone."""
         return "units" not in self.attrs and (self.text("NAME") or "").startswith(NO_VARIABLE)
@@ -101,13 +96,13 @@ class Field:
     def packing(self) -> Packing:
         """How the values are stored."""
         fill = fill_of(self.array) if isinstance(self.array, h5py.Dataset) else None
-        return packing_of(dict(self.attrs), self.dtype, self.label, fill)
+        return packing_of(dict(self.attrs), self.array.dtype, self.label, fill)
 
     def values(self) -> np.ndarray:
         """All values as they are meant; as ``read_values``."""
         if isinstance(self.array, h5py.Dataset):
             return read_values(self.array, self.label, self.path)
-        require_numbers(self, self.label)
+        require_numbers(self.array, self.label)
         stored = np.asarray(self.array[()] if self.shape else self.array)
         return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
 
@@ -138,9 +133,9 @@ class Field:
 
     def signal_factor(self, unit: str, stated: str | None = None) -> float:
         """As ``factor``, of a signal: integers count where ``scale_factor`` or the user says what they stand for."""
-        meant = "scale_factor" in self.attrs or stated is not None
-        if self.dtype.kind != "f" and not (self.dtype.kind in "iu" and meant):
-            raise ValueError(f"{self.label} is {self.dtype}; floating-point {unit} are needed")
+        kind = self.array.dtype.kind
+        if kind != "f" and (kind not in "iu" or ("scale_factor" not in self.attrs and stated is None)):
+            raise ValueError(f"{self.label} is {self.array.dtype}; floating-point {unit} are needed")
         return self.factor(unit, stated)
 
 
@@ -212,7 +207,7 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
         counts = time = field.si("s")
         factor, first = 1.0, float(time[0])
     # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
-    kind = field.dtype
+    kind = field.array.dtype
     exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
     rate = uniform_rate(time, name, exact)
     if stated is None and exact * rate > UNIFORMITY:

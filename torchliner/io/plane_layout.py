@@ -5,6 +5,7 @@ By names, dimensions and what CF 1.8 lays down (units, standard_name, axis, posi
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,8 +34,8 @@ ROLES = {
     "y": rf"[ni]?y{PLACE}|x_?2",
     "z": rf"[ni]?z{PLACE}|x_?3|spanwise{PLACE}",
 }
-HEIGHT = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
-COMPONENT = r"comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
+TALL = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
+TALL += r"|comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
 NONE = "none"  # an axis of one value
 Fields = Mapping[str, Field]
 
@@ -44,16 +45,12 @@ class Layout:
     """How the velocity lies in its variable.
 
     Args:
-        order: axes of the variable, time first, then z and x, or probe; those left out have size 1.
-        shape: of the probes, (z, x), (probe,) or ().
-        dims: dimensions of the probes.
+        order: axes of the variable, time first, then z and x, or probe; of those left out one value is taken.
         across: coordinate that plays z: "z", or "y" where z is normal to the wall.
         tall: axis of the heights, of which one is taken; None without one.
     """
 
     order: tuple[int, ...]
-    shape: tuple[int, ...]
-    dims: tuple[str, ...]
     across: str
     tall: int | None = None
 
@@ -103,7 +100,7 @@ def _may_be(field: Field, request: PlaneRequest, alone: bool) -> bool:
     """Whether it has several numbers and the units of a velocity, its own or stated."""
     unit = field.text("units")
     line = unit is None and len(field.shape) < 2 and not alone
-    if field.dtype.kind not in "fiu" or field.size < 2 or line or role_of(field.short, {}) in ROLES:
+    if field.array.dtype.kind not in "fiu" or field.size < 2 or line or role_of(field.short, {}) in ROLES:
         return False
     try:
         return bool(si_factor("velocity", request.velocity_units if unit is None else unit, ""))
@@ -205,64 +202,40 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
         roles = [roles[long.index(i)] if i in long else NONE for i in range(len(shape))]
     if len(roles) != len(shape):
         raise ValueError(f"{label} has shape {shape}, but {len(roles)} axes are named: {','.join(roles)}")
-    if roles.count("time") != 1:
-        if samples is None:
-            raise ValueError(
-                f"{label}: none of its axes is time; name them (axes='time,z,x') and give sampling_rate=..., in Hz"
-            )
-        at = time_axis(velocity, samples) % len(shape)
-        if any(role == "time" and i != at and shape[i] > 1 for i, role in enumerate(roles)):
-            raise ValueError(
-                f"{label} has shape {shape} and more than one axis of time; name the axes: axes='time,z,x'"
-            )
-        roles = ["time" if i == at else role.replace("time", "") for i, role in enumerate(roles)]
+    if roles.count("time") > 1:
+        roles = [NONE if role == "time" and n == 1 else role for role, n in zip(roles, shape, strict=True)]
+    if "time" not in roles and samples is not None:
+        roles[time_axis(velocity, samples)] = "time"
+    tall = [i for i, role in enumerate(roles) if role == height or re.fullmatch(TALL, role, re.IGNORECASE)]
+    taken = tall[0] if len(tall) == 1 and request.row in range(shape[tall[0]]) else None
+    kept = [
+        i
+        for i, role in enumerate(roles)
+        if role not in ("time", NONE) and i != taken and (shape[i] > 1 or role in ("x", across, "probe"))
+    ]
+    names = [roles[i] for i in kept]
+    # A coordinate along an axis, or a size of 1, tells what the other name does not.
+    placed = {each.shape for each in _near(velocity, fields) if role_of(each.short, {}) == across}
+    free = any((shape[i],) in placed or shape[i] == 1 for i in kept)
+    told = len({"x", across} & set(names)) >= (1 if free else 2) or len(kept) < 2 or not all(names)
+    several = f"state row=0 or so for one of several (--row), or normal={across!r} if {height} runs across the duct"
+    faults = {
+        "one axis is time: name all (axes='time,z,x', --axes), and give sampling_rate=..., in Hz, where there are no "
+        "times": roles.count("time") != 1,
+        f"no axis of heights has a row {request.row}": request.row is not None and taken is None,
+        f"a plane has one height and one component: {several}": set(kept) & set(tall),
+        "which runs along the duct and which across is not said: name all in their order: axes='time,z,x' (--axes)": (
+            len(kept) > 2 or not told
+        ),
+    }
+    if why := next((words for words, there in faults.items() if there), None):
+        raise ValueError(f"{label} has shape {shape} with the axes {', '.join(role or '?' for role in roles)}; {why}")
     time = roles.index("time")
     if samples not in (None, shape[time]):
         raise ValueError(f"{label} has shape {shape} with time on axis {time}, but there are {samples} times")
-
-    def is_tall(role: str) -> bool:
-        return role == height or re.fullmatch(f"{HEIGHT}|{COMPONENT}", role, re.IGNORECASE) is not None
-
-    space = [i for i in range(len(shape)) if i != time and roles[i] != NONE]
-    tall = None
-    if request.row is not None:
-        tall, *more = [i for i in space if is_tall(roles[i])] or [-1]
-        if more or tall < 0 or not 0 <= request.row < shape[tall]:
-            raise ValueError(
-                f"{label} has shape {shape}, axes {','.join(roles)}; row={request.row} is of one axis of "
-                "heights, from 0"
-            )
-        space.remove(tall)
-    kept = [
-        i
-        for i in space
-        if shape[i] > 1 or roles[i] in ("x", across, "probe") or (len(space) < 3 and not is_tall(roles[i]))
-    ]
-    kept = kept if len(kept) < 3 else [i for i in kept if shape[i] > 1]
-    if len(kept) > 2:
-        raise ValueError(
-            f"{label} has shape {shape}, axes {','.join(r or '?' for r in roles)}; (time, z, x) or "
-            "(time, probe) is needed: take one height, and name the axes: axes=..."
-        )
-    for name, size in ((roles[i], shape[i]) for i in kept):
-        if size > 1 and is_tall(name):
-            raise ValueError(
-                f"{label} has an axis {name} of {size}, heights or components, of which a plane has one: state row=0 "
-                f"or so, normal={across!r} if it runs across the duct, or axes='time,z,x' if it counts probes"
-            )
-    names = [roles[i] for i in kept]
-    if len(kept) == 2 and all(names):
-        # A coordinate along an axis, or a size of 1, tells what the other name does not.
-        placed = {each.shape for each in _near(velocity, fields) if role_of(each.short, {}) == across}
-        free = any((shape[i],) in placed or shape[i] == 1 for i in kept)
-        if len({"x", across} & set(names)) < (1 if free else 2):
-            raise ValueError(
-                f"{label} has the axes {', '.join(names)}, and which runs {'across' if 'x' in names else 'along'} the "
-                "duct is not said; name all axes in their order: axes='time,z,x' (--axes)"
-            )
     if len(kept) == 2 and (names[0] == "x" or names[1] == across):
         kept.reverse()
-    return Layout((time, *kept), tuple(shape[i] for i in kept), tuple(velocity.axes[i] for i in kept), across, tall)
+    return Layout((time, *kept), across, taken)
 
 
 def find_coordinates(
@@ -276,28 +249,28 @@ def find_coordinates(
     Raises:
         ValueError: as ``coordinate``; a value for each probe of a plane.
     """
+    probes, across = layout.order[1:], layout.across
     found: dict[str, Any] = {}
-    if layout.tall is not None and request.row is not None:
-        count, dim = velocity.shape[layout.tall], velocity.axes[layout.tall]
-        near = [each for each in _near(velocity, fields) if each.size == count and role_of(each.short, {}) in "yz"]
-        tall = [fields[dim]] if dim in fields else near
-        places = coordinate(tall[0], count, request.length_units) if len(tall) == 1 else None
-        found |= {} if places is None else {"height": float(places[request.row])}
-    for role, word in (("x", "x"), ("z", layout.across)):
-        axis = -1 if role == "x" or len(layout.shape) < 2 else 0
-        count = layout.shape[axis] if layout.shape else 1
+    for role, word, axes in (("x", "x", probes[-1:]), ("z", across, probes[:1]), ("height", "y", (layout.tall,))):
+        axis = axes[0] if axes else None
+        count = 1 if axis is None else velocity.shape[axis]
         named = [each for each in _near(velocity, fields) if role_of(each.short, {}) == word]
         for each in named:
-            if len(layout.shape) == 2 and each.shape == layout.shape and min(each.shape) > 1:
+            if (
+                len(probes) == len(each.shape) == 2
+                and each.size == math.prod(velocity.shape[i] for i in probes) > count
+            ):
                 raise ValueError(
                     f"{each.label} has a value for each probe, {each.shape}; a plane has one "
                     "for each row or column: flatten velocity and coordinates to (time, probe)"
                 )
         named.sort(key=lambda each: len(each.short))  # "x" before "x_coord"
-        scale = layout.dims[axis] if layout.shape else ""
-        if scale in fields and (len(layout.shape) == 2 or role_of(scale, fields) == word):
+        scale = "" if axis is None else velocity.axes[axis]
+        if scale in fields and (len(probes) == 2 or role == "height" or role_of(scale, fields) == word):
             named.insert(0, fields[scale])
-        for each in named:
-            if found.get(role) is None and (strict or each.size == count):
+        for each in named if role != "height" or axis is not None else ():
+            if found.get(role) is None and ((strict and role != "height") or each.size == count):
                 found[role] = coordinate(each, count, request.length_units)
+    if found.get("height") is not None and request.row is not None:
+        found["height"] = float(found["height"][request.row])
     return found
