@@ -104,8 +104,8 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "matlab": "torchliner.io.arrays:MATLAB_FORMAT",
     "npy": "torchliner.io.arrays:NPY_FORMAT",
     "csv": "torchliner.io.csv_histories:FORMAT",
-    "zarr": "torchliner.io.xarray_plane:FORMAT",
-    "netcdf3": "torchliner.io.netcdf3:FORMAT",
+    "zarr": "torchliner.io.foreign:STORE",
+    "netcdf3": "torchliner.io.foreign:NETCDF3",
     "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it

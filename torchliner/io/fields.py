@@ -46,7 +46,7 @@ class Field:
     @property
     def label(self) -> str:
         """FILE:/variable."""
-        return f"{self.path}:{self.name}"
+        return f"{self.path}:{self.name}" if self.name else f"{self.path}"
 
     @property
     def short(self) -> str:
@@ -103,7 +103,7 @@ class Field:
         if isinstance(self.array, h5py.Dataset):
             return read_values(self.array, self.label, self.path)
         require_numbers(self.array, self.label)
-        stored = np.asarray(self.array[()] if self.shape else self.array)
+        stored = np.asarray(self.array[()])
         return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
 
     def factor(self, unit: str, stated: str | None = None) -> float:

@@ -112,7 +112,7 @@ def fill_of(dataset: h5py.Dataset) -> Any:
 
 
 def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
-    """Refuse what HDF5 would fill with zeros, or what does not fit into memory; before reading.
+    """Refuse what HDF5 would fill with zeros; before reading.
 
     Args:
         dataset: that is to be read.
@@ -120,18 +120,14 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
         path: of the file that was opened.
     Raises:
         ValueError: an empty dataset; chunks or values that were never written; raw storage outside the file; a
-            source of a virtual dataset that is not there or not whole; a chunk larger than the machine's memory.
+            source of a virtual dataset that is not there or not whole.
     Warns:
         DataWarning: the values stand in another file: an external link, a virtual dataset.
     """
     if dataset.shape is None:
         raise ValueError(f"{label} is empty: it has neither shape nor values")
     if dataset.external:
-        files = ", ".join(sorted({str(name) for name, *_ in dataset.external}))
-        raise ValueError(
-            f"{label} keeps its values outside the file, in {files}, where nothing tells whether "
-            "they are whole; copy the dataset into one file (h5repack)"
-        )
+        raise ValueError(f"{label} keeps its values outside the file; copy the dataset into one file (h5repack)")
     home = dataset.file.filename
     if dataset.file.driver != "core" and not os.path.samefile(home, path):  # core: in memory
         tell(f"{label} is a link; its values stand in {home}")
@@ -146,11 +142,6 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
                 f"would read as {dataset.fillvalue}"
             )
         return
-    require_memory(
-        2 * math.prod(dataset.chunks) * dataset.dtype.itemsize,
-        f"{label}: one chunk of {dataset.chunks}, which is unpacked as a whole,",
-        "store it in smaller chunks (h5repack)",
-    )
     wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
     written = dataset.id.get_num_chunks()
     if written < wanted:

@@ -43,7 +43,7 @@ OUTLETS = {
     "SettledField": {"report": "torchliner.report.page.opening:write_report"},
     "VelocityPlane": {
         "write": "torchliner.io.plane_writer:write_plane",
-        "from_xarray": "torchliner.io.xarray_plane:from_xarray",
+        "from_xarray": "torchliner.io.foreign:from_xarray",
         "plot": "torchliner.report.figures:draw_velocity",
     },
     "WallEduction": {

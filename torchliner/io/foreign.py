@@ -1,4 +1,4 @@
-"""Planes from xarray: datasets in memory or opened lazily, and zarr stores."""
+"""Planes from netCDF-3, read where it lies; zarr stores; datasets of xarray, in memory or opened lazily."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.io import netcdf_file
 
-from torchliner.file_checks import naming
-from torchliner.io.fields import fields_of_xarray
+from torchliner.file_checks import DAMAGE, naming
+from torchliner.io.fields import Field, fields_of_xarray
 from torchliner.io.plane_file import FORMAT as HDF5
 from torchliner.io.plane_file import to_plane
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
@@ -19,16 +20,49 @@ from torchliner.io.point_layout import require_velocity
 from torchliner.io.stored_values import PLAIN, Packing
 from torchliner.records import VelocityPlane
 
+# What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.
+FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
+PACKED = {"scale_factor", "add_offset"}
 # As it is stored, and read when it is asked for.
-RAW: dict[str, Any] = {
-    "decode_times": False,
-    "decode_timedelta": False,
-    "decode_coords": False,
-    "mask_and_scale": False,
-    "chunks": None,
-    "consolidated": False,
-}
+RAW: dict[str, Any] = dict.fromkeys(
+    ("decode_times", "decode_timedelta", "decode_coords", "mask_and_scale", "consolidated"), False
+)
+
+
+def open_classic(path: Path) -> Any:
+    """A netCDF-3 file, mapped.
+
+    Raises:
+        OSError: it ends before its values do.
+    """
+    try:
+        file: Any = netcdf_file(path, "r", mmap=True)
+    except (ValueError, TypeError, *DAMAGE) as error:
+        raise OSError(
+            f"{path} is truncated, or its header is damaged: what that names goes beyond the end of the file; copy or "
+            "write it again"
+        ) from error
+    file._mm_buf = None  # the arrays hold the map, of which closing would warn
+    return file
+
+
+def _classic_arrays(path: Path) -> dict[str, np.ndarray]:
+    return {name: each.data for name, each in open_classic(path).variables.items()}
+
+
+def open_netcdf3(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a netCDF-3 file; as ``open_classic`` and ``to_plane``."""
+    with naming(path):
+        file, fields = open_classic(path), {}
+        for name, each in file.variables.items():
+            attrs: dict[str, Any] = dict(each._attributes)
+            kind = each.data.dtype.str[1:]
+            if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
+                attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
+            dims = tuple(f"/{dim}" for dim in each.dimensions)
+            fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, dims)
+        return to_plane(fields, file._attributes, path, request, partial(_classic_arrays, path))
 
 
 def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
@@ -71,10 +105,10 @@ def open_store(path: Path, group: str | None) -> Any:
         import zarr  # noqa: F401
     except ImportError as error:
         raise ImportError(f'{path} is a zarr store; xarray is needed: pip install "torchliner[xarray]"') from error
-    return xarray.open_dataset(path, engine="zarr", group=group, **RAW)
+    return xarray.open_dataset(path, engine="zarr", group=group, chunks=None, **RAW)
 
 
-def _variables(path: Path, group: str | None) -> Any:
+def _stored_variables(path: Path, group: str | None) -> Any:
     return open_store(path, group).variables
 
 
@@ -105,31 +139,29 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
         )
 
 
-def recognises(path: Path, head: bytes) -> bool:
-    """A folder with the index of a zarr group."""
-    return not head and any((path / name).is_file() for name in ZARR)
-
-
-def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a zarr store.
-
-    Raises:
-        ImportError: xarray or zarr is not installed.
-        OSError, ValueError: as ``to_plane`` and ``require_written``.
-    """
+def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a zarr store; as ``open_store``, ``to_plane`` and ``require_written``."""
     data = open_store(path, request.group)
     with naming(path):
         if not (path / ZARR[0]).is_file():
             # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
             for each in data.variables.values():
-                if each.attrs.get("_FillValue") == 0 and not {"scale_factor", "add_offset"} & set(each.attrs):
+                if each.attrs.get("_FillValue") == 0 and not PACKED & set(each.attrs):
                     del each.attrs["_FillValue"]
         for name in set(data.dims) & set(data.variables):
             require_written(path, request.group, str(name))
-        opens = partial(_variables, path, request.group)
+        opens = partial(_stored_variables, path, request.group)
         plane = to_plane(fields_of_xarray(data, path), data.attrs, path, replace(request, group=None), opens)
         require_written(path, request.group, plane.velocity.source.key, plane.velocity.source.packing)
     return plane
 
 
-FORMAT = PlaneFormat("zarr", recognises, open_plane, HDF5.takes)
+NETCDF3 = PlaneFormat(
+    "netCDF-3",
+    lambda _, head: head[:4] in (b"CDF\1", b"CDF\2"),  # the version, 2 with large offsets
+    open_netcdf3,
+    tuple(each for each in HDF5.takes if each != "group"),
+)
+STORE = PlaneFormat(
+    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_zarr, HDF5.takes
+)
