@@ -215,7 +215,7 @@ BAD = {
     "nan time": ({"time": shifted(np.nan)}, f"{T} holds 1 values not finite"),
     "x": ({"x": (np.zeros(5), "m")}, "a.h5:/x has 5 values; the probes need 6"),
     "x units": ({"x": (np.zeros(6), None)}, "a.h5:/x has no units attribute"),
-    "stream": ({"streamwise_velocity": (WAVE[:, :5], "m/s")}, r"e_velocity has shape \(20, 5\), /"),
+    "stream": ({"streamwise_velocity": (WAVE[:, :5], "m/s")}, r"streamwise has shape \(5, 20\), velocity \(6, 20\)"),
     "frequencies": ({"frequency": ([1e3, 2e3], "Hz")}, r"/frequency has shape \(2,\); one number"),
     "height": ({"height": (0.0, "m")}, f"{V}: height is 0; it must be finite and above 0"),
     "density": ({"density": (-1.0, "kg/m3")}, r"a.h5:/density holds -1 kg/m3, which is no density"),

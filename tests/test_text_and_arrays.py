@@ -187,15 +187,6 @@ def of(values, **about):
     return tl.VelocityPlane(values, sampling_rate=1e4, **about)
 
 
-@pytest.mark.parametrize("dims", [("time", "z", "x"), ("x", "time", "z"), ("z", "x", "time")])
-def test_axes_with_names_are_taken_by_name(dims):
-    """Whatever their order in the array."""
-    array = xarray.DataArray(V, dims=("time", "z", "x"), attrs={"units": "m/s"}).transpose(*dims)
-    assert torch.equal(of(array).velocity, torch.from_numpy(V).movedim(0, -1))
-    assert torch.equal(of(array[..., 0, :] if dims[1] == "z" else array, x=None).velocity,
-                       of(array[..., 0, :] if dims[1] == "z" else array).velocity)  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from torchliner.checks import require_positive
+from torchliner.file_checks import Unwritten
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
@@ -48,6 +49,8 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
     """
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    if len(time) < 2:
+        raise Unwritten(f"{name}: there is {len(time)} of them; at least two are needed")
     time = time.astype(np.float64)
     step = (time[-1] - time[0]) / (len(time) - 1)
     error = np.abs(time - (time[0] + step * np.arange(len(time)))).max()

@@ -29,9 +29,8 @@ UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
 COORDINATE = re.compile(r"([xyz])\s*(?:\[(.*?)\]|\((.*?)\))?\s*[,;:=\s]\s*(.*)", re.IGNORECASE)
 LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
-COUNTER = re.compile(r"(iter|iterations?|(time ?)?steps?|cycles?|frames?)\b.*", re.IGNORECASE)
+NO_PROBE = re.compile(r"(iter(ation)?s?|(time ?)?steps?|cycles?|frames?)\b.*|.*:(\d|magnitude)", re.IGNORECASE)
 INDEX = re.compile(r"(index|unnamed.*)?", re.IGNORECASE)  # of a table of pandas
-VECTOR = re.compile(r"(.*):(\d|magnitude)", re.IGNORECASE)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -78,8 +77,6 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
             f"{path}: its first column counts the rows and has no name, as an index of pandas; leave it out"
         )
     unit, rate = (labels[0][1] or labels[0][2]) if labels else "", request.sampling_rate
-    if len(rows.time) < 2:
-        raise ValueError(f"{path} has one row; two at least are needed")
     if not unit and rate is None:
         raise ValueError(
             f"{path}: its times have no unit; write 'time [s]' above them, or state sampling_rate=... "
@@ -145,14 +142,11 @@ def _columns(heading: Sequence[str], width: int, path: Path) -> tuple[int, list[
             f"first row holds {width} numbers; leave empty columns out, and write decimals with "
             "points, or commas between semicolons or tabs"
         )
-    for name in names[at + 1 :]:
-        if COUNTER.fullmatch(name):
-            raise ValueError(f"{path}: its column {name!r} counts and is no velocity; leave it out")
-        if VECTOR.fullmatch(name):
-            raise ValueError(
-                f"{path}: its column {name!r} is a component of a vector; leave the one along the "
-                "wall normal alone for each probe"
-            )
+    for name in filter(NO_PROBE.fullmatch, names[at + 1 :]):
+        raise ValueError(
+            f"{path}: its column {name!r} is a counter or a component of a vector; leave one column a probe, of the "
+            "velocity along the wall normal"
+        )
     return at, labels
 
 

@@ -91,7 +91,7 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
         replace(request, normal=f"{'-' if sign < 0 else ''}{AXES[axis]}"),
         lambda axis: rows,
         len(rows.time),
-        uniform_rate(rows.time, f"{label}, time", rows.rounding) if len(rows.time) > 1 else 1.0,
+        uniform_rate(rows.time, f"{label}, time", rows.rounding),
         path=path,
         variable=name,
         component=component,

@@ -32,6 +32,7 @@ KIND = FileKind(
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
 )
 STREAMWISE, AREA = "streamwise_velocity", "area"
+HOLES = ("hole_x", "hole_z", "hole_diameter")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1", "displacement_thickness": "m"}
 NUMBERS = numbers(UNITS)
@@ -100,17 +101,9 @@ def to_plane(
     if rate is None:
         raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
     # Elsewhere a field may bear the name of one of our numbers: density over time and place.
-    own = {
-        name: each
-        for name in (STREAMWISE, AREA, "hole_x", "hole_z", "hole_diameter")
-        if ours and (each := fields.get(f"{lead}/{name}")) is not None
-    }
-    stream = own.get(STREAMWISE)
-    if stream is not None and stream.shape != velocity.shape:
-        raise ValueError(
-            f"{stream.label} has shape {stream.shape}, /{VELOCITY} {velocity.shape}; they share probes and times"
-        )
-    holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items() if name.startswith("hole_")}
+    own = {name: fields.get(f"{lead}/{name}") if ours else None for name in (STREAMWISE, AREA, *HOLES)}
+    stream, area = own.pop(STREAMWISE), own.pop(AREA)
+    holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items() if each is not None}
     case = find_coordinates(velocity, layout, fields, request, strict=ours) | _case(fields, head, velocity, lead, ours)
     part = {} if layout.tall is None or request.row is None else {layout.tall: slice(request.row, request.row + 1)}
     sign = sign_of(velocity, request, ours and schema.startswith("torchliner "))
@@ -119,10 +112,8 @@ def to_plane(
             velocity_of(velocity, opens, layout.order, sign * factor, clock, part),
             sampling_rate=rate,
             start=first,
-            streamwise=None
-            if stream is None
-            else velocity_of(stream, opens, layout.order, stream.signal_factor("m/s")),
-            area=own[AREA].si("m2") if AREA in own else None,
+            streamwise=stream and velocity_of(stream, opens, layout.order, stream.signal_factor("m/s")),
+            area=area and area.si("m2"),
             holes=Holes(**holes) if holes else None,
             name=velocity.label,
             reference=_references(fields),
