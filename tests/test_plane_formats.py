@@ -343,10 +343,10 @@ def test_what_the_data_do_not_tell_or_contradict_is_refused(data, stated, messag
         tl.VelocityPlane.from_xarray(data, **stated)
 
 
-TALL = ("component", "vector", "dim", "nv", "velocity_components", "height", "level", "lev", "wall_distance")
+HEIGHTS = ("height", "level", "lev", "wall_distance")
 
 
-@pytest.mark.parametrize("name", TALL)
+@pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components", *HEIGHTS])
 def test_heights_and_components_are_no_probes(name):
     """Several are refused beside x and alone, unless the user says what they are; one passes."""
     data = named(z=name)
@@ -355,6 +355,10 @@ def test_heights_and_components_are_no_probes(name):
             tl.VelocityPlane.from_xarray(each, normal="y")
     assert tl.VelocityPlane.from_xarray(data, axes=AXES).probe_shape == (3, 4)
     assert tl.VelocityPlane.from_xarray(data.isel({name: [1]})).probe_shape == (4,)
+    places = (name, [1.0, 2.0, 3.0], {"units": "mm"}) if name in HEIGHTS else ["u", "v", "w"]
+    taken = tl.VelocityPlane.from_xarray(data.assign_coords({name: places}), row=1)
+    assert np.array_equal(taken.velocity, VALUES[:, 1].T)
+    assert taken.height == (2e-3 if name in HEIGHTS else None)
 
 
 def test_prose_is_not_understood_but_told():

@@ -105,7 +105,8 @@ def to_plane(
     stream, area = own.pop(STREAMWISE), own.pop(AREA)
     holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items() if each is not None}
     case = find_coordinates(velocity, layout, fields, request, strict=ours) | _case(fields, head, velocity, lead, ours)
-    part = {} if layout.tall is None or request.row is None else {layout.tall: slice(request.row, request.row + 1)}
+    row = request.row or 0
+    part = {} if layout.taken is None else {layout.taken: slice(row, row + 1)}
     sign = sign_of(velocity, request, ours and schema.startswith("torchliner "))
     with naming(path):
         return VelocityPlane(

@@ -5,7 +5,6 @@ By names, dimensions and what CF 1.8 lays down (units, standard_name, axis, posi
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,8 +33,8 @@ ROLES = {
     "y": rf"[ni]?y{PLACE}|x_?2",
     "z": rf"[ni]?z{PLACE}|x_?3|spanwise{PLACE}",
 }
-TALL = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
-TALL += r"|comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
+HEIGHT = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
+COMPONENT = r"comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
 NONE = "none"  # an axis of one value
 Fields = Mapping[str, Field]
 
@@ -47,12 +46,14 @@ class Layout:
     Args:
         order: axes of the variable, time first, then z and x, or probe; of those left out one value is taken.
         across: coordinate that plays z: "z", or "y" where z is normal to the wall.
-        tall: axis of the heights, of which one is taken; None without one.
+        taken: axis of the heights or components of which one is taken; None without one.
+        height: coordinate along that axis, "y" or "z"; None of components.
     """
 
     order: tuple[int, ...]
     across: str
-    tall: int | None = None
+    taken: int | None = None
+    height: str | None = None
 
 
 def find_velocity(fields: Fields, request: PlaneRequest, path: Path) -> Field:
@@ -206,7 +207,11 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
         roles = [NONE if role == "time" and n == 1 else role for role, n in zip(roles, shape, strict=True)]
     if "time" not in roles and samples is not None:
         roles[time_axis(velocity, samples)] = "time"
-    tall = [i for i, role in enumerate(roles) if role == height or re.fullmatch(TALL, role, re.IGNORECASE)]
+    tall = [
+        i
+        for i, role in enumerate(roles)
+        if role == height or re.fullmatch(f"{HEIGHT}|{COMPONENT}", role, re.IGNORECASE)
+    ]
     taken = tall[0] if len(tall) == 1 and request.row in range(shape[tall[0]]) else None
     kept = [
         i
@@ -235,7 +240,8 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
         raise ValueError(f"{label} has shape {shape} with time on axis {time}, but there are {samples} times")
     if len(kept) == 2 and (names[0] == "x" or names[1] == across):
         kept.reverse()
-    return Layout((time, *kept), across, taken)
+    named = taken is not None and not re.fullmatch(COMPONENT, roles[taken], re.IGNORECASE)
+    return Layout((time, *kept), across, taken, height if named else None)
 
 
 def find_coordinates(
@@ -249,28 +255,28 @@ def find_coordinates(
     Raises:
         ValueError: as ``coordinate``; a value for each probe of a plane.
     """
-    probes, across = layout.order[1:], layout.across
+    probes = layout.order[1:]
+    grid = tuple(velocity.shape[i] for i in probes)
     found: dict[str, Any] = {}
-    for role, word, axes in (("x", "x", probes[-1:]), ("z", across, probes[:1]), ("height", "y", (layout.tall,))):
-        axis = axes[0] if axes else None
+    wanted: list[tuple[str, str, int | None]] = [("x", "x", probes[-1] if probes else None)]
+    wanted += [("z", layout.across, probes[0] if probes else None)]
+    wanted += [("height", layout.height, layout.taken)] if layout.height is not None else []
+    for name, word, axis in wanted:
         count = 1 if axis is None else velocity.shape[axis]
-        named = [each for each in _near(velocity, fields) if role_of(each.short, {}) == word]
-        for each in named:
-            if (
-                len(probes) == len(each.shape) == 2
-                and each.size == math.prod(velocity.shape[i] for i in probes) > count
-            ):
+        choices = [each for each in _near(velocity, fields) if role_of(each.short, {}) == word]
+        choices.sort(key=lambda each: len(each.short))  # "x" before "x_coord"
+        for each in choices:
+            if len(grid) == 2 and min(grid) > 1 and each.shape == grid:
                 raise ValueError(
                     f"{each.label} has a value for each probe, {each.shape}; a plane has one "
                     "for each row or column: flatten velocity and coordinates to (time, probe)"
                 )
-        named.sort(key=lambda each: len(each.short))  # "x" before "x_coord"
         scale = "" if axis is None else velocity.axes[axis]
-        if scale in fields and (len(probes) == 2 or role == "height" or role_of(scale, fields) == word):
-            named.insert(0, fields[scale])
-        for each in named if role != "height" or axis is not None else ():
-            if found.get(role) is None and ((strict and role != "height") or each.size == count):
-                found[role] = coordinate(each, count, request.length_units)
+        if scale in fields and (len(grid) == 2 or name == "height" or role_of(scale, fields) == word):
+            choices.insert(0, fields[scale])
+        for each in choices:
+            if found.get(name) is None and (each.size == count or (strict and name != "height")):
+                found[name] = coordinate(each, count, request.length_units)
     if found.get("height") is not None and request.row is not None:
         found["height"] = float(found["height"][request.row])
     return found
