@@ -138,7 +138,7 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
         # Space is made when the first value is written, for all of them at once.
         if dataset.size and dataset.id.get_storage_size() == 0:
             raise Unwritten(
-                f"{label} holds no values: none of its {dataset.size} was ever written, and they would "
+                f"{label} holds no values: none of its {dataset.size} was ever written, and they "
                 f"would read as {dataset.fillvalue}"
             )
         return
