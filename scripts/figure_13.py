@@ -19,8 +19,8 @@ import numpy as np
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
+from torchliner.duct.solver import DuctField
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.duct_report import draw_walls
@@ -35,7 +35,7 @@ def solved(name: str, side: str, impedance: Any) -> Solved:
     """A facility with one impedance, (R, X), or with a function of x."""
     varies = callable(impedance)
     setup = load_duct(name, source_side=side, **({} if varies else {"impedance": [impedance]}))
-    solver = tl.DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = tl.DuctSolver(setup.case, setup.frequency)
     return setup, solver.solve(impedance if varies else setup.impedance)
 
 

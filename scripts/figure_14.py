@@ -74,7 +74,7 @@ def educed(facility: Facility, side: str, draws: int) -> Educed:
     """Solve, then educe."""
     z = facility.truth[side]
     setup = load_duct(facility.preset, source_side=side, impedance=[(z.real, z.imag)])
-    solver = tl.DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = tl.DuctSolver(setup.case, setup.frequency)
     line = solved_line(setup, solver.solve(setup.impedance)).over_liner()
     if facility.preset == "ufsc":
         nearest = line.pressure[..., 0 if side == "upstream" else -1, :].abs()

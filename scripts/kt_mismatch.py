@@ -95,7 +95,7 @@ def flows_and_lengths() -> list[dict[str, Any]]:
         for length in LENGTHS:
             for side in SIDES:
                 setup = setup_of(side, length, **changes)
-                solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+                solver = DuctSolver(setup.case, setup.frequency)
                 line = solved_line(setup, solver.solve(setup.impedance))
                 rows += all_methods(f"length, {flow}", length, side, line, solver)
         print(f"{flow}: done", flush=True)
@@ -141,10 +141,10 @@ def ends_and_gradients() -> list[dict[str, Any]]:
     rows = []
     for side in SIDES:
         anechoic = setup_of(side)
-        blind = DuctSolver(anechoic.case, anechoic.frequency, keep="walls")
+        blind = DuctSolver(anechoic.case, anechoic.frequency)
         for size in (0.0, 0.05, 0.1, 0.2, 0.3):
             setup = setup_of(side, end_reflection=(size, 0.0))
-            solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+            solver = DuctSolver(setup.case, setup.frequency)
             line = solved_line(setup, solver.solve(setup.impedance))
             rows += all_methods("end reflection", size, side, line, blind)
             z = complex(fit_field(line, blind, far_end="stated").impedance[0])
@@ -283,7 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     solvers, lines = {}, {}
     for side in SIDES:
         setup = setup_of(side)
-        solvers[side] = DuctSolver(setup.case, setup.frequency, keep="walls")
+        solvers[side] = DuctSolver(setup.case, setup.frequency)
         lines[side] = solved_line(setup, solvers[side].solve(setup.impedance))
     rows += ranks_and_orders(lines)
     rows += noise(lines, solvers, options.draws)

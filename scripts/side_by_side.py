@@ -24,9 +24,9 @@ import torch
 import b2a_line
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.solved_line import solved_line
+from torchliner.duct.solver import DuctField
 from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation
@@ -111,7 +111,7 @@ def plane_of(x: np.ndarray, into_liner: np.ndarray, side: str) -> tl.VelocityPla
 def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarray) -> World:
     """The wall and the sound that belong together."""
     setup = load_duct("b2a", source_side=side, frequency=[FREQUENCY])
-    solver = tl.DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = tl.DuctSolver(setup.case, setup.frequency)
     times = np.arange(turbulence.shape[1]) / RATE
     impedance = np.full(len(x), 2.0 - 0.3j)
     for _ in range(ROUNDS):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import math
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,16 +23,15 @@ from torch import Tensor
 
 from common import options_of, parser_of
 from oracles.mode_matching import match_modes
-from torchliner.duct.boundaries import EndModes, end_modes, solve_boundaries, wall_of
+from torchliner.checks import DataWarning
+from torchliner.duct.boundaries import EndModes, end_modes
 from torchliner.duct.case import DuctCase
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
-from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import DuctSolver
-from torchliner.duct.sweep import sweep_duct
 
 CONDITION = "continuous-velocity"  # no flow slips here: either would do
 HEIGHT, LENGTH, FREQUENCY, TRUE = 50e-3, 0.15, 1500.0, 2.33 - 0.30j
@@ -73,18 +73,15 @@ def exact_mode_error(
     source = "upstream" if direction == "downstream" else "downstream"
     case = DuctCase(profile, 0.0, LENGTH, (0.0, LENGTH), source, slip_condition=CONDITION)
     mesh = DuctMesh(case, np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1), degree)
-    frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
     down, up = _modes_of(profile)  # type: ignore[arg-type]  # flows are frozen records
 
     def lined_modes(_: MeanFlow, __: Tensor, y: Tensor, flow: bool) -> EndModes:
         return end_modes(down, up, y, flow)
 
-    swept = sweep_duct(case, mesh, frequency, True, lined_modes)
-    wall = wall_of(TRUE, mesh, swept.basis, case.wavenumber(frequency), frequency, 0.0)
-    sent = torch.tensor([[1.0, 0.0]] if source == "upstream" else [[0.0, 1.0]]).to(wall.reflection)
-    waves, _ = solve_boundaries(swept.reading, wall, sent, torch.zeros_like(sent))
     x, y = (places.ravel() for places in node_places(mesh))
-    found = fields_at(swept, waves, x, y)[0, :, 0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # the liner reaches both ends, on purpose
+        found = DuctSolver(case, FREQUENCY, mesh, modes=lined_modes).solve(TRUE).at(x, y)[0][0]
     mode, start = (down, 0.0) if source == "upstream" else (up, LENGTH)
     phase = torch.exp(-1j * mode.wavenumber[0, 0] * torch.as_tensor(x - start))
     wanted = mode.at(y)[0][0, 0] * phase
@@ -149,9 +146,9 @@ def _matched() -> dict[str, Any]:
     """Rigid-lined-rigid without flow, on the opposite wall, against 40 matched modes."""
     places = np.linspace(-0.05, 0.2, 26)
     case = DuctCase(UniformProfile(0.0, HEIGHT), -0.15, 0.3, (0.0, 0.15))
-    field = DuctSolver(case, FREQUENCY, keep="walls").solve(TRUE).wall_pressure(places)
+    field = DuctSolver(case, FREQUENCY).solve(TRUE).wall_pressure(places)
     matched = match_modes(HEIGHT, (0.0, 0.15), FREQUENCY, TRUE, modes=40).fields(places, HEIGHT)[0]
-    away = float((field - matched).abs().max() / matched.abs().max())
+    away = float(np.abs(field[0].numpy() - matched).max() / np.abs(matched).max())
     return _check("rigid-lined-rigid without flow against 40 matched modes", away, 1e-4)
 
 

@@ -73,10 +73,10 @@ def imported(path, names):
 def test_every_outlet_leads_somewhere(way):
     """Each row of the one table of ways up names a public record, and a function that takes it."""
     from torchliner import records
-    from torchliner.duct import field, settled
+    from torchliner.duct import solver
     from torchliner.records.outlets import OUTLETS, Drawn, Reported, Written, outlet
 
-    known = {name: each for room in (field, settled, records) for name, each in vars(room).items()}
+    known = {name: each for room in (solver, records) for name, each in vars(room).items()}
     for kind, ways in OUTLETS.items():
         record = known[kind]
         wanted = Drawn if "plot" in ways else Written if "write" in ways else Reported

@@ -235,7 +235,7 @@ ZEROS = torch.zeros(100)
         (lambda: onto_grid([0.0], [1.0]), "two samples at least"),
         (lambda: onto_grid(TIMES, ZEROS, 0.0), "rate of the grid .* is 0"),
         (lambda: onto_grid(TIMES, ZEROS, -5.0), "rate of the grid .* is -5"),
-        (lambda: onto_grid(TIMES, ZEROS, 50.0), "1 grid points"),
+        (lambda: onto_grid(TIMES, ZEROS, 50.0), r"has 1\.\d+ points"),
         (lambda: onto_grid(TIMES, ZEROS, math.nan), "rate of the grid"),
         (lambda: onto_grid([TIMES, TIMES], [ZEROS, ZEROS]), r"shape \(2, 100\)"),
         (lambda: onto_grid(TIMES, ZEROS + math.nan), "100 samples are nan or inf"),
@@ -258,10 +258,6 @@ def test_bad_input(call, message):
 
 @quiet
 def test_corrections_that_are_refused():
-    times = poisson(8e3, 0.1)
-    found = onto_grid(times, normal(len(times)), 32e3)
-    with pytest.raises(ValueError, match=r"grid of its own; use tone_attenuation\(signal, frequency\)"):
-        corrected_coherent_part(found, tone_attenuation(times, FREQUENCY, 32e3, "hold"))
     weak = onto_grid(poisson(3.2e3, 0.1), normal(len(poisson(3.2e3, 0.1))), 32e3)
     with pytest.raises(ValueError, match=r"leaves 0.2\d+ of the tone; a correction would raise noise"):
         corrected_coherent_part(weak, tone_attenuation(weak, FREQUENCY))
@@ -291,6 +287,6 @@ def test_study_runs(tmp_path, monkeypatch):
 def test_times_in_other_units_do_not_fill_the_memory():
     """Microseconds taken for seconds: 1e9 points of a grid for 1000 arrivals."""
     times = poisson(1e3, 1.0)
-    with pytest.raises(ValueError, match=r"points for \d+ arrivals, more than 1000 .* times in s"):
+    with pytest.raises(ValueError, match=r"points for \d+ arrivals; .* 1000 for each .* times in s"):
         onto_grid(1e6 * times, torch.ones_like(times), 1e3)
     assert onto_grid(times, torch.ones_like(times), 2e5).grid.samples > 1e5

@@ -163,6 +163,7 @@ def replaced(names, old, new):
         ({"names": replaced(PAIRED, "AT [ms]", "Time [ms]")}, r"'AT \[ms\]' is missing"),
         ({"names": replaced(PAIRED[:4], "LDA1 [m/s]", "Anode [V]")}, "no column 'LDA1"),
         ({"names": replaced(PAIRED, "LDA2 [m/s]", "LDA2 [knots]")}, "units 'knots'"),
+        ({"names": replaced(PAIRED, "LDA2 [m/s]", "LDA0 [m/s]")}, "channels count from 1"),
         ({"names": replaced(PAIRED, "AT [ms]", "AT [kg]")}, "units 'kg'.*time is needed"),
         ({"rows": [*BURSTS, ["4", "5,0", "20", "30", "1"]]}, "mixes decimal marks: line 10.*'5,0'"),
         ({"rows": [*BURSTS, ["4", "5.0", "20", "30", "1", "9"]]}, "line 10 has 6 cells, the head"),

@@ -15,7 +15,7 @@ from torchliner.duct import sweep as lee_sweep
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.rigid_spectrum import cut_on_frequency
+from torchliner.duct.modes import cut_on_frequency
 from torchliner.duct.solver import DuctSolver, solve_duct
 
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
@@ -32,25 +32,19 @@ def case_of(**about):
     ("about", "match"),
     [
         ({"end": -0.3}, r"duct length, end - start \(m\) is -0\.1"),
-        ({"end": math.nan}, "duct end is nan m; it must be finite"),
+        ({"end": math.nan}, "end is nan; it must be finite"),
         (
             {"liner": (0.0, 0.4)},
             r"from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m; move its edges",
         ),
-        ({"liner": (-0.21, 0.1)}, r"from x = -0\.21 to 0\.1 m lies outside"),
         ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m has the length -0\.1 m; it must be above 0"),
-        ({"liner": (0.1, 0.1)}, "has the length 0 m"),
         ({"liner": [(0.0, 0.1), (0.05, 0.15)]}, r"overlap: one ends at x = 0\.1 m, .* at 0\.05 m"),
         ({"liner": 0.15}, r"liner is 0\.15; it must be \(start, end\) in m"),
-        ({"liner": [1, 2, 3]}, r"liner is \[1, 2, 3\]; it must be \(start, end\) in m"),
         ({"source": "left"}, "unknown source 'left'"),
         ({"density": 0.0}, "density .* is 0"),
         ({"slip_condition": "myers"}, "unknown slip condition 'myers'"),
-        ({"incident": math.nan}, r"incident \(Pa\) is nan; it must be finite"),
-        ({"incident": complex(1, math.inf)}, r"incident \(Pa\) is \(1\+infj\)"),
-        ({"end_reflection": math.nan}, "end_reflection is nan; it must be finite"),
+        ({"incident": complex(1, math.inf)}, r"incident is \(1\+infj\)"),
         ({"source_reflection": torch.tensor([0.1, math.inf])}, r"source_reflection is tensor\(\["),
-        ({"incident_at": math.inf}, "incident_at is inf m; it must be finite"),
     ],
 )
 def test_cases_refused(about, match):
@@ -65,20 +59,13 @@ def test_ends_that_gain_are_doubted(name):
     case_of(**{name: np.exp(0.3j)})  # quiet
 
 
-def test_supersonic_flow_is_refused_by_the_profile():
-    with pytest.raises(ValueError, match="bulk_mach is 1; it must be"):
-        case_of(profile=UniformProfile(1.0, HEIGHT))
-    with pytest.raises(ValueError, match=r"centreline Mach number is 1\.0"):
-        case_of(profile=TanhProfile(0.95, HEIGHT))
-
-
 X, Y = np.array([-0.2, 0.0, 0.15, 0.35]), np.array([0.0, 0.02, 0.05])
 
 
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        ({"degree": 0}, "degree is 0; it must be at least 1"),
+        ({"degree": 0}, "degree is 0; it must be finite and above 0"),
         ({"x": X[::-1]}, "mesh x must be a list of increasing edges"),
         ({"y": Y[:1]}, "mesh y must be a list of increasing edges"),
         ({"x": X[:3]}, r"mesh x runs from -0\.2 to 0\.15 m, the duct from -0\.2 to 0\.35 m"),
@@ -93,7 +80,7 @@ def test_meshes_refused(change, match):
 def test_meshes_built():
     """Edges of the liner are met, cells grow to the wanted size, equal widths are one width."""
     case = case_of(profile=TanhProfile(0.3, HEIGHT, 0.1, SPEED), liner=[(0.0, 0.031), (0.05, 0.15)])
-    mesh = build_mesh(case, FREQUENCY, edge_cell=1e-3)
+    mesh = build_mesh(case, FREQUENCY)
     for edge in (-0.2, 0.0, 0.031, 0.05, 0.15, 0.35):
         assert np.abs(mesh.x - edge).min() < 1e-12
     rows = np.diff(mesh.y)
@@ -101,7 +88,6 @@ def test_meshes_built():
     assert rows.max() <= 0.01 + 1e-12
     assert rows == pytest.approx(rows[::-1], rel=1e-9)
     assert np.diff(mesh.x).max() <= 0.01 + 1e-12
-    assert np.diff(mesh.x)[0] == pytest.approx(1e-3)
     assert len(np.unique(mesh.widths)) < 0.5 * len(mesh.widths)
     assert mesh.widths == pytest.approx(np.diff(mesh.x), rel=1e-9)
     assert mesh.lined_widths.sum() == pytest.approx(0.131)
@@ -109,8 +95,8 @@ def test_meshes_built():
     assert build_mesh(case, 20e3).unknowns > 2 * build_mesh(case, FREQUENCY).unknowns
 
 
-@pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, math.inf])
-@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell", "edge_cell"])
+@pytest.mark.parametrize("size", [-1e-3, math.nan])
+@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell"])
 def test_sizes_that_make_no_mesh(name, size):
     """Doubling from 0 or below would never end."""
     with pytest.raises(ValueError, match=rf"mesh {name} \((m|Hz)\) is {size:g}; it must be finite"):
@@ -121,7 +107,6 @@ def test_coarse_meshes_are_named():
     """The shortest wave is the one against the flow; a fine mesh is quiet."""
     case = case_of(profile=PLUG, slip_condition="continuous-velocity")
     mesh = DuctMesh(case, np.linspace(-0.2, 0.35, 12), Y, 4)
-    assert mesh.points_per_wavelength(FREQUENCY) == pytest.approx(0.7 * SPEED / 1500 * 5 / 0.05)
     mesh.warn_if_coarse(FREQUENCY)  # quiet
     with pytest.warns(tl.DataWarning, match=r"2900 Hz: 8\.28 points per wavelength .* below 9 for"):
         mesh.warn_if_coarse(2900.0)
@@ -147,9 +132,9 @@ def test_near_ends_are_named():
     share = math.exp(-0.05 * math.sqrt((math.pi / 0.05) ** 2 - (2 * math.pi * 1500 / SPEED) ** 2))
     said = rf"50 mm from the upstream end: at 1500 Hz {100 * share:.2g} % .* at least 111 mm beyond"
     with pytest.warns(tl.DataWarning, match=said):
-        DuctSolver(case_of(start=-0.05), FREQUENCY, keep="walls")
+        DuctSolver(case_of(start=-0.05), FREQUENCY)
     with pytest.warns(tl.DataWarning, match="50 mm from the downstream end"):
-        DuctSolver(case_of(end=0.2), FREQUENCY, keep="walls")
+        DuctSolver(case_of(end=0.2), FREQUENCY)
 
 
 def test_ends_are_near_just_below_cut_on():
@@ -158,23 +143,17 @@ def test_ends_are_near_just_below_cut_on():
     profile = UniformProfile(0.3, HEIGHT)
     case = DuctCase(profile, -0.12, 0.27, (0.0, 0.15), slip_condition="ingard-myers")
     with pytest.warns(tl.DataWarning, match=r"lies 120 mm .* at 3200 Hz 19 % of mode 1"):
-        DuctSolver(case, 3200.0, keep="walls")
+        DuctSolver(case, 3200.0)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        DuctSolver(case, [900.0, 3200.0, 3600.0], keep="walls")
+        DuctSolver(case, [900.0, 3200.0, 3600.0])
     near, runs = (str(one.message) for one in told)
     assert "at 3200 Hz 19 % of mode 1" in near
     assert "at 3600 Hz mode 1 runs too" in runs
     assert {one.filename for one in told} == {__file__}
-    DuctSolver(case, 1500.0, keep="walls")  # quiet
+    DuctSolver(case, 1500.0)  # quiet
     b2a = tl.load_duct("b2a")
-    DuctSolver(b2a.case, b2a.frequency, keep="walls")  # quiet
-
-
-def test_negative_resistance_warns():
-    with pytest.warns(tl.DataWarning, match=r"negative resistance, -0\.1 at least"):
-        solve_duct(case_of(), FREQUENCY, -0.1 + 1j)
-    solve_duct(case_of(), FREQUENCY, -1e-12 + 1j)  # rounding: quiet
+    DuctSolver(b2a.case, b2a.frequency)  # quiet
 
 
 @pytest.mark.parametrize(
@@ -182,13 +161,15 @@ def test_negative_resistance_warns():
     [
         (math.nan, "impedance is nan; a hard wall is inf"),
         (-1.0, "impedance is -1, a wall that sends waves"),
-        (torch.ones(3), r"impedance has shape \(3,\); its last two axes must fit \(1, 1\)"),
         (torch.ones(2, 2, 1), r"shape \(2, 2, 1\); its last two axes must fit \(1, 1\)"),
-        (lambda x, f: torch.ones(len(x) + 1), "the impedance function returned shape"),
+        (
+            lambda x, f: torch.ones(len(x) + 1),
+            r"shape \(121,\); its last two axes must fit \(1, 120\): frequencies, places",
+        ),
     ],
 )
 def test_walls_refused(impedance, match):
-    solver = DuctSolver(case_of(), FREQUENCY, keep="walls")
+    solver = DuctSolver(case_of(), FREQUENCY)
     with pytest.raises(ValueError, match=match):
         solver.solve(impedance)
 
@@ -198,25 +179,16 @@ def test_slip_needs_a_condition():
     with pytest.raises(ValueError, match=said) as refused:
         DuctSolver(case_of(profile=PLUG), FREQUENCY)
     remedy = re.search(said, str(refused.value)).group(1)
-    DuctSolver(case_of(profile=PLUG, slip_condition=remedy), FREQUENCY, keep="walls")
-    DuctSolver(case_of(profile=PLUG, liner=()), FREQUENCY, keep="walls")
-
-
-@pytest.mark.parametrize("frequency", [0.0, -1.0, math.inf])
-def test_frequencies_refused(frequency):
-    with pytest.raises(ValueError, match="frequency"):
-        solve_duct(case_of(), frequency)
+    DuctSolver(case_of(profile=PLUG, slip_condition=remedy), FREQUENCY)
+    DuctSolver(case_of(profile=PLUG, liner=()), FREQUENCY)
 
 
 def test_solver_refusals():
     case = case_of()
+    with pytest.raises(ValueError, match="frequency"):
+        DuctSolver(case, math.inf)
     with pytest.raises(ValueError, match="built for another DuctCase"):
         DuctSolver(case, FREQUENCY, build_mesh(case_of(), FREQUENCY))
-    with pytest.raises(ValueError, match="unknown keep 'nothing'"):
-        DuctSolver(case, FREQUENCY, keep="nothing")
-    field = DuctSolver(case, FREQUENCY, keep="walls").solve(B2A)
-    with pytest.raises(ValueError, match="keep='all' to read fields inside"):
-        field.at(0.0, 0.0)
     field = solve_duct(case, FREQUENCY, B2A)
     with pytest.raises(ValueError, match=r"x = 0\.36 m lies outside the duct, -0\.2 to 0\.35 m"):
         field.at([0.0, 0.36], 0.01)
@@ -228,22 +200,20 @@ def test_solver_refusals():
         field.wall_pressure(0.0, "upper")
 
 
-@pytest.mark.parametrize("keep", ["walls", "all"])
-def test_memory_is_what_is_kept(keep, monkeypatch):
-    """The guard's bytes are those of the tensors; for the walls one frequency is swept at a time."""
+def test_memory_is_what_is_kept(monkeypatch):
+    """The guard's bytes are those of the tensors; one frequency is swept at a time."""
     monkeypatch.setattr(lee_sweep, "AT_ONCE", 1)
     case, frequency = case_of(), [800.0, 1000.0, 1200.0]
     mesh = build_mesh(case, 1200.0, degree=2)
-    swept = DuctSolver(case, frequency, mesh, keep=keep)._swept
-    held = [swept.upper, swept.lower, swept.reading[:, :-2], *swept.incoming]
+    swept = DuctSolver(case, frequency, mesh).swept
+    _, _, waves = next(swept.sweeps())
+    held = [swept.upper, swept.lower, swept.reading[:, :-2], *waves]
     size = sum(t.numel() * t.element_size() for t in held)
-    if keep == "walls":
-        every = DuctSolver(case, frequency[:1], mesh)._swept.incoming
-        size += sum(t.numel() * t.element_size() for t in every)
-    DuctSolver(case, frequency, mesh, keep=keep, memory=1.01 * size)
-    said = r"waves of \d+ unknowns take .* GB for 3 frequencies, above .* GB; "
-    with pytest.raises(ValueError, match=said + ("give keep='walls'" if keep == "all" else "take fewer freq")):
-        DuctSolver(case, frequency, mesh, keep=keep, memory=0.97 * size)
+    DuctSolver(case, frequency, mesh, memory=1.01 * size)
+    with pytest.raises(
+        ValueError, match=r"waves of \d+ unknowns take .* GB for 3 frequencies, above .*; take fewer freq"
+    ):
+        DuctSolver(case, frequency, mesh, memory=0.97 * size)
 
 
 def test_resonance_is_singular():

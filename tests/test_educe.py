@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 
 import numpy as np
@@ -287,7 +288,7 @@ def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypa
     plane, asked = plane_of(turbulence((3, 900))), [1000.0, FREQUENCY, 1700.0]
     whole = tl.educe(plane, liner, asked)
     assert bool(torch.isfinite(whole.coherence).all())
-    monkeypatch.setattr(reading, "MOST_BYTES", 0)
+    monkeypatch.setattr(reading, "MOST_OF_LINES", 0)
     bounded = tl.educe(plane, liner, asked)
     for name in ("coherence", "velocity_amplitude"):
         one, other = getattr(whole, name), getattr(bounded, name)
@@ -298,3 +299,27 @@ def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypa
         torch.testing.assert_close(whole.liner[averaging].low, bounded.liner[averaging].low)
     filtered = tl.educe(plane, liner, asked, averaging="admittance", wall_filter=0.1)
     assert bool(torch.isfinite(filtered.coherence).all())  # which rests on them
+
+
+def test_of_very_many_probes_fewer_blocks_are_kept(monkeypatch, liner):
+    """Z stays; the error bars are rougher, which is said. Moments larger than the plane are refused."""
+    plane = plane_of(turbulence((3, 1920)), x=[0.0, 1e-3, 2e-3])
+    whole = tl.educe(plane, liner, averaging="admittance")
+    monkeypatch.setattr(reading, "MOST_OF_SUMS", 9 * 8 * (19 * 3 + 2 * 4))
+    with pytest.warns(tl.DataWarning, match="of its 3 probes sums are kept over 9 blocks instead of 32"):
+        fewer = tl.educe(plane, liner, averaging="admittance")
+    torch.testing.assert_close(fewer.answer, whole.answer)
+    with pytest.raises(ValueError, match=r"sums over 4 blocks of 3 probes take .* GB, the velocity .*--region"):
+        tl.moments(plane_of(turbulence((3, 150))))
+
+
+def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, liner):
+    """Between the two readings."""
+    path = tmp_path / "plane.h5"
+    plane_of(turbulence((3, 1920)), x=[0.0, 1e-3, 2e-3]).write(path)
+
+    def change(_samples: int) -> None:
+        os.utime(path, ns=(1, 1))
+
+    with pytest.raises(OSError, match=r"plane\.h5.* was changed while it was read"):
+        tl.educe(tl.read_plane(path, lazy=True), liner, progress=change)

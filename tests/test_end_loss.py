@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.liners.catalogue import liner_text
-from torchliner.liners.end_loss import EndLossSDoFLiner
+from torchliner.liners.sdof import EndLossSDoFLiner
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -39,7 +39,7 @@ def solved_setup(*frequency, side="upstream", **changes):
 def solver_of(setup):
     """On a mesh that is fine enough for sound: the same equations make pressures and fit them."""
     mesh = build_mesh(setup.case, float(setup.frequency.max()), column=0.03, row=0.0125)
-    return DuctSolver(setup.case, setup.frequency, mesh, keep="walls")
+    return DuctSolver(setup.case, setup.frequency, mesh)
 
 
 def heard_in(setup, wall, solver):
@@ -65,7 +65,7 @@ def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes
 def of_preset(side, frequency, wall):
     """The preset between nearer ends, its solver and the pressures of a wall."""
     setup = load_duct("b2a", start=-0.2, end=0.35, frequency=[frequency], source_side=side)
-    return heard_in(setup, wall, DuctSolver(setup.case, setup.frequency, keep="walls"))
+    return heard_in(setup, wall, DuctSolver(setup.case, setup.frequency))
 
 
 @pytest.fixture(scope="module")
@@ -298,7 +298,7 @@ def test_bad_lines_are_refused(upstream):
 def test_several_patches_are_refused():
     setup = load_duct("b2a", profile="uniform", shear=None, liner=[(0.0, 0.05), (0.1, 0.15)],
                       impedance=[(1.0, 0.0), (2.0, 0.0)])  # fmt: skip
-    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = DuctSolver(setup.case, setup.frequency)
     line = solved_line(setup, solver.solve(setup.impedance))
     with pytest.raises(ValueError, match="2 lined patches; one impedance is fitted to one patch"):
         fit_field(line, solver)
@@ -307,7 +307,7 @@ def test_several_patches_are_refused():
 def test_the_duct_of_a_line(tmp_path):
     """From a file: the frequencies are the line's, the wall of the microphones the file's."""
     setup = solved_setup(900.0, 1500.0, wall="lined")
-    solver = DuctSolver(setup.case, setup.frequency, keep="walls")
+    solver = DuctSolver(setup.case, setup.frequency)
     line, _ = heard_in(setup, TRUE, solver)
     text = (
         duct_text("b2a").replace('profile = "tanh"', 'profile = "uniform"')
@@ -329,7 +329,7 @@ def test_a_fit_that_leans_on_a_growing_wave_says_so():
         for profile, slip in ((UniformProfile(0.3, 0.0635), "ingard-myers"),
                               (TanhProfile(0.3, 0.0635, 0.1), None))
     ]  # fmt: skip
-    flat, sheared = (DuctSolver(case, frequency, keep="walls") for case in cases)
+    flat, sheared = (DuctSolver(case, frequency) for case in cases)
     heard = flat.solve(0.8 + 0.4j).wall_pressure(x.numpy(), "opposite").detach().movedim(-1, -2)
     line = MicrophoneLine(
         x, heard, frequency, duct_height=0.0635, source_side="upstream", mach=0.3,

@@ -48,7 +48,7 @@ class Solver:
 def followed(path, *steps, until=None, **choices):
     """Standings at each change, and whether the wish was reached."""
     found: list = []
-    following = Following(path, tl.load_liner("polito"), until=until, **choices)
+    following = Following(Frames(path), tl.load_liner("polito"), until=until, **choices)
     reached = follow(following, found.append, every=1.0, idle=3.0, sleep=Solver(*steps))
     return found, reached, following
 
@@ -162,7 +162,7 @@ def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
     with pytest.raises(OSError, match="had 600 samples and has 300; it was replaced"):
         list(frames.new())
     with pytest.raises(ValueError, match="no samples have come"):
-        Following(tmp_path, tl.load_liner("polito")).moments()
+        Following(Frames(tmp_path), tl.load_liner("polito")).moments()
 
 
 def test_the_command(capsys, tmp_path, velocity, monkeypatch):
@@ -196,6 +196,25 @@ def test_the_command(capsys, tmp_path, velocity, monkeypatch):
     assert (code, "invalid choice" in err) == (2, True)  # there is no --reference-phase
 
 
+def test_a_terminated_command_leaves_its_moments(tmp_path, velocity):
+    """SIGTERM, which batch systems send, is as good as Ctrl-C; and what the file does not say is stated."""
+    with h5py.File(tmp_path / "plane.h5", "w") as file:
+        file["w"] = velocity.T.numpy()
+    words = "--variable w --axes time,x --velocity-units m/s --length-units mm --sampling-rate 42e3 --idle 99"
+    words += f" --x {tmp_path}/x.npy --liner polito --frequency 1400 -o {tmp_path}/m.h5"
+    np.save(tmp_path / "x.npy", 2.0 * np.arange(PROBES))
+    command = [sys.executable, "-m", "torchliner", "follow", str(tmp_path / "plane.h5"), *words.split()]
+    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        assert child.stdout.readline().startswith("samples")
+        assert child.stdout.readline().startswith(str(SAMPLES))
+        child.terminate()
+        assert child.stderr.read() == "torchliner: interrupted\n"
+    assert child.returncode == 130
+    found = tl.read_moments(tmp_path / "m.h5").plane
+    assert found.samples == SAMPLES
+    assert found.x.tolist() == pytest.approx([0, 2e-3, 4e-3, 6e-3])
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -204,7 +223,7 @@ def test_the_command(capsys, tmp_path, velocity, monkeypatch):
         ({"height": 2e-3}, "height is .* and 0.002"),
         ({"incident_level": 150.0}, "incident_level is .* and 150.0"),
         ({"start": 1400 / RATE}, "samples are missing between"),
-        ({"start": 0.0}, "holds nothing new"),
+        ({"start": 0.0}, "share 800 samples but not their values"),
     ],
 )
 def test_files_of_something_else_are_not_joined(tmp_path, velocity, change, words):
@@ -214,7 +233,7 @@ def test_files_of_something_else_are_not_joined(tmp_path, velocity, change, word
     assert sum(each.samples for each in frames.new()) == 1000
     other = dataclasses.replace(piece(velocity, 1000, 1800), **change)
     other.write(tmp_path / "v2.h5")
-    with pytest.raises(ValueError, match=rf"v2\.h5.*{words}"):
+    with pytest.raises(ValueError, match=words):
         list(frames.new())
 
 
@@ -226,7 +245,7 @@ def dated(plane, path, epoch=0.0):
         file["time"].attrs["units"] = f"seconds since 2024-01-01 00:00:{epoch:09.6f}"
 
 
-def test_files_are_joined_as_read_plane_joins_them(tmp_path, velocity):
+def test_files_are_joined_as_restarts_are(tmp_path, velocity):
     """By dates and not numbers, within 0.1 of a sample; an overlap has one value."""
     frames = Frames(tmp_path)
     dated(piece(velocity, 0, 900), tmp_path / "v1.h5")
@@ -243,12 +262,10 @@ def test_files_are_joined_as_read_plane_joins_them(tmp_path, velocity):
         (piece(late, 1600, 2000), "share 100 samples but not their values"),
     ):
         dated(plane, tmp_path / "v3.h5", epoch=0.01)
-        with pytest.raises(ValueError, match=rf"v3.h5 does not join .*{words}"):
-            list(frames.new())
         with pytest.raises(ValueError, match=words):
-            tl.read_plane(tmp_path / "v*.h5")
+            list(frames.new())
     dated(piece(velocity, 800, 2000), tmp_path / "v3.h5", epoch=0.01)
-    with pytest.warns(tl.DataWarning, match="begins 900 samples before the end"):
+    with pytest.warns(tl.DataWarning, match="samples of .*v3.h5.* count once"):
         (last,) = frames.new()
     assert torch.equal(last.velocity, velocity[:, 1700:2000])
 
@@ -284,7 +301,7 @@ def test_what_is_no_plane_is_refused_at_once(tmp_path, name, age):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "time", lambda: now + age)
         with pytest.raises((OSError, ValueError), match=rf"plane.h5.*{words}"):
-            follow(Following(path, tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep)
+            follow(Following(Frames(path), tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep)
     assert sleep.looks == (0 if age and name in NO_PLANES else 3)
 
 
@@ -293,7 +310,7 @@ def test_what_is_there_twice_counts_once(tmp_path, velocity):
     piece(velocity, 0, 1000).write(tmp_path / "v9.h5")
     piece(velocity, 980, 1800).write(tmp_path / "v10.h5")
     frames = Frames(tmp_path)
-    with pytest.warns(tl.DataWarning, match="20 samples before the end"):
+    with pytest.warns(tl.DataWarning, match="20 samples of .*v10.h5.* count once"):
         found = torch.cat([each.velocity for each in frames.new()], dim=-1)
     assert torch.equal(found, velocity[:, :1800])
 

@@ -11,7 +11,7 @@ from conftest import DATA, turbulence
 
 import torchliner as tl
 from torchliner.liners.cavity import cavity_impedance
-from torchliner.pressure.cavity_mouth import mouth_velocity_ratio
+from torchliner.pressure.dean import mouth_velocity_ratio
 
 RATE, FREQUENCY, DEPTH = 40000.0, 1400.0, 0.038
 FLUID = tl.Fluid()

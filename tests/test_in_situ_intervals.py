@@ -13,7 +13,7 @@ from test_in_situ import FREQUENCY, RATE, file_of, record_of, standing_wave
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.pressure.beside_maps import with_in_situ
+from torchliner.pressure.dean import with_in_situ
 
 AVERAGINGS = ("", "_pressure_first")
 

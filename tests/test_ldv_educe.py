@@ -228,7 +228,7 @@ def test_references_from_a_folder(tmp_path, capsys):
         (["--method", "cubic"], "invalid choice: 'cubic'"),
         (["-o", "line.json"], "--output line.json ends in '.json'"),
         (["-o", "missing/line.h5"], "the folder missing does not exist"),
-        (["--segment", "9"], "two segments of 9 s"),
+        (["--segment", "9"], "segments of 9 s"),
         (["--educe-at", "100:50:1"], "argument --educe-at"),
     ],
 )

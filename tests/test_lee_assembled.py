@@ -16,11 +16,10 @@ from scipy.sparse.linalg import spsolve
 from oracles.lee_assembled import solve_assembled
 from torchliner.duct.boundaries import EndModes
 from torchliner.duct.case import DuctCase
-from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.solver import solve_duct
-from torchliner.duct.sweep import sweep_duct
+from torchliner.duct.solver import fields_at, solve_duct
+from torchliner.duct.sweep import SweptDuct
 from verify_duct import node_places
 
 VELOCITY = "continuous-velocity"
@@ -136,7 +135,7 @@ def test_scikit_fem_gives_the_same(degree):
         still = torch.zeros(1, 2, len(y), dtype=torch.complex128)
         return EndModes(still[:, :, 0], torch.stack([along, 0 * along])[None], still)
 
-    swept = sweep_duct(case, mesh, frequency, True, entering)
+    swept = SweptDuct(mesh, frequency, entering)
     arriving = swept.reading[0, :-2]
     reflection = (B2A - 1) / (B2A + 1)
     one = torch.eye(len(arriving), dtype=torch.complex128)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import torchliner as tl
 from torchliner.engine.nodes import ANY_LINER, choose_nodes, interpolation_error
 from torchliner.liners.catalogue import preset_text
+from torchliner.liners.laws import LAWS
 from torchliner.liners.model import LinerModel, as_liner, named_numbers
-from torchliner.liners.sheets.table import LAWS
 
 PRESETS = (
     "double_layer_example",

@@ -10,7 +10,7 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.liners.sheets.table import LAWS
+from torchliner.liners.laws import LAWS
 from torchliner.report.table import format_complex
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -79,24 +79,15 @@ def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
 
 
 def test_other_moments_and_planes(tmp_path):
-    """A table's levels, no coordinates, several lines, probes left out, some of the blocks."""
+    """A table's levels, no coordinates, several lines, probes left out."""
     v = turbulence((8, 900))
     v[3, ::7] = torch.nan
     table = tl.TabulatedLiner([1000.0, 2000.0], np.full((2, 3), 2 + 1j), [0.0, 5.0, 40.0])
-    whole = tl.moments(plane_of(v.nan_to_num(), title="t"), frequency=[1400.0, 1000.0])
-    rows = [2, 5]
-    seen = dataclasses.replace(
-        whole.survey, **{key: getattr(whole.survey, key)[rows] for key in ("sums", "squares", "peaks", "gram")}
-    )
-    part = dataclasses.replace(
-        whole, survey=seen, only=(2, 5), locked=None, sums={"velocity": whole.sums["velocity"][rows]}
-    )
     cases = {
         "levels": tl.moments(plane_of(v.nan_to_num(), title="t"), table),
-        "lines": whole,
+        "lines": tl.moments(plane_of(v.nan_to_num(), title="t"), frequency=[1400.0, 1000.0]),
         "left out": tl.moments(plane_of(v, title="t"), missing="exclude"),
         "one probe": tl.moments(plane_of(v[0], title="t")),
-        "part": part,
     }
     for name, known in cases.items():
         known.write(tmp_path / "m.h5")
@@ -157,7 +148,6 @@ def _gone(name):
         (_head("blocks", borders=[0, 30, 20]), "attribute 'blocks': .*no blocks of 900 samples"),
         (_head("blocks", sampling_rate="fast"), "attribute 'blocks': .*fast"),
         (_head("blocks", harmonics=99), "attribute 'blocks': .*8 lines"),
-        (_head("blocks", only=[1, 2]), r":/line_sums has shape .*block is \(2,\)"),
         (_head("velocity", precision="int8"), "attribute 'velocity': has no 'int8'"),
         (_head("nodes", kind="levels"), "attribute 'nodes': has no 'kinks'"),
         (_head("nodes", count=20), r":/admittance_sums has shape .*node is \(20,\)"),

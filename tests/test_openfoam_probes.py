@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -103,6 +104,10 @@ def test_restarts_are_one_record(tmp_path):
     probes(tmp_path / "3e-05/U", changed, first=3)
     with pytest.raises(ValueError, match=r"3e-05/U begins 2 samples before .* at 4e-05 s .*0\.25"):
         opened(FORMAT, tmp_path)
+    for overlap, wanted in (("earlier", VALUES), ("later", np.concatenate([VALUES[:3], changed]))):
+        with pytest.warns(DataWarning, match=f"begins 2 samples before .*the {overlap} ones count"):
+            found = opened(FORMAT, tmp_path, PlaneRequest(normal="y", overlap=overlap))
+        assert np.array_equal(found, opened(FORMAT, probes(tmp_path / overlap, wanted)))
     probes(tmp_path / "3e-05/U", VALUES[7:], first=7)
     with pytest.raises(ValueError, match="lacks 2 frames, the first 2 after sample 4"):
         opened(FORMAT, tmp_path)
@@ -111,6 +116,15 @@ def test_restarts_are_one_record(tmp_path):
         opened(FORMAT, tmp_path)
     with pytest.raises(ValueError, match="no 'T' in the folders of its times; there are: U"):
         opened(FORMAT, tmp_path, PlaneRequest(variable="T", normal="y"))
+
+
+def test_times_of_too_few_digits_are_said(tmp_path):
+    """As the solver writes them from 1 s on, unless it is told otherwise."""
+    path = probes(tmp_path / "U")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(re.sub(r"^\s*\S+e-0\d", "1.00001", line) for line in lines) + "\n")
+    with pytest.raises(ValueError, match=r"have the same time, 1.00001 s.*timePrecision"):
+        opened(FORMAT, path)
 
 
 def test_all_of_an_overlap_is_compared(tmp_path):

@@ -80,6 +80,12 @@ def test_an_overlap_must_agree_and_is_said(tmp_path):
     other.velocity[1, 2, 3] += 0.25
     with pytest.raises(ValueError, match=r"share 5 samples .* up to 0.25 m/s, most at sample 3"):
         join_planes([piece(0, 30), other])
+    for overlap, taken in (("earlier", WHOLE.velocity[1, 2, 28]), ("later", other.velocity[1, 2, 3])):
+        with pytest.warns(tl.DataWarning, match=f"differ by up to 0.25 m/s; the {overlap} ones count"):
+            joined = join_planes([other, piece(0, 30)], overlap=overlap).load().velocity
+        assert joined[1, 2, 28] == taken
+        joined[1, 2, 28] = WHOLE.velocity[1, 2, 28]
+        assert torch.equal(joined, WHOLE.velocity)
     hole = piece(25, 60)
     hole.velocity[1, 2, 3] = torch.nan
     with pytest.raises(ValueError, match="differ by up to inf m/s"):

@@ -170,6 +170,14 @@ def test_faults(tmp_path, change, message):
         FORMAT.open(path, UP).load()
 
 
+def test_cells_without_sizes_are_refused(tmp_path):
+    """Their centres are half a cell from the corners that are stored."""
+    variables = measurement("fnc")
+    del variables["voxel_scales"]
+    with pytest.raises(ValueError, match=r"lacks voxel_scales.* half a cell off"):
+        FORMAT.open(store(tmp_path / "a.fnc", variables, True), UP)
+
+
 def test_one_face_of_several(tmp_path):
     path = store(tmp_path / "a.snc", measurement("snc", faces=(0, 1)), True)
     plane = FORMAT.open(path, PlaneRequest(normal="y", group="plane_1"))

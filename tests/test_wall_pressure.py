@@ -14,7 +14,7 @@ from conftest import relative_error
 import torchliner as tl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.duct.flow_profiles import UniformProfile
-from torchliner.duct.rigid_spectrum import cut_on_frequency
+from torchliner.duct.modes import cut_on_frequency
 from torchliner.names import CONDITIONS, WALL_METHODS, resolve
 from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.kumaresan_tufts import find_exponentials, kumaresan_tufts

@@ -1,4 +1,4 @@
-"""Blocks shared out: to workers that end, that lack files, formats or versions; in steps that are kept; by hand."""
+"""Blocks shared out: to workers that end, that lack files, formats or versions; in steps that are kept."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import os
 import re
 import signal
 import socket
+import subprocess
 import sys
-from itertools import pairwise
+import time
+from tempfile import TemporaryDirectory
 
 import pytest
 import torch
@@ -53,7 +55,7 @@ def read(monkeypatch):
     """Shares that are read, as they are."""
     seen = []
     whole = workers._rows
-    monkeypatch.setattr(workers, "_rows", lambda sent, share: seen.append(list(share)) or whole(sent, share))
+    monkeypatch.setattr(workers, "_rows", lambda sent, share: seen.append(share) or whole(sent, share))
     return seen
 
 
@@ -95,80 +97,34 @@ def test_other_questions_are_not_answered_by_what_is_kept(tmp_path, file, small,
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-@settings(max_examples=25)
-@given(st.lists(st.integers(0, 31), max_size=5), st.sampled_from(EVERY), st.randoms())
-def test_any_split_by_hand_gives_the_bits_of_one_reading(cuts, choices, random):
-    """Parts in any order; a second reading where the averaging needs one, and notes as of the whole."""
+@settings(max_examples=10)
+@given(st.integers(1, 8), st.sampled_from([*EVERY, {"missing": "exclude"}]), st.randoms())
+def test_jobs_of_an_array_make_one_record(jobs, choices, random):
+    """However many, in any order: the bits and notes of one reading. They are run until all shares are there."""
     v = turbulence((6, 960)).float() + torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(960))
-    plane = plane_of(v, x=2e-3 * torch.arange(6.0))
-    whole = tl.moments(plane, cell_pitch=6e-3, **choices)
-    edges = sorted({0, 32, *cuts})
-    spans = [range(low, high) for low, high in pairwise(edges)]
-    random.shuffle(spans)
-    found = tl.Moments.join([tl.moments(plane, cell_pitch=6e-3, blocks=span, **choices) for span in spans])
-    second = "phase-locked" in whole.sums or choices.get("mean") == "removed"
-    assert (found.only is not None) == second
-    if second:
-        given = found
-        found = tl.Moments.join(
-            [tl.moments(plane, cell_pitch=6e-3, blocks=span, given=given, **choices) for span in spans]
-        )
-    assert found.only is None
+    if "missing" in choices:
+        v[2, 100] = torch.nan
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as changed:
+        changed.setattr(workers, "SHARE", 960)  # six shares
+        plane_of(v, x=2e-3 * torch.arange(6.0)).write(f"{folder}/plane.h5")
+        plane = tl.read_plane(f"{folder}/plane.h5", lazy=True)
+        whole = tl.moments(plane, cell_pitch=6e-3, **choices)
+        order, rounds, done = random.sample(range(jobs), jobs), 0, [False]
+        while not all(done):
+            done = [tl.sum_share(plane, f"{folder}/kept", job, jobs, cell_pitch=6e-3, **choices) for job in order]
+            rounds += 1
+        assert rounds <= (1 if jobs == 1 else 4)
+        changed.setattr(workers, "_rows", None)  # nothing is read any more
+        found = tl.moments(plane, cell_pitch=6e-3, kept=f"{folder}/kept", **choices)
     assert same_bits(found, whole)
     assert found.notes == whole.notes
-    liner = tl.load_liner("polito").replace(cell_pitch=6e-3)
-    assert torch.equal(found.educe(liner, **choices).answer, whole.educe(liner, **choices).answer)
 
 
-def test_parts_travel_as_files(tmp_path, file):
-    """Of an array of jobs: each writes its part; the join of the first reading may be a file, too."""
-    plane, liner = tl.read_plane(file, lazy=True), tl.load_liner("polito")
-    halves = [range(0, 16), range(16, 32)]
-
-    def job(blocks, given=None):
-        path = tmp_path / f"{blocks[0]}.h5"
-        tl.moments(plane, liner, blocks=blocks, given=given).write(path)
-        return tl.read_moments(path)
-
-    tl.Moments.join([job(half) for half in halves]).write(tmp_path / "given.h5")
-    given = tl.read_moments(tmp_path / "given.h5")
-    with pytest.raises(ValueError, match=r"holds a part.*as given"):
-        given.educe(liner)
-    found = tl.Moments.join([job(half, given) for half in halves])
-    assert same_bits(found, tl.moments(plane, liner))
-
-
-def part(blocks, **changed):
-    about = {"cell_pitch": None, "averaging": "admittance", "frequency": 1400.0, "v": turbulence((3, 960))} | changed
-    v, frequency = about.pop("v"), about.pop("frequency")
-    return tl.moments(plane_of(v, frequency=frequency), blocks=blocks, **about)
-
-
-@pytest.mark.parametrize(
-    ("parts", "words"),
-    [
-        (lambda: [], "no part is given"),
-        (lambda: [part([0, 1]), part(range(1, 32))], "blocks 1 of .* are in several parts"),
-        (lambda: [part(range(5)), part(range(7, 32))], "blocks 5, 6 of .* are in no part"),
-        (lambda: [part(range(5)), part(range(5, 32), mean="removed")], "mean is kept and removed; reduce all"),
-        (lambda: [part(range(5)), part(range(5, 32), averaging="velocity")], "averaging is admittance and velocity"),
-        (lambda: [part(range(5)), part(range(5, 30), v=turbulence((3, 930)))], "samples is 960 and 930"),
-        (lambda: [part(range(5)), part(range(5, 32), v=turbulence((4, 960)))], r"shapes \(3,\) and \(4,\)"),
-        (lambda: [part(range(5)), part(range(5, 32), cell_pitch=0.01)], "cell_pitch is None and 0.01"),
-        (lambda: [part(range(5)), part(range(5, 32), frequency=1401.0)], "frequency is 1400.0 and 1401.0"),
-        (lambda: part([32]), r"blocks are \[32\]; .* has 32, 0 to 31"),
-        (lambda: part([1, 1]), r"blocks are \[1, 1\]"),
-        (lambda: part([]), r"blocks are \[\]"),
-        (lambda: part([1], missing="exclude"), "a part does not know the faults of others"),
-        (lambda: part([1], given=tl.Moments.join([part(range(32))])), "is complete: it needs no second reading"),
-        (lambda: part(None, given=part([1])), "given is of parts; name their blocks"),
-        (lambda: part([0], v=turbulence((3, 960)).index_fill(1, torch.tensor([7]), torch.nan)), "nan or inf at 3 of 3"),
-    ],
-)  # fmt: skip
-def test_parts_that_do_not_fit_are_refused(parts, words):
-    """What differs, overlaps or is missing is named."""
-    with pytest.raises(ValueError, match=words):
-        tl.Moments.join(parts())
+@pytest.mark.parametrize("job", [-1, 2])
+def test_jobs_that_do_not_exist_are_refused(tmp_path, file, job):
+    """With how many there are."""
+    with pytest.raises(ValueError, match="there are 2, numbered from 0"):
+        tl.sum_share(tl.read_plane(file, lazy=True), tmp_path, job, 2)
 
 
 def test_data_do_not_travel(tmp_path):
@@ -247,10 +203,9 @@ def test_planes_of_commands_go_through_a_cluster(capsys, file, client):
         ("nowhere.json", FileNotFoundError, "the scheduler writes it when it starts"),
     ],
 )
-def test_a_cluster_that_is_not_there(monkeypatch, where, kind, words):
+def test_a_cluster_that_is_not_there(where, kind, words):
     """Said with what would be right; nothing waits for ever."""
-    monkeypatch.setattr(cluster, "PATIENCE", 1)
-    with pytest.raises(kind, match=re.escape(words)), cluster.open_cluster(where):
+    with pytest.raises(kind, match=re.escape(words)), cluster.open_cluster(where, wait=1):
         pass
 
 
@@ -266,14 +221,37 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         pass
 
 
-def test_a_scheduler_without_workers_is_not_waited_for(monkeypatch):
-    """For longer than a while."""
+def test_workers_come_when_there_is_work(file):
+    """A cluster that adapts starts its first worker for tasks that wait; without any the wait ends."""
     import distributed
 
-    monkeypatch.setattr(cluster, "PATIENCE", 1)
-    with (
-        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as none,
-        pytest.raises(OSError, match="has no worker within 1 s"),
-        cluster.open_cluster(none.scheduler_address),
-    ):
-        pass
+    plane = tl.read_plane(file, lazy=True)
+    with distributed.LocalCluster(n_workers=0, threads_per_worker=1, dashboard_address=":0") as own:
+        with (
+            cluster.open_cluster(own.scheduler_address, wait=1) as client,
+            pytest.raises(OSError, match=r"has no worker within 1 s.*--wait"),
+        ):
+            tl.moments(plane, client=client)
+        own.adapt(maximum=2)
+        with cluster.open_cluster(own.scheduler_address, wait=60) as client:
+            assert same_bits(tl.moments(plane, cell_pitch=PITCH, client=client), tl.moments(plane, cell_pitch=PITCH))
+
+
+@pytest.mark.slow
+def test_a_lost_scheduler_is_said(tmp_path, file):
+    """With what to do."""
+    where = tmp_path / "scheduler.json"
+
+    def started(kind: str, *words: str) -> subprocess.Popen:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(where)]
+        return subprocess.Popen([*command, "--no-dashboard", *words], stderr=subprocess.DEVNULL)
+
+    with started("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
+        while not where.exists():
+            time.sleep(0.05)
+        with (
+            started("worker", "--nthreads", "1", "--death-timeout", "5"),
+            cluster.open_cluster(str(where), wait=5) as client,
+            pytest.raises(OSError, match=r"the scheduler of dask is gone.*start it again"),
+        ):
+            tl.moments(tl.read_plane(file, lazy=True), client=client, progress=lambda _: scheduler.kill())

@@ -31,7 +31,7 @@ from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
 from torchliner.duct.settled import solve_settled as solve_settled
 from torchliner.duct.solver import DuctSolver as DuctSolver
-from torchliner.duct.tabulated_profile import displacement_thickness as displacement_thickness
+from torchliner.duct.tables import displacement_thickness as displacement_thickness
 from torchliner.engine.kernels import build_kernels as build_kernels
 from torchliner.engine.levels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments
@@ -50,15 +50,15 @@ from torchliner.io.signal_file import read_signal as read_signal
 from torchliner.io.wall_file import read_wall as read_wall
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
-from torchliner.liners.end_loss import EndLossSDoFLiner as EndLossSDoFLiner
 from torchliner.liners.layered import Cavity as Cavity
 from torchliner.liners.layered import LayeredLiner as LayeredLiner
 from torchliner.liners.layered import sheet as sheet
 from torchliner.liners.multipole import Multipole as Multipole
 from torchliner.liners.multipole import fit_multipole as fit_multipole
+from torchliner.liners.plates import goodrich_resistance as goodrich_resistance
 from torchliner.liners.sdof import AdjustedSDoFLiner as AdjustedSDoFLiner
+from torchliner.liners.sdof import EndLossSDoFLiner as EndLossSDoFLiner
 from torchliner.liners.sdof import SDoFLiner as SDoFLiner
-from torchliner.liners.sheets.terms import goodrich_resistance as goodrich_resistance
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.pressure.dean import in_situ as in_situ
 from torchliner.pressure.fit_field import fit_field as fit_field
@@ -87,6 +87,7 @@ from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare_models import compare_models as compare_models
 from torchliner.studies.identify import identify as identify
+from torchliner.velocity.educe import sum_share as sum_share
 from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.velocity.level_curve import LevelCurve as LevelCurve
 from torchliner.velocity.replay import replay as replay
@@ -111,5 +112,5 @@ class _Choices(TypedDict, total=False):
     device: str | torch.device | None
     dtype: str | torch.dtype | None
 def educe(plane: Any, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
-def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, blocks: Iterable[int] | None=None, given: Moments | None=None, **choices: Unpack[_Choices]) -> Moments: ...
+def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, **choices: Unpack[_Choices]) -> Moments: ...
 def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, reference_phase: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...

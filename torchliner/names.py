@@ -21,6 +21,7 @@ SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
 WINDOWS = ("hann", "boxcar")  # of a replay
 MISSING = ("refuse", "exclude")
+OVERLAPS = ("refuse", "later", "earlier")  # of files of one run
 DTYPES = ("float32", "float64")
 AVERAGINGS = {  # over the probes of a cell: what is averaged
     "admittance": "the admittance: each probe is driven by its own velocity (the paper)",
@@ -38,7 +39,7 @@ FLOW_PROFILES = ("uniform", "tanh", "parabolic", "law-of-the-wall")  # stated by
 LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 LINER_MODELS = {  # classes by the ``model`` of liner files, whose keys are their fields
     "sdof": "torchliner.liners.sdof:SDoFLiner",
-    "sdof-end-loss": "torchliner.liners.end_loss:EndLossSDoFLiner",
+    "sdof-end-loss": "torchliner.liners.sdof:EndLossSDoFLiner",
     "table": "torchliner.liners.tabulated:TabulatedLiner",
     "adjusted-sdof": "torchliner.liners.sdof:AdjustedSDoFLiner",
     "layered": "torchliner.liners.layered:LayeredLiner",

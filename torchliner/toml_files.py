@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import reprlib
 import tomllib
@@ -23,7 +24,7 @@ MISTAKES = 20  # that a message lists
 class Strict(BaseModel):
     """A table whose keys are all known."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
 
 Table = TypeVar("Table", bound=Strict)
@@ -138,7 +139,7 @@ def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables
         ValueError: mistakes, all of them listed, each mistyped key with the nearest valid one.
     """
     try:
-        return model.model_validate(content)
+        return model.model_validate_json(json.dumps(content, default=str))  # strict, but for arrays, which are tuples
     except ValidationError as error:
         found = error.errors()
         mistakes = [_explain(mistake, model, tables) for mistake in found[:MISTAKES]]
@@ -164,5 +165,5 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
         return f"{place}: {name} is {stated}" + (f"; it is one of {', '.join(known)}" if known else "")
     if mistake["type"] == "list_type" and isinstance(mistake["input"], Mapping):
         return f"{place}: write [[{place}]], with two brackets, for each of its tables"
-    message = mistake["msg"].removeprefix("Value error, ")  # of our own checks
+    message = mistake["msg"].removeprefix("Value error, ").replace("an object", "a table")
     return f"{place} = {reprlib.repr(mistake['input'])}: {message[0].lower()}{message[1:]}"

@@ -5,9 +5,6 @@ known: tl.Moments = tl.moments(plane, liner)  # one reading; then any frequency,
 known.write("moments.h5")
 print(tl.read_moments("moments.h5").educe(liner, [1000.0, 1400.0]).answer)
 
-blocks = known.survey.blocks.count  # parts that are read by themselves hold some of them
-parts = [tl.moments(plane, liner, averaging="velocity", blocks=range(i, blocks, 2)) for i in (0, 1)]
-print(tl.Moments.join(parts).educe(liner, averaging="velocity").answer)
 growing = tl.GrowingMoments(plane, liner)  # of a plane that is still being written
 growing.update(plane.velocity)
 print(growing.educe(liner).answer)

@@ -180,7 +180,7 @@ def duct(bench: Bench) -> None:
     many_impedances(bench)
     many_draws(bench)
     works: dict[str, Callable[[], Any]] = {
-        "one mesh": lambda: solve_duct(CASE, FREQUENCY, IMPEDANCE, keep="walls"),
+        "one mesh": lambda: solve_duct(CASE, FREQUENCY, IMPEDANCE),
         "search for a growing wave": lambda: growing_wave(CASE.profile, FREQUENCY, IMPEDANCE),
         "both, and a finer mesh": lambda: solve_settled(CASE, FREQUENCY, IMPEDANCE, places=MICROPHONES),
     }
@@ -193,21 +193,17 @@ def many_impedances(bench: Bench) -> None:
     random = torch.rand(100, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     walls = torch.complex(0.2 + 3 * random[:, 0], 3 * random[:, 1] - 1.5)[:, None, None]
     frequency, mesh = torch.linspace(500, 2400, 20, dtype=torch.float64), mesh_of(17_000)
-    seconds, whole = bench.best(
-        lambda: DuctSolver(CASE, frequency, mesh, keep="walls").solve(walls).wall_pressure(MICROPHONES), 2
-    )
+    seconds, whole = bench.best(lambda: DuctSolver(CASE, frequency, mesh).solve(walls).wall_pressure(MICROPHONES), 2)
     chosen = [(7 * i % 100, 3 * i % 20) for i in range(8)]
 
     def one_by_one() -> list[torch.Tensor]:
-        return [
-            solve_duct(CASE, frequency[f], walls[z], mesh, keep="walls").wall_pressure(MICROPHONES) for z, f in chosen
-        ]
+        return [solve_duct(CASE, frequency[f], walls[z], mesh).wall_pressure(MICROPHONES) for z, f in chosen]
 
     slow, ones = bench.best(one_by_one, 1)
     error = max(float((one[0] - whole[z, f]).abs().max()) for one, (z, f) in zip(ones, chosen, strict=True))
     row("100 impedances x 20 frequencies, one batch", seconds)
     row("the same one by one (8 measured)", slow / len(chosen) * 2000, error=error)
-    solver = DuctSolver(CASE, frequency[:1], mesh, keep="walls")
+    solver = DuctSolver(CASE, frequency[:1], mesh)
     each, _ = bench.best(lambda: [solver.solve(z).wall_pressure(MICROPHONES) for z in walls[:20]], 2)
     row("one more impedance on a solver", each / 20)
 
@@ -220,12 +216,12 @@ def many_draws(bench: Bench) -> None:
         ("fit_field", frequency[10:11], 100, 4, tl.fit_field),
     )
     for name, asked, draws, measured, educe in works:
-        solver, over = DuctSolver(CASE, asked, keep="walls"), MICROPHONES[3:15]
+        solver, over = DuctSolver(CASE, asked), MICROPHONES[3:15]
         pressure = solver.solve(IMPEDANCE).wall_pressure(over).movedim(-1, -2)
         noisy = draw_pressures(pressure, draws, torch.Generator().manual_seed(0))
         line = tl.MicrophoneLine(over, noisy, asked, duct_height=HEIGHT, mach=0.3, source_side="upstream")
         seconds, whole = bench.best(lambda line=line, solver=solver, educe=educe: educe(line, solver), 1)  # type: ignore[misc]
-        solvers = [DuctSolver(CASE, one[None], keep="walls") for one in asked]
+        solvers = [DuctSolver(CASE, one[None]) for one in asked]
         chosen = [(i % draws, i % len(asked)) for i in range(measured)]
 
         def one_by_one(

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
-from torchliner.duct.boundaries import EndModes, plane_modes, wall_of
+from torchliner.duct.boundaries import EndModes, plane_modes, wall_matrices
 from torchliner.duct.case import DuctCase
 from torchliner.duct.columns import Rows, element_matrices
 from torchliner.duct.mesh import DuctMesh
@@ -55,8 +55,7 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
     along = n * (2 if flow else 1)
     ahead, back = slice(0, along), slice(along, along + n)
     up, down = slice(along + n, along + 2 * n), slice(along + 2 * n, along + 3 * n)
-    if case.liner:
-        wall = wall_of(impedance, mesh, basis, torch.tensor([k]), hertz, 0.0).reflection.numpy()[0]
+    wall = wall_matrices(impedance, mesh, basis, hertz).numpy()[0]
     ports = []
     for c, width in enumerate(mesh.widths.tolist()):
         steady, mass, *ports_of = element_matrices(width, basis, rows, flow)

@@ -137,7 +137,8 @@ def reason_row(record: PressureRecord, liner: SDoFLiner, case: str) -> ReasonRow
         found = educe(holes, liner, interval=None, **choices)
         return complex(found.liner["admittance"].impedance[0])
 
-    law = liner.speed_law(torch.tensor([frequency], dtype=torch.float64))
+    fast = 1e9  # m/s: all of the mass is lost, and the resistance grows in a straight line
+    rest, end = (complex(liner.impedance(frequency, v)) for v in (0.0, fast))
     return ReasonRow(
         case=case,
         true=true,
@@ -146,9 +147,9 @@ def reason_row(record: PressureRecord, liner: SDoFLiner, case: str) -> ReasonRow
         replayed=educed(),
         self_consistent=educed(phase="self-consistent"),
         of_rms=educed(drive="rms"),
-        quasi_steady=float(law.resistance + law.a * speed),
-        at_rest=float(law.reactance),
-        lowest=float(law.reactance - law.c),
+        quasi_steady=rest.real + (end.real - rest.real) * speed / fast,
+        at_rest=rest.imag,
+        lowest=end.imag,
         for_resistance=_needed(liner, frequency, true.real, "resistance"),
         for_reactance=_needed(liner, frequency, true.imag, "reactance"),
         nearest=reach(liner, frequency, FASTEST).nearest(true),

@@ -38,10 +38,8 @@ class ArrivalGrid:
     """A uniform grid from the first arrival to the last one, and the way of values onto it; nothing is extrapolated.
 
     Args:
-        arrival_times: s, increasing, float64, (N,).
-        rate: of the grid, Hz.
-        method: ``linear``, ``hold`` or ``band-limited``.
-        band: B of ``band-limited``, Hz.
+        arrival_times: s, increasing, float64, (N,).  rate: of the grid, Hz.
+        method: ``linear``, ``hold`` or ``band-limited``.  band: B of ``band-limited``, Hz.
         name: how messages call the data.
     """
 
@@ -67,18 +65,13 @@ class ArrivalGrid:
         band = BAND_SHARE * own if band is None else band
         require_positive("rate of the grid (Hz)", rate)
         require_positive("band (Hz)", band)
-        if seconds * rate > MOST_POINTS * max(len(times), FEWEST):
+        if not 1 <= seconds * rate + ROUNDING <= MOST_POINTS * max(len(times), FEWEST):
             raise ValueError(
-                f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {seconds * rate:.3g} points for {len(times)} "
-                f"arrivals, more than {MOST_POINTS} for each; are the times in s?"
+                f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {1 + seconds * rate:.3g} points for "
+                f"{len(times)} arrivals; two at least and {MOST_POINTS} for each at most are possible: are the times "
+                "in s?"
             )
-        grid = cls(times, float(rate), method, float(band), name)
-        if grid.samples < 2:
-            raise ValueError(
-                f"{name}: {seconds:g} s leave {grid.samples} grid points at {rate:g} Hz; two or more are needed, "
-                "take a longer record or a higher rate"
-            )
-        return grid
+        return cls(times, float(rate), method, float(band), name)
 
     @property
     def start(self) -> float:
@@ -146,8 +139,7 @@ def onto_grid(
     """Values at random times onto a uniform grid.
 
     Args:
-        arrival_times: s, increasing, (N,).
-        values: (N,), m/s or any unit.
+        arrival_times: s, increasing, (N,).  values: (N,), m/s or any unit.
         rate: of the grid, Hz; default twice the mean rate of the arrivals, and with a tone 16 steps a period at least,
             in whole steps. A finer grid adds points, no information.
         method: ``linear``, ``hold`` or ``band-limited``.
@@ -156,7 +148,7 @@ def onto_grid(
         name: how messages call the data.
     Raises:
         ValueError: times do not increase, fewer than two samples, nan, lengths that differ, a rate or band that is not
-            above 0, a grid of fewer than two points.
+            above 0, a grid of fewer than two points or more than 1000 for an arrival.
     Warns:
         DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
@@ -181,8 +173,9 @@ def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, 
         raise ValueError(f"{name}: {shapes}; both are (N,), of one station and two samples at least")
     bad, back = (~torch.isfinite(times + numbers)).nonzero(), (times.diff() <= 0).nonzero()
     if len(bad):
-        first = f"the first is sample {int(bad[0])}"
-        raise ValueError(f"{name}: {len(bad)} samples are nan or inf, {first}; leave these samples out")
+        raise ValueError(
+            f"{name}: {len(bad)} samples are nan or inf, the first is sample {int(bad[0])}; leave these samples out"
+        )
     if len(back):
         here, after = (float(times[int(back[0]) + i]) for i in (0, 1))
         raise ValueError(

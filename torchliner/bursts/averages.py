@@ -1,4 +1,4 @@
-r"""Averages over segments and stations, eqs (5.1) and (5.2), and how far each may be off.
+r"""Averages over segments and stations, eqs (5.1) and (5.2), how far each may be off, and their level check.
 
 (5.2) draws one segment a station, averages the admittances over the stations and then over the draws. The mean over all
 possible draws is the mean over stations of the mean over segments, so that no draw is needed for it; with the variances
@@ -9,14 +9,23 @@ For the latter results are computed without each segment of each station in turn
 measured one after another, so that their variances add, with the degrees of freedom of Welch and Satterthwaite. A mean
 over segments is also off because each segment is short and Z is not linear in R: by the mean of Z less Z of the mean R,
 right to second order. The bounds are without that bias, which is stated.
+
+The level check is that of planes (``velocity.level_check``), where a station is a cell of its own. Z and V of a station
+share no blocks of time: the interval adds their standard errors as independent ones. V errs by
+:math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself, from its coherence over n blocks. V of the line is a mean of
+phasors: with a reference channel they are relative to it, without one the times of all stations must count from one
+instant of the generator. If they do not, the mean of V is less than its mean size by more than noise and
+``level_limit`` allow. Sound along the line then has the mean size, which needs no clock; at normal incidence nothing is
+compared.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import torch
-from scipy.special import stdtrit
+from scipy.special import chdtri, ndtri, stdtrit
 from torch import Tensor
 
 from torchliner.conversions import (
@@ -24,13 +33,19 @@ from torchliner.conversions import (
     impedance_from_admittance,
     impedance_from_reflection,
     mean_impedance,
+    spl_from_pressure_amplitude,
 )
 from torchliner.engine import intervals
 from torchliner.engine.intervals import FEWEST_BLOCKS, FROM_REFLECTION, Conversion
-from torchliner.records import ImpedanceLine, Interval, LineAverage
+from torchliner.records import Gap, ImpedanceLine, Interval, LevelCheck, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
+from torchliner.records.level_check import gap_of
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
+from torchliner.velocity.level_check import implied_pressure, turned_back
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
+CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart
 SEED = 0  # of the Monte Carlo
 Scatter = tuple[Tensor, Tensor, Tensor]  # E|d|^2 and E[d^2] of deviations d, and the independent runs behind them
 
@@ -48,7 +63,7 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
             "with flagged='use'"
         )
     drawn = monte_carlo(each[used], counts[used], draws, SEED)
-    reflection, admittance = line.over_segments(line.reflection), line.over_segments(each)
+    admittance = line.over_segments(each)
     average = LineAverage(
         impedance=mean_impedance(admittance[used]),
         monte_carlo=mean_impedance(drawn),
@@ -57,15 +72,19 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
         interval=None,
         stations=int(used.sum()),
     )
-    if level is None or int(counts[used].min()) < FEWEST_BLOCKS:
-        return dataclasses.replace(line, average=average)
-    bias = admittance - admittance_from_reflection(reflection)
-    bias = bias if line.wall is None else torch.where(line.wall, 0, bias)
-    shares = together(scatter(each[used] / average.stations, counts[used]))
-    mean, off = admittance[used].mean(0), bias[used].mean(0)
-    average = dataclasses.replace(average, interval=interval_of(mean, shares, level, FROM_ADMITTANCE, off))
-    known = int(counts.min()) >= FEWEST_BLOCKS
-    interval = station_intervals(line.reflection, counts, level) if known else None
+    interval = None
+    if level is not None and int(counts[used].min()) >= FEWEST_BLOCKS:
+        bias = admittance - admittance_from_reflection(line.over_segments(line.reflection))
+        bias = bias if line.wall is None else torch.where(line.wall, 0, bias)
+        power, square, runs = scatter(each[used] / average.stations, counts[used])
+        # Of what all stations contribute to, as they are independent.
+        whole, share = power.sum(0), (power**2 / (runs - 1)).sum(0)
+        runs = torch.where(share > 0, 1 + whole**2 / share.clamp(min=1e-300), runs.sum(0))
+        found = whole, square.sum(0), runs
+        own = interval_of(admittance[used].mean(0), found, level, FROM_ADMITTANCE, bias[used].mean(0))
+        average = dataclasses.replace(average, interval=own)
+        if int(counts.min()) >= FEWEST_BLOCKS:
+            interval = station_intervals(line.reflection, counts, level)
     return dataclasses.replace(line, average=average, interval=interval)
 
 
@@ -116,20 +135,74 @@ def scatter(segments: Tensor, counts: Tensor) -> Scatter:
     return power, square, runs
 
 
-def together(of_stations: Scatter) -> Scatter:
-    """Of what all stations contribute to, (N, ...) to (...), as they are independent."""
-    power, square, runs = of_stations
-    whole, share = power.sum(0), (power**2 / (runs - 1)).sum(0)
-    return whole, square.sum(0), torch.where(share > 0, 1 + whole**2 / share.clamp(min=1e-300), runs.sum(0))
-
-
 def interval_of(
     value: Tensor, found: Scatter, level: float, conversion: Conversion, bias: Tensor | None = None
 ) -> Interval:
     """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    parts = (value, 0 * value if bias is None else bias, power, square, quantile, runs)
-    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
-    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
+    parts = value, 0 * value if bias is None else bias, power, square, quantile, runs
+    flat = intervals.impedance_interval(*(part.flatten() for part in parts), conversion)
     return flat.map(lambda each: each.reshape(value.shape))
+
+
+def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
+    """Of the average, and of each station, against the stated level; or why there is none."""
+    known = stated_pressure(line, line.frequency, line.choices["tone"])
+    if isinstance(known, str) or line.average is None:
+        return known if isinstance(known, str) else "not checked: the line has no average"
+    kind, words, pressure = known
+    used, own, error = line.used, line.velocity_amplitude, _velocity_error(line)
+    turns = torch.ones_like(own)
+    if kind != INCIDENT:
+        turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency, float(line.fluid.sound_speed))
+    size, count = own[used].abs(), line.average.stations
+    mean, spread = (turns * own)[used].mean(0), (size * error[used]).square().sum(0).sqrt() / count
+    # The mean of V in shares of its mean size, and the least of it that noise leaves on one clock.
+    share = mean.abs() / size.mean(0)
+    noise = (size * error[used].clamp(max=1).square()).mean(0) / 2 / size.mean(0)
+    least = (1 - noise * float(chdtri(max(1, count - 1), CHANCE)) / count) / 10 ** (choices.level_limit / 20)
+    apart = (share < least) & ~pressure.isnan() & (not line.choices["referred"])
+    if bool(apart.any()):
+        if kind == INCIDENT:
+            return (
+                "not checked: without a reference channel the phases of V at the stations disagree, its mean is "
+                f"{float(share[apart]):.2f} of its mean size (on one clock {float(least[apart]):.2f} at least). Give a "
+                "reference channel, or count the times of all stations from one instant of the generator"
+            )
+        words = f"{words}, mean size of V, as the phases of the stations disagree"
+        mean = torch.where(apart, size.mean(0), mean)
+    # The whole line first, then its stations.
+    z, velocity = torch.cat([line.average.impedance[None], line.impedance]), torch.cat([mean[None], own])
+    height = torch.cat([line.y[used].nanmean()[None], line.y]).nan_to_num()[:, None] * (kind == INCIDENT)
+    ratio = implied_pressure(kind, line.fluid, line.frequency, height, z, velocity) / pressure
+    ends, intervals = None, (line.average.interval, line.interval)
+    if choices.interval is not None and intervals[0] is not None and intervals[1] is not None:
+        of_z = torch.cat([intervals[0].standard_error[None], intervals[1].standard_error])
+        value = z + velocity[:1] / velocity if kind == INCIDENT else z
+        of_value = torch.hypot(value.real * of_z.real, value.imag * of_z.imag) / value.abs() ** 2
+        of_size = torch.hypot(of_value, torch.cat([(spread / mean.abs())[None], error]))
+        reach = float(ndtri(0.5 + choices.interval / 2)) * torch.complex(of_size, torch.zeros_like(of_size))[None]
+        ends = -reach, reach
+    gap = vars(gap_of(ratio[None], ends, False)).values()
+    return LevelCheck(
+        averagings=("stations",),
+        averaging="stations",
+        known=words,
+        kind=kind,
+        pressure_level=spl_from_pressure_amplitude(pressure),
+        limit=choices.level_limit + choices.level_uncertainty,
+        uncertainty=choices.level_uncertainty,
+        confidence=choices.interval if ends else None,
+        liner=Gap(*(value[:, 0] for value in gap)),
+        cells=Gap(*(value[:, 1:] for value in gap)),
+    )
+
+
+def _velocity_error(line: ImpedanceLine) -> Tensor:
+    """Standard error of the size of V over itself, (N, F)."""
+    start, segment = line.segment_start, float(line.choices["segment"])
+    length = torch.nan_to_num(start, nan=-math.inf).amax(1, keepdim=True) - start[:, :1] + segment
+    pieces = (length / segment * line.choices["blocks"]).clamp(min=1)
+    coherence = line.coherence.clamp(min=1e-12, max=1.0)
+    return ((1 - coherence) / (2 * pieces * coherence)).sqrt()

@@ -12,10 +12,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.bursts.averages import average_line
+from torchliner.bursts.averages import average_line, line_level_check
 from torchliner.bursts.choices import StationChoices, split_choices
-from torchliner.bursts.level_check import line_level_check
-from torchliner.bursts.line_notes import notes_of
+from torchliner.bursts.segments import DAMPED
 from torchliner.bursts.station import CASE, educe_station
 from torchliner.checks import phase_tensor, tell
 from torchliner.engine.workers import tasks_in_order
@@ -23,6 +22,7 @@ from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import BurstRecord, ImpedanceLine, LevelCheck, ReferenceChannel
+from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of, with_choices
 from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
@@ -30,6 +30,8 @@ from torchliner.version import __version__
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
 OF_LINE = ("frequency", "goodrich")  # tensors that are those of the whole line
+ARRIVALS_A_PERIOD = 8.0  # warned of below
+SHOWN = 4  # names in a warning
 LISTS = ("names", "flags", "dropped", "station_notes")
 
 
@@ -47,10 +49,10 @@ def educe_bursts(
 ) -> ImpedanceLine:
     """Impedance along a line of stations of bursts, segment by segment, and its averages.
 
-    Each station is put on a uniform grid, cut into overlapping segments, and these are educed as one batch. A station's
-    result depends on no other station. The paper to the letter is ``educe_bursts(stations, liner, frequency,
-    correction="none", window="hann", flagged="use")``: linear interpolation, segments of 1 s that overlap by half,
-    Hann's window, mean of Z over segments (5.1), mean of admittances over stations (5.2), 5000 draws as a check.
+    Each station, by itself, is put on a uniform grid and cut into overlapping segments, which are educed as one batch.
+    The paper to the letter is ``educe_bursts(stations, liner, frequency, correction="none", window="hann",
+    flagged="use")``: linear interpolation, segments of 1 s that overlap by half, Hann's window, mean of Z over segments
+    (5.1), mean of admittances over stations (5.2), 5000 draws as a check.
 
     Args:
         stations: file or folder, as for ``read_bursts``; or records; or what ``list_stations`` returns, which is read
@@ -81,23 +83,20 @@ def educe_bursts(
         flagged stations do not count in averages, intervals.
     """
     model, (own, chosen) = as_liner(liner), split_choices(choices)
-    if reference_phase is not None and chosen.phase != "given":
-        raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     if reference_phase is not None:
+        if chosen.phase != "given":
+            raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
         reference_phase = phase_tensor(reference_phase).reshape(-1).tolist()
     tasks = _tasks(stations, reference, reference_phase)
-    keys, shared = [""] * len(tasks), (model, frequency, own, chosen)
-    done: list[ImpedanceLine | None] = [None] * len(tasks)
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    if kept is not None:
-        about = frequency, own, chosen.describe()
-        keys = [_digest(model, each, _channel(channel, each), phase, *about) for each, channel, phase in tasks]
-        done = [kept.load(key) for key in keys]
+    about = frequency, own, chosen.describe()
+    keys = [_digest(model, task, *about) if kept else "" for task in tasks]
+    done = [kept.load(key) if kept else None for key in keys]
     missing = [task for task, part in zip(tasks, done, strict=True) if part is None]
-    made, lines = tasks_in_order(client, _read_and_educe, shared, missing), []
+    made, lines = tasks_in_order(client, _read_and_educe, (model, frequency, own, chosen), missing), []
     for key, part in zip(keys, done, strict=True):
         if part is None:
-            part = next(made) if kept is None else kept.keep(key, next(made))
+            part = kept.keep(key, next(made)) if kept else next(made)
         lines.append(part)
         if progress is not None:
             progress(1)
@@ -147,9 +146,8 @@ def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
 def _read_and_educe(
     model: LinerModel, frequency: Any, own: StationChoices, chosen: Choices, station: Station, channel: Any, phase: Any
 ) -> ImpedanceLine:
-    channel = _channel(channel, station)
     record = station.read() if isinstance(station, StationSource) else station
-    return educe_station(record, model, frequency, own, chosen, channel, phase)
+    return educe_station(record, model, frequency, own, chosen, _channel(channel, station), phase)
 
 
 def _inputs(tasks: Sequence[tuple[Station, Any, Any]], liner: LinerModel) -> Iterator[tuple[str, str]]:
@@ -203,8 +201,9 @@ def _case(line: ImpedanceLine) -> dict[str, Any]:
     }
 
 
-def _digest(liner: LinerModel, station: Station, channel: ReferenceChannel | None, *more: Any) -> str:
+def _digest(liner: LinerModel, task: tuple[Station, Any, Any], *more: Any) -> str:
     """Hash of what a finished station follows from, 32 hexadecimal digits: the name of a table says too little."""
+    station, channel, phase = task[0], _channel(task[1], task[0]), task[2]
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
     with torch.no_grad():
@@ -213,8 +212,46 @@ def _digest(liner: LinerModel, station: Station, channel: ReferenceChannel | Non
             for f in torch.linspace(float(low), float(high), 9).tolist()
         ]
     facts += [station.digest()] if isinstance(station, StationSource) else vars(station).values()
-    facts += [station.name, liner.describe(), *more, *([] if channel is None else vars(channel).values())]
+    facts += [station.name, liner.describe(), phase, *more, *([] if channel is None else vars(channel).values())]
     digest = hashlib.sha256(__version__.encode())
     for fact in facts:
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
     return digest.hexdigest()[:32]
+
+
+def notes_of(line: ImpedanceLine) -> Iterator[Note]:
+    """One note for each thing about a line that is doubtful, with numbers."""
+    count, choices, rate = line.stations, line.choices, float(line.rate.min())
+    flagged = [i for i, flags in enumerate(line.flags) if flags]
+    if flagged:
+        shown = ", ".join(line.names[i] for i in flagged[:SHOWN]) + ", ..." * (len(flagged) > SHOWN)
+        counted = "count in the averages all the same" if bool(line.used.all()) else "do not count in the averages"
+        text = f"{len(flagged)} of {count} stations are flagged and {counted}: {shown}; the first: "
+        yield Note("flagged-stations", text + line.flags[flagged[0]][0])
+    for i, f in enumerate(line.frequency.tolist()):
+        sizes, share = line.attenuation[:, i].abs(), float(line.phase_held[:, i].mean())
+        if float(sizes.min()) < DAMPED:
+            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the"
+            mended = "the tone is corrected, the turbulence is not"
+            mended = mended if bool(line.corrected[:, i].all()) else "it is not corrected there"
+            yield Note("damped-tone", f"{text} stations (least {float(sizes.min()):.3f}); {mended}")
+        if rate < ARRIVALS_A_PERIOD * f:
+            text = f"{rate / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g})"
+            yield Note("few-arrivals", f"{text}: |v(t)| between them is guessed")
+        if line.wall is not None:
+            text = f"wall filter: {int(line.wall[:, i].sum())} of {count} stations have a squared coherence below"
+            text = f"{text} {choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0, in the averages"
+            yield Note("wall-filter", text)
+        if share < 1:
+            text = f"self-consistent phase: at {f:g} Hz it held in {100 * share:.3g} % of the segments; the others,"
+            yield Note("phase-fell-back", f"{text} with too little coherence, are 'averaged' instead")
+        check = line.level_check
+        if check is not None and (sentence := check.sentence("stations", f, i)):
+            yield Note("level-check", sentence)
+    noted = [i for i, notes in enumerate(line.station_notes) if notes]
+    if noted:
+        text = f"{len(noted)} of {count} stations have notes of their own (station_notes); the first, of "
+        yield Note("station-notes", f"{text}{line.names[noted[0]]}: {line.station_notes[noted[0]][0]}")
+    if line.interval is None and choices["interval"] is not None:
+        text = f"no error bars: a station has {int(line.segments.min())} segments, four are the least"
+        yield Note("no-intervals", text)

@@ -9,8 +9,7 @@ from typing import Any
 import torch
 
 from torchliner.bursts.choices import StationChoices
-from torchliner.bursts.segment_means import follow_reference, segment_means
-from torchliner.bursts.segments import cut_into_segments
+from torchliner.bursts.segments import cut_into_segments, follow_reference, segment_means
 from torchliner.bursts.stations import Station
 from torchliner.checks import stated_frequency
 from torchliner.engine.phase import PHASE_RULES, Sound
@@ -36,16 +35,9 @@ def educe_station(
     reference: ReferenceChannel | None = None,
     reference_phase: float | None = None,
 ) -> ImpedanceLine:
-    """One station, which depends on no other: a line of N = 1 without average and intervals.
+    """One station, which depends on no other: a line of N = 1 without average and intervals; see ``educe_bursts``.
 
-    Args:
-        record: bursts as read.  liner: its model.
-        frequency: Hz, one or several; None takes the record's tone.
-        own, choices: from bursts to segments; of the eduction.
-        reference: channel that carries the phase of the sound.
-        reference_phase: psi in rad for ``given``, see ``educe_bursts``.
-    Raises:
-        ValueError: see ``educe_bursts``.
+    ``own`` are from bursts to segments, ``choices`` of the eduction; the record is as read.
     """
     liner, station = liner.in_flow(record.mach), Station.of(record, own.filters)
     kept, flags = station.kept, station.flags
@@ -71,9 +63,7 @@ def educe_station(
         phases, velocity, coherence = follow_reference(cut, reference, wanted, known)
     held = ((coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     sound = Sound(velocity, held, phases + (reference_phase or 0.0))
-    reflection = PHASE_RULES[choices.phase](known.a, known.b, sound)
-    if reference is None:
-        coherence = steady
+    coherence = steady if reference is None else coherence
     notes = [
         *kept.notes,
         *texts(known.moments.notes),
@@ -104,7 +94,7 @@ def educe_station(
         "longest_gap": grid.longest_gap[0],
     }
     tensors: dict[str, Any] = {
-        "reflection": reflection,
+        "reflection": PHASE_RULES[choices.phase](known.a, known.b, sound),
         "segment_start": cut.start,
         "velocity_amplitude": 2 * (known.velocity * torch.exp(-1j * phases)).mean(0),
         "coherence": coherence,

@@ -71,7 +71,7 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
                 raise ValueError(f"{record.name}: {reason} at {counts[reason]} of {record.bursts} bursts; {remedy}")
         record = record.keep(step > 0, counts)
     for reason, limit, faulty in (
-        (ZERO_RUN, filters.zero_runs, _in_zero_run),
+        (ZERO_RUN, filters.zero_runs, lambda values, _, limit: run_lengths(values == 0) >= limit),
         (OUTLIER, filters.outliers, _outlying),
     ):
         if limit is not None:
@@ -85,11 +85,6 @@ def run_lengths(flag: Tensor) -> Tensor:
     starts = torch.cat([torch.ones(1, dtype=torch.bool), flag[1:] != flag[:-1]])
     member = starts.cumsum(0) - 1
     return torch.where(flag, torch.bincount(member)[member], 0)
-
-
-def _in_zero_run(values: Tensor, weights: Tensor, shortest: float) -> Tensor:
-    """Values of 0 in runs of at least so many, bool, (N,)."""
-    return run_lengths(values == 0) >= shortest
 
 
 def _outlying(values: Tensor, weights: Tensor, limit: float) -> Tensor:
@@ -113,12 +108,7 @@ def resolution(values: Tensor) -> float:
 
 @dataclass(frozen=True)
 class ComponentMoments:
-    """Of one velocity component; central moments about the mean of the same weighting.
-
-    Args:
-        mean, rms: m/s.  third: mean of the cube of the fluctuation, m3/s3.
-        weighted_mean, weighted_rms, weighted_third: the same with transit times as weights.
-    """
+    """Mean and rms (m/s) and third moment (m3/s3) about the mean, plain and with transit times as weights."""
 
     mean: float
     rms: float
@@ -178,12 +168,7 @@ def burst_moments(record: BurstRecord) -> BurstMoments:
 
 @dataclass(frozen=True)
 class Station:
-    """One station as read, as kept, and judged.
-
-    Args:
-        raw, kept: bursts as read, and those that pass the filters.
-        moments: of those kept.
-    """
+    """One station: bursts as read, those that pass the filters, and the moments of these."""
 
     raw: BurstRecord
     kept: BurstRecord

@@ -30,10 +30,8 @@ class ToneAttenuation:
     """The factors of a tone's line for given arrivals: line = factor A + image A*.
 
     Args:
-        factor, image: G and H, complex128, (F,).
-        frequency: Hz, (F,).
-        grid: with the arrivals and the method that they hold for.
-        weights: of the window, (T,).
+        factor, image: G and H, complex128, (F,).  frequency: Hz, (F,).
+        grid: with the arrivals and the method that they hold for.  weights: of the window, (T,).
     """
 
     factor: Tensor
@@ -110,16 +108,12 @@ def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *,
     tones are treated one by one.
 
     Args:
-        signal: from ``onto_grid``.
         attenuation: from ``tone_attenuation`` of that signal.
         noise: take out the whole reconstruction of the tone, the noise that it made of it too.
     Raises:
-        ValueError: the attenuation is that of another signal; a factor below 0.3 (the correction would raise noise by
-            more than 3).
+        ValueError: a factor below 0.3 (the correction would raise noise by more than 3).
     """
     grid, frequency, smallest = signal.grid, attenuation.frequency, float(attenuation.factor.abs().min())
-    if attenuation.grid is not grid:
-        raise ValueError(f"{grid.name}: the attenuation has a grid of its own; use tone_attenuation(signal, frequency)")
     if smallest < LEAST_FACTOR:
         raise ValueError(
             f"{grid.name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise "

@@ -13,7 +13,6 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from torchliner import ranges
-from torchliner.campaign.inputs import NAMED
 from torchliner.file_names import unique_names
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES
@@ -21,7 +20,7 @@ from torchliner.records.origin import series_of
 from torchliner.toml_files import Strict, one_of, parse_toml, read_text, validated
 from torchliner.velocity.choices import Choices
 
-REQUEST = tuple(field.name for field in fields(PlaneRequest))
+NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
 
 
 def _listed(value: Any) -> Any:
@@ -61,13 +60,20 @@ class PlanesTable(Strict):
     z: str | None = None
     points: str | None = None
 
+    def case(self, path: Path, name: str, liners: list[str], folder: Path) -> Case:
+        """One of its planes; ``liners`` of the whole campaign win, paths begin at ``folder``."""
+        stated = self.model_dump(exclude_none=True, exclude={"files", "liner", "in_situ"})
+        layout = {field.name for field in fields(PlaneRequest)}
+        request = {key: stated.pop(key) for key in [*stated] if key in layout}
+        request |= {key: _beside(folder, request[key]) for key in NAMED if key in request}
+        named = liners or ([] if self.liner is None else [self.liner])
+        shown = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+        in_situ = None if self.in_situ is None else folder / self.in_situ
+        return Case(path, name, shown, stated, request, tuple(_liner(folder, each) for each in named), in_situ)
 
-FACTS = tuple(name for name in PlanesTable.model_fields
-              if name not in ("files", "liner", "in_situ", *REQUEST))  # fmt: skip
+
 _NAMES = [field.name for field in fields(Choices)]
-ChoicesTable: type[Strict] = create_model(
-    "ChoicesTable", __base__=Strict, **dict.fromkeys(_NAMES, (Any, None))  # type: ignore[call-overload]
-)  # fmt: skip
+ChoicesTable: type[Strict] = create_model("ChoicesTable", __base__=Strict, **dict.fromkeys(_NAMES, (Any, None)))  # type: ignore[call-overload]
 
 
 class CampaignTable(Strict):
@@ -83,12 +89,16 @@ class CampaignTable(Strict):
 
     @model_validator(mode="after")
     def _check_choices(self) -> CampaignTable:
-        for each in choice_sets(self.choices.model_dump(exclude_unset=True)):  # type: ignore[attr-defined]
+        for each in self.choice_sets():
             try:
                 Choices(**each)
             except TypeError as error:
                 raise ValueError(f"choices: {error}") from None
         return self
+
+    def choice_sets(self) -> list[dict[str, Any]]:
+        """Every combination of the choices of which several values are stated."""
+        return choice_sets(self.choices.model_dump(exclude_unset=True))  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
@@ -137,12 +147,10 @@ class Campaign:
 
 
 def choice_sets(stated: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Every combination of the choices of which several values are stated."""
+    """Every combination of values of which some are lists; ``interval = false`` is None, for which TOML has no word."""
     lists = {key: _listed(value) for key, value in stated.items()}
     sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
-    # TOML has no word for nothing.
-    return [{k: None if k == "interval" and v is False else v for k, v in each.items()}
-            for each in sets]  # fmt: skip
+    return [{k: None if k == "interval" and v is False else v for k, v in each.items()} for each in sets]
 
 
 def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaign:
@@ -150,68 +158,61 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
 
     Args:
         path: TOML.
-        output: folder for the results, in the place of the one stated; default ``NAME_results``
-            beside the file.
+        output: folder for the results, in the place of the one stated; default ``NAME_results`` beside the file.
     Raises:
         FileNotFoundError: no such file; a pattern that no file matches.
-        ValueError: mistakes, all of them listed; a file that is named twice.
+        ValueError: mistakes, all of them listed; a file that is named twice; a stated output outside of the folder.
     """
     path = Path(path)
     tables: dict[str, type[Strict]] = {"planes": PlanesTable, "choices": ChoicesTable}
     table = validated(CampaignTable, parse_toml(read_text(path), path), path, tables)
     folder = path.absolute().parent
-    target = Path(output or folder / (table.output or f"{path.stem}_results"))
+    target = Path(output) if output else folder / (table.output or f"{path.stem}_results")
+    if not output and not target.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(
+            f"{path}: output = {table.output!r} leads out of {folder}; if that is meant, name it on the command line: "
+            f"--output {target}"
+        )
     found = [
-        (match, each) for each in table.planes for pattern in each.files
+        (match, each)
+        for each in table.planes
+        for pattern in each.files
         for match in _one_a_series(_matches(folder, pattern, path, target))
-    ]  # fmt: skip
+    ]
     paths = [match for match, _ in found]
     twice = next((p for p in paths if paths.count(p) > 1), None)
     if twice is not None:
         raise ValueError(f"{path}: {twice} is named twice among the planes; name it once")
-    cases = []
-    for (match, each), name in zip(found, unique_names(paths), strict=True):
-        stated = each.model_dump(exclude_none=True)
-        cases.append(Case(
-            match, name, _seen_from(folder, match),
-            {key: stated[key] for key in FACTS if key in stated},
-            {key: _beside(folder, stated[key]) if key in NAMED else stated[key]
-             for key in REQUEST if key in stated},
-            tuple(_liner(folder, liner) for liner in
-                  (table.liners or ([] if each.liner is None else [each.liner]))),
-            None if each.in_situ is None else folder / each.in_situ,
-        ))  # fmt: skip
-    sets = choice_sets(table.choices.model_dump(exclude_unset=True))  # type: ignore[attr-defined]
+    names = zip(found, unique_names(paths), strict=True)
+    cases = tuple(each.case(match, name, table.liners, folder) for (match, each), name in names)
+    sets = table.choice_sets()
     varied = {key for key in sets[0] if len({repr(one[key]) for one in sets}) > 1}
-    return Campaign(
-        path, target, tuple(cases), tuple(table.frequencies),
-        tuple((one, {key: one[key] for key in one if key in varied}) for one in sets),
-        table.title, table.figures,
-    )  # fmt: skip
+    choices = tuple((one, {key: one[key] for key in one if key in varied}) for one in sets)
+    return Campaign(path, target, cases, tuple(table.frequencies), choices, table.title, table.figures)
 
 
 def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]:
-    """Files of a pattern, sorted, but for what earlier runs have written.
+    """The file of that very name, else the files of a pattern, sorted, but for what earlier runs have written.
 
     Raises:
         FileNotFoundError: none; files of the same ending that are there are named.
         ValueError: all of them lie in the folder of the results.
     """
-    found = sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
+    if (folder / pattern).exists():
+        found = [str(folder / pattern)]
+    else:
+        found = sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
     if not found:
         place = (folder / pattern).parent
         there = sorted(p.name for p in place.glob(f"*{Path(pattern).suffix}")) if place.is_dir() else []
-        words = f"; {place} holds {', '.join(there[:4])}" + (" ..." if len(there) > 4 else "")
-        raise FileNotFoundError(
-            f"{path}: planes.files = {pattern!r} matches nothing in {folder}"
-            + (words if there else f"; there is no such folder as {place}" * (not place.is_dir()))
-        )
-    results = output.absolute()
-    planes = [p for each in found if not (p := Path(each)).absolute().is_relative_to(results)]
+        words = f"{place} holds {', '.join(there[:4])}{' ...' * (len(there) > 4)}" if there else "it has no such file"
+        words = words if place.is_dir() else f"there is no such folder as {place}"
+        raise FileNotFoundError(f"{path}: planes.files = {pattern!r} matches nothing in {folder}; {words}")
+    planes = [p for each in found if not (p := Path(each)).absolute().is_relative_to(output.absolute())]
     if not planes:
         raise ValueError(
-            f"{path}: planes.files = {pattern!r}: all that it matches, {found[0]} first, lies in "
-            f"the folder of the results, {output}; name another --output"
+            f"{path}: planes.files = {pattern!r}: all that it matches, {found[0]} first, lies in the folder of the "
+            f"results, {output}; name another --output"
         )
     return planes
 
@@ -227,15 +228,10 @@ def _one_a_series(found: list[Path]) -> list[Path]:
     return kept
 
 
-def _seen_from(folder: Path, path: Path) -> str:
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
-
-
-def _beside(folder: Path, name: Any) -> Any:
+def _beside(folder: Path, name: str) -> str:
     """FILE or FILE:VARIABLE that is beside the campaign's file, by its whole path."""
-    path = Path(str(name))
-    there = any((folder / each).is_file() for each in (path, str(name).rpartition(":")[0]))
-    return str(folder / path) if there else name
+    there = any((folder / each).is_file() for each in (name, name.rpartition(":")[0]))
+    return str(folder / name) if there else name
 
 
 def _liner(folder: Path, name: str) -> str:

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 import shutil
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from torchliner.campaign.campaign_file import Campaign
-from torchliner.campaign.index import (
-    DONE,
-    FAILED,
-    full_row,
-    require_readable_index,
-    write_index,
-)
-from torchliner.campaign.inputs import with_case_facts
+from torchliner.campaign.index import DONE, FAILED, full_row, require_readable_index, write_index
 from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
 from torchliner.io.lock import locked
-from torchliner.io.moments_file import read_moments
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.whole_file import printable, writable_folder, written_whole
-from torchliner.pressure.beside_maps import with_in_situ
+from torchliner.pressure.dean import with_in_situ
 from torchliner.records import ImpedanceMap
 from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x
@@ -38,10 +30,11 @@ from torchliner.velocity.reading import Progress
 from torchliner.version import __version__
 
 MOST_PLANES = 32  # whose blocks are under way at once
+FOLDERS = ("moments", "maps", "lines", "units", "figures")  # of the results
 Rows = list[dict[str, Any]]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Plan:
     """What is to be done.
 
@@ -71,17 +64,20 @@ def plan(campaign: Campaign) -> Plan:
     """Units of a campaign, and which of them stand. Nothing is written.
 
     Raises:
-        ValueError: two units of one name; an index of another version.
+        ValueError: two units of one name; an index of another version; results that would go elsewhere by a link.
     """
-    require_readable_index(campaign.output)
+    output = campaign.output
+    for folder in (output / name for name in FOLDERS):
+        if not folder.resolve().is_relative_to(output.resolve()):
+            raise ValueError(f"{folder} leads out of {output}, to {folder.resolve()}; remove the link")
+    require_readable_index(output)
     units: list[Unit] = []
     failed: Rows = []
     for case in campaign.cases:
         try:
             units += units_of(case, campaign)
         except Exception as error:
-            failed.append(full_row(unit=case.name, file=case.shown, status=FAILED,
-                                   error=_words(error)))  # fmt: skip
+            failed.append(full_row(unit=case.name, file=case.shown, status=FAILED, error=_words(error)))
     names = [unit.name for unit in units]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -119,14 +115,16 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
                 except Exception as error:
                     rows.append(_row(unit, status=FAILED, error=_words(error)))
         rows += found.failed
-        _clear_parts(found)
+        for parts in campaign.output.glob("moments/*.parts"):  # of other choices, or left by a killed run
+            if parts.with_suffix(".h5") not in found.to_read:
+                shutil.rmtree(parts, ignore_errors=True)
         write_index(rows, campaign.output, campaign.title, __version__)
         return rows
 
 
 @contextlib.contextmanager
 def _reduced(found: Plan, client: Any, progress: Progress | None) -> Iterator[Callable[[Unit], object]]:
-    """What makes sure that the moments of a unit are there."""
+    """What makes sure that the moments of a unit are there; with a client those of many planes are under way."""
     if client is None:
 
         def reduce_now(unit: Unit) -> None:
@@ -146,20 +144,12 @@ def _reduced(found: Plan, client: Any, progress: Progress | None) -> Iterator[Ca
 
 def _reduce(unit: Unit, progress: Progress | None, client: Any = None) -> None:
     """The moments of a unit's plane; finished blocks stay until these are whole."""
-    path = unit.moments
     assert unit.request is not None
-    kept = path.with_suffix(".parts")
+    kept = unit.moments.with_suffix(".parts")
     known = moments(unit.plane(), client=client, kept=kept, progress=progress, **unit.request)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known.write(path)
+    unit.moments.parent.mkdir(parents=True, exist_ok=True)
+    known.write(unit.moments)
     shutil.rmtree(kept, ignore_errors=True)
-
-
-def _clear_parts(found: Plan) -> None:
-    """Delete blocks that no unfinished plane needs: of other choices, or left by a killed run."""
-    for folder in found.units[0].campaign.output.glob("moments/*.parts") if found.units else ():
-        if folder.with_suffix(".h5") not in found.to_read:
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _rows_path(unit: Unit) -> Path:
@@ -182,8 +172,7 @@ def _kept_rows(unit: Unit) -> Rows | None:
 def _educed(unit: Unit) -> Rows:
     """Map, lines, figures and rows of a unit; the rows last, which say that all is there."""
     start = time.perf_counter()
-    output, case = unit.campaign.output, unit.case
-    known = with_case_facts(read_moments(unit.moments), case.facts, case.shown)
+    output, case, known = unit.campaign.output, unit.case, unit.known()
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
     frequency = list(unit.campaign.frequencies) or None
     found: ImpedanceMap = educe(known, unit.model, frequency, pressure=pressure, **unit.choices)
@@ -206,27 +195,23 @@ def _educed(unit: Unit) -> Rows:
 
 
 def _map_rows(unit: Unit, found: ImpedanceMap, seconds: float) -> Rows:
+    """A row a frequency."""
+    about = {"height": found.height, "source_side": found.source_side, "averaging": found.averaging}
+    about |= {"notes": len(found.notes), "status": DONE, "seconds": round(seconds, 3)}
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-        bounds = found.bounds_of_liner(found.averaging, i)
-        ends = {} if bounds is None else {
-            f"{part}_{end}": getattr(value, side)
-            for end, value in zip(("low", "high"), bounds, strict=True)
-            for part, side in (("resistance", "real"), ("reactance", "imag"))
-        }  # fmt: skip
-        check = "-" if found.level_check is None else found.level_check.words(found.averaging, i)
-        rows.append(_row(
-            unit, height=found.height, source_side=found.source_side, averaging=found.averaging,
-            frequency=f, resistance=z.real, reactance=z.imag, level_check=check.removesuffix("-"),
-            notes=len(found.notes), status=DONE, seconds=round(seconds, 3), **ends,
-        ))  # fmt: skip
+        values = {"": z} | dict(zip(("_low", "_high"), found.bounds_of_liner(found.averaging, i) or (), strict=False))
+        parts = {f"resistance{end}": value.real for end, value in values.items()}
+        parts |= {f"reactance{end}": value.imag for end, value in values.items()}
+        check = "" if found.level_check is None else found.level_check.words(found.averaging, i).removesuffix("-")
+        rows.append(_row(unit, frequency=f, level_check=check, **parts, **about))
     return rows
 
 
 def _row(unit: Unit, **known: Any) -> dict[str, Any]:
-    about = {"unit": unit.name, "file": unit.case.shown, "liner": Path(unit.liner).stem,
-             "choices": json.dumps(unit.choices, sort_keys=True), "hash": unit.hash}  # fmt: skip
-    return full_row(**about, **{key: v for key, v in known.items() if v is not None})
+    about = {"unit": unit.name, "file": unit.case.shown, "liner": Path(unit.liner).stem, "hash": unit.hash}
+    choices = json.dumps(unit.choices, sort_keys=True)
+    return full_row(choices=choices, **about, **{key: v for key, v in known.items() if v is not None})
 
 
 def _words(error: Exception) -> str:
@@ -234,8 +219,3 @@ def _words(error: Exception) -> str:
     text = " ".join(printable(str(error)).split())
     expected = isinstance(error, (ValueError, OSError, ImportError, TypeError, RuntimeError))
     return text if text and expected else f"{type(error).__name__}: {text}"
-
-
-def failures(rows: Sequence[dict[str, Any]]) -> int:
-    """How many of them failed."""
-    return sum(row["status"] == FAILED for row in rows)

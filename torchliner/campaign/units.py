@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.campaign.campaign_file import Campaign, Case
-from torchliner.campaign.inputs import (
-    data_fingerprint,
-    digest,
-    fingerprint,
-    open_moments,
-    open_plane,
-    with_case_facts,
-)
-from torchliner.engine.moments import SETTINGS
+from torchliner.campaign.campaign_file import NAMED, Campaign, Case
+from torchliner.engine.moments import SETTINGS, Moments
+from torchliner.io.moments_file import holds_moments, read_moments
+from torchliner.io.planes import read_plane
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
+from torchliner.records.origin import input_file
 from torchliner.records.velocity_plane import restated
 from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
 
-SUMMED = ("frequency",)  # facts that moments depend on
 REDUCED = (*SETTINGS, "device", "dtype")
 
 
@@ -41,8 +36,8 @@ class Unit:
         model: it.
         choices: of ``educe``.
         hash: of everything that its results depend on.
-        request: arguments of ``torchliner.moments`` for those that it is educed from, which other
-            units may share; None where moments are what the case names.
+        request: arguments of ``torchliner.moments`` for those that it is educed from, which other units may share;
+            None where moments are what the case names.
         moments: their file.
         samples, bytes: of the plane's velocity.
     """
@@ -60,16 +55,13 @@ class Unit:
     bytes: int
 
     def plane(self) -> VelocityPlane:
-        """Its velocity still in the file, and stated of it what moments depend on: the other facts
-        may change while the moments stay."""
-        facts = {name: self.case.facts[name] for name in SUMMED if name in self.case.facts}
-        return stated_plane(dataclasses.replace(self.case, facts=facts))
+        """Its velocity still in the file, with its tone alone stated: moments outlive a change of other facts."""
+        facts = {name: value for name, value in self.case.facts.items() if name == "frequency"}
+        return _plane_of(dataclasses.replace(self.case, facts=facts))
 
-
-def stated_plane(case: Case) -> VelocityPlane:
-    """A plane with the facts of the campaign's file, called as that file calls it."""
-    plane = open_plane(case.path, case.request)
-    return dataclasses.replace(restated(plane, case.facts), name=case.shown)
+    def known(self) -> Moments:
+        """The moments, with the facts of the campaign's file."""
+        return _moments_of(self.case, self.moments)
 
 
 def units_of(case: Case, campaign: Campaign) -> list[Unit]:
@@ -78,63 +70,95 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
     Raises:
         OSError, ValueError: the plane, a liner or a pressure record cannot be read.
     """
-    known = open_moments(case.path, case.request)
-    plane = (
-        stated_plane(case) if known is None
-        else with_case_facts(known, case.facts, case.shown).plane
-    )  # fmt: skip
-    data = data_fingerprint(case.path, case.request)
+    reduced = holds_moments(case.path)
+    if reduced and case.request:
+        raise ValueError(f"{case.path} holds moments, which are read as they are: leave out {', '.join(case.request)}")
+    plane = _moments_of(case, case.path).plane if reduced else _plane_of(case)
     if not case.liners and plane.liner not in preset_names():
         fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
         raise ValueError(
-            f"{case.shown} {fault}; state liner in [[planes]], or liners: "
-            f"{', '.join(preset_names())}, or a .toml or .csv file"
+            f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}, or a .toml or "
+            ".csv file"
         )
-    beside = None if case.in_situ is None else fingerprint(case.in_situ)
-    facts, asked = sorted(case.facts.items()), campaign.frequencies
+    data = _content(case.path, *(name for key in NAMED for name in _files(case.request.get(key))))
+    beside, facts, asked = _content(case.in_situ), sorted(case.facts.items()), campaign.frequencies
     locked = any(Choices(**one).averaging == "phase-locked" for one, _ in campaign.choices)
     found = []
     for liner in case.liners or (plane.liner,):
-        model, content = _loaded(liner)
+        model = load_liner(liner)
+        content = _digest(sorted(model.describe().items()), *(Path(name).read_bytes() for name in model.files))
         for choices, varied in campaign.choices:
-            request = None if known else _reduction(plane, model, asked, choices, locked)
-            reduced = (data, sorted(case.request.items()), SUMMED, plane.frequency, _plain(request),
-                       content if request and request["liner"] else "", __version__)  # fmt: skip
-            summed = campaign.output / "moments" / f"{case.name}-{digest(*reduced)}.h5"
-            every = (reduced, facts, content, asked, sorted(choices.items()), beside,
-                     campaign.figures)  # fmt: skip
+            request = None if reduced else _reduction(plane, model, asked, choices, locked)
+            plain = request and sorted((name, value) for name, value in request.items() if name != "liner")
+            of_liner = content if request and request["liner"] else ""
+            sums = (data, sorted(case.request.items()), plane.frequency, plain, of_liner, __version__)
             words = [case.name, Path(liner).stem, *(f"{k}={v}" for k, v in varied.items())]
-            found.append(Unit(
-                "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words), case, campaign,
-                liner, model, choices, digest(*every), request, case.path if known else summed,
-                plane.samples, plane.velocity.dtype.itemsize * plane.samples * plane.probes,
-            ))  # fmt: skip
+            unit = Unit(
+                name="__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words),
+                case=case,
+                campaign=campaign,
+                liner=liner,
+                model=model,
+                choices=choices,
+                hash=_digest(sums, facts, content, asked, sorted(choices.items()), beside, campaign.figures),
+                request=request,
+                moments=case.path if reduced else campaign.output / "moments" / f"{case.name}-{_digest(*sums)}.h5",
+                samples=plane.samples,
+                bytes=plane.velocity.dtype.itemsize * plane.samples * plane.probes,
+            )
+            found.append(unit)
     return found
 
 
+def _plane_of(case: Case) -> VelocityPlane:
+    """With the facts of the campaign's file, called as that file calls it; velocity stays in its file."""
+    plane = read_plane(case.path, lazy=True, **case.request)
+    return dataclasses.replace(restated(plane, case.facts), name=case.shown)
+
+
+def _moments_of(case: Case, path: Path) -> Moments:
+    """The same of moments.
+
+    Raises:
+        ValueError: another tone than the one that their blocks were cut for.
+    """
+    known = read_moments(path)
+    tone, made = case.facts.get("frequency"), known.plane.frequency
+    if tone is not None and tone != made:
+        words = "no tone" if made is None else f"{made:g} Hz"
+        raise ValueError(
+            f"{case.shown} holds moments that were reduced with {words}, and frequency = {tone:g} is stated: leave it "
+            "out, or name the plane that was reduced"
+        )
+    return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
+
+
 def _reduction(
-    plane: VelocityPlane, model: LinerModel, frequencies: tuple[float, ...],
-    choices: Mapping[str, Any], locked: bool,
-) -> dict[str, Any]:  # fmt: skip
-    """Moments that serve as many units as can share them: those of any liner, if it is smooth in
-    |v|; of the averaging that contains the others; at the tone unless other lines are needed."""
+    plane: VelocityPlane, model: LinerModel, frequencies: tuple[float, ...], choices: Mapping[str, Any], locked: bool
+) -> dict[str, Any]:
+    """Moments that serve as many units as can share them: those of any liner, if it is smooth in |v|; of the averaging
+    that contains the others; at the tone unless other lines are needed."""
     chosen = Choices(**choices)
     kept = {name: value for name, value in choices.items() if name in REDUCED}
     kept["averaging"] = "phase-locked" if locked else "admittance"
     at_asked = chosen.phase != "averaged" or chosen.wall_filter is not None
     at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
     frequency = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
-    one = model.speed_max is not None
-    return {"liner": model if one else None, "frequency": frequency,
-            "cell_pitch": None if one else model.cell_pitch, **kept}  # fmt: skip
+    if model.speed_max is not None:
+        return {"liner": model, "frequency": frequency, **kept}
+    return {"liner": None, "frequency": frequency, "cell_pitch": model.cell_pitch, **kept}
 
 
-def _plain(request: Mapping[str, Any] | None) -> Any:
-    return request and sorted((name, value) for name, value in request.items() if name != "liner")
+def _files(name: Any) -> list[Path]:
+    """What FILE or FILE:VARIABLE of a request names."""
+    return [each for each in map(Path, {str(name), str(name).rpartition(":")[0]}) if each.is_file()]
 
 
-def _loaded(liner: str) -> tuple[LinerModel, str]:
-    """A liner, and a digest of all it was made of."""
-    model = load_liner(liner)
-    content = (Path(name).read_bytes() for name in model.files)
-    return model, digest(sorted(model.describe().items()), *content)
+def _content(*paths: Path | None) -> list[str]:
+    """Hashes of files and folders, as results state them."""
+    return [input_file("", path)["hash"] for path in paths if path is not None]
+
+
+def _digest(*facts: Any) -> str:
+    """Sixteen letters of anything that prints alike each time."""
+    return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]

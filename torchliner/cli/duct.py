@@ -140,13 +140,11 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.records.origin import origin_of
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
-    settled = solve_settled(
+    field = solve_settled(
         setup.case, setup.frequency, setup.impedance, places=setup.places,
         wall=setup.wall, mesh=_mesh(options.mesh, setup),
-        keep="all" if options.field is not None else "walls",
     )  # fmt: skip
-    field = settled.field
-    found = plain_duct(setup, settled)
+    found = plain_duct(setup, field)
     tables = (setup.facts["flow"]["file"], setup.facts["sound"]["impedance_file"])
     beside = [Path(options.duct).parent / name for name in tables if name is not None]
     named = [
@@ -165,7 +163,7 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
 
     show_results(
         options, lambda: format_duct(setup, found), lambda: found,
-        output=lambda path: solved_line(setup, settled, **origin).write(path),
+        output=lambda path: solved_line(setup, field, **origin).write(path),
         figure=draw,
     )  # fmt: skip
     return 0
@@ -194,7 +192,7 @@ def _a_frequency(path: Path, setup: DuctSetup) -> list[Path]:
 def _modes(options: argparse.Namespace, setup: DuctSetup) -> int:
     from torchliner.duct.growing_wave import growing_wave
     from torchliner.duct.modes import duct_modes
-    from torchliner.report.duct_modes import draw_modes, format_modes, mode_table
+    from torchliner.report.duct_report import draw_modes, format_modes, mode_table
 
     wall, condition = setup.first_wall, setup.case.slip_condition
     about: dict[str, Any] = {"count": options.count, "slip_condition": condition}

@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable
     from torchliner.liners.catalogue import load_liner
-    from torchliner.pressure.beside_maps import with_in_situ
+    from torchliner.pressure.dean import with_in_situ
 
     outputs = _outputs(options.output, options.planes)
     for path in outputs:
@@ -73,7 +73,10 @@ def run(options: argparse.Namespace) -> int:
     liners = {name: load_liner(name) for name in liner_names(options.liner, records, options.planes)}
     names = liner_names(options.liner, records, options.planes)
     total = sum(2 * plane.samples for plane in planes)
-    with open_cluster(options.cluster) as client, progress_bar(total, options.planes[0].name, options) as step:
+    with (
+        open_cluster(options.cluster, options.wait) as client,
+        progress_bar(total, options.planes[0].name, options) as step,
+    ):
         found = [
             _educed(record, liners[name], options, wall or pressure, client, step)
             for record, name in zip(records, names, strict=True)

@@ -193,7 +193,7 @@ def _educe(options: argparse.Namespace) -> int:
                 f"{parts.folder} holds {parts.there} finished stations: those of these data are taken", file=sys.stderr
             )
     with (
-        open_cluster(options.cluster) as client,
+        open_cluster(options.cluster, options.wait) as client,
         progress_bar(len(sources), options.source.name, options, "station") as step,
     ):
         chosen |= {"reference": _reference(options), "parts": parts, "progress": step, "client": client}

@@ -79,10 +79,10 @@ def _facts(liner: Any) -> dict[str, Any]:
 
 def _units(liner: Any) -> dict[str, str]:
     """Units of what has one, by name; those of a layer as in "facesheet.thickness"."""
-    from torchliner.liners.parameters import ranges_of
+    from torchliner.liners.parameters import parameters_of
 
     kind: Any = type(liner)
-    stated = {**ranges_of(kind), **liner.numbers()}
+    stated = {**parameters_of(kind), **liner.numbers()}
     return {name: f" {each.unit}" for name, each in stated.items() if each.unit != "1"}
 
 

@@ -7,6 +7,8 @@ import sys
 try:
     import argparse
     import importlib
+    import signal
+    import threading
     import traceback
     from collections.abc import Sequence
     from typing import Any
@@ -120,6 +122,8 @@ def _overview() -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code: 0 done, 1 a check failed, 2 bad input."""
     try:
+        if threading.current_thread() is threading.main_thread():  # SIGTERM leaves what Ctrl-C leaves
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:], "--help"]

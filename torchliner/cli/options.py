@@ -75,10 +75,11 @@ SHARED: dict[str, Any] = {
     "--quiet": "no progress bar, no warnings",
     "--strict": "exit code 1 where the level check fails for the answer",
 }
-CLUSTER = {
-    "--cluster WHERE": "workers that read the planes: local:N, N processes here; tcp://HOST:PORT "
-                       "of a dask scheduler, or its .json file; default: none, this process",
-}  # fmt: skip
+CLUSTER: dict[str, Any] = {
+    "--cluster WHERE": "workers that read the planes: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, "
+    "or its .json file; default: none, this process",
+    "--wait S": "for its scheduler and its first worker, s; default 30",
+}
 CASE: dict[str, Any] = {
     "--frequency HZ": "tone in Hz",
     "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms",

@@ -24,8 +24,8 @@ def run(options: argparse.Namespace) -> int:
     """Do what is not done yet; 1 if a unit failed."""
     from torchliner.campaign.campaign_file import read_campaign
     from torchliner.campaign.cluster import open_cluster
-    from torchliner.campaign.index import index_text
-    from torchliner.campaign.run import failures, plan, run_campaign
+    from torchliner.campaign.index import FAILED, index_text
+    from torchliner.campaign.run import plan, run_campaign
 
     campaign = read_campaign(options.campaign, options.output)
     planned = plan(campaign)
@@ -39,13 +39,13 @@ def run(options: argparse.Namespace) -> int:
     summary = _plan_text(planned, units=False)
     total = sum(2 * unit.samples for unit in planned.to_read.values())
     with (
-        open_cluster(options.cluster) as client,
+        open_cluster(options.cluster, options.wait) as client,
         progress_bar(total, options.campaign.name, options) as bar,
     ):
         rows = run_campaign(campaign, client=client, progress=bar)
     text = f"{summary}\nresults in {campaign.output}, index.csv"
     show_results(options, lambda: f"{index_text(rows)}\n{text}", lambda: rows)
-    return 1 if failures(rows) else 0
+    return 1 if any(row["status"] == FAILED for row in rows) else 0
 
 
 def _plan_text(planned: Any, units: bool = True) -> str:

@@ -35,21 +35,17 @@ flow may give or take energy: the difference of the balance, which may be negati
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
-from torchliner.duct.columns import diagonal_blocks
+from torchliner.duct.case import wall_reflection
 from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.duct.polynomials import Basis
-from torchliner.duct.wall_impedance import wall_reflection
 from torchliner.names import DIRECTIONS
 
 SINGULAR = 1e-6  # residual over right-hand side
@@ -82,87 +78,35 @@ def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes
     return EndModes(torch.stack([down.wavenumber[:, 0], up.wavenumber[:, 0]], -1), along, (p - u) / 2)
 
 
-@dataclass(frozen=True, eq=False)
-class Wall:
-    """A lined wall of C columns, n points each, W in all.
+def wall_matrices(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
+    """R of the C lined columns, n points each, (..., F, C, n, n), of an impedance as ``DuctSolver.solve`` takes it.
 
-    Args:
-        reflection: R, (..., F, C, n, n).  shed: S, (..., F, W, W), or None where nothing slips.
-    """
-
-    reflection: Tensor
-    shed: Tensor | None = None
-
-    def reflected(self, eta: Tensor) -> Tensor:
-        """R eta, (..., F, W)."""
-        columns = eta.unflatten(-1, self.reflection.shape[-3:-1])[..., None]
-        return (self.reflection @ columns)[..., 0].flatten(-2)
-
-    def sent(self, eta: Tensor) -> Tensor:
-        """x = E eta, (..., F, W)."""
-        back = self.reflected(eta)
-        return back if self.shed is None else back - (self.shed @ eta[..., None])[..., 0]
-
-    def system(self, reading: Tensor) -> Tensor:
-        """reading E less T in the first W rows, for a reading (F, W + 2, W): (..., F, W + 2, W)."""
-        split = reading.unflatten(-1, self.reflection.shape[-3:-1]).transpose(-2, -3)
-        whole = (split @ self.reflection).transpose(-2, -3).flatten(-2)
-        one = torch.eye(reading.shape[-1], dtype=reading.dtype, device=reading.device)
-        if self.shed is None:
-            return whole - pad(one, (0, 0, 0, 2))
-        return whole - reading @ self.shed - pad(one + self.shed, (0, 0, 0, 2))
-
-
-def wall_of(impedance: Any, mesh: DuctMesh, basis: Basis, k: Tensor, frequency: Tensor, slip_mach: float) -> Wall:
-    """The wall of an impedance.
-
-    Args:
-        impedance: numbers, broadcast against (F, S), S lined patches, leading axes free; or a function of x (m, (P,))
-            and frequency (Hz, (F,)) that returns (..., F, P).
-        mesh, basis: of the duct.  k, frequency: 1/m and Hz, (F,).
-        slip_mach: M at the wall for Ingard's and Myers' condition, else 0.
     Raises:
         ValueError: shapes that do not fit; see ``wall_reflection``.
     """
-    reflection = (_varying if callable(impedance) else _piecewise)(impedance, mesh, basis, frequency)
-    if slip_mach == 0:
-        return Wall(reflection)
-    whole = diagonal_blocks(reflection)
-    one = torch.eye(whole.shape[-1], dtype=whole.dtype, device=whole.device)
-    share = (slip_mach / (2j * k))[:, None, None]
-    return Wall(reflection, share * (_downwind_derivative(mesh, basis).to(whole) @ (one - whole)))
-
-
-def _piecewise(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
-    reflection = wall_reflection(impedance, frequency.device).to(frequency.device)
-    wanted = (len(frequency), len(mesh.case.liner))
+    widths, places = mesh.lined_widths[:, None], mesh.x[:-1, None][mesh.lined]
+    if not callable(impedance):
+        wall, wanted, what = impedance, (len(frequency), len(mesh.case.liner)), "lined patches"
+    else:
+        inside, values, weights = basis.quadrature()
+        x = torch.as_tensor(places + widths * inside)
+        wall, wanted, what = impedance(x.flatten().to(frequency), frequency), (len(frequency), x.numel()), "places"
+    reflection = wall_reflection(wall, frequency.device).to(frequency.device)
     try:
         each = reflection.expand(*reflection.shape[:-2], *wanted)
     except RuntimeError:
         raise ValueError(
-            f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies, lined "
-            "patches (one value of each for all: 1)"
+            f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies, {what} "
+            "(one value of each for all: 1)"
         ) from None
-    each = each[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
-    return each[..., None, None] * torch.eye(basis.count, dtype=each.dtype, device=each.device)
+    if not callable(impedance):
+        each = each[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
+        return each[..., None, None] * torch.eye(basis.count, dtype=each.dtype, device=each.device)
+    values, weights = values.to(each), weights.to(each)
+    return values.mT @ ((each.unflatten(-1, x.shape) * weights)[..., None] * values) / basis.weights[:, None]
 
 
-def _varying(impedance: Callable[..., Any], mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
-    places, values, weights = basis.quadrature()
-    x = torch.as_tensor(mesh.x[:-1, None][mesh.lined] + mesh.lined_widths[:, None] * places)
-    found = impedance(x.flatten().to(frequency), frequency)
-    reflection = wall_reflection(found, frequency.device).to(frequency.device)
-    wanted = (len(frequency), x.numel())
-    if reflection.shape[-2:] != wanted:
-        raise ValueError(
-            f"the impedance function returned shape {tuple(reflection.shape)} for {wanted[0]} frequencies and "
-            f"{wanted[1]} places; its last two axes must be these"
-        )
-    values, weights = values.to(reflection), weights.to(reflection)
-    return values.mT @ ((reflection.unflatten(-1, x.shape) * weights)[..., None] * values) / basis.weights[:, None]
-
-
-def _downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:
+def downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:
     """d/dx over the lined columns, edge values from the right neighbour, (W, W)."""
     n, widths, columns = basis.count, mesh.lined_widths, np.flatnonzero(mesh.lined)
     whole = torch.zeros(len(widths), n, len(widths), n, dtype=torch.float64)
@@ -175,56 +119,72 @@ def _downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:
     return whole.reshape(len(widths) * n, len(widths) * n)
 
 
-def solve_boundaries(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
-    """X and eta for waves sent in from the ends, some items at a time, so that their matrices do not pile up.
+class Boundaries:
+    """The boundaries of a swept duct, for every wall and every end.
 
     Args:
-        reading: of the swept duct, (F, W + 2, D).  wall: of the liner, or None where there is none.
-        starts: s0 at the left and right end, (..., F, 2).  returns: r of the left and right end, (..., F, 2).
-    Returns:
-        X, (..., F, D), and eta of the wall, (..., F, W).
-    Raises:
-        RuntimeError: the system is singular; the message holds the residual.
+        reading: of the swept duct, (F, W + 2, D).
+        slip: (M/2jk) D, (F, W, W), where the condition is Ingard's and Myers', else None.
     """
-    parts = [(starts, 2), (returns, 2)]
-    if wall is not None:
-        parts += [(wall.reflection, 4)] + ([] if wall.shed is None else [(wall.shed, 3)])
-    lead = torch.Size(np.broadcast_shapes(*(part.shape[:-inner] for part, inner in parts)))
-    step = max(1, CHUNK // (16 * reading.shape[-2] ** 2 * len(reading)))
-    if lead.numel() <= step:
-        return _solve(reading, wall, starts, returns)
-    flat = [part.expand(*lead, *part.shape[-inner:]).flatten(0, len(lead) - 1).split(step) for part, inner in parts]
-    found = [_solve(reading, Wall(*a[2:]) if a[2:] else None, *a[:2]) for a in zip(*flat, strict=True)]
-    waves, eta = (torch.cat(part).unflatten(0, lead) for part in zip(*found, strict=True))
-    return waves, eta
+
+    def __init__(self, reading: Tensor, slip: Tensor | None) -> None:
+        lined, one = reading[..., 2:-2], torch.eye(reading.shape[-2], reading.shape[-1] - 4).to(reading)
+        more = 0 if slip is None else (lined + one) @ slip
+        # The wall's part of the system is reading E - T = (reading + more) R - (1 + more).
+        self.slip, self.back, self.own = slip, lined + more, (one + more).expand_as(lined)
+        self.coming, self.going = reading[..., [0, -2]], reading[..., [1, -1]]
+
+    def solve(self, wall: Tensor, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
+        """X and eta for waves sent in from the ends, some items at a time, so that their matrices do not pile up.
+
+        Args:
+            wall: R of ``wall_matrices``, (..., F, C, n, n).
+            starts, returns: s0 and r of the left and right end, (..., F, 2).
+        Returns:
+            X, (..., F, D), and eta of the wall, (..., F, W).
+        Raises:
+            RuntimeError: the system is singular; the message holds the residual.
+        """
+        parts = (wall, 4), (starts, 2), (returns, 2)
+        lead = torch.Size(np.broadcast_shapes(*(part.shape[:-inner] for part, inner in parts)))
+        step = max(1, CHUNK // (16 * self.back.shape[-2] ** 2 * len(self.back)))
+        if lead.numel() <= step:
+            return self._solve(wall, starts, returns)
+        flat = [part.expand(*lead, *part.shape[-inner:]).flatten(0, len(lead) - 1).split(step) for part, inner in parts]
+        found = [self._solve(*some) for some in zip(*flat, strict=True)]
+        waves, eta = (torch.cat(part).unflatten(0, lead) for part in zip(*found, strict=True))
+        return waves, eta
+
+    def _solve(self, wall: Tensor, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
+        columns = wall.shape[-3:-1]
+        lined = (self.back.unflatten(-1, columns).transpose(-2, -3) @ wall).transpose(-2, -3).flatten(-2) - self.own
+        ends = self.going + returns[..., None, :] * self.coming
+        shape = np.broadcast_shapes(lined.shape[:-1], ends.shape[:-1])
+        system = torch.cat([lined.expand(*shape, -1), ends.expand(*shape, -1)], -1)
+        right = -(self.coming * starts[..., None, :]).sum(-1)
+        found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
+        matrix, solution = system.detach(), found.detach()
+        left = ((matrix @ solution[..., None])[..., 0] - right).abs().amax(-1)
+        # Of a singular system the residual may be small by luck; rounding of a solution so large is not.
+        rounding = torch.finfo(torch.float64).eps * matrix.abs().amax((-2, -1)) * solution.abs().amax(-1)
+        share = torch.maximum(left, rounding) / right.abs().amax(-1).clamp(min=1e-300)
+        worst = float(torch.nan_to_num(share, nan=torch.inf).max())
+        if worst > SINGULAR:
+            raise RuntimeError(
+                f"the duct's equations are singular: their solution leaves a residual of {worst:.2g} of the incident "
+                "wave (a wall or two ends that feed a resonance); change the impedance, the end reflections or the "
+                "frequency"
+            )
+        eta, out = found[..., :-2], found[..., -2:]
+        ends, waves = starts + returns * out, reflected(wall, eta)
+        if self.slip is not None:
+            waves = waves - (self.slip @ (eta - waves)[..., None])[..., 0]
+        return torch.cat([ends[..., :1], out[..., :1], waves, ends[..., 1:], out[..., 1:]], -1), eta
 
 
-def _solve(reading: Tensor, wall: Wall | None, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
-    """``solve_boundaries`` of all items at once."""
-    coming, going = reading[..., [0, -2]], reading[..., [1, -1]]
-    system = going + returns[..., None, :] * coming  # of c_L and c_R; before them of the wall's eta
-    right = -(coming * starts[..., None, :]).sum(-1)
-    if wall is not None:
-        lined = wall.system(reading[..., 2:-2])
-        shape = np.broadcast_shapes(lined.shape[:-1], system.shape[:-1])
-        system = torch.cat([lined.expand(*shape, -1), system.expand(*shape, -1)], -1)
-    found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
-    matrix, solution = system.detach(), found.detach()
-    left = ((matrix @ solution[..., None])[..., 0] - right).abs().amax(-1)
-    # Of a singular system the residual may be small by luck; rounding of a solution so large is not.
-    rounding = torch.finfo(torch.float64).eps * matrix.abs().amax((-2, -1)) * solution.abs().amax(-1)
-    worst = float(
-        torch.nan_to_num(torch.maximum(left, rounding) / right.abs().amax(-1).clamp(min=1e-300), nan=torch.inf).max()
-    )
-    if worst > SINGULAR:
-        raise RuntimeError(
-            f"the duct's equations are singular: their solution leaves a residual of {worst:.2g} of the incident wave "
-            "(a wall or two ends that feed a resonance); change the impedance, the end reflections or the frequency"
-        )
-    eta, out = found[..., :-2], found[..., -2:]
-    back = starts + returns * out
-    waves = eta if wall is None else wall.sent(eta)
-    return torch.cat([back[..., :1], out[..., :1], waves, back[..., 1:], out[..., 1:]], -1), eta
+def reflected(wall: Tensor, eta: Tensor) -> Tensor:
+    """R eta, (..., F, W)."""
+    return (wall @ eta.unflatten(-1, wall.shape[-3:-1])[..., None])[..., 0].flatten(-2)
 
 
 class EnergyBalance(NamedTuple):
@@ -244,16 +204,13 @@ class EnergyBalance(NamedTuple):
         return 1 - self.out - self.absorbed
 
 
-def energy_balance(mesh: DuctMesh, basis: Basis, waves: Tensor, eta: Tensor, wall: Wall | None) -> EnergyBalance:
+def energy_balance(mesh: DuctMesh, basis: Basis, waves: Tensor, eta: Tensor, wall: Tensor) -> EnergyBalance:
     """Of X (..., F, D), eta (..., F, W) and the wall that they were solved with."""
-    mach = mesh.case.profile.bulk_mach
+    mach, back = mesh.case.profile.bulk_mach, reflected(wall, eta)
     along, against = (1 + mach) ** 2, (1 - mach) ** 2
     size = waves[..., [0, 1, -2, -1]].abs().square()
     coming = along * size[..., 0] + against * size[..., 2]
     out = against * size[..., 1] + along * size[..., 3]
-    absorbed = torch.zeros_like(out)
-    if wall is not None:
-        back = wall.reflected(eta)
-        weights = torch.outer(torch.as_tensor(mesh.lined_widths).to(basis.weights), basis.weights).flatten()
-        absorbed = ((eta + back) * (eta - back).conj()).real @ weights / mesh.case.height
+    weights = torch.outer(torch.as_tensor(mesh.lined_widths).to(basis.weights), basis.weights).flatten()
+    absorbed = ((eta + back) * (eta - back).conj()).real @ weights / mesh.case.height
     return EnergyBalance(out / coming, absorbed / coming)

@@ -10,10 +10,9 @@ Roots are sought of this multiplied out, with Z = a/b,
 
 .. math:: F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H = 0,
 
-which is even in gamma, so knows no branches of the root, has no poles, and covers Z = 0 (a = 0) and the rigid
-wall (b = 0). A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed along :math:`Y = \tau/Z`,
-:math:`\tau` = 0..1. On a ray that runs through an impedance where two modes meet the order beyond is a matter of
-choice: it is that of rays turned towards a pure resistance.
+which is even in gamma, so knows no branches of the root, has no poles, and covers Z = 0 (a = 0) and the rigid wall
+(b = 0). A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed while the wall's reflection goes straight
+from 1 to (Z - 1)/(Z + 1): every wall on the way is passive if the last one is.
 """
 
 from __future__ import annotations
@@ -25,12 +24,11 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import real_tensor, require_choice, require_complex
-from torchliner.duct.roots import follow_roots
-from torchliner.duct.wall_impedance import warn_if_feeding
+from torchliner.duct.case import wall_reflection
+from torchliner.duct.roots import LONGEST_STEP, follow_roots
 from torchliner.names import CONDITIONS, DIRECTIONS
 
 STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow
-DETOUR = 0.5  # rad, of the phase of Z
 AT_CUT_ON = 1e-9  # of k^2
 
 Pair = tuple[Tensor, Tensor]
@@ -59,8 +57,8 @@ def impedance_from_wavenumber(
     Raises:
         TypeError: alpha is not complex.
         ValueError: a frequency, height or sound speed not above 0, \|M\| >= 1.
-    Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2, give no formula; these are
-        Ingard (1959), Myers (1980) and, for continuous velocity, the plain momentum equation.
+    Source: Ingard (1959), Myers (1980); for continuous velocity the plain momentum equation. Roncen et al. (2026),
+        sections 5.5.5 and 6.4.2, give no formula.
     """
     require_complex("alpha", alpha)
     duct, wave = duct_of(alpha, frequency, height, mach, sound_speed, condition)
@@ -87,15 +85,13 @@ def wavenumber_from_impedance(
         frequency, height, mach, sound_speed, condition: as for ``impedance_from_wavenumber``.
         direction: ``downstream``, towards +x, or ``upstream``: that of the rigid mode.
         mode: m of the rigid mode :math:`\gamma H = m\pi`, 0 the plane wave; an integer or tensor.
-            Followed along 1/Z; ``duct_modes`` follows R, and where modes come close its mode m may
-            be another.
     Returns:
         alpha, 1/m, of the shape of all arguments together; rigid: k/(1+M) and -k/(1-M) for m = 0.
         Differentiable in Z and in every real argument, to any order up to the third.
     Raises:
-        TypeError, ValueError: as ``impedance_from_wavenumber``; Z is nan; a mode is exactly at its
+        TypeError, ValueError: as ``impedance_from_wavenumber`` and ``wall_reflection``; a mode is exactly at its
             cut-on in the rigid duct.
-        RuntimeError: Newton's method failed (the modes meet all along the way).
+        RuntimeError: two modes meet on the way.
     Warns:
         DataWarning: Z has a negative resistance, so that the wall feeds the wave.
 
@@ -108,19 +104,41 @@ def wavenumber_from_impedance(
     '2.33-0.30j'
     """
     require_complex("impedance", impedance)
-    require_choice("direction", direction, DIRECTIONS)
-    if bool(torch.isnan(impedance.detach()).any()):
-        raise ValueError("impedance holds nan; leave those values out")
-    warn_if_feeding(impedance, depth=2)
-    count = torch.as_tensor(mode, device=impedance.device)
-    whole = impedance.to(torch.complex128) + torch.zeros_like(count, dtype=torch.float64)
-    duct, z = duct_of(whole, frequency, height, mach, sound_speed, condition)
-    shape, count, flat = z.shape, count.expand(z.shape).reshape(-1), duct.flattened()
-    z = z.reshape(-1)
+    sign = 1 - 2 * DIRECTIONS.index(require_choice("direction", direction, DIRECTIONS))
+    mode = torch.as_tensor(mode, device=impedance.device)
+    if mode.is_floating_point() or mode.is_complex() or bool((mode < 0).any()):
+        raise ValueError(f"mode is {mode.reshape(-1)[0].item()}; modes are numbered 0, 1, 2, ...")
+    reflection = wall_reflection(impedance) + torch.zeros_like(mode, dtype=torch.float64)
+    duct, reflection = duct_of(reflection, frequency, height, mach, sound_speed, condition)
+    shape, flat = reflection.shape, duct.flattened()
+    mode, reflection = mode.expand(shape).reshape(-1), reflection.reshape(-1)
+    wall = 1 + reflection, 1 - reflection
     with torch.no_grad():
-        start = _rigid_wavenumber(flat, count, 1 if direction == "downstream" else -1)
-        root = _follow(flat, start, z)
-    return _attach_derivatives(root, flat, z).reshape(shape).to(impedance.dtype)
+        k, number = flat.wavenumber, torch.pi * mode.to(flat.height) / flat.height
+        close = ((k**2 - (1 - flat.mach**2) * number**2).abs() < AT_CUT_ON * k**2).nonzero()[:, 0]
+        if len(close):
+            i = int(close[0])
+            raise ValueError(
+                f"mode {int(mode[i])} is exactly at its cut-on (k = {float(k[i]):.6g} 1/m, H = "
+                f"{1e3 * float(flat.height[i]):g} mm), where both directions meet; shift the frequency"
+            )
+        start = rigid_wavenumber(k, flat.mach, number, sign)
+        rigid = torch.full_like(start, 2), torch.zeros_like(start)
+        root, arrived = carry_wavenumber(flat, start, rigid, wall)
+        if not bool(arrived.all()):
+            i = int((~arrived).nonzero()[0])
+            raise RuntimeError(
+                f"no wavenumber was found for R = {complex(reflection[i]):.4g} at k = {float(k[i]):.4g} 1/m "
+                f"({int((~arrived).sum())} of {len(arrived)}): two modes meet on the way from the rigid wall; change "
+                "Z slightly"
+            )
+    if any(part.requires_grad for part in (reflection, flat.wavenumber, flat.height, flat.mach)):
+        # Two Newton steps from the root move nothing, but hand derivatives on, to third order.
+        for _ in range(2):
+            hard, soft = relation(root, flat)
+            value, slope = (wall[0] * r - wall[1] * s for r, s in zip(hard, soft, strict=True))
+            root = root - value / slope
+    return root.reshape(shape).to(impedance.dtype)
 
 
 @dataclass(frozen=True)
@@ -182,8 +200,18 @@ def relation(alpha: Tensor, duct: Duct) -> tuple[Pair, Pair]:
     return rigid, (1j * f * cos, 1j * (f_slope * cos - f * h * h * sinc / 2 * w_slope))
 
 
+def rigid_wavenumber(k: Tensor, mach: Any, number: Tensor, sign: int) -> Tensor:
+    r"""Roots of :math:`(1-M^2)\alpha^2 + 2kM\alpha - k^2 + n^2 = 0`, n = m pi/H, sign +1 towards +x, -1 towards -x.
+
+    Cut off, or at a k with Im k < 0, the mode decays in its direction: Im alpha < 0 towards +x.
+    """
+    beta = 1 - mach**2
+    root = torch.sqrt((k**2 - beta * number**2).to(torch.complex128))
+    return (-k * mach + sign * torch.where(root.imag > 0, -root, root)) / beta
+
+
 def carry_wavenumber(
-    duct: Duct, start: Tensor, begin: Pair, end: Pair, first_step: float = 0.05
+    duct: Duct, start: Tensor, begin: Pair, end: Pair, first_step: float = LONGEST_STEP
 ) -> tuple[Tensor, Tensor]:
     """Follow roots while the wall changes straight from one to another.
 
@@ -204,71 +232,3 @@ def carry_wavenumber(
 
     root, place = follow_roots(values, start, first_step)
     return root, place == 1
-
-
-def _rigid_wavenumber(duct: Duct, mode: Tensor, sign: int) -> Tensor:
-    r"""Roots of :math:`(1-M^2)\alpha^2 + 2kM\alpha - k^2 + (m\pi/H)^2 = 0`, sign +1 towards +x.
-
-    Cut off, the mode decays in its direction: Im alpha < 0 towards +x.
-    """
-    if bool((mode < 0).any()) or mode.is_floating_point() or mode.is_complex():
-        raise ValueError(f"mode is {mode.reshape(-1)[0].item()}; modes are numbered 0, 1, 2, ...")
-    k, beta = duct.wavenumber, 1 - duct.mach**2
-    square = k**2 - beta * (mode.to(k.dtype) * torch.pi / duct.height) ** 2
-    close = square.abs() < AT_CUT_ON * k**2
-    if bool(close.any()):
-        i = int(close.nonzero()[0])
-        raise ValueError(
-            f"mode {int(mode[i])} is exactly at its cut-on (k = {float(k[i]):.6g} 1/m, H = "
-            f"{1e3 * float(duct.height[i]):g} mm), where both directions meet; shift the frequency"
-        )
-    size = square.abs().sqrt()
-    root = torch.where(square > 0, size + 0j, -1j * size)
-    return (-k * duct.mach + sign * root) / beta
-
-
-def _homogeneous(impedance: Tensor) -> Pair:
-    """(a, b) with a : b = Z : 1, a real and |a|^2 + |b|^2 = 1: a straight line from (1, 0) to it
-    keeps the phase of Z. Z = 0 counts as a pure resistance."""
-    size = impedance.abs()
-    odd = (size == 0) | torch.isinf(size)
-    angle = torch.where(odd, 0, impedance.angle())
-    tilt = torch.atan2(torch.ones_like(size), size)
-    return torch.cos(tilt) + 0j, torch.polar(torch.sin(tilt), -angle)
-
-
-def _follow(duct: Duct, start: Tensor, impedance: Tensor) -> Tensor:
-    """Roots at Z from those at the rigid wall; by a turned ray where the straight one stalls."""
-    rigid = (torch.ones_like(start), torch.zeros_like(start))
-    root, arrived = carry_wavenumber(duct, start, rigid, _homogeneous(impedance))
-    lost = (~arrived).nonzero()[:, 0]
-    if len(lost):
-        angle = impedance[lost].angle()
-        aside = -DETOUR * torch.sign(angle + (angle == 0))
-        between = _homogeneous(impedance[lost] * torch.polar(torch.ones_like(angle), aside))
-        part, begin = duct.at(lost), (rigid[0][lost], rigid[1][lost])
-        via, _ = carry_wavenumber(part, start[lost], begin, between)
-        root[lost], arrived[lost] = carry_wavenumber(part, via, between, _homogeneous(impedance[lost]))
-    if not bool(arrived.all()):
-        i = int((~arrived).nonzero()[0])
-        raise RuntimeError(
-            f"no wavenumber was found for Z = {complex(impedance[i]):.4g} at k = "
-            f"{float(duct.wavenumber[i]):.4g} 1/m ({int((~arrived).sum())} of {len(arrived)}): "
-            "two modes meet on the way from the rigid wall; change Z slightly"
-        )
-    return root
-
-
-def _attach_derivatives(root: Tensor, duct: Duct, impedance: Tensor) -> Tensor:
-    """The root as a function of all arguments: two Newton steps from it, the implicit function
-    theorem to third order; their values are rounding."""
-    if not any(part.requires_grad for part in (impedance, duct.wavenumber, duct.height, duct.mach)):
-        return root
-    size = impedance.detach().abs()
-    large, infinite = size > 1, torch.isinf(size)
-    b = torch.where(large, torch.where(infinite, 0, 1 / torch.where(infinite | ~large, 1, impedance)), 1)
-    a = torch.where(large, 1, impedance)
-    for _ in range(2):
-        rigid, soft = relation(root, duct)
-        root = root - (a * rigid[0] - b * soft[0]) / (a * rigid[1] - b * soft[1])
-    return root

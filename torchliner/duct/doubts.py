@@ -11,7 +11,8 @@ from torch import Tensor
 from torchliner.checks import tell
 from torchliner.duct.boundaries import EnergyBalance
 from torchliner.duct.case import DuctCase
-from torchliner.duct.rigid_spectrum import cut_on_frequency, rigid_wavenumbers
+from torchliner.duct.modes import cut_on_frequency, rigid_modes
+from torchliner.names import DIRECTIONS
 
 SLOWEST = 0.01  # k H: a wave 600 heights long
 RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
@@ -24,7 +25,7 @@ PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
 def doubt_sound(
     case: DuctCase, frequency: Sequence[float], impedance: Tensor | Callable[..., Tensor], width: float | None
 ) -> None:
-    """Warn of a frequency in kHz, an impedance in rayl, a wave across the width.
+    """Warn of a frequency in kHz, an impedance in rayl, a wave across the width (m).
 
     Warns:
         DataWarning: k H below 0.01; |Z| from 50 to 5000; a frequency above the spanwise cut-on.
@@ -32,21 +33,19 @@ def doubt_sound(
     speed, low, high = case.profile.sound_speed, min(frequency), max(frequency)
     if 0 < 2 * math.pi * low / speed * case.height < SLOWEST:
         tell(f"{low:g} Hz is a wave of {speed / low / case.height:.3g} duct heights; is it in kHz?")
-    if isinstance(impedance, Tensor):
-        odd = impedance[(impedance.abs() > RAYL) & (impedance.abs() < RIGID)]
-        if len(odd):
-            z = complex(odd[0])
+    for z in [] if callable(impedance) else impedance.flatten().tolist():
+        if RAYL < abs(z) < RIGID:
             tell(
                 f"impedance {z:.4g} is large for one over rho c; if it is in rayl (Pa s/m), write "
                 f"{z / (speed * case.density):.3g}, and 'rigid' for a hard wall"
             )
-    if width is not None:
-        across = speed * math.sqrt(1 - case.profile.bulk_mach**2) / (2 * width)
-        if high >= across:
-            tell(
-                f"at {high:g} Hz a mode runs across the width of {1e3 * width:g} mm, from its "
-                f"cut-on of {across:.4g} Hz on; the duct is solved in two dimensions without it"
-            )
+            break
+    across = speed * math.sqrt(1 - case.profile.bulk_mach**2) / (2 * width) if width else math.inf
+    if width and high >= across:
+        tell(
+            f"at {high:g} Hz a mode runs across the width of {1e3 * width:g} mm, from its cut-on of {across:.4g} Hz "
+            "on; the duct is solved in two dimensions without it"
+        )
 
 
 def doubt_ends(case: DuctCase, frequency: Tensor) -> None:
@@ -56,21 +55,22 @@ def doubt_ends(case: DuctCase, frequency: Tensor) -> None:
         DataWarning: a frequency at which mode 1 runs, or hardly decays from the liner to an end.
     """
     profile, kappa = case.profile, case.height * case.wavenumber(frequency)
-    runs = rigid_wavenumbers(profile, kappa, 2, "downstream")[:, 1].imag.abs() < RUNS
+    down, up = (rigid_modes(profile, kappa, 2, d)[:, 1].imag.abs() for d in DIRECTIONS)
+    runs = down < RUNS
     if case.liner and not bool(runs.all()):
         # At the highest frequency below cut-on mode 1 decays least.
         nearest = torch.where(runs, 0, frequency).argmax()
-        ends = {"upstream": case.liner[0][0] - case.start, "downstream": case.end - case.liner[-1][1]}
-        decay = {end: rigid_wavenumbers(profile, kappa[nearest, None], 2, end)[0, 1] for end in ends}
-        rate = {end: float(decay[end].imag.abs()) / case.height for end in ends}
-        end = min(ends, key=lambda name: rate[name] * ends[name])
-        lost = rate[end] * ends[end]
-        if lost < GONE:
+        ends = (
+            (float(up[nearest]) / case.height, case.liner[0][0] - case.start, "upstream"),
+            (float(down[nearest]) / case.height, case.end - case.liner[-1][1], "downstream"),
+        )
+        rate, length, end = min(ends, key=lambda each: each[0] * each[1])
+        if rate * length < GONE:
             tell(
-                f"the liner lies {1e3 * ends[end]:.3g} mm from the {end} end: at {float(frequency[nearest]):g} Hz "
-                f"{100 * math.exp(-lost):.2g} % of mode 1, which its edges make, reaches the end, which reflects some "
-                f"of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the duct there to at least "
-                f"{1e3 * GONE / rate[end]:.3g} mm beyond the liner",
+                f"the liner lies {1e3 * length:.3g} mm from the {end} end: at {float(frequency[nearest]):g} Hz "
+                f"{100 * math.exp(-rate * length):.2g} % of mode 1, which its edges make, reaches the end, which "
+                f"reflects some of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the duct there to at least "
+                f"{1e3 * GONE / rate:.3g} mm beyond the liner",
                 depth=2,
             )
     if bool(runs.any()):

@@ -16,11 +16,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor
-from torchliner.duct.case import DuctCase
+from torchliner.duct.case import DuctCase, require_slip_condition, wall_reflection
 from torchliner.duct.flow_profiles import MeanFlow
-from torchliner.duct.pridmore_brown import equations_of
-from torchliner.duct.roots import newton, with_slope
-from torchliner.duct.wall_impedance import require_slip_condition, wall_reflection
+from torchliner.duct.modes import PridmoreBrown
+from torchliner.duct.roots import newton, with_slopes
 
 POINTS = 12  # Chebyshev points of a panel
 # Parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.
@@ -31,6 +30,7 @@ ASIDE = (0.15, 0.5, 1.4)  # their Im over Re
 STEPS, LONGEST = 6, 0.25  # of Newton's method, of |alpha|
 LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
 NEPER = 20 * math.log10(math.e)  # dB
+NONE = complex(math.nan, math.nan)
 
 
 def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_condition: str | None = None) -> Tensor:
@@ -56,16 +56,17 @@ def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_conditi
         raise ValueError(
             f"impedance has shape {tuple(reflection.shape)}; one value is needed, or {len(wanted)}, one a frequency"
         )
-    reflection = reflection.expand(wanted.shape)
-    found = torch.full(wanted.shape, complex(math.nan, math.nan), dtype=torch.complex128)
+    reflection, found = reflection.expand(wanted.shape), torch.full(wanted.shape, NONE, dtype=torch.complex128)
     height = profile.duct_height
     fastest = float(profile.mach(torch.linspace(0, height, 201, dtype=torch.float64).numpy()).max())
     lined = (reflection != 1).nonzero()[:, 0].tolist() if fastest > 0 else []
     if lined:
         myers = require_slip_condition(profile, slip_condition)
         kappa = 2 * math.pi * height / profile.sound_speed * wanted
+        sheared = float(profile.mach(0.0)) < fastest  # else there is no critical layer
+        equations = {n: PridmoreBrown.of(profile, POINTS, myers, split=n if sheared else 1) for n, _, _ in STAGES}
         for i in lined:
-            found[i] = _fastest(profile, float(kappa[i]), fastest, reflection[i], myers) / height
+            found[i] = _fastest(equations, kappa[i], fastest, reflection[i]) / height
     return found
 
 
@@ -80,7 +81,7 @@ def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tupl
         impedance = impedance(middles.to(frequency), frequency)
     walls = torch.as_tensor(impedance).detach().cpu().expand(len(frequency), len(case.liner))
     growth = torch.zeros(len(frequency), dtype=torch.float64)
-    worst = torch.full_like(growth, math.nan) * (1 + 1j)
+    worst = torch.full(growth.shape, NONE, dtype=torch.complex128)
     for patch, (start, end) in enumerate(case.liner):
         alpha = growing_wave(case.profile, frequency, walls[:, patch], case.slip_condition)
         growth += NEPER * (end - start) * torch.nan_to_num(alpha.imag)
@@ -88,27 +89,23 @@ def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tupl
     return growth, worst
 
 
-def _fastest(profile: MeanFlow, kappa: float, fastest: float, reflection: Tensor, myers: bool) -> Tensor:
+def _fastest(equations: dict[int, PridmoreBrown], kappa: Tensor, fastest: float, reflection: Tensor) -> Any:
     """alpha H of the fastest growing root, or nan."""
-    low, high = (math.log(share * kappa / fastest) for share in (NEAREST, FARTHEST))
+    low, high = (math.log(share * float(kappa) / fastest) for share in (NEAREST, FARTHEST))
     along = torch.linspace(low, high, ALONG, dtype=torch.float64).exp()
     a = (along[:, None] * (1 + 1j * torch.tensor(ASIDE, dtype=torch.float64))).flatten()
-    sheared = float(profile.mach(0.0)) < fastest
     for parts, close, change in STAGES:
-        if not len(a):
-            break
-        split = parts if sheared else 1  # no critical layer
-        equation = equations_of(profile, POINTS, myers, torch.full(a.shape, kappa, dtype=torch.float64), split)
 
-        def relative(z: Tensor, equation: Any = equation) -> Tensor:
-            value, _, pressure = equation.residual(z, reflection)  # F itself grows as exp(alpha H)
-            return value / pressure
+        def relative(z: Tensor, equation: PridmoreBrown = equations[parts]) -> Tensor:
+            value, pressure = equation.residual(z, kappa.expand(len(z)), reflection)
+            return value / pressure  # F itself grows as exp(alpha H)
 
         start = a
-        a, last = newton(lambda z, f=relative: with_slope(f, z), start, STEPS, LONGEST)  # type: ignore[misc]
+        a, last = newton(lambda z, f=relative: with_slopes(f, z), start, STEPS, LONGEST)  # type: ignore[misc]
         held = (last < close * a.abs()) & (a.imag > LEAST) & (a.real > kappa)
-        held &= (a - start).abs() < change * a.abs()
-        a = a[held]
+        a = a[held & ((a - start).abs() < change * a.abs())]
         apart = (a[:, None] - a).abs() < ALIKE * a.abs()
         a = a[~torch.triu(apart, diagonal=1).any(0)]
-    return a[a.imag.argmax()] if len(a) else torch.tensor(complex(math.nan, math.nan))
+        if not len(a):
+            return NONE
+    return a[a.imag.argmax()]

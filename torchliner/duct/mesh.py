@@ -39,9 +39,8 @@ class DuctMesh:
     degree: int = 4
 
     def __post_init__(self) -> None:
+        require_positive("mesh degree", self.degree)
         case = self.case
-        if self.degree < 1:
-            raise ValueError(f"degree is {self.degree}; it must be at least 1")
         for name, low, high in (("x", case.start, case.end), ("y", 0.0, case.height)):
             edges = np.array(getattr(self, name), np.float64)
             tolerance = SAME * (high - low)
@@ -85,17 +84,13 @@ class DuctMesh:
         """Of the lined columns, m."""
         return self.widths[self.lined]
 
-    def points_per_wavelength(self, frequency: float) -> float:
-        """Of the shortest acoustic wave, the one against the flow, (1 - M_b) c/f.
+    def warn_if_coarse(self, frequency: float) -> None:
+        """Warn of fewer points per wavelength, that of the wave against the flow, (1 - M_b) c/f, than the degree needs.
 
         An element of degree p counts as p + 1 points, along its longer side.
         """
-        largest = max(self.widths.max(), np.diff(self.y).max())
-        return float(_shortest_wave(self.case, frequency) * (self.degree + 1) / largest)
-
-    def warn_if_coarse(self, frequency: float) -> None:
-        """Warn, with the number, of fewer points per wavelength than the degree needs."""
-        points, fewest = self.points_per_wavelength(frequency), FEWEST.get(self.degree, 7.0)
+        largest, fewest = max(self.widths.max(), np.diff(self.y).max()), FEWEST.get(self.degree, 7.0)
+        points = _shortest_wave(self.case, frequency) * (self.degree + 1) / largest
         if points < fewest:
             tell(
                 f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of the wave against the "
@@ -112,7 +107,6 @@ def build_mesh(
     column: float | None = None,
     row: float | None = None,
     wall_cell: float | None = None,
-    edge_cell: float | None = None,
 ) -> DuctMesh:
     """A mesh for one frequency and all below it.
 
@@ -122,15 +116,16 @@ def build_mesh(
             points per wavelength of ``FEWEST``, whichever is less.
         wall_cell: height of the elements at the walls, m; default: 0.5 mm or a hundredth of the height, whichever is
             less, in a sheared flow, ``row`` otherwise.
-        edge_cell: width of the columns at the edges of lined patches, m; default ``column``.
     Raises:
         ValueError: a frequency, size or degree not above 0.
     """
-    require_positive("mesh frequency (Hz)", frequency)
-    require_positive("mesh degree", degree)
-    for name, size in {"column": column, "row": row, "wall_cell": wall_cell, "edge_cell": edge_cell}.items():
+    stated = {
+        "frequency (Hz)": frequency, "degree": degree, "column (m)": column, "row (m)": row,
+        "wall_cell (m)": wall_cell,
+    }  # fmt: skip
+    for name, size in stated.items():
         if size is not None:
-            require_positive(f"mesh {name} (m)", size)
+            require_positive(f"mesh {name}", size)
     largest = min(case.height / 5, _shortest_wave(case, frequency) * (degree + 1) / (SPARE * FEWEST.get(degree, 7.0)))
     row, column = row or largest, column or largest
     sheared = float(np.ptp(case.profile.mach([0.0, case.height / 2]))) > 0
@@ -139,7 +134,7 @@ def build_mesh(
     y = np.concatenate([half, case.height - half[-2::-1]])
     x = [np.array([case.start])]
     for low, high in itertools.pairwise(sorted({case.start, case.end, *itertools.chain(*case.liner)})):
-        x.append(low + _graded(high - low, edge_cell or column, column, both=True)[1:])
+        x.append(low + _even(high - low, column)[1:])
     return DuctMesh(case, np.concatenate(x), y, degree)
 
 
@@ -148,15 +143,14 @@ def _shortest_wave(case: DuctCase, frequency: float) -> float:
     return (1 - case.profile.bulk_mach) * case.profile.sound_speed / frequency
 
 
-def _graded(length: float, first: float, largest: float, *, both: bool = False) -> Array:
-    """Edges over 0..length: sizes from ``first`` doubling to ``largest``, from one end or both."""
-    if first >= largest:
-        return np.linspace(0, length, max(1, math.ceil(length / largest - SAME)) + 1)
-    span = length / 2 if both else length
-    sizes = [first]
-    while sum(sizes) + min(2 * sizes[-1], largest) < span and 2 * sizes[-1] < largest:
+def _graded(length: float, first: float, largest: float) -> Array:
+    """Edges over 0..length: sizes from ``first`` doubling to ``largest``."""
+    sizes = [] if first >= largest else [first]
+    while sizes and sum(sizes) + min(2 * sizes[-1], largest) < length and 2 * sizes[-1] < largest:
         sizes.append(2 * sizes[-1])
-    rest = span - sum(sizes)
-    more = max(1, math.ceil(rest / largest - SAME))
-    edges = np.concatenate([[0], np.cumsum([*sizes, *([rest / more] * more)])])
-    return np.concatenate([edges, length - edges[-2::-1]]) if both else edges
+    reached = sum(sizes)
+    return np.concatenate([np.cumsum([0, *sizes])[:-1], reached + _even(length - reached, largest)])
+
+
+def _even(length: float, largest: float) -> Array:
+    return np.linspace(0, length, max(1, math.ceil(length / largest - SAME)) + 1)

@@ -1,4 +1,26 @@
-"""Modes of a lined duct with a sheared flow: axial wavenumbers and shapes, over frequency and Z."""
+r"""Modes of a lined duct with a sheared flow: axial wavenumbers and shapes, over frequency and Z.
+
+With lengths in duct heights, eta = y/H, kappa = k H, a = alpha H, sigma = kappa - a M and waves
+exp(j omega t - j alpha x), the linearised Euler equations are, with zeta = v/sigma,
+
+.. math:: p' = -j \sigma^2 \zeta, \quad \zeta' = -j (1 - a^2/\sigma^2)\, p, \quad
+    u = a p/\sigma + j M' \zeta.
+
+From p = 1, zeta = 0 on the rigid wall eta = 1 they have one solution for every a; a is a wavenumber when that meets
+the condition on the wall eta = 0:
+
+.. math:: F(a) = (1 - R)(1 - a M_w/\kappa) p + (1 + R) v = 0,
+
+R = (Z - 1)/(Z + 1). With the factor (1 - a M_w/kappa), M_w the Mach number at the wall, this is Ingard's and Myers'
+condition, without it continuity of velocity.
+
+The height is cut into panels that grow from the walls to the middle; in each both equations are integrated on Chebyshev
+points, which makes them one linear system for p. Neither M' nor a second derivative enters, whose rounding grows with
+the fourth power of the number of points.
+
+Mode n is the rigid mode n of the bulk flow, in closed form, followed twice: while the flow takes its shape, and while
+the wall's reflection goes straight from 1 to R. So the continuous spectrum Re alpha > k/M_max is never touched.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +30,109 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, whole_number
-from torchliner.duct.flow_profiles import MeanFlow
-from torchliner.duct.polynomials import chebyshev_points, interpolation_matrix
-from torchliner.duct.pridmore_brown import PridmoreBrown, equations_of
-from torchliner.duct.rigid_spectrum import rigid_wavenumbers
-from torchliner.duct.roots import follow_roots, newton, with_slope
-from torchliner.duct.wall_impedance import require_slip_condition, result_type, wall_reflection
+from torchliner.duct.case import require_slip_condition, result_type, wall_reflection
+from torchliner.duct.dispersion import rigid_wavenumber
+from torchliner.duct.flow_profiles import MeanFlow, UniformProfile
+from torchliner.duct.polynomials import chebyshev_points, integral_matrix, interpolation_matrix
+from torchliner.duct.roots import follow_roots, with_slopes
 from torchliner.names import DIRECTIONS
 
-CHUNK = 256  # modes solved at once: some 40 MB of matrices
-SETTLED = 1e-8  # of alpha H: the last correction of a mode that was found
-TWINS = 1e-6  # of alpha H: modes that are one
+WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height
+DAMPED = 0.3  # -Im over Re of kappa at first: the source grows, which sends every mode to its side, past its cut-on
+CHUNK = 256  # modes followed at once: some 40 MB of matrices
+
+
+@dataclass(frozen=True, eq=False)
+class PridmoreBrown:
+    """The equations in one flow.
+
+    Args:
+        mach, mach_slope: M and dM/deta at the nodes, (K, N).  nodes: eta, (K, N) in K panels, falling.
+        integral: from the first node of each panel, along falling eta, complex128, (K, N, N).
+        bulk: M_b.  myers: condition with the factor of slip.
+    """
+
+    mach: Tensor
+    mach_slope: Tensor
+    nodes: Tensor
+    integral: Tensor
+    bulk: float
+    myers: bool
+
+    @classmethod
+    def of(
+        cls, profile: MeanFlow, points: int, myers: bool, device: torch.device | None = None, split: int = 1
+    ) -> PridmoreBrown:
+        """With ``points`` Chebyshev points in each panel, each panel cut into ``split`` parts."""
+        edges, height, inner = _panel_edges(profile, split), profile.duct_height, chebyshev_points(points)
+        widths = np.diff(edges)[::-1, None]  # from the rigid wall down: the first panel ends at eta = 1
+        nodes = (edges[:0:-1, None] - widths * inner).clip(0, 1)
+        y = (height * nodes).clip(0, height)
+        found = (
+            profile.mach(y),
+            height * profile.mach_slope(y),
+            nodes,
+            (-1 + 0j) * widths[..., None] * integral_matrix(inner),
+        )
+        mach, slope, nodes, integral = (torch.as_tensor(part, device=device) for part in found)
+        return cls(mach, slope, nodes, integral, profile.bulk_mach, myers)
+
+    def solve(self, a: Tensor, kappa: Tensor, share: Any = 1.0) -> tuple[Tensor, Tensor]:
+        """p and zeta over the nodes for each a and kappa, (M,): (M, K N) each; differentiable.
+
+        ``share``, (M,): how much of its shape the flow has, from 0, the bulk flow, on.
+        """
+        share = torch.as_tensor(share, device=a.device)[..., None, None]
+        wave = a[:, None, None]
+        local = kappa[:, None, None] - wave * (self.bulk + share * (self.mach - self.bulk))
+        # p = p0 - j W A zeta, zeta = zeta0 - j W B p, A and B diagonal: (1 + W A W B) p = ...
+        by_stiff = -1j * self.integral * (local**2)[..., None, :]
+        by_mass = -1j * self.integral * (1 - (wave / local) ** 2)[..., None, :]
+        starts = torch.stack([torch.ones_like(local), by_stiff.sum(-1)], -1)  # from (p0, zeta0)
+        one = torch.eye(local.shape[-1], dtype=a.dtype, device=a.device)
+        p = torch.linalg.solve_ex(one - by_stiff @ by_mass, starts)[0]  # (M, K, N, 2)
+        zeta = by_mass @ p + torch.tensor([0.0, 1.0], device=a.device)
+        # Panel after panel: each starts from the (p, zeta) that the one above ends with.
+        state = torch.tensor([[1.0], [0.0]], dtype=a.dtype, device=a.device).expand(len(a), 2, 1)
+        found = []
+        for panel in torch.stack([p, zeta], 2).unbind(1):  # (M, 2, N, 2)
+            found.append((panel @ state[:, None])[..., 0])
+            state = found[-1][..., -1:]
+        pressure, flux = torch.stack(found, 2).flatten(2).unbind(1)
+        return pressure, flux
+
+    def residual(self, a: Tensor, kappa: Tensor, reflection: Any, share: Any = 1.0) -> tuple[Tensor, Tensor]:
+        """F and p at the wall, (M,), for walls of the reflection R, (M,)."""
+        pressure, flux = (part[:, -1] for part in self.solve(a, kappa, share))
+        mach = self.bulk + share * (self.mach[-1, -1] - self.bulk)
+        wall = (1 - a * mach / kappa if self.myers else 1) * pressure
+        return (1 - reflection) * wall + (1 + reflection) * (kappa - a * mach) * flux, pressure
+
+    def velocities(self, a: Tensor, kappa: Tensor, pressure: Tensor, flux: Tensor) -> tuple[Tensor, Tensor]:
+        """u and v over the nodes, (M, K N)."""
+        local = kappa[:, None] - a[:, None] * self.mach.flatten()
+        return a[:, None] * pressure / local + 1j * self.mach_slope.flatten() * flux, local * flux
+
+
+def _panel_edges(profile: MeanFlow, split: int) -> np.ndarray:
+    """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b.
+
+    A wave with |a| > kappa/M has M = kappa/a near a wall at a complex y, where sigma is 0 and the
+    solution singular: hence thin panels there in every sheared flow, not only in thin layers.
+    """
+    slope = abs(float(profile.mach_slope(0.0))) * profile.duct_height
+    width = min(THIN, max(THINNEST, profile.bulk_mach / slope / 2)) if slope else WIDEST
+    edges = [0.0]
+    while edges[-1] < 0.5:
+        edges.append(edges[-1] + width)
+        width = min(2 * width, WIDEST)
+    half = np.array(edges) * (0.5 / edges[-1])
+    whole = np.concatenate([half, 1 - half[-2::-1]])
+    return np.interp(np.arange(split * (len(whole) - 1) + 1) / split, np.arange(len(whole)), whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +189,7 @@ def duct_modes(
 ) -> DuctModes:
     r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
 
-    The rigid duct's wavenumbers come from the eigenvalues of the linearised Euler equations at
-    Chebyshev points; each is then followed as the wall's reflection runs from 1 to R, Newton's
-    method on the Pridmore-Brown equation at every step, so that mode n is the one that grew out of
-    rigid mode n and the continuous spectrum Re alpha > k/M_max is never touched. The way decides
-    the number where modes come close: ``wavenumber_from_impedance`` follows 1/Z, and its mode n may
-    be another. A wave that grows out of no rigid mode is not among them: see ``growing_wave``.
+    A wave that grows out of no rigid mode is not among them: see ``growing_wave``.
 
     Args:
         profile: mean flow M(y).  frequency: Hz, (F,).
@@ -92,20 +198,20 @@ def duct_modes(
         count: modes 0 to count - 1.  direction: ``downstream`` or ``upstream``.
         slip_condition: ``ingard-myers`` (displacement is continuous) or ``continuous-velocity``;
             needed for a lined wall along which the flow slips.
-        points: Chebyshev points in each panel of the height, see ``pridmore_brown``.
+        points: Chebyshev points in each panel of the height.
     Returns:
         Modes on the device of ``impedance`` if it is a tensor, else of ``frequency``; complex64 if
         ``impedance`` is, else complex128.
     Raises:
         ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
-            unknown; a count below 1.
-        RuntimeError: modes that the points do not resolve, or that meet on the way.
+            unknown; a count below 1 or beyond what the points resolve.
+        RuntimeError: modes that meet on the way.
     Warns:
         DataWarning: negative resistance.
     """
     require_choice("direction", direction, DIRECTIONS)
-    if whole_number("count", count) < 1:
-        raise ValueError(f"count is {count}; at least one mode is needed")
+    if not 1 <= whole_number("count", count) <= 2 * points:
+        raise ValueError(f"count is {count}; from one mode to {2 * points}, twice the points, can be had")
     wanted = frequency_tensor(frequency)
     wall = wall_reflection(impedance, wanted.device)
     wanted = wanted.to(wall.device)
@@ -118,16 +224,10 @@ def duct_modes(
             f"impedance has shape {tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
         ) from None
     shape = (*wall.shape, count)
-    equation = equations_of(profile, points, slips, kappa[:, None].expand(shape).reshape(-1))
-    with torch.no_grad():
-        rigid = _rigid(
-            equations_of(profile, points, False, kappa.repeat_interleave(count)), profile, kappa, count, direction
-        )
-    starts, walls = rigid.expand(shape).reshape(-1), wall[..., None].expand(shape).reshape(-1)
-    parts = [
-        _lined(equation.at(at), starts[at], walls[at])
-        for at in torch.arange(len(starts), device=wall.device).split(CHUNK)
-    ]
+    equation = PridmoreBrown.of(profile, points, slips, wall.device)
+    rigid = rigid_modes(profile, kappa, count, direction, points)
+    items = rigid.expand(shape), kappa[:, None].expand(shape), wall[..., None].expand(shape)
+    parts = [_lined(equation, *part) for part in zip(*(item.reshape(-1).split(CHUNK) for item in items), strict=True)]
     a, pressure, u, v = (torch.cat(part).to(result_type(impedance)) for part in zip(*parts, strict=True))
     pressure, u, v = (part.reshape(*shape, -1) for part in (pressure, u, v))
     height = profile.duct_height
@@ -136,59 +236,78 @@ def duct_modes(
     )
 
 
-def _rigid(equation: PridmoreBrown, profile: MeanFlow, kappa: Tensor, count: int, direction: str) -> Tensor:
-    """Rigid wavenumbers alpha H, (F, count): those of the eigenvalues, polished."""
-    rough = rigid_wavenumbers(profile, kappa, count, direction).reshape(-1)
-    one, each = torch.ones_like(rough), equation.kappa
-    found, last = newton(lambda a: with_slope(lambda z: equation.residual(z, one)[0], a), rough)
-    failed = (~(last < SETTLED)).nonzero()[:, 0]
-    if len(failed):
-        i = int(failed[0])
-        raise RuntimeError(
-            f"the wavenumber near alpha H = {complex(rough[i]):.4g} at k H = {float(each[i]):.4g} does not settle "
-            f"(last correction {float(last[i]):.2g}): a mode exactly at cut-on has no single wavenumber, and too few "
-            "points resolve none"
-        )
-    found = found.reshape(-1, count)
-    twins = torch.triu((found[:, :, None] - found[:, None]).abs() < TWINS, diagonal=1).nonzero()
-    if len(twins):
-        at, one_of, other = twins[0].tolist()
-        raise RuntimeError(
-            f"rigid modes {one_of} and {other} at k H = {float(kappa[at]):.4g} come out the same: they are not "
-            "resolved; take fewer modes"
-        )
-    return found
+def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str, points: int = 12) -> Tensor:
+    """alpha H of modes 0 to count - 1 between rigid walls, (F, count), at kappa = k H, (F,)."""
+    number = math.pi * torch.arange(count).to(kappa)
+    sign = 1 if direction == "downstream" else -1
+    start = rigid_wavenumber((1 - 1j * DAMPED) * kappa[:, None], profile.bulk_mach, number, sign)
+    equation, each = PridmoreBrown.of(profile, points, False, kappa.device), kappa.repeat_interleave(count)
+
+    def value(a: Tensor, t: Tensor, k: Tensor) -> Tensor:
+        return equation.residual(a, k * (1 - 1j * DAMPED * (1 - t)), 1.0, t)[0]
+
+    return _followed(value, start.reshape(-1), each, each).reshape(-1, count)
 
 
-def _lined(equation: PridmoreBrown, rigid: Tensor, wall: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _lined(equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor) -> tuple[Tensor, ...]:
     """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R.
 
     On the way Z(t) + 1 = (Z + 1)/t: every wall is passive if the last one is, and Z = 0 is a point like others.
     """
-    change = wall.detach() - 1
 
-    def condition(a: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        part, rates = equation.at(index), []
+    def value(a: Tensor, t: Tensor, k: Tensor, r: Tensor) -> Tensor:
+        return equation.residual(a, k, 1 + t * (r - 1))[0]
 
-        def value(z: Tensor) -> Tensor:
-            found, rate, _ = part.residual(z, 1 + t * change[index])
-            rates.append(rate.detach() * change[index])
-            return found
-
-        return (*with_slope(value, a), rates[0])
-
-    a, place = follow_roots(condition, rigid)
-    stuck = (place < 1).nonzero()[:, 0]
-    if len(stuck):
-        i = int(stuck[0])
-        raise RuntimeError(
-            f"the mode at alpha H = {complex(a[i]):.5g}, k H = {float(equation.kappa[i]):.4g} cannot be followed "
-            f"beyond {float(place[i]):.4g} of the way to R = {complex(wall[i]):.4g}: another mode meets it there; a "
-            "slightly different impedance or frequency goes round"
-        )
+    a = _followed(value, rigid, kappa, kappa, wall.detach())
     if wall.requires_grad:
         # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
-        _, slope, _ = condition(a, place, torch.arange(len(a), device=a.device))
-        a = a - equation.residual(a, wall)[0] / slope
-    pressure, flux = equation.solve(a)
-    return a, pressure, *equation.velocities(a, pressure, flux)
+        _, slope = with_slopes(lambda z: value(z, torch.ones_like(kappa), kappa, wall.detach()), a)
+        a = a - equation.residual(a, kappa, wall)[0] / slope
+    pressure, flux = equation.solve(a, kappa)
+    return a, pressure, *equation.velocities(a, kappa, pressure, flux)
+
+
+def _followed(value: Any, start: Tensor, kappa: Tensor, *more: Tensor) -> Tensor:
+    """Roots a of value(a, t, *more) followed from t = 0 to 1, items of (M,).
+
+    Raises:
+        RuntimeError: one stalls.
+    """
+
+    def condition(a: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        found, slope, rate = with_slopes(lambda z, s: value(z, s, *(part[index] for part in more)), a, t)
+        return found, slope, rate
+
+    a, place = follow_roots(condition, start)
+    if bool((place < 1).any()):
+        i = int(place.argmin())
+        raise RuntimeError(
+            f"the mode at alpha H = {complex(a[i]):.5g}, k H = {float(kappa[i]):.4g} cannot be followed beyond "
+            f"{float(place[i]):.4g} of its way from the rigid duct: another mode meets it there; a slightly different "
+            "impedance or frequency goes round"
+        )
+    return a
+
+
+def cut_on_frequency(profile: MeanFlow, mode: int = 1) -> float:
+    r"""Cut-on frequency of a mode between rigid walls, Hz.
+
+    Without shear it is n c sqrt(1 - M^2)/(2 H). With shear it is the zero of the squared half difference of the two
+    wavenumbers of the mode, downstream and upstream, which is real and crosses zero straight where they meet.
+
+    Raises:
+        ValueError: a mode below 1: the plane wave runs at every frequency.
+    """
+    if mode < 1:
+        raise ValueError(f"mode is {mode}; the plane wave, 0, runs at every frequency")
+    uniform = mode * math.pi * math.sqrt(1 - profile.bulk_mach**2)
+    to_hertz = profile.sound_speed / (2 * math.pi * profile.duct_height)
+    if isinstance(profile, UniformProfile):
+        return to_hertz * uniform
+
+    def difference(kappa: float) -> float:
+        at = torch.tensor([kappa], dtype=torch.float64)
+        down, up = (rigid_modes(profile, at, mode + 1, d)[0, mode] for d in DIRECTIONS)
+        return float(((down - up) / 2).square().real)
+
+    return to_hertz * float(brentq(difference, 0.5 * uniform, 1.5 * uniform, xtol=1e-9))

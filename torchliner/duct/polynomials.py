@@ -30,19 +30,21 @@ def chebyshev_points(count: int) -> Array:
 
 def interpolation_matrix(points: Array, places: ArrayLike) -> Array:
     """Values at ``places``, (P, N)."""
-    return legendre.legvander(2 * np.asarray(places, np.float64) - 1, len(points) - 1) @ _coefficients(points)
+    return _values(_coefficients(points), places)
 
 
 def derivative_matrix(points: Array) -> Array:
     """Derivatives at the points, (N, N)."""
-    slopes = 2 * legendre.legder(_coefficients(points), axis=0)
-    return legendre.legvander(2 * points - 1, len(points) - 2) @ slopes
+    return _values(2 * legendre.legder(_coefficients(points), axis=0), points)
 
 
 def integral_matrix(points: Array) -> Array:
     """Integrals from 0 to each point, (N, N)."""
-    integrals = legendre.legint(_coefficients(points), lbnd=-1, axis=0) / 2
-    return legendre.legvander(2 * points - 1, len(points)) @ integrals
+    return _values(legendre.legint(_coefficients(points), lbnd=-1, axis=0) / 2, points)
+
+
+def _values(coefficients: Array, places: ArrayLike) -> Array:
+    return legendre.legvander(2 * np.asarray(places, np.float64) - 1, len(coefficients) - 1) @ coefficients
 
 
 def _coefficients(points: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field
 from torch import Tensor
 
 from torchliner import toml_files
@@ -19,9 +19,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
 from torchliner.duct.case import DuctCase
 from torchliner.duct.doubts import doubt_sound
-from torchliner.duct.law_of_the_wall import LawOfTheWallProfile
-from torchliner.duct.tables import Z, tabulated_wall, velocity_table
-from torchliner.duct.tabulated_profile import TabulatedProfile
+from torchliner.duct.tables import TabulatedProfile, Z, tabulated_wall, velocity_table
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
@@ -70,6 +68,18 @@ class DuctSetup:
         return self.impedance[..., 0] if self.impedance.numel() else torch.inf
 
 
+def _pair(value: Any) -> Any:
+    """A number as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
+    if not isinstance(value, (int, float, complex, np.number)):
+        return value
+    z = complex(value)
+    return "rigid" if math.isinf(abs(z)) else (z.real, z.imag)
+
+
+Pair = Annotated[tuple[float, float], BeforeValidator(_pair)]
+Wall = Annotated[tuple[float, float] | Literal["rigid"], BeforeValidator(_pair)]
+
+
 class DuctTable(Strict):
     """Table ``[duct]``, m."""
 
@@ -80,22 +90,21 @@ class DuctTable(Strict):
     liner: list[tuple[float, float]] = Field(default_factory=list)
 
 
+def _subsonic(value: Any) -> Any:
+    if isinstance(value, (int, float)) and not 0 <= value < 1:
+        raise ValueError("it must be at least 0 and below 1 (a Mach number, not m/s)")
+    return value
+
+
 class FlowTable(Strict):
     """Table ``[flow]``."""
 
     profile: Annotated[str, one_of(*FLOW_PROFILES, "table")] = "uniform"
-    bulk_mach: float
+    bulk_mach: Annotated[float, BeforeValidator(_subsonic)]
     shear: float | None = Field(None, gt=0)
     allow_thin: bool = False
     file: str | None = None
     slip_condition: Annotated[str, one_of(*CONDITIONS)] | None = None
-
-    @field_validator("bulk_mach")
-    @classmethod
-    def _subsonic(cls, value: float) -> float:
-        if not 0 <= value < 1:
-            raise ValueError("it must be at least 0 and below 1 (a Mach number, not m/s)")
-        return value
 
 
 class SoundTable(Strict):
@@ -104,10 +113,10 @@ class SoundTable(Strict):
     frequency: list[float] = Field(min_length=1)
     level: float = Field(100.0, ge=0, le=200)
     source_side: Annotated[str, one_of(*SOURCES)] = "upstream"
-    impedance: list[tuple[float, float] | Literal["rigid"]] | None = None
+    impedance: Annotated[list[Wall], BeforeValidator(lambda v: v if isinstance(v, list | tuple) else [v])] | None = None
     impedance_file: str | None = None
-    end_reflection: tuple[float, float] = (0.0, 0.0)
-    source_reflection: tuple[float, float] = (0.0, 0.0)
+    end_reflection: Pair = (0.0, 0.0)
+    source_reflection: Pair = (0.0, 0.0)
 
 
 class MicrophoneTable(Strict):
@@ -134,15 +143,13 @@ class DuctFile(Strict):
 
 
 TABLES: dict[str, Any] = {
-    name: field.annotation
-    for name, field in DuctFile.model_fields.items()
-    if name not in ("name", "description", "source")
-}
+    "duct": DuctTable, "flow": FlowTable, "sound": SoundTable, "microphones": MicrophoneTable, "fluid": FluidTable
+}  # fmt: skip
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
     "tanh": flow_profiles.TanhProfile,
-    "law-of-the-wall": LawOfTheWallProfile,
+    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
 }
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {
@@ -185,12 +192,13 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
     for key, value in changes.items():
         if key not in owners:
             raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(owners)}")
+        value = value.tolist() if isinstance(value, (np.ndarray, Tensor)) else value
         table = content.setdefault(owners[key], {})
         if table.get(key) != value:
             for other in REPLACES.get(key, ()):
                 if other not in changes:  # else both were asked for, which is refused further on
                     table.pop(other, None)
-        table[key] = _plain(key, value)
+        table[key] = value
     file = validated(DuctFile, content, path, TABLES)
     try:
         with noted() as notes:
@@ -200,27 +208,10 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _plain(key: str, value: Any) -> Any:
-    """Complex numbers as pairs, as TOML has them; of impedances a list, or one for the only patch."""
-    value = value.tolist() if isinstance(value, (np.ndarray, Tensor)) else value
-    if key in ("end_reflection", "source_reflection"):
-        return _pair(value)
-    if key != "impedance":
-        return value
-    many = [_pair(each) for each in (value if isinstance(value, (list, tuple)) else [value])]
-    return ["rigid" if isinstance(each, list) and math.inf in map(abs, each) else each for each in many]
-
-
-def _pair(value: Any) -> Any:
-    numbers = isinstance(value, (int, float, complex, np.number))
-    return [complex(value).real, complex(value).imag] if numbers else value
-
-
 def _build(file: DuctFile, path: Path) -> DuctSetup:
     fluid, sound, duct = file.fluid.build(), file.sound, file.duct
     profile = _profile(file.flow, duct.height, fluid, path)
     impedance = _impedance(sound, duct, path)
-    slips = float(profile.mach(0.0)) > 0
     case = DuctCase(
         profile,
         duct.start,
@@ -231,40 +222,28 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         end_reflection=complex(*sound.end_reflection),
         source_reflection=complex(*sound.source_reflection),
         density=fluid.density,
-        slip_condition=file.flow.slip_condition or ("ingard-myers" if slips else None),
+        slip_condition=file.flow.slip_condition or ("ingard-myers" if float(profile.mach(0.0)) > 0 else None),
     )
     doubt_sound(case, sound.frequency, impedance, duct.width)
-    return DuctSetup(
-        file.name or path.stem,
-        case,
-        torch.tensor(sound.frequency, dtype=torch.float64),
-        sound.level,
-        impedance,
-        _microphones(file.microphones, case),
-        file.microphones.wall,
-        file.model_dump(),
-        fluid,
-    )
+    wanted = torch.tensor(sound.frequency, dtype=torch.float64)
+    places, facts = _microphones(file.microphones, case), file.model_dump()
+    name, wall = file.name or path.stem, file.microphones.wall
+    return DuctSetup(name, case, wanted, sound.level, impedance, places, wall, facts, fluid)
 
 
 def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
     """x, m, (N,); none stated: (0,)."""
     first, last, step = table.first, table.last, table.step
-    stated = [value is not None for value in (first, last, step)]
-    if table.x is not None:
-        if any(stated):
-            raise ValueError("microphones state x and first, last, step; keep one")
-        places = torch.tensor(table.x, dtype=torch.float64)
-    elif first is None or last is None or step is None:
-        if any(stated):
-            raise ValueError("microphones need first, last and step, or x")
-        return torch.empty(0, dtype=torch.float64)
-    else:
+    stated = sum(value is not None for value in (first, last, step))
+    if stated not in (0, 3) or (stated and table.x is not None):
+        raise ValueError("microphones need first, last and step, or x, not both")
+    places = torch.tensor(table.x or [], dtype=torch.float64)
+    if first is not None and last is not None and step is not None:
         count = round((last - first) / step) + 1
         if not 1 <= count <= MOST_MICROPHONES:
             raise ValueError(
-                f"microphones from {first:g} to {last:g} m in steps of {step:g} m "
-                f"are {count}; 1 to {MOST_MICROPHONES} are possible"
+                f"microphones from {first:g} to {last:g} m in steps of {step:g} m are {count}; 1 to {MOST_MICROPHONES} "
+                "are possible"
             )
         places = first + step * torch.arange(count, dtype=torch.float64)
     outside = ((places < case.start) | (places > case.end)).nonzero()[:, 0]
@@ -298,16 +277,13 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
 
 
 def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
-    walls, patches = sound.impedance, len(duct.liner)
-    if walls is None and sound.impedance_file is None and patches == 0:
-        return torch.empty(0, dtype=torch.complex128)
-    if (walls is None) == (sound.impedance_file is None):
+    walls, file, patches = sound.impedance, sound.impedance_file, len(duct.liner)
+    if (walls is None) == (file is None) and (patches or file):
         raise ValueError("sound needs either impedance or impedance_file")
-    if sound.impedance_file is not None:
+    if file is not None:
         if patches == 0:
             raise ValueError("sound has an impedance_file, the duct no liner; state one or leave it out")
-        file = path.parent / sound.impedance_file
-        return tabulated_wall(file, duct.liner, duct.start, duct.end, sound.frequency)
+        return tabulated_wall(path.parent / file, duct.liner, duct.start, duct.end, sound.frequency)
     values = [math.inf if pair == "rigid" else complex(*pair) for pair in walls or []]
     if len(values) != patches:
         raise ValueError(f"sound has {len(values)} impedances for {patches} lined patches")

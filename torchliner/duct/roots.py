@@ -1,12 +1,10 @@
 r"""Roots of analytic functions, many at once: Newton's method, and roots followed without jumps.
 
-F(z, t) is analytic in z; a root at t = 0 is carried to t = 1 by a tangent step and Newton's method. Two
-bounds choose the step of each root by itself, so that a root never lands on a neighbour. F' may change
-over the step by 0.3 at most: the step is short beside the distance at which F' could vanish. And the
-Newton-Kantorovich number at the predicted point, :math:`|F F''/F'^2|`, which must be below 1/2 for the
-iteration to have one limit, is at most 0.05; it is by how much F' changes over the first correction.
-Where two roots meet, F' = 0, the steps shrink to nothing: such a root is reported as stalled, unless
-they meet at t = 1 itself, where Newton's method still halves the distance to the double root.
+F(z, t) is analytic; a root at t = 0 is carried to t = 1 by tangent steps and Newton's method. Two bounds choose the
+step of each root, so that it never lands on a neighbour: F' may change over the step by 0.3, and the Newton-Kantorovich
+number at the predicted point, :math:`|F F''/F'^2|`, which below 1/2 leaves the iteration one limit, is at most 0.05
+(it is by how much F' changes over the first correction). Where two roots meet, F' = 0, the steps shrink to nothing:
+such a root stalls, unless they meet at t = 1 itself, where Newton's method halves the distance to the double root.
 """
 
 from __future__ import annotations
@@ -18,8 +16,7 @@ import torch
 from torch import Tensor
 
 REACH, KANTOROVICH = 0.3, 0.05
-FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.05, 0.25, 1e-9
-MOST_STEPS = 4000
+LONGEST_STEP, SHORTEST_STEP, MOST_STEPS = 0.25, 1e-9, 4000
 POLISHING, HALVINGS = 8, 40  # Newton's steps to a simple root, and to a double one
 ROUNDING = 1e-13  # of |z|: a correction that polishes no more
 NOISE = 1e-6  # of |z|: a correction below it that does not shrink is rounding; double roots have half the digits
@@ -29,17 +26,17 @@ NEARBY = 1e-3  # of |z|: a root that stalls short of a double one is that near t
 Function = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
 
 
-def with_slope(function: Callable[[Tensor], Tensor], z: Tensor) -> tuple[Tensor, Tensor]:
-    """An analytic function and its derivative at z, (N,), where no item depends on another's z."""
+def with_slopes(function: Callable[..., Tensor], *at: Tensor) -> tuple[Tensor, ...]:
+    """An analytic function and its derivative by each argument, (N,), where no item depends on another's."""
     with torch.enable_grad():
-        place = z.detach().requires_grad_()
-        value = function(place)
-        (slope,) = torch.autograd.grad(value, place, torch.ones_like(value))
-    return value.detach(), slope.conj()
+        places = [each.detach().to(torch.complex128).requires_grad_() for each in at]
+        value = function(*places)
+        slopes = torch.autograd.grad(value, places, torch.ones_like(value))
+    return value.detach(), *(slope.conj() for slope in slopes)
 
 
 def newton(
-    function: Callable[[Tensor], tuple[Tensor, Tensor]], z: Tensor, steps: int = POLISHING, longest: float = math.inf
+    function: Callable[[Tensor], tuple[Tensor, ...]], z: Tensor, steps: int = POLISHING, longest: float = math.inf
 ) -> tuple[Tensor, Tensor]:
     """Newton's method on F and F' from z, (N,): the roots, and the size of each one's last correction.
 
@@ -60,13 +57,11 @@ def newton(
     return z, torch.nan_to_num(last, nan=torch.inf)
 
 
-def follow_roots(function: Function, start: Tensor, first_step: float = FIRST_STEP) -> tuple[Tensor, Tensor]:
-    """Carry roots from t = 0 to t = 1.
+def follow_roots(function: Function, start: Tensor, first_step: float = LONGEST_STEP) -> tuple[Tensor, Tensor]:
+    """Carry roots, complex128, (N,), from t = 0 to t = 1; ``first_step`` of the way is tried first.
 
-    Args:
-        function: F, as above.  start: roots at t = 0, complex128, (N,).  first_step: of t, that is tried.
     Returns:
-        Roots at t = 1, (N,), and how far each came, (N,): 1, or less for one that stalled and stayed there.
+        Roots, (N,), and how far each came, (N,): 1, or less for one that stalled and stayed there.
     """
     root, place = start.clone(), torch.zeros_like(start.real)
     step = torch.full_like(place, first_step)

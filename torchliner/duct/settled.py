@@ -9,7 +9,7 @@ and columns that resolve the growing wave, if there is one, as far as ``NARROWES
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -18,11 +18,9 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, noted, tell
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase
-from torchliner.duct.field import DuctField
 from torchliner.duct.growing_wave import growth_over_liner
 from torchliner.duct.mesh import FEWEST, DuctMesh, build_mesh
-from torchliner.duct.solver import DuctSolver
-from torchliner.records.outlets import Reported
+from torchliner.duct.solver import DuctField, DuctSolver
 
 SETTLED, REFUSED = 0.05, 1.0  # dB
 MOST_GROWTH = 100.0  # dB over the liner: beyond, a field of linear sound has no meaning
@@ -31,41 +29,7 @@ NARROWEST = 6.0  # of the height over a column, for a growing wave
 TRIES = 2  # meshes beyond the first
 WEAK = 20.0  # dB below the loudest microphone: the levels of standing-wave nodes are not compared
 DEGREE = 4
-WAY_OUT = "state a mesh (--mesh, mesh=) to have its answer without this check"
-
-
-@dataclass(frozen=True, eq=False)
-class SettledField(Reported):
-    """A field, and what is known against it.
-
-    Args:
-        field: of the coarsest mesh that the next one confirms, else of the last but one.
-        difference: by which the next mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
-        finer_unknowns: of that next mesh, or None.
-        growth: of the growing wave over the liner, dB, (F,); 0 where none was found.
-        growing: its wavenumber, 1/m, (F,), nan where there is none.
-        notes: warnings, with numbers.
-    """
-
-    field: DuctField
-    difference: Tensor
-    finer_unknowns: int | None
-    growth: Tensor
-    growing: Tensor
-    notes: tuple[str, ...] = ()
-
-    def rows(self) -> list[dict[str, float | None]]:
-        """Those of the field with the growing wave and the difference of the meshes."""
-        rows = self.field.rows()
-        for name, part in (
-            ("growing wave real (1/m)", self.growing.real),
-            ("growing wave imaginary (1/m)", self.growing.imag),
-            ("growth over the liner (dB)", self.growth),
-            ("mesh difference (dB)", self.difference),
-        ):
-            for row, value in zip(rows, part.tolist(), strict=True):
-                row[name] = value if math.isfinite(value) else None
-        return rows
+WAY_OUT = "take a thicker profile, or state a mesh (--mesh, mesh=) to have its answer without this check"
 
 
 def solve_settled(
@@ -76,15 +40,16 @@ def solve_settled(
     places: Any = (),
     wall: str = "opposite",
     mesh: DuctMesh | None = None,
-    keep: str = "walls",
-) -> SettledField:
+) -> DuctField:
     """The field of one impedance, refined until a finer mesh moves it by less than 0.05 dB.
 
     Args:
         case, frequency: as for ``DuctSolver``.
         impedance: as for ``DuctSolver.solve``, without leading axes.
         places: x at which levels on ``wall`` are compared, m; the transmission always is.
-        mesh: to be used as it is, without a second one.  keep: ``all`` or ``walls``.
+        mesh: to be used as it is, without a second one.
+    Returns:
+        The field of the coarsest mesh that the next one confirms, else of the last but one.
     Raises:
         RuntimeError: meshes that still differ by more than 1 dB, or a wave in the field that grows
             by more than 100 dB over the liner; the message says by how much.
@@ -98,19 +63,21 @@ def solve_settled(
         growth, growing = growth_over_liner(case, wanted, impedance)
         if float(growth.max()) > 0:
             _judge_growth(case, wanted, growth, growing, mesh is None)
-        field = DuctSolver(case, wanted, mesh, keep=keep).solve(impedance)
-        moved, finer_unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
+        field = DuctSolver(case, wanted, mesh).solve(impedance)
+        moved, unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
         for step in range(1, TRIES + 1) if mesh is None else ():
             finer = _finer_mesh(case, wanted, step, growing)
-            other = DuctSolver(case, wanted, finer, keep=keep).solve(impedance)
-            moved, finer_unknowns = _difference(field, other, torch.as_tensor(places), wall), finer.unknowns
+            other = DuctSolver(case, wanted, finer).solve(impedance)
+            moved, unknowns = _difference(field, other, torch.as_tensor(places), wall), finer.unknowns
             if float(moved.max()) <= SETTLED:
                 break
-            if step == TRIES:
-                _judge(field, moved, finer_unknowns)
-                break
-            field = other
-    return SettledField(field, moved, finer_unknowns, growth, growing, tuple(notes))
+            if step < TRIES:
+                field = other
+        else:
+            if mesh is None:
+                _judge(field, moved, unknowns)
+    about = {"growth": growth, "growing": growing, "difference": moved, "finer_unknowns": unknowns}
+    return replace(field, **about, notes=tuple(notes))
 
 
 def _finer_mesh(case: DuctCase, frequency: Tensor, step: int, growing: Tensor) -> DuctMesh:
@@ -138,18 +105,18 @@ def _difference(one: DuctField, other: DuctField, places: Tensor, wall: str) -> 
     return torch.maximum(moved, torch.where(loud, levels, 0).amax(-1))
 
 
-def _judge(field: DuctField, difference: Tensor, finer_unknowns: int) -> None:
+def _judge(field: DuctField, difference: Tensor, finer_unknowns: int | None) -> None:
     """Warn of meshes that differ, or refuse."""
     worst = int(torch.nan_to_num(difference, nan=math.inf).argmax())
     moved = float(difference[worst])
     text = (
-        f"at {float(field.frequency[worst]):g} Hz the answer is not settled: {finer_unknowns} unknowns "
-        f"move that of {field.swept.mesh.unknowns} by {moved:.2g} dB"
+        f"at {float(field.frequency[worst]):g} Hz the answer is not settled: {finer_unknowns} unknowns move that of "
+        f"{field.mesh.unknowns} by {moved:.2g} dB"
     )
     if not moved <= REFUSED:
         raise RuntimeError(
             f"{text}, above {REFUSED:g} dB: the field is noise of the mesh, as of a layer too thin or a wave that "
-            f"grows along the liner; take a thicker profile, or {WAY_OUT}"
+            f"grows along the liner; {WAY_OUT}"
         )
     tell(f"{text} (limit {SETTLED:g} dB)", depth=2)
 
@@ -165,7 +132,5 @@ def _judge_growth(case: DuctCase, frequency: Tensor, growth: Tensor, growing: Te
     if float(case.profile.mach(0.0)) > 0:
         text += "; the field leaves it out, being integrated from the downstream edge"
     elif float(growth[worst]) > MOST_GROWTH and refuse:
-        raise RuntimeError(
-            f"{text}, above {MOST_GROWTH:g} dB: no mesh gives such a field; take a thicker profile, or {WAY_OUT}"
-        )
+        raise RuntimeError(f"{text}, above {MOST_GROWTH:g} dB: no mesh gives such a field; {WAY_OUT}")
     tell(text, depth=2)

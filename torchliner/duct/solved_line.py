@@ -7,33 +7,29 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
-from torchliner.duct.settled import SettledField
+from torchliner.duct.solver import DuctField
 from torchliner.fluid import Fluid
 from torchliner.records import MicrophoneLine
 from torchliner.version import __version__
 
 
-def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any) -> MicrophoneLine:
+def solved_line(setup: DuctSetup, field: DuctField, **known: Any) -> MicrophoneLine:
     """The field at the microphones as measured lines are kept, in the order of x.
 
     Args:
-        setup: the duct.  found: solved, with its checks or without.
+        setup: the duct.  field: solved, with its checks or without.
         known: what else its provenance states, by name; impedance, plane mode with its energy, mesh and its check are
             always there.
     Warns:
         DataWarning: several lined patches, of which a line can name one: it names none.
     """
-    settled = found if isinstance(found, SettledField) else None
-    field = found.field if isinstance(found, SettledField) else found
     case, places = setup.case, np.sort(setup.places)
     start, end = case.liner[0] if len(case.liner) == 1 else (None, None)
-    notes = (*setup.notes, *(settled.notes if settled else ()))
+    notes = (*setup.notes, *field.notes)
     if len(case.liner) > 1:
         several = (
             f"{setup.name} has {len(case.liner)} lined patches, a line of microphones names one; it names none, and "
@@ -41,7 +37,11 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
         )
         tell(several)
         notes = (*notes, several)
-    walls = _asked(field)
+    walls = None
+    if not callable(field.impedance):  # else Z varies along x
+        z = torch.as_tensor(np.asarray(torch.as_tensor(field.impedance).detach().cpu(), np.complex128))
+        walls = z.broadcast_to(len(field.frequency), len(case.liner))
+    one = walls is not None and walls.shape[1] == 1
     return MicrophoneLine(
         places,
         field.wall_pressure(places, setup.wall).detach().movedim(-1, -2),
@@ -51,40 +51,24 @@ def solved_line(setup: DuctSetup, found: DuctField | SettledField, **known: Any)
         source_side=field.source,
         liner_start=start,
         liner_end=end,
-        wall_impedance=None if walls is None or walls.shape[1] != 1 else _finite(walls[:, 0]),
+        wall_impedance=torch.where(torch.isfinite(walls), walls, complex(math.nan, math.nan))[:, 0] if one else None,
         fluid=setup.fluid,
         title=f"{setup.name}, linearised Euler equations",
         provenance={
             "solved": setup.facts,
-            "plane_mode": found.rows(),
-            "impedance": walls if walls is None else [[_pair(z) for z in row] for row in walls.tolist()],
+            "plane_mode": field.rows(),
+            "impedance": walls
+            if walls is None
+            else [[[z.real, z.imag] if np.isfinite(z) else "rigid" for z in row] for row in walls.tolist()],
             "wall": setup.wall,
-            "unknowns": field.swept.mesh.unknowns,
-            "finer_unknowns": settled.finer_unknowns if settled else None,
+            "unknowns": field.mesh.unknowns,
+            "finer_unknowns": field.finer_unknowns,
             "version": __version__,
             **known,
         },
         notes=notes,
         name=setup.name,
     )
-
-
-def _asked(field: DuctField) -> Tensor | None:
-    """Z of each frequency and patch, complex128, (F, S); None where it varies along x."""
-    if field.impedance is None or callable(field.impedance):
-        return None
-    shape = (len(field.frequency), len(field.case.liner))
-    exact = field.impedance if isinstance(field.impedance, Tensor) else np.asarray(field.impedance, np.complex128)
-    return torch.as_tensor(exact).detach().cpu().to(torch.complex128).broadcast_to(shape)
-
-
-def _finite(walls: Tensor) -> Tensor:
-    """nan in place of rigid walls."""
-    return torch.where(torch.isfinite(walls), walls, complex(math.nan, math.nan))
-
-
-def _pair(wall: complex) -> Any:
-    return [wall.real, wall.imag] if np.isfinite(wall) else "rigid"
 
 
 def setup_of(field: DuctField) -> DuctSetup:
@@ -97,14 +81,11 @@ def setup_of(field: DuctField) -> DuctSetup:
         raise ValueError(f"the field has the leading axes {tuple(field.waves.shape[:-2])}; a page has one field")
     case, profile = field.case, field.case.profile
     level = float(spl_from_pressure_amplitude(torch.as_tensor(complex(case.incident))))
+    flow = {"profile": type(profile).__name__, "bulk_mach": profile.bulk_mach, "slip_condition": case.slip_condition}
     ends = {name: str(getattr(case, name)) for name in ("end_reflection", "source_reflection")}
     facts = {
         "duct": {"height": case.height, "start": case.start, "end": case.end, "liner": case.liner},
-        "flow": {
-            "profile": type(profile).__name__,
-            "bulk_mach": profile.bulk_mach,
-            "slip_condition": case.slip_condition,
-        },
+        "flow": flow,
         "sound": {"level": level, "source_side": field.source, **ends},
     }
     gas = Fluid(sound_speed=profile.sound_speed, density=case.density)

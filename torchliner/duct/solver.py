@@ -1,24 +1,36 @@
-"""The linearised Euler equations in a lined duct, one frequency or many, one impedance or many."""
+"""The linearised Euler equations in a lined duct: the solver of many impedances, and the sound field it returns."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice
-from torchliner.duct.boundaries import energy_balance, solve_boundaries, wall_of
-from torchliner.duct.case import DuctCase
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.boundaries import (
+    Boundaries,
+    EndModes,
+    EnergyBalance,
+    downwind_derivative,
+    energy_balance,
+    plane_modes,
+    wall_matrices,
+)
+from torchliner.duct.case import DuctCase, other_side, require_slip_condition, result_type
 from torchliner.duct.doubts import doubt_ends, doubt_gain
-from torchliner.duct.field import DuctField
+from torchliner.duct.flow_profiles import Array
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.sweep import MEMORY, SweptDuct, sweep_duct
-from torchliner.duct.wall_impedance import require_slip_condition, result_type
+from torchliner.duct.sweep import MEMORY, SweptDuct
 from torchliner.engine.threads import one_thread
-from torchliner.names import SOURCES
+from torchliner.names import SOURCES, WALLS
+from torchliner.records.outlets import Reported
 
 
 class DuctSolver:
@@ -31,9 +43,8 @@ class DuctSolver:
 
     Args:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
-        keep: ``all`` keeps the waves of all columns, for fields anywhere; ``walls`` only what pressures and velocities
-            along both walls need.
         memory: bytes that the waves may take, those kept and those of the sweep in hand.
+        modes: those that the ends let out, as ``plane_modes``.
     Raises:
         ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a missing slip
             condition.
@@ -42,20 +53,28 @@ class DuctSolver:
     """
 
     def __init__(
-        self, case: DuctCase, frequency: Any, mesh: DuctMesh | None = None, *, keep: str = "all", memory: float = MEMORY
+        self,
+        case: DuctCase,
+        frequency: Any,
+        mesh: DuctMesh | None = None,
+        *,
+        memory: float = MEMORY,
+        modes: Callable[..., EndModes] = plane_modes,
     ) -> None:
         self.case = case
         self.frequency = frequency_tensor(frequency)
         self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
         if self.mesh.case is not case:
             raise ValueError("the mesh was built for another DuctCase; build one for this")
-        require_choice("keep", keep, ("all", "walls"))
         slips = bool(case.liner) and require_slip_condition(case.profile, case.slip_condition)
-        self.slip_mach = float(case.profile.mach(0.0)) if slips else 0.0
         self.mesh.warn_if_coarse(float(self.frequency.max()))
         doubt_ends(case, self.frequency)
-        with one_thread():  # see ``solve``
-            self._swept: SweptDuct = sweep_duct(case, self.mesh, self.frequency, keep == "all", memory=memory)
+        self.swept = SweptDuct(self.mesh, self.frequency, modes, memory)
+        slip = None
+        if slips:
+            share = float(case.profile.mach(0.0)) / (2j * case.wavenumber(self.frequency))
+            slip = share[:, None, None] * downwind_derivative(self.mesh, self.swept.basis).to(share)
+        self._boundaries = Boundaries(self.swept.reading, slip)
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
         """The field of one or many impedances.
@@ -74,25 +93,21 @@ class DuctSolver:
         Warns:
             DataWarning: negative resistance; more energy out than in past a wall that gives none.
         """
-        case, swept = self.case, self._swept
-        side = require_choice("source", source or case.source, SOURCES)
-        wall = None
-        if case.liner:
-            k = case.wavenumber(self.frequency)
-            wall = wall_of(impedance, self.mesh, swept.basis, k, self.frequency, self.slip_mach)
+        side, basis = require_choice("source", source or self.case.source, SOURCES), self.swept.basis
+        wall = wall_matrices(impedance, self.mesh, basis, self.frequency)
         # torch 2.13 has given wrong complex LU factors of 150 rows in two threads, in a process that had drawn figures
         # and used threads before; in one thread they were right.
         with one_thread():
-            waves, eta = solve_boundaries(swept.reading, wall, *self._ends(side))
-        energy = energy_balance(self.mesh, swept.basis, waves, eta, wall)
+            waves, eta = self._boundaries.solve(wall, *self._ends(side))
+        energy = energy_balance(self.mesh, basis, waves, eta, wall)
         doubt_gain(energy, self.frequency)
         kind = torch.complex128 if callable(impedance) else result_type(impedance)
-        return DuctField(case, self.frequency, side, waves, swept, energy, kind, impedance)
+        return DuctField(self.swept, side, waves, energy, kind, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
         case, down, shape = self.case, side == "upstream", self.frequency.shape
-        alpha = self._swept.modes.wavenumber[:, 0 if down else 1].real
+        alpha = self.swept.modes.wavenumber[:, 0 if down else 1].real
         distance = case.place_of_incidence(side) - (case.start if down else case.end)
         amplitude = case.incident * torch.exp(1j * alpha * distance)
         sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
@@ -112,10 +127,185 @@ class DuctSolver:
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
 
 
-def solve_duct(
-    case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None, *, keep: str = "all"
-) -> DuctField:
+def solve_duct(case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None) -> DuctField:
     """The sound field of a lined duct with flow: ``DuctSolver`` of these and its ``solve``."""
     if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
         frequency = frequency_tensor(frequency).to(impedance.device)
-    return DuctSolver(case, frequency, mesh, keep=keep).solve(impedance)
+    return DuctSolver(case, frequency, mesh).solve(impedance)
+
+
+@dataclass(frozen=True, eq=False)
+class DuctField(Reported):
+    """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
+
+    Args:
+        swept: the duct's answers to unit waves.  source: side of the sound.
+        waves: X of ``sweep.py``, Pa, (..., F, D).
+        energy: out and absorbed over that which comes in, (..., F).
+        dtype: of what is read from the field; the sums are done in complex128.
+        impedance: Z of the wall as it was asked for.
+        growth, growing: of a wave that grows over the liner, dB, (F,), 0 where none was found, and its wavenumber,
+            1/m, (F,), nan where there is none; these and the next two of ``solve_settled``.
+        difference: by which a finer mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
+        finer_unknowns: of that mesh.  notes: warnings, with numbers.
+    """
+
+    swept: SweptDuct
+    source: str
+    waves: Tensor
+    energy: EnergyBalance
+    dtype: torch.dtype = torch.complex128
+    impedance: Any = None
+    growth: Tensor | None = None
+    growing: Tensor | None = None
+    difference: Tensor | None = None
+    finer_unknowns: int | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def mesh(self) -> DuctMesh:
+        """On which it was solved."""
+        return self.swept.mesh
+
+    @property
+    def case(self) -> DuctCase:
+        """The duct."""
+        return self.mesh.case
+
+    @property
+    def frequency(self) -> Tensor:
+        """Hz, (F,)."""
+        return self.swept.frequency
+
+    def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P); the duct is swept once more for them.
+
+        Args:
+            x, y: m, (P,) or numbers.
+        Raises:
+            ValueError: a point outside the duct.
+        """
+        p, u, v = fields_at(self.swept, self.waves, x, y).to(self.dtype).unbind(-1)
+        speed = self.case.density * self.case.profile.sound_speed
+        return p, u / speed, v / speed
+
+    def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
+        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law p* = Z w
+        with w the velocity of the wall's own face, v* of ``wall_velocity`` where nothing slips.
+
+        Args:
+            x: m, (P,) or a number.
+            wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
+        """
+        arriving, leaving = self._wall_waves(x, wall)
+        return (arriving + leaving).to(self.dtype)
+
+    def wall_velocity(self, x: Any) -> Tensor:
+        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
+
+        v* = w = p*/(rho c Z) where the flow does not slip or the velocity is continuous. With
+        Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
+        slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
+        """
+        arriving, leaving = self._wall_waves(x, "lined")
+        velocity = (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
+        return velocity.to(self.dtype)
+
+    def wall_level(self, x: Any, wall: str = "opposite") -> Tensor:
+        """SPL on a wall, dB re 20 uPa rms, (..., F, P)."""
+        return spl_from_pressure_amplitude(self.wall_pressure(x, wall))
+
+    def wall_phase(self, x: Any, wall: str = "opposite") -> Tensor:
+        """Phase of the pressure on a wall, degrees, -180 to 180, (..., F, P)."""
+        return torch.rad2deg(torch.angle(self.wall_pressure(x, wall)))
+
+    @property
+    def reflection(self) -> Tensor:
+        """Plane-like mode that reaches the source's end over the one sent from it, (..., F).
+
+        Both at that end, as wall pressures; what the end sends back in counts as sent.
+        """
+        sent, returned = self.end_waves(self.source)
+        return (returned / sent).to(self.dtype)
+
+    @property
+    def transmission(self) -> Tensor:
+        """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
+        sent, _ = self.end_waves(self.source)
+        return (self.end_waves(other_side(self.source))[1] / sent).to(self.dtype)
+
+    def rows(self) -> list[dict[str, float | None]]:
+        """One a frequency, of a field without leading axes: reflection, transmission, energy, checks."""
+        through = self.transmission.detach().abs()
+        columns = {
+            "frequency (Hz)": self.frequency,
+            "reflection": self.reflection.detach().abs(),
+            "transmission": through,
+            "transmission loss (dB)": -20 * through.log10(),
+            "energy out": self.energy.out,
+            "energy absorbed": self.energy.absorbed,
+            "energy missing": self.energy.missing,
+        }
+        if self.growing is not None:
+            columns |= {
+                "growing wave real (1/m)": self.growing.real,
+                "growing wave imaginary (1/m)": self.growing.imag,
+                "growth over the liner (dB)": self.growth,
+                "mesh difference (dB)": self.difference,
+            }
+        lists = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in columns.items()}
+        return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+
+    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
+        """The plane-like mode that comes in and that goes out at an end, ``upstream`` or ``downstream``, Pa at the
+        wall, (..., F)."""
+        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
+        return self.waves[..., first], self.waves[..., first + 1]
+
+    def _wall_waves(self, x: Any, wall: str) -> tuple[Tensor, Tensor]:
+        """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
+        require_choice("wall", wall, WALLS)
+        mesh, basis = self.mesh, self.swept.basis
+        column, inside = _cells("x", x, mesh.x)
+        values = basis.values(inside).to(self.waves)
+        kept = self.swept.upper if wall == "opposite" else self.swept.lower
+        rows = torch.einsum("pn,fpnd->fpd", values, kept[:, torch.as_tensor(column).to(values.device)])
+        arriving = torch.einsum("fpd,...fd->...fp", rows, self.waves)
+        lined = torch.as_tensor(mesh.lined[column]).to(values.device)
+        if wall == "opposite" or not bool(lined.any()):
+            return arriving, arriving  # rigid
+        first = 2 + basis.count * (np.cumsum(mesh.lined) - 1).clip(0)[column]
+        own = torch.as_tensor(first[:, None] + np.arange(basis.count)).to(values.device)
+        return arriving, torch.where(lined, (self.waves[..., own] * values).sum(-1), arriving)
+
+
+def fields_at(swept: SweptDuct, waves: Tensor, x: Any, y: Any) -> Tensor:
+    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3)."""
+    places, heights = np.broadcast_arrays(_places(x), _places(y))
+    column, inside = _cells("x", places, swept.mesh.x)
+    element, above = _cells("y", heights, swept.mesh.y)
+    along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
+    found = waves.new_zeros(*waves.shape[:-1], len(places), 3)
+    with one_thread():
+        for at, columns, sweep in swept.sweeps():
+            for number, (one, units) in enumerate(zip(columns, sweep, strict=True)):
+                here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
+                incoming = torch.einsum("fid,...fd->...fi", units, waves[..., at, :])
+                nodes = one.nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
+                found[..., at, here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
+    return found
+
+
+def _places(values: Any) -> Array:
+    plain = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
+    return np.atleast_1d(np.asarray(plain, np.float64)).ravel()
+
+
+def _cells(name: str, values: Any, edges: Array) -> tuple[NDArray[np.int64], Array]:
+    """The cell between edges that each place lies in, and where in it, 0 to 1."""
+    places = _places(values)
+    outside = ~((places >= edges[0]) & (places <= edges[-1]))
+    if outside.any():
+        raise ValueError(f"{name} = {places[outside][0]:g} m lies outside the duct, {edges[0]:g} to {edges[-1]:g} m")
+    cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
+    return cell, (places - edges[cell]) / np.diff(edges)[cell]

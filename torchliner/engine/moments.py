@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,6 @@ class Moments(Summarised):
         notes: warnings of the reading.
         projected: Hz; of moments that only ever answer these frequencies for one liner ``sums`` hold Re R and Im R of
             each in place of K functions. Such moments have no file.
-        only: blocks that a part holds; None for all.
     """
 
     plane: VelocityPlane
@@ -98,7 +97,6 @@ class Moments(Summarised):
     sums: Mapping[str, Tensor]
     notes: tuple[Note, ...] = ()
     projected: Tensor | None = None
-    only: tuple[int, ...] | None = field(default=None)
 
     @functools.cached_property
     def counted(self) -> Tensor:
@@ -122,18 +120,6 @@ class Moments(Summarised):
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
         return resolve("torchliner.velocity.educe:educe")(self, liner, frequency, **choices)
-
-    @staticmethod
-    def join(parts: Sequence[Moments]) -> Moments:
-        """Moments of a record from parts that hold its blocks, of ``torchliner.moments(plane, blocks=...)``.
-
-        Args:
-            parts: in any order; the result is the same to the bit.
-        Raises:
-            ValueError: of another record or by other choices; blocks that overlap or are missing.
-        """
-        joined: Moments = resolve("torchliner.velocity.parts:join")(parts)
-        return joined
 
     def require_speeds(self, liner: LinerModel) -> None:
         """Refuse a liner that has no R at some of the speeds at which these moments ask for it.

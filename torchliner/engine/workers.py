@@ -7,6 +7,7 @@ another in order of time: the same bits whoever does the work, and whoever is lo
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import os
 import socket
 import warnings
@@ -26,6 +27,8 @@ from torchliner.engine.sums import Job, Record, reduce
 from torchliner.version import __version__
 
 SHARE = 1 << 27  # velocities that a task reads: about a second of work, and 0.5 GB in float32
+WAIT = 30.0  # s, for the first worker
+MOST_AHEAD = 16  # tasks that are under way, at least, so that a cluster that adapts sees work for so many workers
 Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Tensor]]
 Rows = list[np.ndarray]
 
@@ -42,14 +45,16 @@ class Kept(Protocol):
         ...
 
 
-def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
+def reduce_on(client: Any = None, kept: Kept | None = None, own: slice = slice(None)) -> Reduce:
     """``engine.sums.reduce`` of a ``PlaneRecord`` of a plane in its file, shared out; no data travel.
 
     Args:
         client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
         kept: what is there is not read again.
+        own: shares that are read here; those of others must be among the kept ones.
     Raises:
         ValueError: the plane is in memory.
+        Unfinished: shares of others are not there yet.
         OSError, ImportError: a worker cannot read; it says which, and which path.
         RuntimeError: workers of another version, or workers that end one after another.
     """
@@ -63,25 +68,29 @@ def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
                 "lazy=True"
             )
         sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
-        shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
         about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded)
+        shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
         asked = [(about, blocks, sent[2], list(share)) for share in shares]
-        known = [None if kept is None else kept.load(each) for each in asked]
-        left = [share for share, rows in zip(shares, known, strict=True) if rows is None]
-        read = tasks_in_order(client, _rows, (sent,), ((list(share),) for share in left))
-        parts = []
+        rows = [None if kept is None else kept.load(each) for each in asked]
+        left = [i for i in range(len(shares))[own] if rows[i] is None]
+        read = tasks_in_order(client, _rows, (sent,), ((list(shares[i]),) for i in left))
         for i, share in enumerate(shares):
-            rows = known[i]
-            if rows is None:
-                rows = next(read)
+            if i in left:
+                rows[i] = new = next(read)
                 if kept is not None:
-                    kept.save(asked[i], rows)
-            parts.append([torch.from_numpy(each) for each in rows])
+                    kept.save(asked[i], new)
             if progress is not None:
                 progress(sum(blocks.borders[block + 1] - blocks.borders[block] for block in share))
-        return [torch.cat(each).to(record.device) for each in zip(*parts, strict=True)]
+        found = [each for each in rows if each is not None]
+        if len(found) < len(rows):
+            raise Unfinished(f"{plane.name}: {len(rows) - len(found)} of {len(rows)} shares are not summed yet")
+        return [torch.cat([*map(torch.from_numpy, each)]).to(record.device) for each in zip(*found, strict=True)]
 
     return run
+
+
+class Unfinished(Exception):
+    """Shares of other jobs are not summed yet."""
 
 
 def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[Sequence[int]]:
@@ -112,24 +121,53 @@ def tasks_in_order(
         return
     # As results of tasks: sent once, and made again where the workers that held them are lost.
     held = [client.submit(_same, each, pure=False) for each in shared]
-    ahead = 2 * max(1, sum(client.nthreads().values()))
     left, waiting = iter(tasks), deque[Any]()
     try:
         while True:
+            ahead = max(MOST_AHEAD, 2 * sum(client.nthreads().values()))
             for task in islice(left, ahead - len(waiting)):
                 waiting.append(client.submit(on_worker, __version__, work, *held, *task, pure=False))
             if not waiting:
                 return
+            _require_worker(client)
             yield waiting[0].result()
             waiting.popleft()  # the worker may forget it
     except Exception as error:
-        if type(error).__name__ != "KilledWorker":
-            raise
-        raise RuntimeError(
-            f"workers ended one after another on the same task: {error}; give them more memory, or look into their logs"
-        ) from error
+        name = type(error).__name__
+        if name == "KilledWorker":
+            raise RuntimeError(
+                f"workers ended one after another on the same task: {error}; give them more memory, or look into their "
+                "logs"
+            ) from error
+        if client.status != "running" or name in ("FutureCancelledError", "CommClosedError"):
+            raise OSError(
+                "the scheduler of dask is gone, and its workers with it; start it again and repeat the command: a "
+                "campaign goes on from what it has kept"
+            ) from error
+        raise
     finally:
-        client.cancel([*held, *waiting])
+        if client.status == "running":
+            client.cancel([*held, *waiting])
+
+
+def _require_worker(client: Any) -> None:
+    """Wait for the first worker; the work waits already, so that a cluster that adapts starts some.
+
+    Raises:
+        OSError: none comes.
+    """
+    if client.nthreads():
+        return
+    dask = importlib.import_module("dask")
+    seconds = dask.config.get("torchliner.wait", WAIT)
+    try:
+        client.wait_for_workers(1, timeout=seconds)
+    except TimeoutError as error:
+        where = client.scheduler.address
+        raise OSError(
+            f"the scheduler at {where} has no worker within {seconds:g} s; start some (dask worker {where} --nthreads "
+            "1), or wait longer (--wait)"
+        ) from error
 
 
 def _same(value: Any) -> Any:

@@ -58,7 +58,12 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
         return float(1 / step)
     steps = np.diff(time)
     back, usual = int(np.argmin(steps)), float(np.median(steps))
-    if steps[back] <= 0:
+    if steps[back] == 0:
+        raise ValueError(
+            f"{name}: samples {back} and {back + 1} have the same time, {time[back]:.9g} s: times are written with too "
+            "few digits; write more (OpenFOAM: timePrecision in controlDict)"
+        )
+    if steps[back] < 0:
         raise ValueError(
             f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one before it at "
             f"{time[back]:.9g} s; sort the frames, or give the runs as files of their own, which are joined"

@@ -136,6 +136,8 @@ def _channels(
              for i, m in enumerate(parsed) if m is not None}  # fmt: skip
     channels = sorted((k for k in there if k[0] == "LDA"), key=lambda key: int(key[1] or 0))
     listed = ", ".join(names)
+    if any(key[1].startswith("0") for key in channels):
+        raise ValueError(f"{path}: channels count from 1, and its columns are {listed}; one is misnamed")
     if not channels:
         raise ValueError(f"{path}: no column 'LDA1 [m/s]' or the like; there are: {listed}")
     meant = _meanings([f"LDA{key[1]}" for key in channels], components, path)

@@ -19,7 +19,7 @@ from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.engine.nodes import Chebyshev, Nodes, nodes_of
 from torchliner.engine.survey import Survey, gram_of
 from torchliner.io.axes import read_case, read_coordinate, write_case, write_coordinates
-from torchliner.io.hdf5 import is_there, open_file, place, text_attribute, write_index
+from torchliner.io.hdf5 import open_file, place, text_attribute, write_index
 from torchliner.io.holes import stored_holes, write_holes
 from torchliner.io.plane_file import NUMBERS
 from torchliner.io.tables import FileKind, Sizes, Table, numbers, read_variables, real, write_variables
@@ -79,13 +79,13 @@ def write_moments(known: Moments, path: str | Path) -> None:
     head = SimpleNamespace(
         **{key: getattr(plane, key) for key in OF_PLANE},
         velocity={"shape": list(plane.velocity.shape), "precision": kind},
-        blocks={**vars(blocks), "harmonics": seen.harmonics, "only": known.only},
+        blocks={**vars(blocks), "harmonics": seen.harmonics},
         nodes={} if known.nodes is None else known.nodes.describe(),
         locked={} if locked is None else {"known": locked.known},
         settings={**known.settings, "cell_pitch": known.cell_pitch},
         notes=known.notes,
     )
-    sizes = _sizes(plane.probes, blocks, known.only, known.nodes, seen.lines, seen.harmonics, known.turns)
+    sizes = _sizes(plane.probes, blocks, known.nodes, seen.lines, seen.harmonics, known.turns)
     with KIND.created(path, head) as file:
         write_coordinates(file, plane.probe_shape, plane.x, plane.z)
         write_case(file, plane, ABOUT)
@@ -106,13 +106,11 @@ def write_moments(known: Moments, path: str | Path) -> None:
             write_variables(file, SimpleNamespace(values=values), TABLES[name])
 
 
-def _sizes(
-    probes: int, blocks: Blocks, only: Any, nodes: Nodes | None, lines: Tensor, harmonics: int, turns: Tensor
-) -> Sizes:
+def _sizes(probes: int, blocks: Blocks, nodes: Nodes | None, lines: Tensor, harmonics: int, turns: Tensor) -> Sizes:
     """Lengths of the dimensions."""
     sizes = {
         "point": probes,
-        "block": blocks.count if only is None else len(only),
+        "block": blocks.count,
         "line": len(lines),
         "row": 1 + 2 * len(lines),
         "harmonic": 1 + harmonics,
@@ -152,7 +150,7 @@ def read_moments(path: str | Path) -> Moments:
         found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
         lines, turns = found["lines"], found["turns"]
         with _attribute("blocks", path):
-            blocks, harmonics, only = _blocks_of(said["blocks"], shape[-1], len(lines))
+            blocks, harmonics = _blocks_of(said["blocks"], shape[-1], len(lines))
         with _attribute("nodes", path):
             nodes = nodes_of(said["nodes"]) if said["nodes"] else None
         with _attribute("settings", path):
@@ -172,24 +170,21 @@ def read_moments(path: str | Path) -> Moments:
             **read_variables(file, AREA, path),
             **about,
         )
-        sizes = _sizes(plane.probes, blocks, only, nodes, lines, harmonics, turns)
-        gram = gram_of(blocks, lines)[slice(None) if only is None else list(only)]
-        survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram)
+        sizes = _sizes(plane.probes, blocks, nodes, lines, harmonics, turns)
+        survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram_of(blocks, lines))
         cells, used = _read_cells(file, path, sizes)
         locked = None
-        if said["locked"] or (only is None and settings["averaging"] == "phase-locked"):
+        if settings["averaging"] == "phase-locked":
             with _attribute("locked", path):
                 known = bool(said["locked"]["known"])
             fields = {"scale": None, **_finite(file, LOCKED, path, sizes)}
             locked = PhaseLocked(lines[:harmonics], blocks.sampling_rate, **fields, known=known)
         averagings, sums = [*AVERAGINGS][: 3 if settings["averaging"] == "phase-locked" else 2], {}
         for name in [SQUARES, *(averagings if nodes is not None else [])]:
-            label = TABLES[name][0].names[0]
-            if only is None or is_there(file, label, path):
-                values = _finite(file, TABLES[name], path, sizes)["values"]
-                sums[name] = values[:, None, None] if name == SQUARES else values
-                if name != SQUARES:
-                    _require_sums(values, nodes, survey.lengths, place(file, label, path))
+            values = _finite(file, TABLES[name], path, sizes)["values"]
+            sums[name] = values[:, None, None] if name == SQUARES else values
+            if name != SQUARES:
+                _require_sums(values, nodes, survey.lengths, place(file, TABLES[name][0].names[0], path))
     return Moments(
         plane=plane,
         settings=settings,
@@ -203,7 +198,6 @@ def read_moments(path: str | Path) -> Moments:
         turns=turns,
         sums=sums,
         notes=said["notes"],
-        only=only,
     )
 
 
@@ -217,16 +211,15 @@ def _attribute(key: str, path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: attribute {key!r}: {text}; reduce the data again") from error
 
 
-def _blocks_of(said: dict[str, Any], samples: int, lines: int) -> tuple[Blocks, int, tuple[int, ...] | None]:
-    """Blocks, number of harmonics, and which blocks the file has, if not all."""
+def _blocks_of(said: dict[str, Any], samples: int, lines: int) -> tuple[Blocks, int]:
+    """Blocks, and number of harmonics."""
     borders, harmonics = tuple(int(n) for n in said["borders"]), int(said["harmonics"])
     blocks = Blocks(borders, float(said["sampling_rate"]), int(said["periods"]))
-    only = None if said["only"] is None else tuple(int(n) for n in said["only"])
     rising = [*borders] == sorted({*borders}) and borders[0] >= 0 and borders[-1] <= samples
     fitting = 0 < blocks.count <= blocks.periods and 0 <= harmonics <= lines and 0 < blocks.sampling_rate < float("inf")
-    if not (rising and fitting and (only is None or (only and {*only} <= {*range(blocks.count)}))):
+    if not (rising and fitting):
         raise ValueError(f"{said} are no blocks of {samples} samples with {lines} lines")
-    return blocks, harmonics, only
+    return blocks, harmonics
 
 
 def _finite(file: h5py.File, table: Table, path: Path, sizes: Sizes) -> dict[str, Any]:

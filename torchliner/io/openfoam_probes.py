@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.checks import tell
+from torchliner.checks import require_choice, tell
 from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import AXES, direction_of, named, plane_at, wall_normal
 from torchliner.io.text_rows import Rows, TextFile, bytes_at, number_of, open_text
+from torchliner.names import OVERLAPS
 from torchliner.records import VelocityPlane
 
 PROBE = re.compile(r"#\s*Probe\s+(\d+)\s+\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)(.*)")
@@ -85,7 +86,7 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
         )
     component = direction_of(name, request, label) if each == 1 else None
     axis, sign = wall_normal(points[probe], request, label, component)
-    rows = _joined(texts, (1 + each * probe + (axis if each == 3 else 0)).tolist())
+    rows = _joined(texts, (1 + each * probe + (axis if each == 3 else 0)).tolist(), request.overlap or "refuse")
     return plane_at(
         points[probe],
         replace(request, normal=f"{'-' if sign < 0 else ''}{AXES[axis]}"),
@@ -112,12 +113,13 @@ def _probes(text: TextFile) -> tuple[np.ndarray, list[int]]:
     return points, [i for i, match in enumerate(found) if "Not Found" in match[5]]
 
 
-def _joined(texts: list[TextFile], columns: list[int]) -> Rows:
-    """Rows of all restarts in the order of time, each instant once.
+def _joined(texts: list[TextFile], columns: list[int], overlap: str) -> Rows:
+    """Rows of all restarts in the order of time, each instant once; ``overlap`` as of ``PlaneRequest``.
 
     Raises:
         ValueError: an overlap in which the later run has other values.
     """
+    require_choice("overlap", overlap, OVERLAPS)
     whole = texts[0].rows(0, columns)
     for before, text in pairwise(texts):
         part = text.rows(0, columns)
@@ -126,12 +128,16 @@ def _joined(texts: list[TextFile], columns: list[int]) -> Rows:
         begin = int(np.searchsorted(whole.time, part.time[0] - step / 2))
         old = whole.values[begin : begin + again]
         error = np.abs(old - part.values[: len(old)]).max(1, initial=0.0)
-        if not (error <= SAME * np.abs(old).max(initial=0.0)).all():
+        if overlap != "refuse" and len(old):
+            tell(f"{text.path} begins {len(old)} samples before {before.path} ends; the {overlap} ones count")
+        elif not (error <= SAME * np.abs(old).max(initial=0.0)).all():
             raise ValueError(
                 f"{text.path} begins {len(old)} samples before {before.path} ends, with other values: at "
-                f"{part.time[error.argmax()]:.9g} s they differ by up to {error.max():.4g} m/s; delete these rows of "
-                "one of them"
+                f"{part.time[error.argmax()]:.9g} s they differ by up to {error.max():.4g} m/s; say which "
+                "count with overlap='later' or 'earlier' (--overlap)"
             )
+        if overlap == "later":
+            whole, again = Rows(whole.time[:begin], whole.rounding, whole.values[:begin]), 0
         whole = Rows(
             np.append(whole.time, part.time[again:]),
             max(whole.rounding, part.rounding),

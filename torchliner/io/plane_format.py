@@ -37,6 +37,8 @@ class PlaneRequest:
         x, z: coordinates: arrays, or FILE or FILE:VARIABLE.
         points: file of a point list, whose columns are x, y, z.
         holes: a ``Holes``, or FILE of ``read_holes``.
+        overlap: of files of one run that hold the same times with other values, as after a restart from before a
+            crash: "later" or "earlier", the values of the file that begins so; None, "refuse": an error.
     """
 
     variable: str | None = None
@@ -52,6 +54,7 @@ class PlaneRequest:
     z: Any = None
     points: str | Path | None = None
     holes: Holes | str | Path | None = None
+    overlap: str | None = None
 
     @property
     def axis_names(self) -> list[str] | None:

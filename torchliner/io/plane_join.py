@@ -13,8 +13,9 @@ from typing import Any, NoReturn
 import torch
 from torch import Tensor
 
-from torchliner.checks import tell
+from torchliner.checks import require_choice, tell
 from torchliner.io.plane_format import Stored
+from torchliner.names import OVERLAPS
 from torchliner.records import VelocityPlane
 from torchliner.records.same_case import require_same_probes
 from torchliner.records.slabs import slab_bounds
@@ -45,7 +46,8 @@ class JoinedVelocity(Stored):
     """Velocity whose samples stand in several files.
 
     Args:
-        pieces: first sample of each, in order, and its velocity, in memory or in its file.
+        pieces: first sample of each, in order, and its velocity, in memory or in its file; of what several hold the
+            first of them counts.
         shape: of the whole, (..., T).
     """
 
@@ -55,7 +57,7 @@ class JoinedVelocity(Stored):
     def __post_init__(self) -> None:
         self.dtype = max((piece.velocity.dtype for _, piece in self.pieces),
                          key=lambda dtype: dtype.itemsize)  # fmt: skip
-        self.label = f"{self.pieces[0][1].name} and {len(self.pieces) - 1} more"
+        self.label = f"{min(self.pieces, key=lambda each: each[0])[1].name} and {len(self.pieces) - 1} more"
         for name in ("tile_rows", "tile_bytes"):
             found = max(getattr(piece.velocity, name, 0) for _, piece in self.pieces)
             setattr(self, name, max(found, 1) if name == "tile_rows" else found)
@@ -63,27 +65,32 @@ class JoinedVelocity(Stored):
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
         """Samples begin .. end - 1 of every probe, m/s, (t, P), each from the first that has it."""
         end = min(end, self.shape[-1])
-        out = self.rows(begin, end, out)
-        place = begin
-        for first, piece in self.pieces:
-            last = min(first + piece.samples, end)
-            if first <= place < last:
-                own, into = piece.stored, out[place - begin : last - begin]
-                if own is not None and own.dtype == self.dtype:
-                    own.read(place - first, last - first, into)
-                else:
-                    into.copy_(piece.read(place - first, last - first))
-                place = last
+        out, place = self.rows(begin, end, out), begin
+        while place < end:
+            owner = next(i for i, (at, piece) in enumerate(self.pieces) if at <= place < at + piece.samples)
+            first, piece = self.pieces[owner]
+            ahead = [at for at, _ in self.pieces[:owner] if place < at]  # of those that count more
+            last = min(first + piece.samples, end, *ahead)
+            own, into = piece.stored, out[place - begin : last - begin]
+            if own is not None and own.dtype == self.dtype:
+                own.read(place - first, last - first, into)
+            else:
+                into.copy_(piece.read(place - first, last - first))
+            place = last
         return out
 
 
-def join_planes(planes: Sequence[VelocityPlane], clocks: Sequence[Clock] = ()) -> VelocityPlane:
+def join_planes(
+    planes: Sequence[VelocityPlane], clocks: Sequence[Clock] = (), overlap: str = "refuse"
+) -> VelocityPlane:
     """One plane of the pieces of one run, by the times that they state.
 
     Args:
         planes: in any order; one is given back as it is.
         clocks: of each, the epoch and calendar of its times and the first of these, s; None, or
             none at all: ``start`` counts.
+        overlap: what counts of samples in two files: ``earlier`` or ``later``, the one that begins so;
+            ``refuse`` where they differ, as after a restart from before a crash.
     Raises:
         ValueError: other probes, another case or sampling rate; a gap; an overlap with other
             values; two clocks; times since an epoch beside times since none.
@@ -92,6 +99,7 @@ def join_planes(planes: Sequence[VelocityPlane], clocks: Sequence[Clock] = ()) -
     """
     if len(planes) == 1:
         return planes[0]
+    require_choice("overlap", overlap, OVERLAPS)
     placed, rate = on_one_clock(planes, clocks)
     pieces = sorted(placed, key=lambda piece: piece[0])
     ordered = [piece for _, piece in pieces]
@@ -102,10 +110,11 @@ def join_planes(planes: Sequence[VelocityPlane], clocks: Sequence[Clock] = ()) -
         if place > end:
             refuse_gap(owner[1], piece, place - end, rate)
         if place < end:
-            notes.append(compare(owner[1], piece, place - owner[0]))
+            notes.append(compare(owner[1], piece, place - owner[0], overlap))
         if place + piece.samples > end:
             end, owner = place + piece.samples, (place, piece)
     tell(notes, depth=2)
+    pieces = pieces[::-1] if overlap == "later" else pieces
     streams: Any = None
     if all(each.streamwise is not None for each in ordered):
         streams = JoinedVelocity([(at, replace(p, velocity=p.streamwise)) for at, p in pieces],
@@ -213,12 +222,11 @@ def refuse_gap(before: VelocityPlane, after: VelocityPlane, gap: int, rate: floa
     )
 
 
-def compare(before: VelocityPlane, after: VelocityPlane, shift: int) -> str:
-    """What is said of samples in both, the second beginning ``shift`` samples after the first; they
-    must be equal, nan where the other has nan.
+def compare(before: VelocityPlane, after: VelocityPlane, shift: int, overlap: str) -> str:
+    """What is said of samples in both, the second beginning ``shift`` samples after the first.
 
     Raises:
-        ValueError: they are not.
+        ValueError: they differ, also where one alone is nan, and ``overlap`` is ``refuse``.
     """
     samples = min(before.samples - shift, after.samples)
     worst, at, largest = 0.0, 0, 0.0
@@ -230,12 +238,16 @@ def compare(before: VelocityPlane, after: VelocityPlane, shift: int) -> str:
         largest = max(largest, float(wide[0].abs().nan_to_num(0.0).max()))
         if float(off.max()) > worst:
             worst, at = float(off.max()), begin + int(off.amax(1).argmax())
+    twice = f"{samples} samples of {after.name} stand in {before.name} too"
+    if overlap != "refuse":
+        return f"{twice}, and differ by up to {worst:.3g} m/s; the {overlap} ones count"
     if worst > SAME_VALUE * largest:
         same = " (both begin at the same time: does the second count from 0 again?)"
         raise ValueError(
             f"{before.name} and {after.name} share {samples} samples but not their values: they "
             f"differ by up to {worst:.4g} m/s, most at sample {at} of the second, "
             f"{after.start + at / after.sampling_rate:.9g} s"
-            f"{same if shift == 0 else ''}; leave one out, or cut it with start and stop"
+            f"{same if shift == 0 else ''}; say which count with overlap='later' or 'earlier' (--overlap), or "
+            "leave one out"
         )
-    return f"{samples} samples of {after.name} stand in {before.name} too, and count once"
+    return f"{twice}, and count once"

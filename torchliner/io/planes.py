@@ -26,7 +26,7 @@ from torchliner.units import si_factor
 HEAD = 4096  # bytes by which a file is recognised
 MAGIC = "*?["
 COORDINATES = ("x", "z")
-ANY = (*COORDINATES, "holes", "wall_normal_component")  # that any format takes from the user
+ANY = (*COORDINATES, "holes", "wall_normal_component", "overlap")  # that any format takes from the user
 OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
 
 
@@ -52,7 +52,7 @@ def read_plane(
             "0:0.1,-0.01:0.01".
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
             variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
-            wall_normal_component, x, z, points, holes.
+            wall_normal_component, x, z, points, holes, overlap.
     Raises:
         FileNotFoundError, OSError: missing, truncated, unreadable, of no format that is known; a
             glob that matches nothing.
@@ -75,7 +75,7 @@ def read_plane(
             planes.append(open_plane(each, request))
             seen.update(os.path.abspath(frame) for frame in frames_of(planes[-1].velocity))
     clocks = [getattr(each.velocity, "clock", None) for each in planes]
-    plane = select(join_planes(planes, clocks), start, stop, every, region)
+    plane = select(join_planes(planes, clocks, request.overlap or "refuse"), start, stop, every, region)
     return plane if lazy else plane.load()
 
 

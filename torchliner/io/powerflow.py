@@ -230,6 +230,8 @@ def _places(
     offset = get("csys")[0, 0:3, 3].astype(float)
     if "vertex_coords" not in shapes:
         points = get("coords").astype(float)
+        if "voxel_scales" not in shapes and path.suffix.lower().startswith(".fn"):
+            raise ValueError(f"{path} lacks voxel_scales, the sizes of its cells: they would be half a cell off")
         if "voxel_scales" in shapes:  # lower corners of cells of this size
             points = points + 0.5 * 2.0 ** (1 + get("voxel_scales").astype(float))[:, None]
         return (points + offset) * length, None, None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import numpy as np
 from torchliner.file_checks import naming, require_regular
 from torchliner.io.arrays import read_array
 from torchliner.records.incident import Recorded
+
+HEAD = 1 << 16  # bytes, in which a .wav says what it is
 
 
 def read_signal(path: str | Path, sampling_rate: float | None = None, channel: int | None = None) -> Recorded:
@@ -55,6 +58,11 @@ def _read_wav(path: Path) -> tuple[float, np.ndarray]:
             warnings.simplefilter("error")  # scipy only warns of a file that ends too soon
             warnings.filterwarnings("ignore", message="Chunk .* not understood")
             rate, values = wavfile.read(path)
+        head = path.read_bytes()[:HEAD]
+        form = "<HIIHH" if head[:4] == b"RIFF" else ">HIIHH"
+        channels, _, _, block, bits = struct.unpack_from(form, head, head.index(b"fmt ") + 10)
+        if 8 * block != bits * channels:
+            raise ValueError(f"{bits} bits a sample do not fill the {block} bytes of its {channels} channel(s)")
         if values.ndim == 0 or 0 in values.shape:
             raise ValueError("it holds no samples, as one that was streamed or broken off")
     except Exception as error:  # whatever it says of damage

@@ -14,9 +14,10 @@ from torch import Tensor
 
 from torchliner import toml_files
 from torchliner.fluid import Fluid
-from torchliner.liners.layered import Layer, declared_by, layer_kinds
+from torchliner.liners.layered import layer_kinds
 from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import arguments_of, ranges_of
+from torchliner.liners.parameters import arguments_of, parameters_of
+from torchliner.liners.plates import Layer
 from torchliner.liners.python_file import read_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
@@ -73,7 +74,7 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
         content, path = preset_or_file(PACKAGE, name, *KIND)
         found = _build(content, path)
         files += [str(path.parent / content["file"])] if "file" in content else []
-    object.__setattr__(found, "files", tuple(files))
+    found.settle(files=tuple(files))
     return found
 
 
@@ -93,16 +94,15 @@ def _described(about: Mapping[str, Any]) -> LinerModel:
 def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
     kind = content.get("model")
     if not isinstance(kind, str) or kind not in LINER_MODELS:
-        raise ValueError(
-            f"{path}: model is {kind!r}{did_you_mean(str(kind), list(LINER_MODELS))}; "
-            f"it is one of {', '.join(LINER_MODELS)}"
-        )
+        near = did_you_mean(str(kind), list(LINER_MODELS))
+        raise ValueError(f"{path}: model is {kind!r}{near}; it is one of {', '.join(LINER_MODELS)}")
     made: type[LinerModel] = resolve(LINER_MODELS[kind])
     keys = {**ABOUT, **(made.file_keys or _keys(made)), "model": (str, ...)}
     layers: dict[str, type[Strict]] = {}
     if "layers" in keys:
-        layers = {each: _table(each, kind=(Literal[each], ...), **_keys(declared_by(each))) for each in layer_kinds()}
-        built = [Annotated[table, AfterValidator(partial(_layer, each))] for each, table in layers.items()]
+        kinds = layer_kinds()
+        layers = {each: _table(each, kind=(Literal[each], ...), **_keys(own)) for each, own in kinds.items()}
+        built = [Annotated[table, AfterValidator(partial(_layer, kinds[each]))] for each, table in layers.items()]
         one: Any = Annotated[Union[*built], Field(discriminator="kind")]
         keys["layers"] = (list[one], ...)
     table = validated(_table(made.__name__, **keys), content, path, {"fluid": FluidTable, **layers})
@@ -113,8 +113,8 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _layer(kind: str, table: Strict) -> Layer:
-    return Layer(kind, table.model_dump(exclude={"kind"}))
+def _layer(kind: type[Layer], table: Strict) -> Layer:
+    return kind(**table.model_dump(exclude={"kind"}))
 
 
 def _table(title: str, /, **keys: Any) -> type[Strict]:
@@ -122,17 +122,15 @@ def _table(title: str, /, **keys: Any) -> type[Strict]:
     return made
 
 
-def _keys(declared: Any) -> dict[str, tuple[Any, Any]]:
-    """Keys of a file, for pydantic, from the arguments of a class, or the parameters of the law of a sheet."""
-    ranges = ranges_of(declared)
+def _keys(declared: type) -> dict[str, tuple[Any, Any]]:
+    """Keys of a file, for pydantic, from the arguments of a class."""
     found: dict[str, tuple[Any, Any]] = {}
     for name, (hint, default) in arguments_of(declared).items():
         needed = ... if default is inspect.Parameter.empty else default
-        if within := ranges.get(name):
+        found[name] = (IN_FILE.get(hint, hint), needed)
+        if within := parameters_of(declared).get(name):
             limits: dict[str, Any] = {"ge" if within.low_included else "gt": within.low, "le": within.high}
             found[name] = (float | None if default is None else float, Field(needed, **limits))
-        elif isinstance(declared, type):  # the rest of a law is frequency, |v| and gas
-            found[name] = (IN_FILE.get(hint, hint), needed)
     return found
 
 

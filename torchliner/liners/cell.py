@@ -13,26 +13,13 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, plain_number, real_tensor, require_choice
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
 from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import Factor, Number, Pitch, Range, Share, tensors_of
+from torchliner.liners.parameters import Factor, Number, Pitch, Share
+from torchliner.liners.plates import Sheet
 from torchliner.names import VELOCITY_READINGS
 from torchliner.toml_files import one_of
 
 OFFSET = ("offset_resistance", "offset_reactance")
-
-
-def omega_of(frequency: Any) -> Tensor:
-    """rad/s, from Hz above 0, of its shape."""
-    wanted = real_tensor(frequency)
-    frequency_tensor(wanted)
-    return 2 * torch.pi * wanted
-
-
-def speed_of(speed: Any) -> Tensor:
-    """|v|, m/s, of its shape; ValueError if it is negative or not finite."""
-    values = real_tensor(speed)
-    if not bool(torch.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError("speed is |v| in m/s; it must be finite and not negative")
-    return values
+STATE = ("temperature", "pressure")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,39 +46,46 @@ class CellLiner(LinerModel):
     velocity_gain: Factor = 1.0
     impedance_offset: complex | Tensor = 0j
     cell_pitch: Pitch = None
-    flow_facing_porosity: Annotated[float | None, Range(high=1.0, varied=False)] = None
+    flow_facing_porosity: Annotated[float | None, Number(high=1.0, varied=False)] = None
     fluid: Fluid = Fluid()
     name: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
+        hole, porosity = (getattr(self.front, name, None) for name in ("orifice_diameter", "porosity"))
+        if hole is not None:
+            self.settle(hole_diameter=plain_number(hole))
+        if self.flow_facing_porosity is not None or porosity is not None:
+            self.settle(surface_porosity=plain_number(self.open_area()))
         if self.cell_pitch is not None and (self.hole_diameter or 0.0) > self.cell_pitch:
             raise ValueError(
-                f"liner {self.name!r}: orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, "
+                f"{self.label}: orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, "
                 f"{self.cell_pitch:g} m; both are in metres"
             )
 
     @property
-    def facing(self) -> float | None:
-        """Porosity of what faces the flow, of a cell."""
+    def front(self) -> Sheet:
+        """What faces the flow."""
         raise NotImplementedError
 
-    @property
-    def surface_porosity(self) -> float | None:
-        """See ``LinerModel``."""
-        if self.flow_facing_porosity is not None or self.facing is None:
-            return self.flow_facing_porosity
-        return self.facing * plain_number(self.open_area_fraction)
+    def open_area(self) -> Any:
+        """Of the whole surface, as its share."""
+        own: Any = self.flow_facing_porosity
+        return self.front.porosity * self.open_area_fraction if own is None else own  # type: ignore[attr-defined]
 
-    def tensors(self, device: torch.device) -> dict[str, Tensor]:
-        """Parameters as float64 tensors, gradients kept."""
-        return tensors_of(type(self), vars(self), device)
+    def seen(self, frequency: Any, speed: Any) -> tuple[Tensor, Tensor]:
+        """rad/s, from Hz, and |v_c|, m/s, from |v|, of their shapes.
 
-    def gain(self) -> Tensor:
-        """|v| at the cell over |v| as measured."""
-        alpha, gain = real_tensor(self.open_area_fraction), real_tensor(self.velocity_gain)
-        return gain / alpha if self.velocity_reading == "conserved" else gain
+        Raises:
+            ValueError: a frequency is not above 0, or a speed is negative or not finite.
+        """
+        wanted, values = real_tensor(frequency), real_tensor(speed)
+        frequency_tensor(wanted)
+        if not bool(torch.isfinite(values).all() and (values >= 0).all()):
+            raise ValueError("speed is |v| in m/s; it must be finite and not negative")
+        alpha = self.open_area_fraction if self.velocity_reading == "conserved" else 1.0
+        return 2 * torch.pi * wanted, values.to(wanted.device) * (self.velocity_gain / alpha)
 
     def resonance(self, lowest: float = 100.0, highest: float = 6000.0) -> float:
         """First frequency (Hz) in the given range where the linear reactance is 0; ValueError if there is none."""
@@ -101,14 +95,14 @@ class CellLiner(LinerModel):
         reactance = self.impedance(grid).imag.detach()
         rising = torch.nonzero((reactance[:-1] < 0) & (reactance[1:] >= 0)).reshape(-1)
         if rising.numel() == 0:
-            raise ValueError(f"liner {self.name!r} has no resonance in {lowest:g}-{highest:g} Hz")
+            raise ValueError(f"{self.label} has no resonance in {lowest:g}-{highest:g} Hz")
         ends = grid[rising[0]].item(), grid[rising[0] + 1].item()
         return float(brentq(lambda f: plain_number(self.impedance(f).imag), *ends, xtol=1e-9))
 
     def numbers(self) -> dict[str, Number]:
         """Arguments, both parts of the offset, and the state of the gas."""
-        temperature, pressure = air_state(self.fluid)
         offset = torch.as_tensor(self.impedance_offset, dtype=torch.complex128).detach()
+        temperature, pressure = air_state(self.fluid)
         return {
             **super().numbers(),
             "offset_resistance": Number(offset.real.item(), low=-math.inf),
@@ -119,9 +113,8 @@ class CellLiner(LinerModel):
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
         """See ``LinerModel``; temperature and pressure move the gas as dry air."""
-        changes = dict(values)
-        parts = {name: changes.pop(name) for name in OFFSET if name in changes}
-        state = {name: changes.pop(name) for name in ("temperature", "pressure") if name in changes}
+        changes = {name: value for name, value in values.items() if name not in (*OFFSET, *STATE)}
+        parts, state = ({name: values[name] for name in names if name in values} for names in (OFFSET, STATE))
         if parts:
             own = self.numbers()
             pair = [torch.as_tensor(parts.get(name, own[name].value), dtype=torch.float64) for name in OFFSET]
@@ -142,13 +135,10 @@ def air_state(fluid: Fluid) -> tuple[float, float]:
     return temperature, plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature
 
 
-def fluid_at(fluid: Fluid, temperature: Any = None, pressure: Any = None) -> Fluid:
+def fluid_at(fluid: Fluid, **state: Any) -> Fluid:
     """The gas at another temperature (K) or pressure (Pa); gamma and Pr stay."""
-    here = dict(zip(("temperature", "pressure"), air_state(fluid), strict=True))
-    there = here | {k: v for k, v in (("temperature", temperature), ("pressure", pressure)) if v is not None}
-    base, moved = Fluid.from_temperature(**here), Fluid.from_temperature(**there)
-    scaled: dict[str, Any] = {
-        name: getattr(fluid, name) * (getattr(moved, name) / getattr(base, name))
-        for name in ("sound_speed", "density", "dynamic_viscosity")
-    }
+    here = dict(zip(STATE, air_state(fluid), strict=True))
+    base, moved = Fluid.from_temperature(**here), Fluid.from_temperature(**here | state)
+    names = ("sound_speed", "density", "dynamic_viscosity")
+    scaled: dict[str, Any] = {n: getattr(fluid, n) * (getattr(moved, n) / getattr(base, n)) for n in names}
     return dataclasses.replace(fluid, **scaled)

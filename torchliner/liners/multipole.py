@@ -76,13 +76,9 @@ class Multipole:
         return poles, -(self.residues @ modes) * torch.linalg.solve(modes, ones) / 2
 
     def recursion(self, sampling_rate: float) -> dict[str, Tensor]:
-        r"""Coefficients of :math:`\psi_n = e\,\psi_{n-1} + a\,x_n + b\,x_{n-1}`, the reflected signal being
-        :math:`x_n + \sum_k r_k \psi_{k,n}`; exact where x is linear between samples.
-
-        Args:
-            sampling_rate: Hz.
-        Returns: ``decay`` e, ``now`` a, ``before`` b, complex128, (N,).
-        """
+        r"""``decay`` e, ``now`` a, ``before`` b, complex128, (N,), of :math:`\psi_n = e\,\psi_{n-1} + a\,x_n +
+        b\,x_{n-1}`, the reflected signal being :math:`x_n + \sum_k r_k \psi_{k,n}`; exact where x is linear between
+        samples, of a rate in Hz."""
         step = 1 / one_number("sampling_rate (Hz)", sampling_rate)
         decay = torch.exp(self.poles * step)
         whole = torch.expm1(self.poles * step) / self.poles
@@ -90,18 +86,11 @@ class Multipole:
         return {"decay": decay, "now": now, "before": whole - now}
 
     def reflect(self, signal: Any, sampling_rate: float) -> Tensor:
-        """The reflected signal of an incident one, by ``recursion``, from rest.
-
-        Args:
-            signal: x, real, (..., T).
-            sampling_rate: Hz.
-        """
+        """The reflected signal, real, (..., T), of an incident one, by ``recursion`` at a rate in Hz, from rest."""
         sent = real_tensor(signal, name="signal").numpy()
         found = sent.astype(np.complex128)
-        rows = zip(
-            self.residues.tolist(), *(each.tolist() for each in self.recursion(sampling_rate).values()), strict=True
-        )
-        for residue, decay, now, before in rows:
+        rows = torch.stack([self.residues, *self.recursion(sampling_rate).values()], 1)
+        for residue, decay, now, before in rows.tolist():
             found += residue * lfilter([now, before], [1, -decay], sent)
         return torch.from_numpy(found.real.copy())
 
@@ -185,7 +174,8 @@ def _multiples(basis: Array, wanted: Array) -> Array:
 
 
 def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
-    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1."""
+    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1; from the poles of the AAA
+    algorithm, with others where it finds too few, and from poles spread evenly."""
     pairs, size, outside = count // 2, count - count // 2, _grid(abs(s[-1]), 300, np.zeros(0))
     low = np.log([abs(s[0]) / BEYOND] * size + [DAMPING[0]] * pairs)
     high = np.log([abs(s[-1]) * BEYOND] * size + [DAMPING[1]] * pairs)
@@ -197,26 +187,19 @@ def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
         off, excess = basis @ solved - wanted, np.abs(1 + _basis(outside, w, d) @ solved) - 1
         return np.concatenate([off.real, off.imag, excess.clip(min=0)])
 
-    starts = [np.clip(first, low + 1e-6, high - 1e-6) for first in _starts(s, wanted, count)]
-    limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
-    tried = [least_squares(misfit, start, **limits) for start in starts]
-    best = min(tried, key=lambda found: float(found.cost)).x
-    return np.exp(best[:size]), np.exp(best[size:])
-
-
-def _starts(s: Array, wanted: Array, count: int) -> list[Array]:
-    """log w and log d from the poles of the AAA algorithm, with others where it finds too few; and spread evenly."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # that it has not converged with so few terms
         found = AAA(np.concatenate([s, s.conj()]), np.concatenate([wanted, wanted.conj()]), max_terms=count + 1).poles()
     above = found[found.imag > 1e-6 * np.abs(found)]
-    above = above[np.argsort(np.abs(above))]
-    spread = (-0.5 + 1j) * np.geomspace(abs(s[0]), abs(s[-1]), count // 2 + 2)[1:-1]
-    some = [pairs[: count // 2] for pairs in (np.concatenate([above, spread]), spread)]
-    lone = np.zeros(count % 2)
-    return [
-        np.concatenate([np.log(np.abs(each)), lone, np.log(np.abs(each.real / each).clip(DAMPING[0]))]) for each in some
-    ]
+    spread = (-0.5 + 1j) * np.geomspace(abs(s[0]), abs(s[-1]), pairs + 2)[1:-1]
+    tried = []
+    for poles in (np.concatenate([above[np.argsort(np.abs(above))], spread])[:pairs], spread):
+        damping = np.abs(poles.real / poles).clip(DAMPING[0])
+        start = np.concatenate([np.log(np.abs(poles)), np.zeros(count % 2), np.log(damping)])
+        limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
+        tried.append(least_squares(misfit, np.clip(start, low + 1e-6, high - 1e-6), **limits))
+    best = min(tried, key=lambda found: float(found.cost)).x
+    return np.exp(best[:size]), np.exp(best[size:])
 
 
 def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array], top: float) -> Array:

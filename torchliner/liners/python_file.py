@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -14,7 +15,8 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.fluid import Fluid
-from torchliner.liners.model import STATED, LinerModel, as_liner, plain, with_members
+from torchliner.liners.model import STATED, LinerModel, as_liner
+from torchliner.liners.parameters import plain
 from torchliner.liners.response import checked_impedance
 from torchliner.names import did_you_mean
 from torchliner.toml_files import read_text
@@ -36,12 +38,11 @@ def read_liner(path: Path) -> LinerModel:
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     with _naming_line(path):
         exec(compile(text, str(path), "exec"), names)
-    source = names.get("liner")
+    source = names.get("liner", SimpleNamespace(**names))
     if isinstance(source, LinerModel):
         return source
     wanted = (*STATED, "orifice_diameter")
-    held = {name: names.get(name) if source is None else getattr(source, name, None) for name in wanted}
-    members = {name: value for name, value in held.items() if value is not None}
+    members = {name: getattr(source, name) for name in wanted if getattr(source, name, None) is not None}
     function, fluid = members.get("impedance"), members.get("fluid", Fluid())
     if not callable(function):
         near = did_you_mean("impedance", [name for name in names if name[0] != "_"])
@@ -54,7 +55,6 @@ def read_liner(path: Path) -> LinerModel:
     digest = hashlib.sha256(text.encode()).hexdigest()
     facts = {"model": "python", "name": path.stem, "file": path.name, "sha256": digest}
     facts |= {name: plain(value) for name, value in members.items() if not callable(value)}
-
     first = getattr(getattr(function, "__code__", None), "co_firstlineno", 1)
 
     def impedance(frequency: Any, speed: Any = 0.0) -> Tensor:
@@ -69,7 +69,7 @@ def read_liner(path: Path) -> LinerModel:
         return checked
 
     members = {"describe": lambda: dict(facts), **members, "impedance": impedance}
-    return as_liner(with_members(path.stem, members)())
+    return as_liner(SimpleNamespace(**members))
 
 
 @contextmanager

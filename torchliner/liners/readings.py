@@ -36,22 +36,18 @@ def porosity_readings(liner: SDoFLiner) -> dict[str, SDoFLiner]:
     """
     if complex(liner.impedance_offset) != 0:
         raise ValueError("the liner's impedance_offset was fixed under its own reading of the porosity")
-    porosity, alpha = plain_number(liner.porosity), plain_number(liner.open_area_fraction)
-    if alpha < 1:
-        whole = liner.replace(porosity=porosity * alpha, open_area_fraction=1.0)
-        return {f"global, phi_c = {phi:.3g}": whole.replace(cavity_porosity=phi) for phi in (1.0, alpha)}
-    if liner.cell_pitch is None:
-        raise ValueError("the liner states no cell_pitch, which the local reading needs")
-    share = (2 * plain_number(liner.cavity_hydraulic_radius) / liner.cell_pitch) ** 2
-    if not porosity < share < 1:
-        raise ValueError(
-            f"the square of cavity over pitch is {share:.3g}, which is no share of a cell with "
-            f"square cavities and porosity {porosity:g}"
-        )
-    cells = liner.replace(porosity=porosity / share, open_area_fraction=share, cavity_porosity=1.0)
-    globals_ = {
-        f"global, phi_c = {phi:.3g}": liner.replace(cavity_porosity=phi)
-        for phi in dict.fromkeys((1.0, share))
-        if phi != plain_number(liner.cavity_porosity)
-    }
-    return {f"local {100 * porosity / share:.3g} %, wall in parallel": cells, **globals_}
+    porosity, share = plain_number(liner.porosity), plain_number(liner.open_area_fraction)
+    found, whole = {}, liner.replace(porosity=porosity * share, open_area_fraction=1.0)
+    if share == 1:
+        if liner.cell_pitch is None:
+            raise ValueError("the liner states no cell_pitch, which the local reading needs")
+        share = (2 * plain_number(liner.cavity_hydraulic_radius) / liner.cell_pitch) ** 2
+        if not porosity < share < 1:
+            raise ValueError(
+                f"the square of cavity over pitch is {share:.3g}, which is no share of a cell with "
+                f"square cavities and porosity {porosity:g}"
+            )
+        cells = liner.replace(porosity=porosity / share, open_area_fraction=share, cavity_porosity=1.0)
+        found[f"local {100 * porosity / share:.3g} %, wall in parallel"] = cells
+    others = {f"global, phi_c = {phi:.3g}": whole.replace(cavity_porosity=phi) for phi in (1.0, share)}
+    return {**found, **{name: other for name, other in others.items() if other != liner}}

@@ -47,11 +47,7 @@ def checked_impedance(impedance: Any, frequency: Tensor, speed: Tensor, name: st
 
 
 def complex_tensor(impedance: Any, name: str) -> Tensor:
-    """Tensor, array, list or number as complex128.
-
-    Raises:
-        TypeError: None, text; ``name`` is that of the function that gave it.
-    """
+    """Tensor, array, list or number as complex128; TypeError for None and text, with the ``name`` that gave it."""
     if isinstance(impedance, Tensor):
         return impedance.to(torch.complex128)
     array = np.asarray(impedance)  # torch takes Python's own numbers in its default precision

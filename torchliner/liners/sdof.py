@@ -1,18 +1,39 @@
-"""Single-degree-of-freedom liners: the perforate over a cavity of the paper, and the same with factors of ours."""
+r"""Single-degree-of-freedom liners: the perforate over a cavity of the paper; the same with factors of ours, and with
+one law of lost mass, ``EndLossSDoFLiner``: round holes and slits, with and without flow.
+
+Of the reactance E of the plate's ends, all that is not the air inside the holes, the share
+
+    s^p = a^p + (k M)^p,    a = A xi^2.5/(xi^2.5 + B^2.5),    xi = |v|/(phi_p omega D_h),
+
+is lost: a to the jets and the turbulence that |v| stands for, once the air in a hole moves by some B hydraulic
+diameters, and k M to grazing flow. A = 1/2, the end that the jet leaves by; B and k are fitted to resolved liners, and
+p = 2 lies between their sum and the larger of the two (docs/mass_loss.md). The law takes the place of eq. (2.4b), whose
+largest loss is half as large for a slit; resistance is that of eq. (2.4a).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import plain_number, real_tensor
 from torchliner.liners.cavity import cavity_impedance
-from torchliner.liners.cell import CellLiner, omega_of, speed_of
-from torchliner.liners.parameters import Coefficient, Depth, Factor, FactorFrom0, Length, Mach, Share
-from torchliner.liners.sheets.perforate import SpeedLaw, coefficients, end_correction, linear_impedance, require_mass
+from torchliner.liners.cell import CellLiner
+from torchliner.liners.laws import Perforate, to_2_5
+from torchliner.liners.parameters import (
+    Coefficient,
+    Depth,
+    Factor,
+    FactorFrom0,
+    Length,
+    Mach,
+    Number,
+    Share,
+    ShareFrom0,
+)
 
 SAME_MACH = 0.01
 
@@ -50,33 +71,11 @@ class SDoFLiner(CellLiner):
     cavity_porosity: Share = 1.0
     vena_contracta: Share = 0.8
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        plate = (self.facesheet_thickness, self.orifice_diameter, self.porosity)
-        require_mass(f"liner {self.name!r}", *map(plain_number, plate))
-
     @property
-    def hole_diameter(self) -> float:
-        """d, m."""
-        return plain_number(self.orifice_diameter)
-
-    @property
-    def facing(self) -> float:
-        """See ``CellLiner``."""
-        return plain_number(self.porosity)
-
-    def speed_law(self, frequency: Any) -> SpeedLaw:
-        """Z(|v|) at fixed frequencies as coefficients, each of the shape of ``frequency`` (Hz)."""
-        omega = omega_of(frequency)
-        number = self.tensors(omega.device)
-        radius, porosity = number["orifice_diameter"] / 2, number["porosity"]
-        alpha, k = number["open_area_fraction"], self.gain().to(omega.device)
-        linear = linear_impedance(omega, number["facesheet_thickness"], radius, porosity, self.fluid)
-        cavity = cavity_impedance(omega, number["cavity_depth"], number["cavity_hydraulic_radius"], self.fluid)
-        linear = (linear + cavity / number["cavity_porosity"]) / alpha + self.impedance_offset
-        a, b, c, d = coefficients(omega, radius, porosity, number["vena_contracta"], self.fluid)
-        # |v_c| = k |v|: v_c^2/(v_c + b) = k v^2/(v + b/k), v_c^2.5/(v_c^2.5 + d) likewise.
-        return SpeedLaw(linear.real, linear.imag, a * k / alpha, b / k, c / alpha, d / k**2.5)
+    def front(self) -> Perforate:
+        """The facesheet."""
+        shared = {name: getattr(self, name) for name in ("orifice_diameter", "porosity", "vena_contracta")}
+        return Perforate(thickness=self.facesheet_thickness, **shared)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
         """Normalised impedance at |v| = ``speed``, complex128, of the broadcast shape.
@@ -88,19 +87,33 @@ class SDoFLiner(CellLiner):
         Raises:
             ValueError: a frequency not above 0, or a negative or non-finite speed.
         """
-        law = self.speed_law(frequency)
-        return torch.complex(*law.parts(speed_of(speed).to(law.a.device)))
+        omega, speed = self.seen(frequency, speed)
+        radius = real_tensor(self.cavity_hydraulic_radius).to(omega.device)
+        cavity = cavity_impedance(omega, self.cavity_depth, radius, self.fluid) / self.cavity_porosity
+        cell = self.front.at_rest(omega, self.fluid) + cavity
+        return (cell + self.in_motion(omega, speed)) / self.open_area_fraction + self.impedance_offset
+
+    def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
+        """What |v_c| and flow add to the impedance of a cell."""
+        return self.front.in_motion(omega, speed, self.fluid)
 
 
 @dataclass(frozen=True)
 class FlowSDoFLiner(SDoFLiner):
-    """Base of ``SDoFLiner``s whose own ``speed_law`` takes the Mach number of the flow over the plane.
+    """Base of ``SDoFLiner``s that take the Mach number of the flow over the plane.
 
     Args:
         mach: 0 to 1; None: that which the data state, 0 where they state none.
     """
 
     mach: Mach = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.settle(lacks_mach=self.mach is None and self._takes_mach())
+
+    def _takes_mach(self) -> bool:
+        raise NotImplementedError
 
     def in_flow(self, mach: float | None) -> Self:
         """See ``LinerModel``."""
@@ -111,7 +124,7 @@ class FlowSDoFLiner(SDoFLiner):
         stated = plain_number(self.mach)
         if abs(stated - mach) > SAME_MACH:
             raise ValueError(
-                f"liner {self.name!r} states mach {stated:g}, and the data {mach:g}; leave mach out of the liner, "
+                f"{self.label} states mach {stated:g}, and the data {mach:g}; leave mach out of the liner, "
                 "which then takes that of the data"
             )
         return self
@@ -155,27 +168,61 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
     mach_resistance: Coefficient = 0.0
     mach_mass_loss: Coefficient = 0.0
 
-    @property
-    def lacks_mach(self) -> bool:
-        """See ``LinerModel``."""
-        return self.mach is None and any(map(plain_number, (self.mach_resistance, self.mach_mass_loss)))
+    def _takes_mach(self) -> bool:
+        return any(map(plain_number, (self.mach_resistance, self.mach_mass_loss)))
 
-    def speed_law(self, frequency: Any) -> SpeedLaw:
+    def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
         """See ``SDoFLiner``."""
-        law = super().speed_law(frequency)
-        number = self.tensors(law.a.device)
-        porosity, alpha = number["porosity"], number["open_area_fraction"]
-        facing = self.flow_facing_porosity
-        open_area = porosity * alpha if facing is None else real_tensor(facing)
-        length = 2 * end_correction(number["orifice_diameter"] / 2, porosity)
-        ends = omega_of(frequency) * length / (self.fluid.sound_speed * porosity * alpha)
-        factor, mach = number["end_correction"], number.get("mach", 0.0)
-        gained = factor - 1 - number["mach_mass_loss"] * mach * factor
-        return SpeedLaw(
-            law.resistance + number["mach_resistance"] * mach / open_area,
-            law.reactance + gained * ends,
-            law.a,
-            law.b,
-            law.c * number["mass_loss"],
-            law.d * number["mass_loss_speed"] ** 2.5,
-        )
+        plate, gas, mach = self.front, self.fluid, 0.0 if self.mach is None else self.mach
+        ends = omega * plate.ends() / (gas.sound_speed * self.porosity)
+        gained = self.end_correction * (1 - self.mach_mass_loss * mach) - 1
+        resistance = self.mach_resistance * mach * self.open_area_fraction / self.open_area()
+        lost = self.mass_loss * plate.lost(omega, speed / self.mass_loss_speed, gas)
+        return torch.complex(plate.jets(omega, speed, gas) + resistance, gained * ends - lost)
+
+
+@dataclass(frozen=True)
+class EndLossSDoFLiner(FlowSDoFLiner):
+    """``SDoFLiner`` with the module's law in place of eq. (2.4b).
+
+    Args:
+        mach: see ``FlowSDoFLiner``; fitted up to 0.3, beyond which the share may pass 1. The law adds nothing to the
+            resistance.
+        hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the width for slits.
+        end_loss: A, 0 to 1.  loss_displacement: B, above 0.  mach_loss: k, at least 0.
+        combination: p, above 0 and at most 8: 1 for the sum; towards the larger one with p.
+    Raises:
+        ValueError: as ``SDoFLiner``; one of these outside its range.
+    Source: docs/mass_loss.md; the share of one half is Ingard's (1953) for strong jets.
+    """
+
+    model = "sdof-end-loss"
+
+    hydraulic_diameter: Annotated[Any, Number(unit="m", high=0.2)] = None
+    end_loss: ShareFrom0 = 0.5
+    loss_displacement: Factor = 0.29  # scripts/mass_loss.py
+    mach_loss: FactorFrom0 = 1.54  # the same
+    combination: Annotated[Any, Number(high=8.0)] = 2.0
+
+    def __post_init__(self) -> None:
+        if self.hydraulic_diameter is None:
+            self.settle(hydraulic_diameter=self.orifice_diameter)
+        super().__post_init__()
+
+    def _takes_mach(self) -> bool:
+        return plain_number(self.mach_loss) > 0
+
+    def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
+        """See ``SDoFLiner``."""
+        plate, gas, power = self.front, self.fluid, self.combination
+        inside = omega * self.facesheet_thickness / (gas.sound_speed * self.porosity)
+        offset = torch.as_tensor(self.impedance_offset, dtype=torch.complex128).imag
+        ends = plate.at_rest(omega, gas).imag - inside + offset * self.open_area_fraction
+        half = to_2_5(self.loss_displacement * self.porosity * omega * self.hydraulic_diameter)
+        moved = to_2_5(speed)
+        # From the larger one, so that neither power underflows; 1e-300 keeps slopes finite at 0.
+        share = (self.end_loss * moved / (moved + half)).clamp(min=1e-300)
+        floor = real_tensor(self.mach_loss * (0.0 if self.mach is None else self.mach)).to(share.device)
+        larger = torch.maximum(share, floor)
+        both = (share / larger) ** power + (floor / larger) ** power
+        return torch.complex(plate.jets(omega, speed, gas), -ends * larger * both ** (1 / power))

@@ -11,23 +11,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor, tell
+from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Pitch
-from torchliner.text_columns import (
-    LABEL,
-    Array,
-    cells_of,
-    header_line,
-    number_of,
-    read_lines,
-    read_table,
-    separator_of,
-)
-from torchliner.units import si_factor
+from torchliner.text_columns import LABEL, cells_of, header_line, read_lines, read_table, separator_of
 
-COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"}
+COLUMNS: dict[str, str | None] = {
+    "frequency": "frequency",
+    "speed": "velocity",
+    "resistance": "impedance",
+    "reactance": "impedance",
+}
 UNITS = {"frequency": "Hz", "speed": "m/s", "resistance": "rho c", "reactance": "rho c"}  # where the header has none
 EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
@@ -73,26 +68,13 @@ class TabulatedLiner(LinerModel):
         for (label, axis), fewest in zip(axes.items(), (1, 2), strict=False):
             if len(axis) < fewest or not bool((axis.diff() > 0).all()):
                 raise ValueError(f"{where}: {label} must increase; values needed: {fewest} or more")
-        if "speed" in axes and axes["speed"][0] != 0:
-            raise ValueError(f"{where}: speed starts at {float(axes['speed'][0]):g}, not at 0")
-        for name, value in {**axes, "values": values.to(torch.complex128)}.items():
-            object.__setattr__(self, name, value)
-
-    @property
-    def frequency_range(self) -> tuple[float, float]:
-        """First and last frequency, Hz; about a single one by as much as makes no difference."""
-        slack = SAME_FREQUENCY if len(self.frequency) == 1 else 0.0
-        return (1 - slack) * float(self.frequency[0]), (1 + slack) * float(self.frequency[-1])
-
-    @property
-    def speed_max(self) -> float | None:
-        """Last speed, m/s; None if Z does not depend on it."""
-        return None if self.speed is None else float(self.speed[-1])
-
-    @property
-    def speed_kinks(self) -> tuple[float, ...]:
-        """All speeds of the table, m/s."""
-        return () if self.speed is None else tuple(self.speed.tolist())
+        slack = SAME_FREQUENCY if len(axes["frequency"]) == 1 else 0.0  # by as much as makes no difference
+        low, high = axes["frequency"][0].item(), axes["frequency"][-1].item()
+        self.settle(**axes, values=values.to(torch.complex128), frequency_range=((1 - slack) * low, (1 + slack) * high))
+        if "speed" in axes:
+            if axes["speed"][0] != 0:
+                raise ValueError(f"{where}: speed starts at {float(axes['speed'][0]):g}, not at 0")
+            self.settle(speed_max=axes["speed"][-1].item(), speed_kinks=tuple(axes["speed"].tolist()))
 
     @classmethod
     def read_csv(cls, path: str | Path, **options: Any) -> Self:
@@ -107,12 +89,19 @@ class TabulatedLiner(LinerModel):
         """
         options.setdefault("name", Path(path).stem)
         with naming(path):
-            columns = _read_columns(Path(path))
-            impedance = columns["resistance"] + 1j * columns["reactance"]
+            lines = read_lines(path)
+            start = header_line(lines, path)
+            separator = separator_of(lines[start])
+            labels = cells_of(lines[start], separator)
+            stated = [f"{label} [{UNITS[label.lower()]}]" if label.lower() in UNITS else label for label in labels]
+            lines[start] = separator.join(stated)
+            words = [(found[1] if (found := LABEL.fullmatch(label)) else label).lower() for label in labels]
+            others = set(words) - set(COLUMNS)
+            columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["speed"], others=others)
             frequency, row = np.unique(columns["frequency"], return_inverse=True)
             speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
             values, times = np.zeros((2, len(frequency), len(speed)), dtype=complex)
-            values[row, column] = impedance
+            values[row, column] = columns["resistance"] + 1j * columns["reactance"]
             np.add.at(times, (row, column), 1)
             if (times.real > 1).any():
                 raise ValueError(f"{len(row) - np.count_nonzero(times)} row(s) repeat a frequency and speed")
@@ -148,16 +137,17 @@ class TabulatedLiner(LinerModel):
         Raises:
             ValueError: outside the table; none is given.
         """
-        f, v = real_tensor(frequency), real_tensor(speed)
+        f, v = torch.broadcast_tensors(real_tensor(frequency), real_tensor(speed))
+        assert self.frequency_range is not None
         self._require_inside(f, *self.frequency_range, "frequency", "Hz")
+        if self.speed is not None:
+            self._require_inside(v, 0.0, self.speed_max or 0.0, "|v|", "m/s")
+        values, axis = self.values.reshape(len(self.frequency), -1), self.speed
+        column, beside, along = (0 * v.long(), 0 * v.long(), 0 * v) if axis is None else _bracket(axis, v)
         row, above, across = _bracket(self.frequency, f)
-        if self.speed is None:
-            lower, upper = (self.values[i].broadcast_to(np.broadcast_shapes(f.shape, v.shape)) for i in (row, above))
-        else:
-            self._require_inside(v, 0.0, float(self.speed[-1]), "|v|", "m/s")
-            column, beside, along = _bracket(self.speed, v)
-            lower, upper = (self.values[i, column] * (1 - along) + self.values[i, beside] * along for i in (row, above))
-        return lower * (1 - across) + upper * across
+        lower, upper = (values[i, column] * (1 - along) + values[i, beside] * along for i in (row, above))
+        found: Tensor = lower * (1 - across) + upper * across
+        return found
 
     def _require_inside(self, value: Tensor, low: float, high: float, name: str, unit: str) -> None:
         name = f"table {self.name!r}: {name}"
@@ -177,46 +167,10 @@ class TabulatedLiner(LinerModel):
         return {"model": self.model, "name": self.name, "cell_pitch": self.cell_pitch, **numbers}
 
 
-def _read_columns(path: Path) -> dict[str, Array]:
-    """The columns of a table by name, finite numbers in SI units and rho c."""
-    lines = read_lines(path)
-    start = header_line(lines, path)
-    separator = separator_of(lines[start])
-    labels = cells_of(lines[start], separator)
-    units = [UNITS.get(label.lower()) for label in labels]
-    lines[start] = separator.join(f"{label} [{u}]" if u else label for label, u in zip(labels, units, strict=True))
-    others = {i: label for i, label in enumerate(labels) if not _is_known(label)}
-    known: Mapping[str, str | None] = dict(COLUMNS)
-    ignored = [label.lower() for label in others.values()]
-    found = read_table(lines, known, path, example=EXAMPLE, optional=["speed"], others=ignored)
-    rows = [cells_of(line, separator) for line in lines[start + 1 :]] if separator == "," and others else []
-    unread = [row[i] for row in rows for i in others if i < len(row)]
-    if not np.isnan([number_of(cell) for cell in unread]).all():  # shifted by decimal commas?
-        names = ", ".join(map(repr, others.values()))
-        tell(f"{path}: numbers in the columns {names} are passed over; decimal commas need semicolons between cells")
-    return found
-
-
-def _is_known(label: str) -> bool:
-    """Whether a heading names a column of the table, with a unit of it or without."""
-    found = LABEL.fullmatch(label)
-    quantity = COLUMNS.get(found[1].lower()) if found else None
-    if found is None or quantity is None:
-        return False
-    unit = found[2] or found[3]
-    if unit:
-        try:
-            si_factor(quantity, unit, label)
-        except ValueError:
-            return False
-    return True
-
-
 def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Both neighbours and the share of the step between them, clamped to the axis."""
     if len(axis) == 1:
-        here = torch.zeros_like(value, dtype=torch.int64)
-        return here, here, torch.zeros_like(value)
+        return 0 * value.long(), 0 * value.long(), 0 * value
     index = (torch.searchsorted(axis, value.contiguous(), right=True) - 1).clamp(0, len(axis) - 2)
     share = (value - axis[index]) / (axis[index + 1] - axis[index])
     return index, index + 1, share.clamp(0, 1)

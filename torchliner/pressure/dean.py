@@ -1,10 +1,12 @@
 r"""The in situ method: impedance from the pressures on the facesheet and at the cavity bottom.
 
-``cavity_mouth.py`` derives the velocity v_in into the whole surface from the pressure p_b at the bottom of the
-cavities, so that with p_f on the facesheet
+With y' measured from the backplate, a plane standing wave fills the cavity, p = p_b cosh(gamma y'), gamma = j omega/c
+without losses; by momentum its velocity into the mouth, y' = H, is rho c u_in = p_b sinh(gamma H). All that enters the
+cavity has passed the facesheet above it, whose thickness is short against the wavelength: v_in = phi_c u_in over the
+whole surface, phi_c being the share of the surface that is cavity. So with p_f on the facesheet
 
-.. math:: Z = \frac{p_f}{\rho c\,v_{in}} = -j\,\frac{p_f}{p_b}\,\frac{1}{\varphi_c\sin kH}
-            \quad (\text{lossless}).
+.. math:: \rho c\,v_{in} = \varphi_c\sinh(\gamma H)\,p_b, \qquad
+          Z = \frac{p_f}{\rho c\,v_{in}} = -j\,\frac{p_f}{p_b}\,\frac{1}{\varphi_c\sin kH} \quad (\text{lossless}).
 
 Nothing is assumed of the facesheet or of the flow above it.
 
@@ -18,7 +20,7 @@ for normal incidence. The ratio of the two Z is <p_f><1/p_f>: 1 plus, to leading
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,19 +30,23 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.intervals import ITSELF, Conversion
+from torchliner.liners.cavity import cavity_propagation
 from torchliner.names import LOSSES
-from torchliner.pressure.cavity_mouth import mouth_velocity_ratio
 from torchliner.pressure.tones import LEVEL, Parts, Tones
-from torchliner.records import PointImpedances, PointUncertainty, PressureRecord
+from torchliner.records import ImpedanceMap, PointImpedances, PointUncertainty, PressureRecord, VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
+from torchliner.records.same_case import require_same_run
 from torchliner.tones import transfer_from_amplitudes
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
 FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5
+NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
+LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
+SAME_DURATION = 0.01  # relative, of record and plane; warned of beyond
 
 
 def in_situ(
@@ -87,13 +93,23 @@ def in_situ(
     ratio, notes = mouth_velocity_ratio(record, tones.frequency, losses)
     cells, rows = _cells_of(record)
     used = rows >= 0
+    inside = ((cells.labels >= 0) & used)[:, None]
     made, points, coherences, counts = [], [], [], []
     for gain, hertz in zip(ratio, tones.frequency[:, None], strict=True):
         parts = _pressures(tones, hertz, rows)
-        face, back = parts.amplitudes
-        z = parts.h1(gain * back, face)
+        face, velocity = parts.amplitudes[0], gain * parts.amplitudes[1]
+        z = parts.h1(velocity, face)
         points.append(torch.where(used[:, None], z[0], torch.nan))
-        made.append((parts, _in_both_orders(parts.h1, z, face, gain * back, cells, used)))
+        admittance = cells.average(torch.where(inside, 1 / z, 0), used)
+        face, velocity = cells.average(face, used), cells.average(velocity, used)
+        # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
+        ways = {
+            "cells": (admittance, FROM_ADMITTANCE),
+            "liner": (admittance.mean(-2), FROM_ADMITTANCE),
+            "cells_pressure_first": (parts.h1(velocity, face), ITSELF),
+            "liner_pressure_first": (parts.h1(velocity.mean(-2), face.mean(-2)), ITSELF),
+        }
+        made.append((parts, ways))
         coherence, segments = _coherence(tones, hertz, rows, parts)
         coherences.append(cells.average(torch.where(used[:, None], coherence, 0.0), used))
         counts.append(segments)
@@ -140,6 +156,66 @@ def in_situ(
     )
 
 
+def with_in_situ(
+    maps: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], record: PressureRecord
+) -> list[ImpedanceMap]:
+    """Maps with the in situ impedances at their frequencies beside them, with intervals of the maps' own level.
+
+    Args:
+        maps: one a plane.  planes: what they were educed from.  record: of the same case.
+    Raises:
+        ValueError: the record states another case, tone, level or flow.
+    Warns:
+        DataWarning: record and plane differ in duration by more than ``SAME_DURATION``.
+    """
+    made: dict[tuple[float | None, ...], PointImpedances] = {}
+    for result, plane in zip(maps, planes, strict=True):
+        require_same_run(plane, record)
+        if (key := (*result.frequency.tolist(), result.level)) not in made:
+            made[key] = in_situ(record, result.frequency, interval=result.level)
+        if abs(record.duration / plane.duration - 1) > SAME_DURATION:
+            tell(
+                f"{record.name} lasts {1e3 * record.duration:.4g} ms, {plane.name} "
+                f"{1e3 * plane.duration:.4g} ms: the two impedances are of different times"
+            )
+    return [result.with_alongside(made[(*result.frequency.tolist(), result.level)]) for result in maps]
+
+
+def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[Note]]:
+    """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and warnings.
+
+    Raises:
+        ValueError: it is zero at a frequency: the mouth is a velocity node; losses without a hydraulic radius.
+    """
+    assert record.cavity_depth is not None
+    omega = 2 * torch.pi * frequency.to(torch.float64)
+    gamma = 1j * omega / record.fluid.sound_speed
+    if losses == "viscothermal":
+        if record.cavity_hydraulic_radius is None:
+            raise ValueError(
+                f"{record.name}: cavity_hydraulic_radius is missing; losses='viscothermal' needs it (m; half the side "
+                "of a square cavity)"
+            )
+        radius = torch.tensor(record.cavity_hydraulic_radius, dtype=torch.float64)
+        gamma = cavity_propagation(omega, radius, record.fluid)
+    ratio, turns = torch.sinh(gamma * record.cavity_depth), gamma.imag * record.cavity_depth / torch.pi
+    notes = []
+    for f, value, turn in zip(frequency.tolist(), ratio.tolist(), turns.tolist(), strict=True):
+        order = round(turn)
+        node = f"a velocity node of the cavity's mouth, {f * max(order, 1) / turn:.6g} Hz"
+        if order and abs(value) < NODE:
+            raise ValueError(
+                f"{record.name}: sin(kH) is {abs(value):.2g} at {f:g} Hz: there is, with a cavity of "
+                f"{1e3 * record.cavity_depth:g} mm {node} (n c/(2H), n = {order}), and Dean's formula divides by "
+                "sin(kH); take a frequency further off"
+            )
+        gain = abs(math.pi * turn / math.tan(math.pi * turn))
+        if gain > LARGE_GAIN:
+            text = f"{f:g} Hz lies near {node}; 1 % in depth or sound speed is {gain:.3g} % in Z"
+            notes.append(Note("mouth-node", f"{record.name}: {text}"))
+    return record.cavity_porosity * ratio, notes
+
+
 def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
     """At one frequency (1,) on the facesheet and at the bottom behind each point, (S, P, 1) both."""
     record = tones.record
@@ -149,30 +225,6 @@ def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
         tones.require_tone(label, signal, amplitude, frequency)
     face, back = parts.amplitudes
     return replace(parts, amplitudes=(face, back[:, rows.clamp(min=0)]))
-
-
-def _in_both_orders(
-    h1: Callable[[Tensor, Tensor], Tensor], z: Tensor, pressure: Tensor, velocity: Tensor, cells: Cells, used: Tensor
-) -> dict[str, tuple[Tensor, Conversion]]:
-    """What is averaged over cells and the surface in both orders, and how Z follows from it.
-
-    Args:
-        h1: of driver and response, (S, ..., 1) each; it gives all that remain, (1 + S + 4, ..., 1).
-        z: of the points, (1 + S + 4, P, 1).
-        pressure: on the facesheet, (S, P, 1).
-        velocity: rho c v_in behind each point, likewise.
-        cells, used: of the points.
-    """
-    inside = ((cells.labels >= 0) & used)[:, None]
-    admittance = cells.average(torch.where(inside, 1 / z, 0), used)
-    pressure, velocity = cells.average(pressure, used), cells.average(velocity, used)
-    # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
-    return {
-        "cells": (admittance, FROM_ADMITTANCE),
-        "liner": (admittance.mean(-2), FROM_ADMITTANCE),
-        "cells_pressure_first": (h1(velocity, pressure), ITSELF),
-        "liner_pressure_first": (h1(velocity.mean(-2), pressure.mean(-2)), ITSELF),
-    }
 
 
 def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
@@ -203,10 +255,8 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
 
 
 def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> tuple[Tensor, int]:
-    """Of the two pressures of each point, (P, 1), and the number of segments.
-
-    A single segment says nothing of it; shorter ones do.
-    """
+    """Of the two pressures of each point, (P, 1), and the number of segments; a single one says nothing of it, shorter
+    ones do."""
     if parts.single:
         segment, record = COHERENCE_PERIODS / float(frequency), tones.record
         if record.duration - tones.start < 1.5 * segment or segment * record.sampling_rate < FEWEST_SAMPLES:

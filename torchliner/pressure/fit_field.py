@@ -10,7 +10,6 @@ reflection of 0.05 that the case does not know of moves Z by more than any error
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +35,7 @@ from torchliner.pressure.microphone_errors import (
 )
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.records.drawn_impedance import fine_places
+from torchliner.records.wall_eduction import fine_places
 from torchliner.version import __version__
 
 SAME = 1e-6  # relative, and m, of what line and case both state
@@ -113,7 +112,10 @@ def fit_field(
     if start is None:
         found = constant_wall(model, target, weights, freedom * largest_misfit(freedom))
     else:
-        found = search(model, target, _begin(start, target), weights)
+        if math.isnan(abs(complex(start))) or start == -1:
+            raise ValueError(f"start is {start}; an impedance other than -1 is needed")
+        wanted = torch.full((*target.shape[:-1], 1), complex(start), dtype=torch.complex128, device=target.device)
+        found = search(model, target, coordinates(wanted), weights)
     if variation == "linear":
         found = search(model, target, torch.cat([found.place, torch.zeros_like(found.place)], -1), weights)
     result = _result(found, model, pressure, line, freedom, choices)
@@ -125,8 +127,7 @@ def fit_field(
     result = errors.with_draws(result, pressure, freedom, drawn)
     spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
     doubts = like_rigid(found.place, spread), like_rigid(found.place, spread, FIRST_ORDER), model.gains(found.place)
-    rigid, hard, gains = (each.reshape(result.impedance.shape) for each in doubts)
-    notes = field_notes(result, rigid, hard, gains)
+    notes = field_notes(result, *(each.reshape(result.impedance.shape) for each in doubts))
     tell([str(note) for note in notes])
     return replace(result, notes=notes)
 
@@ -134,17 +135,6 @@ def fit_field(
 def _cases(pressure: Tensor) -> Tensor:
     """(..., N, F) as (B, F, N)."""
     return pressure.movedim(-2, -1).reshape(-1, pressure.shape[-1], pressure.shape[-2])
-
-
-def _begin(start: complex, pressure: Tensor) -> Tensor:
-    """Coordinates of one impedance for pressures (B, F, N)."""
-    if isinstance(start, str):
-        raise TypeError(f"start is the text {start!r}; a complex number is needed")
-    start = complex(start)
-    if cmath.isnan(start) or start == -1:
-        raise ValueError(f"start is {start}; an impedance other than -1 is needed")
-    wall = torch.full((*pressure.shape[:-1], 1), start, dtype=torch.complex128)
-    return coordinates(wall.to(pressure.device))
 
 
 def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
@@ -164,7 +154,7 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
             "--copy FILE writes one to edit)"
         )
     setup = load_duct(duct, frequency=line.frequency.tolist())
-    return fit_field(line, DuctSolver(setup.case, setup.frequency, keep="walls"), wall=setup.wall, **options)
+    return fit_field(line, DuctSolver(setup.case, setup.frequency), wall=setup.wall, **options)
 
 
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
@@ -172,51 +162,38 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
     case, side, count = solver.case, line.source_side, line.microphones
     if len(case.liner) != 1:
         raise ValueError(f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch")
-    start, end = case.liner[0]
     both = {  # of line and duct; the line may leave a number out
         "duct_height (m)": (line.duct_height, case.height),
         "mach": (line.mach, case.profile.bulk_mach),
         "sound_speed (m/s)": (line.fluid.sound_speed, case.profile.sound_speed),
-        "liner_start (m)": (line.liner_start, start),
-        "liner_end (m)": (line.liner_end, end),
+        "liner_start (m)": (line.liner_start, case.liner[0][0]),
+        "liner_end (m)": (line.liner_end, case.liner[0][1]),
     }
-    outside = line.x[(line.x < case.start) | (line.x > case.end)].tolist()
     wrong = [
-        (side not in SOURCES, f"source_side is {side!r}; state upstream or downstream (in the file, or --source-side)"),
-        (
-            count <= unknowns,
-            f"{count} microphones are too few for {unknowns} complex unknowns (impedances, amplitudes)",
-        ),
-        (line.pressure.numel() == 0, f"there is no line in pressures of shape {tuple(line.pressure.shape)}"),
-        (
-            not torch.equal(line.frequency.cpu(), solver.frequency.cpu()),
-            f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz; build the "
-            "solver for those of the line",
-        ),
-        *(
-            (
-                mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=SAME * ("liner" in what)),
-                f"{what} is {float(mine or 0):g}, of the duct {float(theirs):g}; state the same in both",
-            )
-            for what, (mine, theirs) in both.items()
-        ),
-        (bool(outside), f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m"),
+        f"{what} is {float(mine):g}, of the duct {float(theirs):g}; state the same in both"
+        for what, (mine, theirs) in both.items()
+        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=SAME * ("liner" in what))
     ]
+    if side not in SOURCES:
+        wrong.append(f"source_side is {side!r}; state upstream or downstream (in the file, or --source-side)")
+    if count <= unknowns:
+        wrong.append(f"{count} microphones are too few for {unknowns} complex unknowns (impedances, amplitudes)")
+    if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
+        wrong.append(
+            f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz; build the "
+            "solver for those of the line"
+        )
+    if outside := line.x[(line.x < case.start) | (line.x > case.end)].tolist():
+        wrong.append(f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m")
     for what in ("end_reflection", "source_reflection"):
-        reflection = torch.as_tensor(getattr(case, what))
         # Reflections of a case are those of its source's end and of the other.
-        elsewhere = far_end == "stated" and side != case.source and bool(reflection.abs().max() > 0)
-        wrong += [
-            (reflection.ndim > 1, f"the {what} of the duct has leading axes; a fit takes one duct"),
-            (
-                elsewhere,
+        if far_end == "stated" and side != case.source and bool(torch.as_tensor(getattr(case, what)).any()):
+            wrong.append(
                 f"the {what} of the duct is stated for a source {case.source}, the line has its source {side}; state "
-                "the duct for that source, or leave the far end to the fit (far_end='fitted')",
-            ),
-        ]
-    for refused, text in wrong:
-        if refused:
-            raise ValueError(f"{line.name}: {text}")
+                "the duct for that source, or leave the far end to the fit (far_end='fitted')"
+            )
+    if wrong:
+        raise ValueError(f"{line.name}: {'; '.join(wrong)}")
 
 
 def _result(
@@ -241,11 +218,10 @@ def _result(
     misfit = found.cost / freedom
     used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
     covariance = impedance_covariance(found.place, used * covariance_of(found))
-    rise, rise_error = torch.zeros_like(wall[..., 0]), torch.zeros_like(wall[..., 0])
+    rise = rise_error = torch.zeros_like(wall[..., 0])
     if wall.shape[-1] == 2:
         rise = 2 * wall[..., 1]
-        spread = covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt()
-        rise_error = torch.complex(2 * spread[..., 0], 2 * spread[..., 1])
+        rise_error = 2 * torch.complex(*covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt().unbind(-1))
     return FieldFit(
         method="LEE fit",
         frequency=line.frequency,

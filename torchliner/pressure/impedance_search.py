@@ -3,9 +3,9 @@ r"""Least squares over what a duct model offers.
 Microphone i hears :math:`\sum_k A_k h_{ik}(Z)`: for each of K waves that are sent into the duct, one from the source or
 one from either end, the duct's response h to a unit of it times an amplitude that is not known. With the measured p_i
 the residuals are those of :math:`q_i = \sum_k A_k h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the
-imaginary part phase, each over its stated error. The wall's P coordinates are found by Levenberg and Marquardt's method
-with the exact derivative of the field by them (h is holomorphic, so one derivative serves both parts); A is solved for
-at every place.
+imaginary part phase, each over its stated error. The wall's P coordinates (``field_model.py``) are found by Levenberg
+and Marquardt's method with the exact derivative of the field by them (h is holomorphic, so one derivative serves both
+parts); A is solved for at every place.
 """
 
 from __future__ import annotations
@@ -28,20 +28,52 @@ ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valley
 # Impedances to begin from: all pairs of resistances and reactances, so many of them.
 Grid = tuple[Sequence[float], Sequence[float], int]
 STEPS_OF_SIZE = [0.01 * 2000 ** (i / 10) for i in range(11)]  # to 20
-COARSE: Grid = (
-    (0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0),
-    (-8.0, -4.0, -2.0, -1.0, -0.4, -0.2, -0.1, 0.0, 0.1, 0.2, 0.4, 1.0, 2.0, 4.0),
-    4,
-)
+SIZES = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0)
+COARSE: Grid = ((0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0), (-8.0, *(-x for x in SIZES[::-1]), 0.0, *SIZES), 4)
 FINE: Grid = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
 
 
-def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Minimum:
-    """The best constant wall for pressures (B, F, N), P = 1, with no guess.
+@dataclass(frozen=True, eq=False)
+class WallSearch(Problem):
+    """The wall's coordinates as Re rho, Im rho, ..."""
 
-    From the best of a coarse grid of impedances, and of a fine one where chi squared is above ``poor``: a wrong minimum
-    looks like a wrong duct.
-    """
+    model: FieldModel
+    pressure: Tensor  # Pa, (B, F, N); frequencies share the solutions of a duct
+    weights: tuple[float, float]  # 1 over the error of the amplitude's logarithm, and of the phase in radians
+    tolerance: float = TOLERANCE  # of the last step
+
+    longest = 0.3
+
+    def system(self, place: Tensor, index: Tensor) -> System:
+        """Residuals (B, F, 2 N) and their derivatives by Re rho, Im rho, ..., with Re A, Im A, ..."""
+        pressure = self.pressure[index]
+        fields, slopes = self.model.with_slope(place)  # (B, F, N, K), (P, B, F, N, K)
+        by_place = torch.stack([self._in_parts(turn * each, pressure) for each in slopes for turn in (1, 1j)], -3)
+        one = torch.ones_like(pressure)
+        target = torch.cat([one.real * self.weights[0], one.imag * self.weights[1]], -1)
+        return project(self._in_parts(fields, pressure), by_place, target)
+
+    def _in_parts(self, fields: Tensor, pressure: Tensor) -> Tensor:
+        """What amplitudes Re A, Im A, ... add to level and phase, over their errors, (..., F, 2 N, 2 K)."""
+        share = fields / pressure[..., None]
+        both = torch.stack([share, 1j * share], -1).flatten(-2)
+        return torch.cat([both.real * self.weights[0], both.imag * self.weights[1]], -2)
+
+    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
+        """Walls within the bounds of the coordinates."""
+        return bounded(place + torch.complex(step[..., ::2], step[..., 1::2])), True
+
+
+def search(
+    model: FieldModel, pressure: Tensor, start: Tensor, weights: tuple[float, float], tolerance: float = TOLERANCE
+) -> Minimum:
+    """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N); Re A, Im A, ... with it."""
+    return least_squares(WallSearch(model, pressure, weights, tolerance), start.to(torch.complex128), STEPS)
+
+
+def constant_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Minimum:
+    """The best constant wall for pressures (B, F, N), P = 1, with no guess: from a coarse grid of impedances, and from
+    a fine one where chi squared is above ``poor``, since a wrong minimum looks like a wrong duct."""
     found = from_grid(model, pressure, weights, COARSE)
     again = (found.cost > poor).any(-1)
     if bool(again.any()):
@@ -68,52 +100,6 @@ def from_grid(model: FieldModel, pressure: Tensor, weights: tuple[float, float],
     kept = rough.cost.reshape(best.shape[:-1]).topk(KEPT, 0, largest=False).indices[..., None]
     begin = rough.place.reshape(best.shape).gather(0, kept)
     return best_of(search(model, pressure, each, weights) for each in begin)
-
-
-@dataclass(frozen=True, eq=False)
-class WallSearch(Problem):
-    """The wall's coordinates as Re rho, Im rho, ...
-
-    Args:
-        model: of the duct.
-        pressure: Pa, (B, F, N); frequencies share the solutions of a duct.
-        weights: 1 over the error of the logarithm of the amplitude, and of the phase in radians.
-        tolerance: of the last step.
-    """
-
-    model: FieldModel
-    pressure: Tensor
-    weights: tuple[float, float]
-    tolerance: float = TOLERANCE
-
-    longest = 0.3
-
-    def system(self, place: Tensor, index: Tensor) -> System:
-        """Residuals (B, F, 2 N) and their derivatives by Re rho, Im rho, ..., with Re A, Im A, ..."""
-        pressure = self.pressure[index]
-        fields, slopes = self.model.with_slope(place)  # (B, F, N, K), (P, B, F, N, K)
-        by_place = torch.stack([self._in_parts(turn * each, pressure) for each in slopes for turn in (1, 1j)], -3)
-        one = torch.ones_like(pressure)
-        target = torch.cat([one.real * self.weights[0], one.imag * self.weights[1]], -1)
-        return project(self._in_parts(fields, pressure), by_place, target)
-
-    def _in_parts(self, fields: Tensor, pressure: Tensor) -> Tensor:
-        """What amplitudes Re A, Im A, ... add to level and phase, over their errors, (..., F, 2 N, 2 K)."""
-        share = fields / pressure[..., None]
-        both = torch.stack([share, 1j * share], -1).flatten(-2)
-        return torch.cat([both.real * self.weights[0], both.imag * self.weights[1]], -2)
-
-    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
-        """Walls within the bounds of the coordinates."""
-        del index
-        return bounded(place + torch.complex(step[..., ::2], step[..., 1::2])), True
-
-
-def search(
-    model: FieldModel, pressure: Tensor, start: Tensor, weights: tuple[float, float], tolerance: float = TOLERANCE
-) -> Minimum:
-    """The minimum next to coordinates of the wall, (B, F, P), for pressures (B, F, N); Re A, Im A, ... with it."""
-    return least_squares(WallSearch(model, pressure, weights, tolerance), start.to(torch.complex128), STEPS)
 
 
 def covariance_of(found: Minimum) -> Tensor:

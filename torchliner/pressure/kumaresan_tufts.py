@@ -102,21 +102,13 @@ def kumaresan_tufts(
 
 
 class Exponentials(NamedTuple):
-    """What a signal is made of.
+    """What a signal is made of."""
 
-    Args:
-        ratio: lambda, (..., K), largest \\|z\\| first.
-        amplitude: a, at the first sample, (..., K).
-        energy: sum of \\|a lambda^n\\|^2 over that of \\|p\\|^2, (..., K).
-        singular_values: of the prediction matrix, all of them, (..., L).
-        residual: rms of what the K exponentials leave over that of the signal, (...).
-    """
-
-    ratio: Tensor
-    amplitude: Tensor
-    energy: Tensor
-    singular_values: Tensor
-    residual: Tensor
+    ratio: Tensor  # lambda, (..., K), largest |z| first
+    amplitude: Tensor  # a, at the first sample, (..., K)
+    energy: Tensor  # sum of |a lambda^n|^2 over that of |p|^2, (..., K)
+    singular_values: Tensor  # of the prediction matrix, all of them, (..., L)
+    residual: Tensor  # rms of what the K exponentials leave over that of the signal, (...)
 
 
 def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
@@ -138,30 +130,28 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
         )
     if not 1 <= rank <= order:
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}")
-    values = signal.to(torch.complex128)
-    parts = [_exponentials(each, rank, order) for each in values.reshape(-1, samples).split(SIGNALS)]
-    whole = (torch.cat(each) for each in zip(*parts, strict=True))
-    return Exponentials(*(each.reshape(values.shape[:-1] + each.shape[1:]) for each in whole))
-
-
-def _exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
-    """Of some signals, (S, N)."""
-    windows = signal.conj().unfold(-1, order + 1, 1)  # (S, N - L, L + 1)
+    signal = signal.to(torch.complex128)
+    lead = signal.shape[:-1]
+    if lead.numel() > SIGNALS:
+        parts = [find_exponentials(each, rank, order) for each in signal.reshape(-1, samples).split(SIGNALS)]
+        whole = (torch.cat(each) for each in zip(*parts, strict=True))
+        return Exponentials(*(each.reshape(lead + each.shape[1:]) for each in whole))
+    windows = signal.conj().unfold(-1, order + 1, 1)  # (..., N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
     inverse = torch.where(s > ROUNDING * s[..., :1], 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]
     weights = -(vh[..., :rank, :].mH @ (inverse * (u[..., :rank].mH @ windows[..., :1])))
     # Roots of z^L + b_1 z^(L-1) + ... + b_L are the eigenvalues of the companion matrix.
-    below = torch.eye(order, dtype=signal.dtype, device=signal.device)[:-1].expand(len(signal), -1, -1)
+    below = torch.eye(order, dtype=signal.dtype, device=signal.device)[:-1].expand(*lead, -1, -1)
     roots = torch.linalg.eigvals(torch.cat([-weights.mT, below], -2))
     kept = roots.gather(-1, roots.abs().argsort(-1, descending=True)[..., :rank])
     # A root at 0, of a rank above what the signal holds, is no exponential; it gets no amplitude.
     ratio = 1 / torch.where(kept.abs() > ROUNDING, kept, ROUNDING).conj()
-    steps = torch.arange(signal.shape[-1], dtype=torch.float64, device=signal.device)
+    steps = torch.arange(samples, dtype=torch.float64, device=signal.device)
     # Growing waves are referred to the last sample, so that no power overflows.
     shift = torch.where(ratio.abs() > 1, steps[-1], 0.0)
     columns = ratio[..., None, :] ** (steps[:, None] - shift[..., None, :])
     amplitude = (torch.linalg.pinv(columns) @ signal[..., None])[..., 0]
     left = signal - (columns @ amplitude[..., None])[..., 0]
-    whole = signal.abs().square().sum(-1)
-    energy = amplitude.abs().square() * columns.abs().square().sum(-2) / whole[..., None]
-    return Exponentials(ratio, amplitude * ratio ** (-shift), energy, s, (left.abs().square().sum(-1) / whole).sqrt())
+    power = signal.abs().square().sum(-1)
+    energy = amplitude.abs().square() * columns.abs().square().sum(-2) / power[..., None]
+    return Exponentials(ratio, amplitude * ratio ** (-shift), energy, s, (left.abs().square().sum(-1) / power).sqrt())

@@ -37,20 +37,15 @@ def largest_misfit(freedom: float, share: float = POOR) -> float:
 class MicrophoneErrors:
     """Standard deviations that are assumed, and how many draws of them an eduction takes.
 
-    Args:
-        level: of the SPL, dB.
-        phase: degrees.
-        draws: 0 for none; 500 in the paper.
-        generator: of random numbers, on the CPU; default one with seed 0.
     Raises:
         TypeError: draws is no whole number.
         ValueError: an error is not finite or below 0; draws is below 0 or 1, which has no deviation.
     """
 
-    level: float = LEVEL_ERROR
-    phase: float = PHASE_ERROR
-    draws: int = 0
-    generator: torch.Generator | None = None
+    level: float = LEVEL_ERROR  # of the SPL, dB
+    phase: float = PHASE_ERROR  # degrees
+    draws: int = 0  # 0 for none; 500 in the paper
+    generator: torch.Generator | None = None  # of random numbers, on the CPU; default one with seed 0
 
     def __post_init__(self) -> None:
         self.require_above(0)
@@ -86,19 +81,17 @@ class MicrophoneErrors:
 
         Args:
             residual: rms of what a fit leaves over that of the pressures.
-            microphones: N.
-            unknowns: U, complex.
+            microphones: N.  unknowns: U, complex.
         """
         level, phase = self.parts
         expected = (level**2 + phase**2) * (1 - unknowns / microphones)
-        return residual.square() / expected if expected > 0 else torch.full_like(residual, math.nan)
+        return residual.square() / (expected if expected > 0 else math.nan)
 
     def with_draws(self, result: Any, pressure: Tensor, freedom: float, educed: Callable[[Tensor], Any]) -> Any:
         """An eduction of pressures (..., N, F) with the same eduction of draws of their errors, if any are wanted.
 
         Args:
-            result: with ``error_scale``.
-            pressure: Pa, complex.
+            result: with ``error_scale``.  pressure: Pa, complex.
             freedom: real degrees of freedom behind that scale.
             educed: the record of drawn pressures, (D, ..., N, F).
         """
@@ -123,9 +116,7 @@ def draw_pressures(
     """Pressures with errors, (D, ..., N, F).
 
     Args:
-        pressure: complex, Pa, (..., N, F).
-        draws: D.
-        generator: of random numbers, on the CPU.
+        pressure: complex, Pa, (..., N, F).  draws: D.  generator: of random numbers, on the CPU.
         level_error, phase_error: standard deviations, dB and degrees.
         scale: factor of both errors, (..., F); where it is above 1 it was estimated.
         freedom: real degrees of freedom behind it.

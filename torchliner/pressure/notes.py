@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import FEEDS
 from torchliner.duct.flow_profiles import UniformProfile
-from torchliner.duct.rigid_spectrum import cut_on_frequency
+from torchliner.duct.modes import cut_on_frequency
 from torchliner.pressure.microphone_errors import POOR, largest_misfit
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.records.notes import Note

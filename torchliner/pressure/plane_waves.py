@@ -28,7 +28,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import tell, whole_number
+from torchliner.checks import require_choice, tell, whole_number
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.engine.intervals import FROM_REFLECTION
 from torchliner.least_squares import solve_linear
@@ -124,15 +124,12 @@ def decompose_waves(
     made, each = [], []
     for hertz in tones.frequency[:, None]:
         parts = tones.parts(signals, hertz)
-        segments = parts.segments
-        tones.require_tone("microphone", signals[0], segments[0], hertz, chosen)
-
-        def split(pressure: Tensor, *velocity: Tensor, hertz: Tensor = hertz) -> tuple[Tensor, Tensor, Tensor]:
-            return split_waves(pressure, places, hertz, fluid.sound_speed, record.microphone_mach, *velocity)
-
-        incident, back = split(*parts.amplitudes)[0].unbind(1)
-        reflection = parts.h1(incident, back)
-        waves, left, condition = split(*segments)
+        tones.require_tone("microphone", signals[0], parts.segments[0], hertz, chosen)
+        (waves, left, condition), (inside, _, _) = (
+            split_waves(one[0], places, hertz, fluid.sound_speed, record.microphone_mach, *one[1:])
+            for one in (parts.segments, parts.amplitudes)
+        )
+        reflection = parts.h1(*inside.unbind(1))
         size = 2 * waves[:, 0].abs().square().mean(0).sqrt()
         each.append((size, reflection[0], left.square().mean(0).sqrt(), condition))
         made.append((parts, {"": (reflection, FROM_REFLECTION)}))
@@ -159,13 +156,10 @@ def decompose_waves(
 def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor) -> list[int]:
     """Indices of the microphones that are used."""
     count = len(record.microphone_y)
-    if microphones == "pair" and count > 1:
-        speed, mach = record.fluid.sound_speed, record.microphone_mach
-        return list(best_pair(record.microphone_y, frequency, speed, mach))
     if isinstance(microphones, str):
-        if microphones not in ("all", "pair"):
-            raise ValueError(f"microphones is {microphones!r}; give indices, 'all' or 'pair'")
-        return list(range(count))
+        pair = require_choice("microphones", microphones, ("all", "pair")) == "pair" and count > 1
+        about = (record.microphone_y, frequency, record.fluid.sound_speed, record.microphone_mach)
+        return list(best_pair(*about) if pair else range(count))
     chosen = [whole_number("microphones", i) for i in microphones]
     wrong = [i for i in chosen if not 0 <= i < count]
     if wrong:
@@ -212,22 +206,15 @@ def sort_waves(
     place = next(x for x in (at, edge, float(some.x[-1 if seen.sign == 1 else 0])) if x is not None)
     if not math.isfinite(place):
         raise ValueError(f"at is {place:g} m; it must be finite")
-    there = some.pressure.device
-    waves, residual, condition = split_waves(
-        some.pressure,
-        (some.x - place).to(there),
-        some.frequency.to(there),
-        float(some.fluid.sound_speed),
-        some.stated_mach,
+    places, frequency = ((some.x - place).to(some.pressure.device), some.frequency.to(some.pressure.device))
+    found = split_waves(some.pressure, places, frequency, float(some.fluid.sound_speed), some.stated_mach)
+    back, incident = found[0].unbind(-2)[:: seen.sign]
+    notes = (
+        *duct_notes(line),
+        *condition_notes(f"{line.name}: the microphones of the rigid duct", frequency, found[2]),
     )
-    upstream, downstream = waves.unbind(-2)
-    incident, back = (downstream, upstream) if seen.sign == 1 else (upstream, downstream)
-    name = f"{line.name}: the microphones of the rigid duct"
-    notes = (*duct_notes(line), *condition_notes(name, line.frequency, condition))
     tell([str(note) for note in notes])
-    return PlaneWaves(
-        "sorted waves", line.frequency, incident, back / incident, place, residual, condition, some.x, notes
-    )
+    return PlaneWaves("sorted waves", line.frequency, incident, back / incident, place, *found[1:], some.x, notes)
 
 
 def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
@@ -289,9 +276,7 @@ def split_waves(
     right = measured.movedim(-1, -2)  # (..., F, equations)
     _, waves, left = solve_linear(rows, right)
     residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)
-    if rows.shape[1] == rows.shape[2]:
-        residual = torch.full_like(residual, torch.nan)
-    return waves.movedim(-1, -2), residual, condition
+    return waves.movedim(-1, -2), residual if rows.shape[1] > 2 else torch.full_like(residual, torch.nan), condition
 
 
 def best_pair(places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[int, int]:

@@ -31,19 +31,18 @@ LEVEL = 0.95
 NO_TONE = 1e-9  # of a signal's largest value
 
 
+def _column(values: Tensor, like: Tensor) -> Tensor:
+    """(S,) with as many axes as (S, ...)."""
+    return values.reshape(-1, *[1] * (like.ndim - 1))
+
+
 @dataclass(frozen=True)
 class Parts:
-    """Tones of signals at one frequency in S parts of a record: segments, or blocks of one segment.
+    """Tones of signals at one frequency in S parts of a record: segments, or blocks of one segment."""
 
-    Args:
-        amplitudes: of each signal, (S, ..., 1).
-        weights: of the parts, of sum 1, (S,).
-        single: whether they are of one segment, whose amplitude is their mean.
-    """
-
-    amplitudes: Sequence[Tensor]
-    weights: Tensor
-    single: bool
+    amplitudes: Sequence[Tensor]  # of each signal, (S, ..., 1)
+    weights: Tensor  # of the parts, of sum 1, (S,)
+    single: bool  # whether they are of one segment, whose amplitude is their mean
 
     @property
     def segments(self) -> list[Tensor]:
@@ -51,39 +50,26 @@ class Parts:
         return [self.remaining(each)[:1] if self.single else each for each in self.amplitudes]
 
     def h1(self, driver: Tensor, response: Tensor) -> Tensor:
-        """H1 = response/driver of all parts, without each and without each quarter, (1 + S + 4, ...).
-
-        Args:
-            driver, response: of the parts, (S, ..., 1), linear in ``amplitudes``.
-        """
+        """H1 = response/driver, (S, ..., 1) each, linear in ``amplitudes``, of all ``remaining`` parts."""
         if self.single:  # H1 of one segment is the ratio of its amplitudes
             return self.remaining(response) / self.remaining(driver)
         return self.remaining(driver.conj() * response) / self.remaining(driver.abs().square())
 
     def remaining(self, values: Tensor) -> Tensor:
-        """Weighted means of (S, ...) over the parts that remain."""
-        return replicates(self.weights.reshape(-1, *[1] * (values.ndim - 1)) * values, self.weights)
+        """Weighted means of (S, ...) over all parts, without each and without each quarter, (1 + S + 4, ...)."""
+        return replicates(_column(self.weights, values) * values, self.weights)
 
 
 @dataclass(frozen=True)
 class Tones:
-    """How tones are read from a record.
-
-    Args:
-        record: of pressures.
-        frequency: Hz, (F,).
-        window: any window of scipy.
-        segment: s; None for one segment of all that is there.
-        start: s at the beginning that are left out.
-        level: of the intervals; None for none.
-    """
+    """How tones are read from a record."""
 
     record: PressureRecord
-    frequency: Tensor
-    window: Any
-    segment: float | None
-    start: float
-    level: float | None
+    frequency: Tensor  # Hz, (F,)
+    window: Any  # of scipy
+    segment: float | None  # s; None for one segment of all that is there
+    start: float  # s at the beginning that are left out
+    level: float | None  # of the intervals; None for none
 
     @classmethod
     def of(
@@ -136,23 +122,23 @@ class Tones:
 
     def _blocks(self, signals: Sequence[Tensor], frequency: Tensor, first: int, blocks: Blocks) -> Parts:
         """Of one segment that begins at a sample; their mean is that of ``segment_amplitudes``."""
-        samples, count = signals[0].shape[-1] - first, blocks.count
+        samples, pairs = signals[0].shape[-1] - first, list(pairwise(blocks.borders))
         weight = window_weights(self.window, samples)
         turn = 2j * torch.pi * frequency / blocks.sampling_rate * torch.arange(first, first + samples)
         basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
         across = basis.conj() * weight
         dual = torch.linalg.solve(across @ basis.mT, across)
-        share = torch.stack([weight[a:b].sum() for a, b in pairwise(blocks.borders)]) / weight.sum()
-        kept = torch.stack([dual[0, a:b] @ basis[:, a:b].T for a, b in pairwise(blocks.borders)])  # (S, 3)
+        share = torch.stack([weight[a:b].sum() for a, b in pairs]) / weight.sum()
+        kept = torch.stack([dual[0, a:b] @ basis[:, a:b].T for a, b in pairs])  # (S, 3)
         ends = list(pairwise(sorted({*blocks.borders, samples})))
         found = []
         for signal in signals:
             late = signal[..., first:].cpu()
             sums = torch.stack([late[..., a:b].to(torch.complex128) @ dual[:, a:b].T for a, b in ends])
             fitted = sums.sum(0)  # tone, conjugate, mean
-            left = sums[:count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
-            size = share.reshape(-1, *[1] * (left.ndim - 1)).clamp(min=1e-12)
-            own = left / size
+            left = sums[: blocks.count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
+            size = _column(share, left)
+            own = left / size.clamp(min=1e-12)
             own = own - (size * own).sum(0) / share.sum()  # what the samples behind the last period add
             found.append((fitted[..., 0] + own)[..., None])
         return Parts(found, share / share.sum(), True)
@@ -162,12 +148,12 @@ class Tones:
     ) -> None:
         """Refuse pressures (N, T) one of which has no tone: amplitudes of segments (S, N, 1); ``numbers`` as in the
         record, default 0, 1, ..."""
-        quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0]
-        if len(quiet):
+        quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0].tolist()
+        if quiet:
             raise ValueError(
                 f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz in {len(quiet)} of "
-                f"{len(signal)} signals, the first is {int(quiet[0] if numbers is None else numbers[int(quiet[0])])}; "
-                "leave it out"
+                f"{len(signal)} signals, the first is {quiet[0] if numbers is None else numbers[quiet[0]]}; leave it "
+                "out"
             )
 
     def intervals(

@@ -23,10 +23,10 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.duct.dispersion import Duct, carry_wavenumber, duct_of, relation, wavenumber_from_impedance
-from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
+from torchliner.least_squares import Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import DIRECTIONS, WEIGHTS
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
-from torchliner.pressure.waves import FromSource, Waves, educe_waves, seen_from_source
+from torchliner.pressure.waves import Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
 
 RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
@@ -71,9 +71,39 @@ def two_wave_fit(
         words = "tied" if tied else "free"
         raise ValueError(f"{line.name}: {count} microphones are used; two {words} waves need at least {fewest}")
     relative = weights == "relative"
+    about = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
+    first: list[Tensor] = []  # where the first search ended; others begin there
+
+    def waves_of(pressure: Tensor) -> Waves:
+        values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
+        lead, frequency, s = values.shape[:-1], line.frequency.to(values.device), seen.distance.to(values.device)
+        duct, _ = duct_of(values[..., 0], frequency, line.duct_height, seen.mach, about["sound_speed"], condition)
+        flat = values.reshape(-1, count)
+        weight = 1 / flat.abs() if relative else torch.ones_like(flat.real)
+        pairs = WavePairs(weight * flat, weight, torch.stack([s, s - s[-1]], -1), duct.flattened(), tied)
+        if first:
+            found = least_squares(pairs, first[0].expand(*lead, 2).reshape(-1, 2))
+        else:
+            walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
+            both = [
+                wavenumber_from_impedance(walls, line.frequency[:, None], **about, condition=condition, direction=each)
+                for each in DIRECTIONS
+            ]
+            grid = torch.stack(both, -1).to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2)
+            best = pairs.residuals(grid).argsort(-1)[:, :STARTS, None]
+            found = best_of(
+                least_squares(pairs, grid.gather(1, each.expand(-1, 1, 2))[:, 0]) for each in best.split(1, 1)
+            )
+            first.append(found.place.reshape(*lead, 2))
+        # The reflected wave is referred to the far end in the fit, to the origin in the record.
+        amplitude = found.amplitude * torch.exp(1j * found.place * s[-1] * torch.tensor([0, 1]).to(s))
+        modes, amplitudes = (each.reshape(*lead, 2).movedim(-1, -2) for each in (found.place, amplitude))
+        residual = (found.cost / pairs.whole).sqrt().reshape(lead)
+        return Waves(modes[..., 0, :], modes, amplitudes, residual, settled=found.converged.reshape(lead))
+
     return educe_waves(
         seen,
-        _Search(seen, condition, tied, relative),
+        waves_of,
         method="two waves" if tied else "two free waves",
         unknowns=4 - tied,
         condition=condition,
@@ -86,69 +116,15 @@ def two_wave_fit(
 free_wave_fit = functools.partial(two_wave_fit, tied=False)
 
 
-class _Search:
-    """Waves of pressures along s; the first search begins at a grid, others where the first one ended."""
-
-    def __init__(self, seen: FromSource, condition: str, tied: bool, relative: bool) -> None:
-        self.seen, self.condition, self.tied, self.relative = seen, condition, tied, relative
-        self.start: Tensor | None = None
-
-    def __call__(self, pressure: Tensor) -> Waves:
-        """Pressures, (..., N, F)."""
-        line, mach = self.seen.line, self.seen.mach
-        values = pressure.movedim(-2, -1).to(torch.complex128)  # (..., F, N)
-        lead, frequency = values.shape[:-1], line.frequency.to(values.device)
-        duct, _ = duct_of(values[..., 0], frequency, line.duct_height, mach, line.fluid.sound_speed, self.condition)
-        flat, s = values.reshape(-1, values.shape[-1]), self.seen.distance.to(values.device)
-        weight = 1 / flat.abs() if self.relative else torch.ones_like(flat.real)
-        pairs = WavePairs(weight * flat, weight, torch.stack([s, s - s[-1]], -1), duct.flattened(), self.tied)
-        if self.start is None:
-            found = _from_grid(pairs, self._grid().to(values.device).expand(*lead, -1, 2).reshape(len(flat), -1, 2))
-            self.start = found.place.reshape(*lead, 2)
-        else:
-            found = least_squares(pairs, self.start.expand(*lead, 2).reshape(-1, 2))
-        # The reflected wave is referred to the far end in the fit, to the origin in the record.
-        amplitude = found.amplitude * torch.exp(1j * found.place * s[-1] * torch.tensor([0, 1]).to(s))
-        modes, amplitudes = (each.reshape(*lead, 2).movedim(-1, -2) for each in (found.place, amplitude))
-        residual = (found.cost / pairs.whole).sqrt().reshape(lead)
-        return Waves(modes[..., 0, :], modes, amplitudes, residual, settled=found.converged.reshape(lead))
-
-    def _grid(self) -> Tensor:
-        """Pairs of wavenumbers of a grid of impedances along s, (F, G, 2)."""
-        line = self.seen.line
-        walls = torch.tensor([complex(r, x) for r in RESISTANCES for x in REACTANCES], dtype=torch.complex128)
-        about = {"height": line.duct_height, "mach": self.seen.mach, "sound_speed": line.fluid.sound_speed}
-        both = [
-            wavenumber_from_impedance(walls, line.frequency[:, None], **about, condition=self.condition, direction=each)
-            for each in DIRECTIONS
-        ]
-        return torch.stack(both, -1)
-
-
-def _from_grid(pairs: WavePairs, grid: Tensor) -> Minimum:
-    """The best minimum from the best starts, (P, G, 2), of each line."""
-    best = pairs.residuals(grid).argsort(-1)[:, :STARTS, None]
-    begin = grid.gather(1, best.expand(-1, -1, 2))
-    return best_of(least_squares(pairs, each) for each in begin.unbind(1))
-
-
 @dataclass(frozen=True, eq=False)
 class WavePairs(Problem):
     """Lines of microphones, each to be fitted by two waves, from alpha+ and alpha-, (P, 2), which are of one wall if
-    tied.
+    tied."""
 
-    Args:
-        pressure: weighted, complex, (P, N).
-        weight: of each microphone, (P, N).
-        places: s and s - S, m, (N, 2).
-        duct: of each line, (P,), the flow along s.
-        tied: one wall for both waves.
-    """
-
-    pressure: Tensor
-    weight: Tensor
-    places: Tensor
-    duct: Duct
+    pressure: Tensor  # weighted, complex, (P, N)
+    weight: Tensor  # of each microphone, (P, N)
+    places: Tensor  # s and s - S, m, (N, 2)
+    duct: Duct  # of each line, (P,), the flow along s
     tied: bool
 
     # Sizes are relative to k + |alpha|.

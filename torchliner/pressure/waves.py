@@ -29,21 +29,13 @@ STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 
 
 class FromSource(NamedTuple):
-    """A line seen from its source.
+    """A line seen from its source."""
 
-    Args:
-        line: as recorded.
-        sign: 1 for a source upstream, -1 downstream.
-        distance: s of the microphones from the first, m, (N,).
-        pressure: Pa, (..., N, F), in the order of s.
-        mach: of the flow along s.
-    """
-
-    line: MicrophoneLine
-    sign: int
-    distance: Tensor
-    pressure: Tensor
-    mach: float
+    line: MicrophoneLine  # as recorded
+    sign: int  # 1 for a source upstream, -1 downstream
+    distance: Tensor  # s of the microphones from the first, m, (N,)
+    pressure: Tensor  # Pa, (..., N, F), in the order of s
+    mach: float  # of the flow along s
 
     @property
     def source_side(self) -> str:
@@ -68,23 +60,14 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
 
 
 class Waves(NamedTuple):
-    """What a method finds in pressures (..., N, F), along s.
+    """What a method finds in pressures (..., N, F), along s."""
 
-    Args:
-        wavenumber: alpha' of the wave whose impedance is wanted, (..., F); nan for none.
-        modes: alpha' of all waves, (..., K, F).
-        amplitudes: theirs at s = 0, Pa, (..., K, F).
-        residual: rms of what they leave over that of the pressures, (..., F).
-        singular_values: of the prediction matrix, (..., L, F); None for fits.
-        settled: whether the fit ended, (..., F); None without a search.
-    """
-
-    wavenumber: Tensor
-    modes: Tensor
-    amplitudes: Tensor
-    residual: Tensor
-    singular_values: Tensor | None = None
-    settled: Tensor | None = None
+    wavenumber: Tensor  # alpha' of the wave whose impedance is wanted, (..., F); nan for none
+    modes: Tensor  # alpha' of all waves, (..., K, F)
+    amplitudes: Tensor  # theirs at s = 0, Pa, (..., K, F)
+    residual: Tensor  # rms of what they leave over that of the pressures, (..., F)
+    singular_values: Tensor | None = None  # of the prediction matrix, (..., L, F); None for fits
+    settled: Tensor | None = None  # whether the fit ended, (..., F); None without a search
 
 
 def educe_waves(
@@ -102,27 +85,22 @@ def educe_waves(
     """The impedance of a line's waves, its error bars and its warnings, which are told.
 
     Args:
-        seen: the line along s.
-        waves_of: the method, of pressures along s, (..., N, F), with any leading axes.
-        method: for tables and legends.
-        unknowns: U, complex ones of the waves.
-        condition: at the liner.
-        errors: of the microphones.
-        choices: the method's own.
+        seen: the line along s.  waves_of: the method, of pressures along s, (..., N, F), with any leading axes.
+        method: for tables and legends.  unknowns: U, complex ones of the waves.  condition: at the liner.
+        errors: of the microphones.  choices: the method's own.  about: further fields of the record.
         unit: in whose shares the errors behind the covariance are equal, (..., N, F); default the rms of the line.
-        about: further fields of the record.
     Raises:
         RuntimeError: no wave runs with the source at any frequency.
     """
     require_choice("condition", condition, CONDITIONS)
-    line, pressure, spare = seen.line, seen.pressure, seen.line.microphones - unknowns
+    line, pressure, count, spare = seen.line, seen.pressure, seen.line.microphones, seen.line.microphones - unknowns
     freedom = errors.freedom(spare)
     choices = {
         **choices,
         "condition": condition,
         "source_side": seen.source_side,
         "source": line.name,
-        "microphones": line.microphones,
+        "microphones": count,
         "mach": line.stated_mach,
         "sound_speed": float(line.fluid.sound_speed),
         "version": __version__,
@@ -131,14 +109,9 @@ def educe_waves(
     }
 
     def impedance_of(waves: Waves) -> Tensor:
-        return impedance_from_wavenumber(
-            waves.wavenumber,
-            line.frequency.to(waves.wavenumber.device),
-            height=line.duct_height,
-            mach=seen.mach,
-            sound_speed=line.fluid.sound_speed,
-            condition=condition,
-        )
+        frequency = line.frequency.to(waves.wavenumber.device)
+        duct = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
+        return impedance_from_wavenumber(waves.wavenumber, frequency, **duct, condition=condition)
 
     def record_of(pressure: Tensor) -> WallEduction:
         waves = waves_of(pressure)
@@ -153,7 +126,7 @@ def educe_waves(
             amplitudes=waves.amplitudes,
             origin=float(line.x[0 if seen.sign == 1 else -1]),
             residual=waves.residual,
-            misfit=errors.misfit(waves.residual, line.microphones, unknowns),
+            misfit=errors.misfit(waves.residual, count, unknowns),
             source_side=seen.source_side,
             singular_values=waves.singular_values,
             choices={**choices, **settled},
@@ -169,23 +142,18 @@ def educe_waves(
             "the other side, or the phases of the other sign (exp(+j omega t) is needed)"
         )
     if spare > 0 and pressure.ndim == 2:
-        rms = pressure.abs().square().mean(0).sqrt().expand(pressure.shape)
-        slope = _slopes(lambda p: impedance_of(waves_of(p)), pressure, rms if unit is None else unit)
+        # Slopes of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions,
+        # of all microphones as one batch.
+        steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
+        steps = torch.cat([steps, 1j * steps])[..., None]
+        steps = steps * (pressure.abs().square().mean(0).sqrt().expand(pressure.shape) if unit is None else unit)
+        ahead, behind = impedance_of(waves_of(torch.cat([pressure + steps, pressure - steps]))).split(2 * count)
+        slope = torch.view_as_real((ahead - behind) / (2 * STEP))
         # Half of the complex variance belongs to each part.
-        variance = result.residual.square() * line.microphones / (2 * spare)
+        variance = result.residual.square() * count / (2 * spare)
         covariance = variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
         result = replace(result, covariance=covariance)
     result = errors.with_draws(result, pressure, freedom, record_of)
     notes = wave_notes(result, freedom)
     tell([str(note) for note in notes], depth=2)
     return replace(result, notes=notes)
-
-
-def _slopes(impedance: Callable[[Tensor], Tensor], pressure: Tensor, unit: Tensor) -> Tensor:
-    """Of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions, of all
-    microphones as one batch."""
-    count = len(pressure)
-    steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
-    steps = torch.cat([steps, 1j * steps])[..., None] * unit  # (2 N, N, F)
-    ahead, behind = impedance(torch.cat([pressure + steps, pressure - steps])).split(2 * count)
-    return torch.view_as_real((ahead - behind) / (2 * STEP))

@@ -40,7 +40,6 @@ OUTLETS = {
         "report": "torchliner.report.page.opening:write_report",
     },
     "PressureRecord": {"write": "torchliner.io.pressure_file:write_pressure"},
-    "SettledField": {"report": "torchliner.report.page.opening:write_report"},
     "VelocityPlane": {
         "write": "torchliner.io.plane_writer:write_plane",
         "from_xarray": "torchliner.io.foreign:from_xarray",

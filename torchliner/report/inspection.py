@@ -110,8 +110,6 @@ def inspect_moments(known: Moments) -> Inspection:
     if known.cell_pitch is not None:
         facts["cell pitch (mm)"] = 1e3 * known.cell_pitch
     facts["blocks"] = blocks.count
-    if known.only is not None:
-        facts["blocks held"] = ", ".join(map(str, known.only))
     if known.nodes is not None:
         facts["functions of |v|"] = known.nodes.count
         facts["moments (MB)"] = known.size / 1e6

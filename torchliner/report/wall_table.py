@@ -22,8 +22,8 @@ HARD = 1e6  # |Z| that a table calls rigid
 SHOWN = 4  # singular values in the table
 ERRORS = ["level_error", "phase_error"]  # that the draws have
 FIT = ["standard_error", "end_reflection", "rise", "rise_error"]  # of a fit of the field
-WAVE = ["low", "high", "deviation", "wavenumber", "singular_values", "energy_share", "misfit", "known", "off"]
-UNKNOWN: dict[str, Any] = dict.fromkeys([*WAVE, *ERRORS, *FIT]) | {"failed": 0}
+UNKNOWN: dict[str, Any] = dict.fromkeys("low high deviation wavenumber singular_values known off".split() + FIT)
+UNKNOWN |= dict.fromkeys(["energy_share", "misfit", *ERRORS], math.nan) | {"failed": 0}
 Educed = WallEduction | FieldFit
 Row = dict[str, Any]
 
@@ -55,12 +55,11 @@ def wall_rows(line: MicrophoneLine, found: Educed) -> list[Row]:
         values["misfit"] = found.misfit**0.5
     if line.wall_impedance is not None:
         values |= {"known": line.wall_impedance, "off": found.impedance - line.wall_impedance}
-    if isinstance(found, WallEduction) and found.draws is not None:
-        values |= dict(zip(ERRORS, found.used_errors, strict=True))
     if isinstance(found, WallEduction) and found.singular_values is not None:
         values["singular_values"] = (found.singular_values / found.singular_values[0]).T
     if found.draws is not None:
         values |= {"failed": found.failed, "deviation": found.standard_deviation}
+        values |= dict(zip(ERRORS, found.used_errors, strict=True)) if isinstance(found, WallEduction) else {}
     elif found.covariance is not None:
         values["deviation"] = found.standard_error
     if "deviation" in values:
@@ -80,10 +79,6 @@ def _singular_values(digits: int, most: int | None = None) -> Callable[[Row], st
     return lambda row: " ".join(f"{v:.{digits}g}" for v in (row["singular_values"] or ())[:most])
 
 
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
 _LOW, _HIGH = (real_and_imaginary(f"resistance_{end}", f"reactance_{end}", end) for end in ("low", "high"))
 COLUMNS = (
     *plain_columns("line source method frequency"),
@@ -94,14 +89,14 @@ COLUMNS = (
     Column("residual"),
     Column("singular_values", _singular_values(3)),
     Column("failed_draws", "failed"),
-    Column("misfit", lambda row: _number(row["misfit"])),
+    Column("misfit"),
     *real_and_imaginary("end_reflection_real", "end_reflection_imag", "end_reflection"),
     *real_and_imaginary("rise_of_resistance", "rise_of_reactance", "rise"),
     *real_and_imaginary("rise_of_resistance_error", "rise_of_reactance_error", "rise_error"),
-    Column("energy_share", lambda row: _number(row["energy_share"])),
+    Column("energy_share"),
     Column("mach"),
-    Column("level_error_used", lambda row: _number(row["level_error"])),
-    Column("phase_error_used", lambda row: _number(row["phase_error"])),
+    Column("level_error_used", "level_error"),
+    Column("phase_error_used", "phase_error"),
     *real_and_imaginary("known_resistance", "known_reactance", "known"),
 )
 
@@ -175,26 +170,28 @@ def _interval(row: Row) -> tuple[complex, complex] | None:
     return None if low is None or cmath.isnan(low) else (low, high)
 
 
-WAVES = (
-    Column("", "frequency", "f Hz", ".1f"),
-    Column("", "wavenumber", "alpha 1/m", lambda z: f"{z.real:.3f}{z.imag:+.3f}j"),
-    Column("", "impedance", "Z", format_complex),
+_FREQUENCY = Column("", "frequency", "f Hz", ".1f")
+_BARS = (
     Column("", "deviation", "deviation", _deviation),
     Column("", _interval, "statistical interval", format_bounds),
+)
+_LEFT = (Column("", "residual", "residual %", ".3f", 100), Column("", "misfit", "over errors", ".3g"))
+WAVES = (
+    _FREQUENCY,
+    Column("", "wavenumber", "alpha 1/m", lambda z: f"{z.real:.3f}{z.imag:+.3f}j"),
+    Column("", "impedance", "Z", format_complex),
+    *_BARS,
     Column("", "energy_share", "energy", ".3f"),
-    Column("", "residual", "residual %", ".3f", 100),
-    Column("", lambda row: _number(row["misfit"]), "over errors", ".3g"),
+    *_LEFT,
     Column("", _singular_values(2, SHOWN), "singular values"),
 )
 FIELD = (
-    Column("", "frequency", "f Hz", ".1f"),
+    _FREQUENCY,
     Column("", "impedance", "Z", _wall),
-    Column("", "deviation", "deviation", _deviation),
-    Column("", _interval, "statistical interval", format_bounds),
+    *_BARS,
     Column("", "rise", "rise along x", format_complex),
     Column("", "rise_error", "deviation", _deviation),
-    Column("", "residual", "residual %", ".3f", 100),
-    Column("", "misfit", "over errors", ".3g"),
+    *_LEFT,
     Column("", "end_reflection", "end reflection", format_complex),
 )
 KNOWN = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import torch
@@ -39,51 +40,45 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
     both = (first, second)
-    if averaging is None:
-        averaging = first.averaging
-        if second.averaging != averaging:
-            held = ", ".join(each for each in first.averagings if each in second.averagings)
-            raise ValueError(
-                f"the maps answer by averaging {averaging!r} and {second.averaging!r}; name one that both hold with "
-                f"averaging= ({held})"
-            )
+    if averaging is None and first.averaging != second.averaging:
+        held = ", ".join(each for each in first.averagings if each in second.averagings)
+        raise ValueError(
+            f"the maps answer by averaging {first.averaging!r} and {second.averaging!r}; name one that both hold with "
+            f"averaging= ({held})"
+        )
+    averaging = averaging or first.averaging
     for each in both:
         require_choice("averaging", averaging, each.averagings)
-    order = _frequencies(first, second)
-    _require_same_cells(first, second)
-    level, same = _level(first, second), _same_run(first, second)
-    (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
+    order, same = _require_alike(first, second), _same_run(first, second)
+    level = None if None in (first.level, second.level) else first.level
+    (here, own), (there, other) = (_values(each, averaging) for each in both)
     there, other = there[:, order], [end[:, order] for end in other]
-    low = high = None
+    low = high = [[None] * len(order)] * len(here)
     if level is not None:
         widths = torch.stack([(ends[1] - ends[0]) / 2 for ends in (own, other)])
         half = widths.sum(0) if same else widths.square().sum(0).sqrt()
         # An unbounded interval has no middle.
         middle = torch.where(half.isinf(), 0, (other[0] + other[1] - own[0] - own[1]) / 2)
-        low, high = (torch.view_as_complex(each) for each in (middle - half, middle + half))
-    nowhere = torch.tensor([torch.nan], dtype=torch.float64)
-    x, z = (torch.cat([nowhere, value]).tolist() for value in (first.cell_x, first.cell_z))
-    frequency = first.frequency.tolist()
-    rows = []
-    for i, k in itertools.product(range(len(x)), range(len(frequency))):
-        ends = [None if each is None else complex(each[i, k]) for each in (low, high)]
-        row = Row(
+        low, high = (torch.view_as_complex(end).tolist() for end in (middle - half, middle + half))
+    x, z = ([math.nan, *value.tolist()] for value in (first.cell_x, first.cell_z))
+    values = [each.tolist() for each in (here, there, there - here)]
+    rows = [
+        Row(
             place=f"cell {i - 1}" if i else "liner",
             x=x[i],
             z=z[i],
-            frequency=frequency[k],
-            first=complex(here[i, k]),
-            second=complex(there[i, k]),
-            difference=complex(there[i, k] - here[i, k]),
-            low=ends[0],
-            high=ends[1],
-            differs_in=_clear(*ends),
+            frequency=float(first.frequency[k]),
+            **dict(zip(("first", "second", "difference"), (value[i][k] for value in values), strict=True)),
+            low=low[i][k],
+            high=high[i][k],
+            differs_in=_clear(low[i][k], high[i][k]),
         )
-        rows.append(row)
+        for i, k in itertools.product(range(len(x)), range(len(order)))
+    ]
     words = "no intervals: one of the maps has none"
     if level is not None:
-        how = "of independent records: variances added"
-        how = "an upper bound: both rest on one run, half-widths added" if same else how
+        how = "an upper bound: both rest on one run, half-widths added"
+        how = how if same else "of independent records: variances added"
         words = f"{100 * level:g} % statistical interval, {how}"
     return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
 
@@ -107,38 +102,27 @@ def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
     return value, [torch.view_as_real(end) for end in (every.low, every.high)]
 
 
-def _frequencies(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
+def _require_alike(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
     """Where the frequencies of the first map are in the second."""
+    lists = [", ".join(f"{f:g}" for f in each.frequency.tolist()) for each in (first, second)]
     found = [index_of_frequency(second.frequency, f) for f in first.frequency.tolist()]
-    if None in found or len(found) != len(second.frequency):
-        lists = [", ".join(f"{f:g}" for f in each.frequency.tolist()) for each in (first, second)]
+    order = [i for i in found if i is not None]
+    if len(order) != len(found) or len(found) != len(second.frequency):
         raise ValueError(
-            f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the "
-            "same ones (--frequency)"
+            f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the same ones "
+            "(--frequency)"
         )
-    return [i for i in found if i is not None]
-
-
-def _require_same_cells(first: ImpedanceMap, second: ImpedanceMap) -> None:
     counts = [len(each.cell_x) for each in (first, second)]
-    where = f"{counts[0]} each, elsewhere" if counts[0] == counts[1] else f"{counts[0]} and {counts[1]}"
     pairs = ((first.cell_x, second.cell_x), (first.cell_z, second.cell_z))
-    if counts[0] != counts[1] or not all(
-        torch.allclose(a, b, rtol=0, atol=SAME_PLACE, equal_nan=True) for a, b in pairs
-    ):
+    if counts[0] != counts[1] or not all(torch.allclose(*pair, 0, SAME_PLACE, equal_nan=True) for pair in pairs):
+        where = f"{counts[0]} each, elsewhere" if counts[0] == counts[1] else f"{counts[0]} and {counts[1]}"
         raise ValueError(
             f"the maps have other cells ({where}); educe planes of the same extent with liners of one cell_pitch"
         )
-
-
-def _level(first: ImpedanceMap, second: ImpedanceMap) -> float | None:
-    """That both intervals have; None without one."""
-    one, other = first.level, second.level
-    if one is not None and other is not None and one != other:
-        raise ValueError(
-            f"the maps have intervals of {100 * one:g} % and {100 * other:g} %; educe both with the same --interval"
-        )
-    return None if other is None else one
+    levels = [f"{100 * each.level:g} %" for each in (first, second) if each.level is not None]
+    if len({*levels}) > 1:
+        raise ValueError(f"the maps have intervals of {' and '.join(levels)}; educe both with the same --interval")
+    return order
 
 
 def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
@@ -162,8 +146,7 @@ def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
 def _files(one: ImpedanceMap) -> set[tuple[str, str]]:
     """Hashes of the files of velocity, with the place within that the record was read from."""
     place = str(one.choices.get("source", "")).partition(":/")[2]
-    inputs = one.choices.get("inputs") or []
-    return {(each["hash"], place) for each in inputs if each["what"] == "velocity"}
+    return {(each["hash"], place) for each in one.choices.get("inputs") or [] if each["what"] == "velocity"}
 
 
 def _case(one: ImpedanceMap) -> tuple[Any, float | None]:

@@ -73,15 +73,48 @@ def compare_models(
                 maps[name] = answer(source.known, model, source.frequency, chosen, reference_phase, pressure)
         except ValueError as error:
             raise ValueError(f"model {name}: {error}") from error
-    of_data = [*source.known.notes, *review_record(source.plane, source.frequency)]
-    shared = list(dict.fromkeys(note.text for note in of_data))
-    notes += [*_notes_of(maps, shared), *_alike(maps)]
-    tell([*shared, *notes])
-    return _sorted(source.plane.name, maps, (*shared, *notes))
+    # Of all models as it is, of some with their names.
+    shared = [note.text for note in (*source.known.notes, *review_record(source.plane, source.frequency))]
+    whose: dict[str, list[str]] = {}
+    for name, found in maps.items():
+        for note in found.notes:
+            whose.setdefault(note.text, []).append(name)
+    others = {text: names for text, names in whose.items() if text not in shared}
+    notes += [text if len(names) == len(maps) else f"{', '.join(names)}: {text}" for text, names in others.items()]
+    notes += [
+        f"{one} and {other} give the same Z to the last digit: one model under two names?"
+        for one, other in itertools.combinations(maps, 2)
+        if bool((maps[one].answer == maps[other].answer).all())
+    ]
+    notes = [*dict.fromkeys(shared), *notes]
+    tell(notes)
+    first = next(iter(maps.values()))
+    references = {} if first.tone is None else first.reference_at(first.tone)
+    rows = {name: [_row(name, found, i) for i in range(len(found.frequency))] for name, found in maps.items()}
+    key = next((name for name in (*FIRST, *references) if name in references), None)
+
+    def size(name: str) -> float:
+        if key is not None and first.tone is not None:
+            return rows[name][first.tone].distance[key]
+        return max((abs(row.level_check) for row in rows[name] if row.level_check is not None), default=0.0)
+
+    nearest = sorted(maps, key=size)
+    by = "as given" if first.level_check is None else "|level check|"
+    return Study(
+        title=first.title or source.plane.name,
+        averaging=first.averaging,
+        level=first.level,
+        sorted_by=by if key is None else f"|Z - {key}|",
+        references=references,
+        rows=tuple(row for at in zip(*(rows[name] for name in nearest), strict=True) for row in at),
+        maps={name: maps[name] for name in nearest},
+        level_check_words=first.level_check_words,
+        notes=tuple(notes),
+    )
 
 
 def _of_one_pitch(
-    plane: VelocityPlane | Moments, models: dict[str, LinerModel], pitch: float | None
+    plane: Records, models: dict[str, LinerModel], pitch: float | None
 ) -> tuple[dict[str, LinerModel], list[str]]:
     """The models with the cells of the data, and whose cells they are where a model has others."""
     stated = {model.cell_pitch for model in models.values() if model.cell_pitch is not None}
@@ -107,76 +140,19 @@ def _of_one_pitch(
         pitch = next(iter(stated), None)
     others = ", ".join(each[name] for name, model in models.items() if model.cell_pitch not in (None, pitch))
     notes = [f"cells are of {_millimetres(pitch)} ({whose}) for all models; as files: {others}"] if others else []
-    return {name: _with_pitch(model, pitch) for name, model in models.items()}, notes
-
-
-def _with_pitch(model: LinerModel, pitch: float | None) -> LinerModel:
-    """A copy that differs in its cells alone; of models without ``replace`` too."""
-    if model.cell_pitch == pitch:
-        return model
-    found = copy.copy(model)
-    object.__setattr__(found, "cell_pitch", pitch)
-    return found
+    # Of models without ``replace`` too.
+    copies = {name: copy.copy(model) for name, model in models.items()}
+    for model in copies.values():
+        object.__setattr__(model, "cell_pitch", pitch)
+    return copies, notes
 
 
 def _millimetres(pitch: float | None) -> str:
     return "all probes" if pitch is None else f"{1e3 * float(pitch):.4g} mm"
 
 
-def _notes_of(maps: Mapping[str, ImpedanceMap], said: list[str]) -> list[str]:
-    """Each note once: of all models as it is, of some with their names."""
-    whose: dict[str, list[str]] = {}
-    for name, found in maps.items():
-        for note in found.notes:
-            whose.setdefault(note.text, []).append(name)
-    return [
-        note if len(names) == len(maps) else f"{', '.join(names)}: {note}"
-        for note, names in whose.items()
-        if note not in said
-    ]
-
-
-def _alike(maps: Mapping[str, ImpedanceMap]) -> list[str]:
-    """Models under two names."""
-    return [
-        f"{one} and {other} give the same Z to the last digit: one model under two names?"
-        for one, other in itertools.combinations(maps, 2)
-        if bool((maps[one].answer == maps[other].answer).all())
-    ]
-
-
-def _sorted(title: str, maps: dict[str, ImpedanceMap], notes: tuple[str, ...]) -> Study:
-    first = next(iter(maps.values()))
-    tone, frequencies = first.tone, range(len(first.frequency))
-    references = {} if tone is None else first.reference_at(tone)
-    rows = {name: [_row(name, found, i) for i in frequencies] for name, found in maps.items()}
-    key = next((name for name in (*FIRST, *references) if name in references), None)
-    sorted_by = "as given" if first.level_check is None else "|level check|"
-
-    def size(name: str) -> float:
-        if key is not None and tone is not None:
-            return rows[name][tone].distance[key]
-        return max((abs(row.level_check) for row in rows[name] if row.level_check is not None), default=0.0)
-
-    nearest = sorted(maps, key=size)
-    return Study(
-        title=first.title or title,
-        averaging=first.averaging,
-        level=first.level,
-        sorted_by=sorted_by if key is None else f"|Z - {key}|",
-        references=references,
-        rows=tuple(rows[name][i] for i in frequencies for name in nearest),
-        maps={name: maps[name] for name in nearest},
-        level_check_words=first.level_check_words,
-        notes=notes,
-    )
-
-
 def _row(name: str, found: ImpedanceMap, i: int) -> Row:
-    check, off, verdict = found.level_check, None, ""
-    if check is not None:
-        off = check.liner.at(check.averagings.index(found.averaging), i)["level"]
-        verdict = check.verdict(found.averaging, i)
+    check = found.level_check
     z = complex(found.answer[i])
     low, high = found.bounds_of_liner(found.averaging, i) or (None, None)
     return Row(
@@ -186,8 +162,8 @@ def _row(name: str, found: ImpedanceMap, i: int) -> Row:
         low=low,
         high=high,
         averagings={each: complex(found.liner[each].impedance[i]) for each in found.averagings},
-        level_check=off,
-        verdict=verdict,
+        level_check=None if check is None else check.liner.at(check.averagings.index(found.averaging), i)["level"],
+        verdict="" if check is None else check.verdict(found.averaging, i),
         distance={reference: abs(z - value) for reference, value in found.reference_at(i).items()},
         model_error=float(found.choices.get("model_error", math.nan)),
     )

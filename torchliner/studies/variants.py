@@ -17,22 +17,20 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance, mean_impedance
-from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import PhaseLocked
 from torchliner.engine.membership import Membership
-from torchliner.engine.moments import Moments, projection_of
+from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
-from torchliner.engine.sums import Job, Record, reduce
+from torchliner.engine.sums import Job, reduce
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import Windows
 from torchliner.studies.rows import Row
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
-from torchliner.velocity.parts import with_rows
 from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
 Records = VelocityPlane | Moments
@@ -60,6 +58,12 @@ class Variant:
     moments: Moments | None = None
     psi: float | None = None
     windows: Windows | None = None
+
+    def averages(self, known: Moments, liner: LinerModel, frequency: Tensor) -> Averages:
+        """R of cells and liner, from moments."""
+        phase = None if self.psi is None else torch.full((known.plane.probes, 1), self.psi, dtype=torch.float64)
+        with torch.no_grad():
+            return average(known, Asked.of(known, self.liner or liner, frequency, self.chosen, phase), self.averaging)
 
 
 class Source:
@@ -102,14 +106,15 @@ class Source:
         used = self.known.used
         self.reading = reading if bool(used.all()) else reading.without(~used)
 
-    def require_samples(self) -> None:
-        """Refuse another |v| of moments.
+    def samples(self) -> Reading:
+        """How another |v| is read.
 
         Raises:
             ValueError: the samples are not there.
         """
         if self.reading is None:
             raise ValueError("the time samples are gone: the plane was reduced to moments")
+        return self.reading
 
     def evaluate(self, variants: Sequence[Variant]) -> list[Row]:
         """Z of the whole liner for each variant; those of another |v| share one more reading.
@@ -125,13 +130,21 @@ class Source:
 
     def level_of(self, impedance: Tensor) -> list[float | None]:
         """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; None if none is."""
-        found = [] if self._ratio is None else (20 * self._ratio(impedance).abs().log10()).tolist()
-        return [level if math.isfinite(level) else None for level in found or [math.nan] * len(impedance)]
+        if self._ratio is None:
+            return [None] * len(impedance)
+        found = (20 * self._ratio(impedance).abs().log10()).tolist()
+        return [level if math.isfinite(level) else None for level in found]
 
     def moments_of(self, variants: Sequence[Variant]) -> list[Moments]:
         """Moments that each variant asks, as ``evaluate`` reads them."""
-        others = [each for each in variants if self._is_read(each)]
-        made = dict(zip(map(id, others), self._read(others), strict=True))
+        ways = {id(each): self._way(each) for each in variants if self._is_read(each)}
+        jobs = [job for _, each, _ in ways.values() for job in each.values()]
+        how = (self.samples().record(self.progress), self.samples().blocks, jobs) if jobs else ()
+        found = iter(self._reduce(*how) if jobs else [])
+        made = {
+            key: reading.moments(self.known.survey, locked, {name: next(found) for name in each})
+            for key, (reading, each, locked) in ways.items()
+        }
         return [each.moments or made.get(id(each), self.known) for each in variants]
 
     @functools.cached_property
@@ -142,18 +155,16 @@ class Source:
         return None if isinstance(pressure, str) else ratio_of_pressures(known, case, pressure)
 
     def _is_read(self, variant: Variant) -> bool:
-        same = variant.chosen.drive == "rms" or all(
-            getattr(variant.chosen, name) == getattr(self.chosen, name) for name in DRIVING
-        )
+        chosen = variant.chosen
+        same = chosen.drive == "rms" or all(getattr(chosen, name) == getattr(self.chosen, name) for name in DRIVING)
         return variant.moments is None and (variant.windows is not None or not same)
 
     def _rows(self, variant: Variant, known: Moments) -> list[Row]:
-        found = average_of(known, variant.liner or self.liner, self.frequency, variant)
+        found = variant.averages(known, self.liner, self.frequency)
         over_cells = found.cells.admittance.cpu()
         over_cells = over_cells[torch.isfinite(over_cells.real).all(1)]
-        z, each, ends = found.liner.impedance.cpu(), impedance_from_admittance(over_cells), found.liner.interval
-        if variant.windows is not None:
-            z = mean_impedance(over_cells)
+        each, ends = impedance_from_admittance(over_cells), found.liner.interval
+        z = found.liner.impedance.cpu() if variant.windows is None else mean_impedance(over_cells)
         spread = torch.full_like(z, complex(torch.nan, torch.nan))
         if len(each) > 1:
             spread = torch.complex(each.real.std(0), each.imag.std(0))
@@ -170,49 +181,25 @@ class Source:
             for i, level in enumerate(self.level_of(z))
         ]
 
-    def _reduce(
-        self, record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None
-    ) -> list[Tensor]:
+    def _reduce(self, *how: Any) -> list[Tensor]:
         self.readings += 1
-        return reduce(record, blocks, jobs, only)
+        return reduce(*how)
 
-    def _read(self, variants: Sequence[Variant]) -> list[Moments]:
-        if not variants:
-            return []
-        self.require_samples()
-        assert self.reading is not None
-        ways = [self._way(each) for each in variants]
-        jobs = [job for _, each in ways for job in each.values()]
-        found = iter(self._reduce(self.reading.record(self.progress), self.reading.blocks, jobs) if jobs else [])
-        made = []
-        for variant, (reading, own) in zip(variants, ways, strict=True):
-            sums = dict(zip(own, found, strict=False))
-            one = reading.moments(self.known.survey, self._locked(variant), sums)
-            if variant.windows is not None:
-                one = dataclasses.replace(one, cells=dataclasses.replace(one.cells, weight=None))
-            made.append(one)
-        return made
-
-    def _way(self, variant: Variant) -> tuple[Reading, dict[str, Job]]:
-        """How a variant is read, and what is summed."""
-        assert self.reading is not None
-        chosen = variant.chosen
-        reading = dataclasses.replace(
-            self.reading,
-            chosen=chosen,
-            nodes=None if chosen.drive == "rms" else self.nodes,
-            turns=self.frequency[:0] if chosen.phase == "averaged" else 2 * self.frequency,
-        )
+    def _way(self, variant: Variant) -> tuple[Reading, dict[str, Job], PhaseLocked | None]:
+        """How a variant is read, what is summed, and the drive of phase-locked averaging."""
+        chosen, reading = variant.chosen, self.samples()
+        rms = chosen.drive == "rms"
+        locked = self.known.locked if "phase-locked" in chosen.averagings else None
+        turns = self.frequency[:0] if chosen.phase == "averaged" else 2 * self.frequency
+        reading = dataclasses.replace(reading, chosen=chosen, nodes=None if rms else self.nodes, turns=turns)
+        left_out = {SURVEY} if rms else {SURVEY, "square of cells"}
         if variant.windows is not None:
+            left_out.add("admittance")
             # They have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
-            reading = dataclasses.replace(reading, membership=cast(Membership, variant.windows))
-        jobs = reading.first_jobs() | reading.second_jobs(self.known.survey, self._locked(variant))
-        left_out = {SURVEY, *(["square of cells"] if chosen.drive != "rms" else [])}
-        left_out |= set() if variant.windows is None else {"admittance"}
-        return reading, {name: job for name, job in jobs.items() if name not in left_out}
-
-    def _locked(self, variant: Variant) -> PhaseLocked | None:
-        return self.known.locked if "phase-locked" in variant.chosen.averagings else None
+            membership, cells = cast(Membership, variant.windows), dataclasses.replace(reading.cells, weight=None)
+            reading = dataclasses.replace(reading, membership=membership, cells=cells)
+        jobs = reading.first_jobs() | reading.second_jobs(self.known.survey, locked)
+        return reading, {name: job for name, job in jobs.items() if name not in left_out}, locked
 
 
 def plane_of(record: Records) -> VelocityPlane:
@@ -220,22 +207,15 @@ def plane_of(record: Records) -> VelocityPlane:
     return record.plane if isinstance(record, Moments) else record
 
 
-def average_of(known: Moments, liner: LinerModel, frequency: Tensor, variant: Variant) -> Averages:
-    """R of cells and liner under the averaging of a variant."""
-    psi = variant.psi
-    phase = None if psi is None else torch.full((known.plane.probes, 1), psi, dtype=torch.float64)
-    with torch.no_grad():
-        return average(known, Asked.of(known, liner, frequency, variant.chosen, phase), variant.averaging)
-
-
 def of_blocks(known: Moments, part: slice) -> Moments:
     """Moments of some consecutive blocks, with the phase-locked velocity of the whole record."""
     blocks = known.survey.blocks
     first, last = (blocks.periods * i // blocks.count for i in (part.start, part.stop))
     borders = blocks.borders[part.start : part.stop + 1]
-    fewer = with_rows(known, lambda rows: rows[part])
+    rows = {name: getattr(known.survey, name)[part] for name in ("sums", "squares", "peaks", "gram")}
     own = dataclasses.replace(blocks, borders=borders, periods=last - first)
-    return dataclasses.replace(fewer, survey=dataclasses.replace(fewer.survey, blocks=own))
+    survey = dataclasses.replace(known.survey, blocks=own, **rows)
+    return dataclasses.replace(known, survey=survey, sums={name: sums[part] for name, sums in known.sums.items()})
 
 
 def every_second(known: Moments) -> Moments:
@@ -255,13 +235,3 @@ def every_second(known: Moments) -> Moments:
         turns=known.turns[:0],
         sums={n: (v[:, :1] + v[:, row : row + 1]) / 2 for n, v in known.sums.items() if v.shape[1] > 1},
     )
-
-
-def of_liner(known: Moments, liner: LinerModel, frequency: Tensor) -> Moments:
-    """Moments of R of one liner at some frequencies, Hz, (F,): many phases are quicker asked of them."""
-    projection = None if known.nodes is None else projection_of(known.nodes, liner, frequency)
-    if projection is None:
-        return known
-    count = projection.shape[1]
-    sums = {name: projection.to(each) @ each for name, each in known.sums.items() if each.shape[2] == count}
-    return dataclasses.replace(known, sums=sums, projected=frequency)

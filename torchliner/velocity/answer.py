@@ -14,9 +14,8 @@ from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel
+from torchliner.liners.plates import goodrich_resistance
 from torchliner.liners.response import impedance_of
-from torchliner.liners.sheets.terms import goodrich_resistance
-from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.averaged import Educed
 from torchliner.records.level_check import Gap
@@ -25,6 +24,7 @@ from torchliner.records.origin import origin_of
 from torchliner.velocity import review, review_answer
 from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
 from torchliner.velocity.review_answer import ToneShare
 from torchliner.version import __version__
@@ -106,11 +106,6 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
     """
     name = known.plane.name
     known.require_speeds(liner)
-    if known.only is not None:
-        raise ValueError(
-            f"{name} holds a part, blocks {', '.join(map(str, known.only))}: join all of them; where that lacks the "
-            "second reading, read the parts again with it as given"
-        )
     wanted = vars(chosen) | {"running_window": chosen.window(frequency)}
     again = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
     again |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()

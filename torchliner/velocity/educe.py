@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from torchliner.checks import tell
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
-from torchliner.engine.workers import Reduce, reduce_on
+from torchliner.engine.workers import Reduce, Unfinished, reduce_on
 from torchliner.io.kept_rows import KeptRows
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import Liner, as_liner
@@ -18,8 +17,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
 from torchliner.velocity.answer import answer, origin_facts
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.parts import measure_part
-from torchliner.velocity.reading import Progress, reading_of, take_moments
+from torchliner.velocity.reading import Progress, Reading, measure, reading_of, take_moments
 
 
 def educe(
@@ -84,8 +82,6 @@ def moments(
     progress: Progress | None = None,
     client: Any = None,
     kept: str | Path | None = None,
-    blocks: Iterable[int] | None = None,
-    given: Moments | None = None,
     **choices: Any,
 ) -> Moments:
     """Sums over a plane that hold R(f, |v|) of any liner at any frequency.
@@ -103,30 +99,63 @@ def moments(
             (``read_plane(file, lazy=True)``). The same bits whatever the workers.
         kept: folder, of this plane alone, for finished shares, so that a reading that was killed goes on; the plane
             as for ``client``.
-        blocks: numbers of those that are read, of the S <= 32 of the record: ``Moments.join`` makes the whole of such
-            parts. Where that still lacks what a second reading must find (averaging ``phase-locked``, the default;
-            ``mean`` removed), read the same parts again with it as ``given``, and join these.
-        given: of parts, see ``blocks``.
         choices: as for ``educe``; what concerns |v| is fixed here, the rest is chosen when Z is asked for.
     Raises:
         TypeError: plane is no VelocityPlane.
         ValueError: data or options that cannot give an answer.
     """
-    if liner is not None and cell_pitch is not None:
-        raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
-    if blocks is None and given is not None:
-        raise ValueError("given is of parts; name their blocks, too")
-    several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
-    models = [as_liner(each) for each in several]
-    reading = reading_of(plane, models, frequency, Choices(**choices), cell_pitch=cell_pitch)
+    reading = _reading_for(plane, liner, frequency, cell_pitch, choices)
     run: Reduce = reduce
     if client is not None or kept is not None:
         run = reduce_on(client, None if kept is None else KeptRows(Path(kept)))
-    if blocks is None:
-        known = take_moments(reading, run, progress)
-    else:
-        known = measure_part(reading, blocks, given, run, progress)
+    known = take_moments(reading, run, progress)
     if inputs := origin_of(named_planes(plane))["inputs"]:
         about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})
         known = dataclasses.replace(known, plane=about)
     return known
+
+
+def sum_share(
+    plane: VelocityPlane,
+    kept: str | Path,
+    job: int,
+    jobs: int,
+    liner: Liner | None = None,
+    frequency: Any = None,
+    *,
+    cell_pitch: float | None = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> bool:
+    """Sum a share of a plane's blocks, as one job of an array; ``moments(plane, ..., kept=kept)`` then reads nothing.
+
+    Args:
+        plane: still in its file; it and all other arguments as for ``moments``.
+        kept: folder, of this plane alone, that all jobs share.
+        job, jobs: number of this job, from 0, and how many there are. A share has at least 0.5 GB, so that of a small
+            plane some jobs have none.
+    Returns:
+        Whether the shares of all jobs are there. Averaging ``phase-locked``, the default, and ``mean`` removed read
+        the plane twice: run all jobs again, until they return True.
+    Raises:
+        TypeError, ValueError: as ``moments``; there is no such job.
+    """
+    if not 0 <= job < jobs:
+        raise ValueError(f"job is {job}; there are {jobs}, numbered from 0")
+    reading = _reading_for(plane, liner, frequency, cell_pitch, choices)
+    try:
+        measure(reading, reduce_on(None, KeptRows(Path(kept)), slice(job, None, jobs)), progress)
+    except Unfinished:
+        return False
+    return True
+
+
+def _reading_for(
+    plane: VelocityPlane, liner: Any, frequency: Any, cell_pitch: float | None, choices: dict[str, Any]
+) -> Reading:
+    """Arguments as of ``moments``."""
+    if liner is not None and cell_pitch is not None:
+        raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
+    several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
+    models = [as_liner(each) for each in several]
+    return reading_of(plane, models, frequency, Choices(**choices), cell_pitch=cell_pitch)

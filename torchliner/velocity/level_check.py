@@ -26,10 +26,10 @@ from torchliner.conversions import impedance_from_reflection, spl_from_pressure_
 from torchliner.engine.intervals import ITSELF, jackknife
 from torchliner.engine.moments import Moments
 from torchliner.fluid import Fluid
-from torchliner.pressure.known_pressure import INCIDENT, Case, KnownPressure
 from torchliner.records.level_check import Gap, LevelCheck, gap_of
 from torchliner.velocity.averages import Averages, survey_of_columns, tone_velocity
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.known_pressure import INCIDENT, Case, KnownPressure
 
 NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
 WAVENUMBERS = 241  # tried along x, up to three times that of sound

@@ -10,8 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.engine.blocks import Blocks
+from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import CellMean, LessMean, PhaseLocked, RunningRms, as_measured, phase_locked
+from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, projection_of, without_velocity
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
@@ -20,10 +21,12 @@ from torchliner.engine.sums import Drive, Job, linear, ones, reduce, square, wav
 from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_job, survey_of
 from torchliner.engine.threads import is_differentiated
 from torchliner.engine.workers import Reduce
+from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
+from torchliner.records.origin import named_file
 from torchliner.velocity import review
 from torchliner.velocity.choices import Choices
 
@@ -79,17 +82,26 @@ class Reading:
         projection: Tensor | None = None,
     ) -> Reading:
         """From what was asked for; ``frequency`` in Hz, (F,)."""
-        rate = plane.sampling_rate
+        rate, probes, cells = plane.sampling_rate, plane.probes, sort_into_cells(plane, cell_pitch)
         alone = float(frequency[0]) if len(frequency) == 1 else None
         harmonics = harmonics_of(plane.frequency or alone, rate)
-        blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()))
         asked = merged_lines(harmonics, frequency.tolist())
-        size = 8 * blocks.count * (1 + 2 * len(asked)) * plane.probes
-        if size > MOST_BYTES and chosen.wall_filter is None and chosen.phase != "self-consistent":
+        size = 8 * MOST_BLOCKS * (1 + 2 * len(asked)) * probes
+        if size > MOST_OF_LINES and chosen.wall_filter is None and chosen.phase != "self-consistent":
             asked = harmonics
         lines = torch.tensor(asked, dtype=torch.float64)
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
-        cells = sort_into_cells(plane, cell_pitch)
+        kept = 0 if nodes is None else nodes.count if projection is None else len(projection)
+        columns = (1 + ("phase-locked" in chosen.averagings)) * probes + cells.count
+        each = 8 * ((1 + 2 * len(lines)) * probes + kept * (1 + 2 * len(turns)) * columns)  # bytes of a block
+        most = min(MOST_BLOCKS, max(FEWEST_BLOCKS, MOST_OF_SUMS // each))
+        size, own = most * each, plane.velocity.dtype.itemsize * plane.samples * probes
+        if size > max(MOST_OF_SUMS, own):
+            raise ValueError(
+                f"{plane.name}: sums over {most} blocks of {probes} probes take {size / 1e9:.3g} GB, the velocity "
+                f"{own / 1e9:.3g} GB; educe from the plane itself, or take fewer probes (--region)"
+            )
+        blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()), most)
         used = torch.ones(plane.probes, dtype=torch.bool)
         velocity = plane.velocity
         device = chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
@@ -190,7 +202,8 @@ class Reading:
 
 
 SURVEY = "survey"
-MOST_BYTES = 1 << 28  # of the lines of v at all frequencies asked for; beyond, those of the tone alone
+MOST_OF_LINES = 1 << 28  # bytes of the lines of v at all frequencies asked for; beyond, those of the tone alone
+MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer blocks
 
 
 def _plain(cells: Membership) -> dict[str, Drive]:
@@ -255,7 +268,9 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
         progress: called with numbers of samples read.
     Raises:
         ValueError: ``missing`` is ``exclude``, and no probe is without nan or inf.
+        OSError: the file was changed meanwhile.
     """
+    before = _files(reading.plane)
     first = _run(reading.first_jobs(), reading, run, progress)
     if reading.chosen.missing == "exclude":
         faulty = faulty_probes(first[SURVEY]).cpu()
@@ -268,6 +283,8 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
     locked = reading.locked(seen)
     jobs = reading.second_jobs(seen, locked)
     second = _run(jobs, reading, run, progress) if jobs else {}
+    if _files(reading.plane) != before:
+        raise OSError(f"{reading.plane.name} was changed while it was read; read it when it is complete")
     return reading.moments(seen, locked, first | second)
 
 
@@ -285,6 +302,12 @@ def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | No
 def _run(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress | None) -> dict[str, Tensor]:
     found = run(reading.record(progress), reading.blocks, list(jobs.values()), None)
     return dict(zip(jobs, found, strict=True))
+
+
+def _files(plane: VelocityPlane) -> list[tuple[int, int, int]]:
+    """State of the files that a plane is read from."""
+    files = [path for _, name in named_planes(plane) if plane.stored is not None and (path := named_file(name))]
+    return [(each.st_ino, each.st_size, each.st_mtime_ns) for each in (path.stat() for path in files)]
 
 
 def faulty_probes(survey: Tensor) -> Tensor:

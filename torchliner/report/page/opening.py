@@ -7,9 +7,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from torchliner.duct.field import DuctField
-from torchliner.duct.settled import SettledField
 from torchliner.duct.solved_line import setup_of, solved_line
+from torchliner.duct.solver import DuctField
 from torchliner.file_checks import naming
 from torchliner.io import line_file, map_file, microphone_file, point_file, wall_file
 from torchliner.io.hdf5 import open_file, text_attribute
@@ -45,7 +44,7 @@ PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
 
 
 def write_report(
-    result: ImpedanceMap | ImpedanceLine | PointImpedances | WallEduction | FieldFit | DuctField | SettledField,
+    result: ImpedanceMap | ImpedanceLine | PointImpedances | WallEduction | FieldFit | DuctField,
     path: str | Path,
     *others: Any,
 ) -> None:
@@ -53,9 +52,8 @@ def write_report(
     require_report()
     writable(path, ENDING)
     shown: Any = result if type(result) in PAGES else (result, *others)
-    if isinstance(result, DuctField | SettledField):
-        field = result.field if isinstance(result, SettledField) else result
-        shown = solved_line(setup_of(field), result)
+    if isinstance(result, DuctField):
+        shown = solved_line(setup_of(result), result)
     page_of(shown).write(path)
 
 

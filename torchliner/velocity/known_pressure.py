@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -33,15 +34,8 @@ OTHER_TONE = "not checked, since nothing is known at the frequencies asked for"
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What a known pressure is put beside.
-
-    Args:
-        plane: with all that is stated of it.
-        frequency: Hz, (F,).
-        cells: of the plane.
-        cell_pitch: of the liner, m.
-        blocks: of the record.
-    """
+    """What a known pressure is put beside: the plane with all that is stated of it, frequencies, Hz, (F,), cells of the
+    plane, the liner's pitch, m, and blocks of the record."""
 
     plane: VelocityPlane
     frequency: Tensor
@@ -77,7 +71,7 @@ def known_pressure(case: Case, given: Any = None) -> KnownPressure | str:
     """What is known of a plane's sound, or why nothing is compared.
 
     Args:
-        case: the plane and what is asked of it.
+        case: the plane.
         given: ``PressureRecord`` of the same run (facesheet, or microphones in front of the surface) or
             ``MicrophoneLine`` along the wall; None: the level that the plane states.
     Raises:
@@ -136,9 +130,9 @@ def _of_record(case: Case, record: PressureRecord) -> KnownPressure:
     if record.facesheet is not None:
         signals = _cell_pressures(case, record)
         peak = turn * segment_amplitudes(signals, frequency, rate)[0]
-        words = f"the facesheet's pressure (rho c Z V, {phase})"
-        left = _replicates(case, signals, rate)
-        if left is not None:
+        words, left = f"the facesheet's pressure (rho c Z V, {phase})", None
+        if signals.shape[-1] == plane.samples and abs(rate / plane.sampling_rate - 1) < 1e-9:
+            left = _replicates(case, signals, rate)
             left = torch.cat([left[:, :1], left[:, 1:].expand(-1, count, -1)], dim=1)
         return KnownPressure(WALL, words, peak[0], peak[1:].expand(count, -1), same_times, normal, left)
     if record.microphones is None or len(record.microphones) < 2:
@@ -158,10 +152,8 @@ def _of_record(case: Case, record: PressureRecord) -> KnownPressure:
 
 
 def _cell_pressures(case: Case, record: PressureRecord) -> Tensor:
-    """Mean over the whole facesheet, then over each cell of the plane: (1 + C, T).
-
-    Where the record's cells are not the plane's, one more row alone, the mean again.
-    """
+    """Mean over the whole facesheet, then over each cell of the plane, (1 + C, T), or the mean again, (2, T), where the
+    record's cells are not the plane's."""
     face = record.facesheet.reshape(record.probes, -1).to(torch.float64)
     mean = face.mean(0, keepdim=True)
     cells, own = case.cells, sort_into_cells(record, case.cell_pitch)
@@ -176,16 +168,13 @@ def _of_line(case: Case, line: MicrophoneLine) -> KnownPressure | str:
     x = case.cells.x
     if not bool(torch.isfinite(x).all()):
         raise ValueError(f"{case.plane.name} states no x; {line.name} cannot be put beside it")
-    right = torch.searchsorted(line.x, x).clamp(1, len(line.x) - 1)
-    share = (x - line.x[right - 1]) / (line.x[right] - line.x[right - 1])
-    outside = (x < line.x[0]) | (x > line.x[-1])
     logarithm = torch.full((len(x), len(case.frequency)), torch.nan, dtype=torch.float64)
     for f, hertz in enumerate(case.frequency.tolist()):
         index = index_of_frequency(line.frequency, hertz)
         if index is not None:
-            level = line.pressure.abs()[..., index].log()
-            found = level[right - 1] + share * (level[right] - level[right - 1])
-            logarithm[:, f] = torch.where(outside, torch.nan, found)
+            level = line.pressure[..., index].abs().log()
+            found = np.interp(x.numpy(), line.x.numpy(), level.numpy(), left=np.nan, right=np.nan)
+            logarithm[:, f] = torch.from_numpy(found)
     if not bool(torch.isfinite(logarithm).any()):
         return OTHER_TONE
     mean, cells = (each.exp().to(torch.complex128) for each in (logarithm.mean(0), logarithm))
@@ -193,15 +182,14 @@ def _of_line(case: Case, line: MicrophoneLine) -> KnownPressure | str:
     return KnownPressure(WALL, words, mean, cells, False, case.plane.source_side == "normal")
 
 
-def _replicates(case: Case, signals: Tensor, rate: float) -> Tensor | None:
-    """Lines of (n, T) from all blocks and without each, over the former; None where the times are not the plane's."""
-    plane, blocks = case.plane, case.blocks
-    if signals.shape[-1] != plane.samples or abs(rate / plane.sampling_rate - 1) >= 1e-9:
-        return None
-    steady = signals - signals.mean(-1, keepdim=True)
-    count, sums = len(case.frequency), []
-    for begin, end in pairwise(blocks.borders):
-        found = steady[:, begin:end].to(torch.float64) @ waves(case.frequency, rate, begin, end)[1:].T
-        sums.append(torch.complex(found[:, :count], -found[:, count:]))
-    left = replicates(torch.stack(sums), blocks.lengths)
+def _replicates(case: Case, signals: Tensor, rate: float) -> Tensor:
+    """Lines of (n, T) at the times of the plane, from all blocks and without each, over the former."""
+    steady, count = signals - signals.mean(-1, keepdim=True), len(case.frequency)
+    sums = [
+        steady[:, begin:end] @ waves(case.frequency, rate, begin, end)[1:].T
+        for begin, end in pairwise(case.blocks.borders)
+    ]
+    left = replicates(
+        torch.stack([torch.complex(each[:, :count], -each[:, count:]) for each in sums]), case.blocks.lengths
+    )
     return left / left[:1]

@@ -1,0 +1,299 @@
+"""The laws of sheets, each a class whose fields state units and ranges; ``LAWS`` lists them.
+
+F is that of ``plates.tube_impedance``, C_D a discharge coefficient, M a Mach number (bulk in eq. (2.7) of the paper).
+Articles that could not be opened are named as such, with the text that their formula was read in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import plain_number
+from torchliner.fluid import Fluid
+from torchliner.liners.parameters import Mach, Number, Share
+from torchliner.liners.plates import TONE, GrazedPlate, Plate, Sheet, fok_sum, tube_impedance
+
+SHARP = 0.76  # C_D of sharp-edged holes, with which the two-parameter model is used
+LARGEST_EXPONENT = 700.0  # exp of more overflows float64; the resistance is 0 long before
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perforate(Plate):
+    r"""The plate of the paper: eqs (2.2a-c) and (2.4), of L_p t, 2 r_p d, phi_p sigma and C_vc ``vena_contracta`` (0.8
+    in the paper, 0.75 for sharp edges).
+
+    Eq. (2.4) in a form that is exact at v = 0, where the printed one loses 1e-3 relative at |v| = 1e-6 m/s: with
+    u = |v|/phi_p, q = sqrt(2) omega r_p, S_t = q/u and E = 1 + 0.06 exp(3.74/S_h),
+
+        1/(1 + 2 S_t E) = u/(u + 2 q E),    1 - 1/(1 + X) = X/(1 + X),    X = 0.013 S_h^2 (u/q)^2.5,
+
+    so that Re G = a |v|^2/(|v| + b) and Im G = -c |v|^2.5/(|v|^2.5 + d).
+
+    Raises:
+        ValueError: a thin plate so open that eq. (2.2b) makes its mass and resistance negative.
+    Source: Roncen et al. (2026), after Atalla & Sgard (2007), Temiz et al. (2016), Shah et al. (2024). The exponential
+        is capped where it would overflow, below about 3e-4 Hz: Re G is 0 there.
+    """
+
+    kind = "perforate"
+    shading: ClassVar[float] = 1.14  # eq. (2.2b)
+    vena_contracta: Share = 0.8
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        length = plain_number(self.thickness + self.ends())
+        if length <= 0:
+            raise ValueError(
+                f"{self.label}: thickness {plain_number(self.thickness):g} m and end corrections are {length:.3g} m "
+                f"together at porosity {plain_number(self.porosity):g}; eq. (2.2b) holds to 0.77, take law 'melling' "
+                "above"
+            )
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        return self.at_rest(omega, fluid) + self.in_motion(omega, speed, fluid)
+
+    def at_rest(self, omega: Tensor, fluid: Fluid) -> Tensor:
+        """First two terms of eq. (2.2a), normalised."""
+        length, share = self.thickness + self.ends(), fluid.sound_speed * self.porosity
+        viscous = torch.sqrt(2 * fluid.kinematic_viscosity * omega) * 2 * length / (self.orifice_diameter * share)
+        return torch.complex(viscous, viscous + omega * length / share)
+
+    def in_motion(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """G, eq. (2.4)."""
+        return torch.complex(self.jets(omega, speed, fluid), -self.lost(omega, speed, fluid))
+
+    def _shear(self, omega: Tensor, fluid: Fluid) -> Tensor:
+        """S_h."""
+        return self.orifice_diameter / 2 * torch.sqrt(omega / fluid.kinematic_viscosity)
+
+    def jets(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """Re G, eq. (2.4a)."""
+        growth = 1 + 0.06 * torch.exp((3.74 / self._shear(omega, fluid)).clamp(max=LARGEST_EXPONENT))
+        a = 2**0.5 / (2 * self.vena_contracta**2 * self.porosity**2 * fluid.sound_speed)
+        b = 2**0.5 * omega * self.orifice_diameter * growth * self.porosity
+        return a * (speed * speed / (speed + b))
+
+    def lost(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """-Im G, eq. (2.4b): the reactance that jets take."""
+        shear, power = self._shear(omega, fluid), to_2_5(speed)
+        c = omega / fluid.sound_speed * self.orifice_diameter / 2 / self.porosity * (0.6 + 1.6 / shear + 0.015 * shear)
+        d = (2**0.5 * omega * self.orifice_diameter / 2 * self.porosity) ** 2.5 / (0.013 * shear**2)
+        return c * (power / (power + d))
+
+
+def to_2_5(speed: Tensor) -> Tensor:
+    """|v|^2.5; v*v*sqrt(v) is ten times faster, and its clamp gives a slope of 0, not infinity, at rest."""
+    return speed * speed * speed.clamp(min=1e-30).sqrt()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guess(Plate):
+    r"""Friction and radiation, an amplitude and a flow that add as Mach numbers.
+
+    .. math::
+        R &= \frac{\sqrt{8\nu\omega}}{c\sigma}\Big(1 + \frac td\Big) + \frac{(kd)^2}{8\sigma}
+             + \frac{1-\sigma^2}{\sigma}(M_0 + 0.3 M), \qquad M_0 = \frac{|v|}{\sigma c}, \\
+        X &= \frac{\omega (t + \delta)}{c\sigma} + \frac{\sqrt{8\nu\omega}}{c\sigma}
+             \Big(1 + \frac td\Big), \qquad
+        \delta = \frac{8d}{3\pi}(1 - 0.7\sqrt\sigma)\,
+             \frac{1 + 5\cdot10^3 M_0^2}{1 + 10^4 M_0^2}\, \frac{1}{1 + 305 M^3}.
+
+    Range: holes wide against the viscous layer, d sqrt(omega/(4 nu)) above 10 (below it friction is too small: it lacks
+    Poiseuille's limit), and k d below 1. M_0 is that of the hole; whether Guess means rms or peak is not said where
+    this was read, rms is taken: the jet of a C_D of sqrt(TONE/2) = 0.775 (a peak would mean 0.65).
+
+    Source: Guess (1975), J. Sound Vib. 40, 119-137, not opened. All terms but one are as in the code
+        VictorZaia/Impedance-calculation on GitHub (0.71 there for 0.7), after Malmary. The factor in M_0 of delta,
+        which halves it in strong sound, is as commonly quoted and was found in no text that could be opened.
+    """
+
+    kind = "guess"
+    mach: Mach = 0.0
+
+    @property
+    def flow_resistance(self) -> float:
+        """See ``Sheet``."""
+        return plain_number(0.3 * self.mach * (1 - self.porosity**2) / self.porosity)
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        d, share = self.orifice_diameter, self.porosity * fluid.sound_speed
+        friction = torch.sqrt(8 * fluid.kinematic_viscosity * omega) * (1 + self.thickness / d)
+        radiation = (omega * d / fluid.sound_speed) ** 2 / (8 * self.porosity)
+        jets = (1 - self.porosity**2) / self.porosity * (speed / share + 0.3 * self.mach)
+        sound = (speed / share) ** 2
+        end = 8 / (3 * math.pi) / 0.85 * self.ends(self.mach) * (1 + 5e3 * sound) / (1 + 1e4 * sound)
+        return friction / share + radiation + jets + 1j * (friction + omega * (self.thickness + end)) / share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goodrich(GrazedPlate):
+    r"""Yu, Ruiz & Kwan: Crandall's tube, slopes in |v| of resistance and mass, grazing flow.
+
+    .. math::
+        Z &= \frac{j\omega (t + \epsilon d)}{c\sigma F}
+             + 1.336541\,\frac{1-\sigma^2}{2c\,C_D^2\sigma^2}|v|
+             + \frac{M}{\sigma(2 + 1.256\,\delta^*/d)} - j\,\frac{2.07\cdot10^{-5}\,k}{\sigma^2}|v|,
+        \\ \epsilon &= \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}, \qquad
+        C_D = 0.80695\,\sigma^{0.05}\, e^{0.2536\, t/d}.
+
+    Conversion of S_m = -0.0000207 k/sigma^2, k in 1/cm for |v| in cm/s: k |v| is 1/s in both systems, so the number
+    keeps its value, in seconds.
+
+    Range: C_D at most 1. The mass is a straight line in |v| and negative above |v| = sigma (t + epsilon d)/2.07e-5 m/s
+    (3.7 m/s for t 0.8 mm, d 1 mm, sigma 5 %), where the law no longer holds; the sheet stays passive.
+
+    Source: Yu, Ruiz & Kwan (2008), AIAA 2008-2930, not opened. All terms as in a public code (function impedanceUTAS of
+        an eduction), there without the 0.85 of epsilon, which is Ingard's and stands in the sources of
+        ``TwoParameter``; the flow term also as in Roncen et al. (2026), eq. (2.7).
+    """
+
+    kind = "goodrich"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        found = plain_number(self.discharge())
+        if found > 1:
+            raise ValueError(
+                f"{self.label}: the correlation gives a discharge coefficient of {found:.3g} for this thickness over "
+                "diameter and porosity; it holds to 1, law 'two-parameter' takes a stated one"
+            )
+
+    def discharge(self) -> Any:
+        """C_D."""
+        return 0.80695 * self.porosity**0.05 * math.e ** (0.2536 * self.thickness / self.orifice_diameter)
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        tube = tube_impedance(omega, self.thickness + self.ends(self.mach), self.orifice_diameter, fluid)
+        jets = 1.336541 * self.jet(speed, self.discharge(), fluid)
+        mass = 2.07e-5 * omega / fluid.sound_speed / self.porosity**2 * speed
+        return tube / self.porosity + jets + self.grazing() - 1j * mass
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoParameter(GrazedPlate):
+    r"""Two-parameter plate (GE): steady-flow resistance A + B |v|, Ingard's mass, grazing flow.
+
+    .. math::
+        Z = \frac{32\nu t}{c\,\sigma C_D d^2} + \frac{|v|}{2c(\sigma C_D)^2}
+            + \frac{M}{\sigma(2 + 1.256\,\delta^*/d)} + j\,\frac{k (t + \epsilon d)}{\sigma},
+        \qquad \epsilon = \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}.
+
+    It differs from ``Goodrich`` in its friction, that of a steady flow at all frequencies, over C_D; in its C_D, which
+    is stated; in the missing (1 - sigma^2); and in a mass that sound does not change.
+
+    Range: friction is too small where the viscous layer is thin, d sqrt(omega/(4 nu)) above 3, that is in most plates,
+    and small there beside the other terms.
+
+    Source: Motsinger & Kraft (1991) with the flow terms of Rice & Heidelberg, as used by NASA (Jones et al. 2022), none
+        of them opened; read in notes on them and, with Jones, Parrott & Watson (2008) as its source, in a code, both
+        public on GitHub. The code divides the mass by C_D too, the notes do not; theirs is taken. The model of Kraft,
+        Yu & Kwan (NASA CR-1999-209120), asked for as Yu (GE/Boeing), was not opened; this is GE's form of it.
+    """
+
+    kind = "two-parameter"
+    discharge_coefficient: Share = SHARP
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        opened, c = self.porosity * self.discharge_coefficient, fluid.sound_speed
+        friction = 32 * fluid.kinematic_viscosity * self.thickness / self.orifice_diameter**2
+        resistance = (friction + speed / (2 * opened)) / (opened * c) + self.grazing()
+        return resistance + 1j * omega * (self.thickness + self.ends(self.mach)) / (c * self.porosity)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Maa(Plate):
+    r"""Micro-perforated plate of Maa, the exact tube and not his approximation to it.
+
+    .. math::
+        Z = \frac{j\omega t}{c\sigma F} + \frac{\alpha\sqrt{2\omega\rho\eta}}{\sigma\rho c}
+            + j\,\frac{0.85\,\omega d}{c\sigma}\,\frac{1}{1 + |v|/(\sigma^2 c)}
+            + \frac{1.6}{\pi}\,\frac{1-\sigma^2}{c\,C_D^2\sigma^2}|v|,
+
+    alpha the ``edge_factor``: 0.5 is Maa (1998), 2 his earlier form, for sharp edges.
+
+    Range: perforate constant K = d sqrt(omega/(4 nu)) of 1 to 10, holes below 1 mm, sigma of a few percent (holes that
+    do not see each other). Laly's V is that in the hole, |v|/sigma.
+
+    Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy (whose 1/sqrt(1 + K^2/2) is
+        1/sqrt(9 + K^2/2) here, the limit of the exact form). The terms in |v|: Laly et al. (2018), J. Sound Vib.,
+        S0022-460X(17)30674-0, after Maa's of high intensities, with beta = 1.6 and C_D = 0.76, as in public MATLAB
+        classes that name the paper's equations 20 to 23 and 27. Neither paper was opened.
+    """
+
+    kind = "maa"
+    discharge_coefficient: Share = SHARP
+    edge_factor: Annotated[Any, Number(high=10.0, low_included=True)] = 0.5
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        c = fluid.sound_speed
+        edges = self.edge_factor * torch.sqrt(2 * omega * fluid.kinematic_viscosity) / c
+        end = 0.85 * self.orifice_diameter / (1 + speed / (self.porosity**2 * c))
+        linear = tube_impedance(omega, self.thickness, self.orifice_diameter, fluid) + edges
+        jets = 2 * 1.6 / math.pi * self.jet(speed, self.discharge_coefficient, fluid)
+        return (linear + 1j * omega * end / c) / self.porosity + jets
+
+
+@dataclass(frozen=True, kw_only=True)
+class Melling(Plate):
+    r"""Beranek & Ingard, and Melling: Crandall's tube, Fok's interaction (psi, ``plates.fok_sum``), a jet.
+
+    .. math::
+        Z = \frac{j\omega}{c\sigma F}\Big(t + \frac{8d}{3\pi\,\psi(\sqrt\sigma)}\Big)
+            + \frac{8\sqrt2}{3\pi}\,\frac{1-\sigma^2}{2c\,(\sigma C_D)^2}|v|.
+
+    Range: the jet is quasi-steady, the excursion in the hole |v|/(sigma omega) above d; in weaker sound the true
+    resistance rises as |v|^2. 8 sqrt(2)/(3 pi), printed 1.2: see ``plates.py``.
+
+    Source: Melling (1973), J. Sound Vib. 29, 1-65, not opened; the nonlinear term and Fok's series as in OpenPulse
+        (perforated_plate.py). Friction takes the gas's own viscosity, without Melling's larger one for walls that
+        conduct heat, and acts on the end correction as on the tube.
+    """
+
+    kind = "melling"
+    discharge_coefficient: Share = SHARP
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        end = 8 / (3 * math.pi) * self.orifice_diameter * fok_sum(self.porosity)
+        tube = tube_impedance(omega, self.thickness + end, self.orifice_diameter, fluid)
+        return tube / self.porosity + TONE * self.jet(speed, self.discharge_coefficient, fluid)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh(Sheet):
+    r"""Wire mesh or felt as its maker states it: :math:`Z = (R_0 + R_1 |v| + j\omega m)/(\rho c)`.
+
+    R_0 in MKS rayl (1 cgs rayl is 10 of them); R_1 from steady flow, dp = (R_0 + R_1 v) v, of which a tone sees
+    ``TONE`` times as much; m of the air that moves in it (and of a limp mesh beside it).
+
+    Range: that of the flow rig for |v|; frequencies at which the layer around a wire is thick against its pores, as in
+    most meshes used as liners.
+
+    Source: definition. Forchheimer's law for R_0 and R_1.
+    """
+
+    kind = "mesh"
+    resistance_rayl: Annotated[Any, Number(unit="Pa s/m", low_included=True)]
+    resistance_slope_rayl: Annotated[Any, Number(unit="Pa s2/m2", low_included=True)] = 0.0
+    surface_mass: Annotated[Any, Number(unit="kg/m2", low_included=True)] = 0.0
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """See ``Sheet``."""
+        resistance = self.resistance_rayl + self.resistance_slope_rayl * speed
+        found: Tensor = (resistance + 1j * omega * self.surface_mass) / fluid.characteristic_impedance
+        return found
+
+
+LAWS: dict[str, type[Sheet]] = {
+    law.kind: law for law in (Perforate, Guess, Goodrich, TwoParameter, Maa, Melling, Mesh)
+}  # by the ``kind`` of a layer in liner files

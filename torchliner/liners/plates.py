@@ -1,0 +1,181 @@
+r"""Layers, and what the laws of plates with round holes share: the tube, the jet, ends, grazing flow.
+
+Every |v| of a law is the rms velocity in front of the sheet (the replay puts the instantaneous one in); in the holes it
+is |v|/sigma. Where a law is written for another, its docstring converts. Two ways lead from the quasi-steady drop of a
+jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, to a resistance per rms velocity:
+
+- the slope itself, dp/v at a steady v = |v|: factor 1;
+- the part of dp in phase with a tone v = V sin: the mean of |sin|^3 over that of sin^2 is 8/(3 pi),
+  and V = sqrt(2) |v|, so the factor is 8 sqrt(2)/(3 pi) = 1.2004, Melling's "1.2"; for the peak velocity, 1/2 times
+  8/(3 pi) is the 4/(3 pi) that others print. The two are one law.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import plain_number, real_tensor
+from torchliner.fluid import Fluid
+from torchliner.liners.cavity import ratio_i2_i0
+from torchliner.liners.parameters import Declared, Length, Mach, Number, Share
+
+TONE = 8 * 2**0.5 / (3 * math.pi)
+FOK = (1, -1.40925, 0, 0.33818, 0, 0.06793, -0.02287, 0.03015, -0.01641, 0.01729, -0.01248, 0.01205, -0.00985)
+GRAZING = {  # arguments of ``goodrich_resistance``
+    "bulk_mach": Number(high=1.0, low_included=True),
+    "flow_facing_porosity": Number(high=1.0),
+    "displacement_thickness": Number(unit="m", low_included=True),
+    "diameter": Number(unit="m"),
+}
+
+
+class Layer(Declared):
+    """A sheet or a cavity of a liner; ``kind`` in liner files."""
+
+    kind: ClassVar[str]
+
+    def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
+        """Admittance v/p above it, and velocity below it over that above.
+
+        Args:
+            omega: rad/s.  below: admittance below it, 0 for the backplate.  speed: |v| at it, m/s.  fluid: gas.
+        """
+        raise NotImplementedError
+
+    def describe(self) -> dict[str, Any]:
+        """A table ``[[layers]]`` of a liner file."""
+        return {"kind": self.kind, **super().describe()}
+
+
+class Sheet(Layer):
+    """A layer that takes no room, under a law: a frozen dataclass of keywords, with a row in ``laws.LAWS``."""
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return f"sheet {self.kind!r}"
+
+    @property
+    def flow_resistance(self) -> float:
+        """What the law itself adds for grazing flow, normalised."""
+        return 0.0
+
+    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
+        """Pressure drop over velocity, normalised by rho c, complex128, e^(j omega t).
+
+        Args:
+            omega: rad/s, above 0.  speed: |v|, m/s, of a shape that broadcasts with ``omega``.  fluid: the gas.
+        """
+        raise NotImplementedError
+
+    def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
+        """See ``Layer``."""
+        return below / (1 + self.impedance(omega, speed, fluid) * below), torch.ones_like(omega)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plate(Sheet):
+    """t ``thickness``, d ``orifice_diameter``, sigma ``porosity``: open area over that of the plate."""
+
+    thickness: Length
+    orifice_diameter: Length
+    porosity: Share
+
+    shading: ClassVar[float] = 0.7  # of ends by their neighbours: Ingard (1953)
+
+    def ends(self, mach: Any = 0.0) -> Any:
+        """Both end corrections, m: 0.85 d (1 - 0.7 sqrt(sigma))/(1 + 305 M^3), 0.85 being 8/(3 pi).
+
+        Source: Ingard (1953); what flow leaves of them: Rice & Heidelberg, as quoted with ``TwoParameter``.
+        """
+        alone = 0.85 * self.orifice_diameter * (1 - self.shading * self.porosity**0.5)
+        return alone / (1 + 305 * mach**3)
+
+    def jet(self, speed: Tensor, discharge: Any, fluid: Fluid) -> Tensor:
+        """(1 - sigma^2) |v|/(2 c sigma^2 C_D^2): the slope of the quasi-steady drop, normalised."""
+        lost = (1 - self.porosity**2) / (self.porosity * discharge) ** 2
+        return lost * speed / (2 * fluid.sound_speed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrazedPlate(Plate):
+    """In grazing flow of M ``mach``, on the centre line in NASA's use, and delta* ``displacement_thickness``."""
+
+    mach: Mach = 0.0
+    displacement_thickness: Annotated[Any, Number(unit="m", high=0.1, low_included=True)] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        mach = plain_number(self.mach)
+        if mach > 0 and plain_number(self.displacement_thickness) == 0:
+            raise ValueError(
+                f"{self.label}: mach is {mach:g} and displacement_thickness is 0 m; state it, 1e-3 to 5e-3 m in most "
+                "ducts: the added resistance falls with it"
+            )
+
+    def grazing(self) -> Any:
+        """``goodrich_resistance``."""
+        return goodrich_resistance(self.mach, self.porosity, self.displacement_thickness, self.orifice_diameter)
+
+    @property
+    def flow_resistance(self) -> float:
+        """See ``Sheet``."""
+        return plain_number(self.grazing())
+
+
+def tube_impedance(omega: Tensor, length: Any, diameter: Any, fluid: Fluid) -> Tensor:
+    r"""Air in a tube with friction, normalised: :math:`j\omega L/(c F)`, F = I2(s)/I0(s).
+
+    32 nu L/(c d^2) + 4/3 j omega L/c at low frequency (Poiseuille), j omega L/c at high.
+
+    Args:
+        omega: rad/s.  length: L, m.  diameter: d, m.  fluid: gas.
+    Source: Crandall (1926); F = 1 - 2 J1(x)/(x J0(x)), x = d/2 sqrt(-j omega/nu), is I2/I0 of s = d/2 sqrt(j omega/nu),
+        which keeps its digits as s tends to 0.
+    """
+    shear = torch.sqrt(1j * omega) * (diameter / (2 * fluid.kinematic_viscosity**0.5))
+    return 1j * omega * length / fluid.sound_speed / ratio_i2_i0(shear)
+
+
+def fok_sum(porosity: Any) -> Tensor:
+    """What the neighbours leave of a hole's end correction: 1/psi of Fok, at xi = sqrt(sigma).
+
+    1 - 1.40925 xi + 0.33818 xi^3 + ...; the 12 powers end at -0.005 instead of 0 for xi = 1, and what is below 0 is
+    taken as 0.
+
+    Source: Fok, as in Melling (1973); coefficients as in OpenPulse (perforated_plate.py).
+    """
+    root = real_tensor(porosity) ** 0.5
+    total = torch.zeros_like(root)
+    for coefficient in reversed(FOK):
+        total = total * root + coefficient
+    return total.clamp(min=0)
+
+
+def goodrich_resistance(bulk_mach: Any, flow_facing_porosity: Any, displacement_thickness: Any, diameter: Any) -> Any:
+    r"""Resistance added by grazing flow, normalised: M/(phi (2 + 1.256 delta*/d)).
+
+    Args:
+        bulk_mach: M_b, 0 to 1.
+        flow_facing_porosity: open area over the whole liner surface (the global porosity).
+        displacement_thickness: delta*, m.  diameter: orifice diameter d, m.
+    Raises:
+        ValueError: Mach number or porosity outside 0 to 1, a porosity or diameter of 0, what is negative or not finite.
+    Source: Yu et al. (2008) as quoted in Roncen et al. (2026), eq. (2.7). Departure from print: M_b stands twice there;
+        once reproduces the paper's own shift (1.03-1.22 for its 0.94-1.12 between Mach 0.1 and 0.3), twice gives
+        0.41-0.49.
+
+    >>> round(tl.goodrich_resistance(0.3, 0.0395, 1.73e-3, 0.7e-3), 3)
+    1.488
+    """
+    given = (bulk_mach, flow_facing_porosity, displacement_thickness, diameter)
+    for (name, within), value in zip(GRAZING.items(), given, strict=True):
+        values = real_tensor(value).detach()
+        for end in values.aminmax() if values.numel() else ():
+            within.at(end).require(f"goodrich_resistance: {name}")
+    return bulk_mach / (flow_facing_porosity * (2 + 1.256 * displacement_thickness / diameter))
