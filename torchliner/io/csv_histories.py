@@ -72,11 +72,12 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     else:
         factor = velocity_factor(request, label)
     rows, count = text.rows(at, range(at + 1, text.width)), text.width - at - 1
-    if len(labels) == text.width - 1 - at and np.array_equal(rows.time, np.arange(len(rows.time))):
+    unit, rate = (labels[0][1] or labels[0][2]) if labels else "", request.sampling_rate
+    unnamed = len(labels) == count and (unit or count > 2)
+    if unnamed and np.array_equal(rows.time, np.arange(len(rows.time))):
         raise ValueError(
             f"{path}: its first column counts the rows and has no name, as an index of pandas; leave it out"
         )
-    unit, rate = (labels[0][1] or labels[0][2]) if labels else "", request.sampling_rate
     if not unit and rate is None:
         raise ValueError(
             f"{path}: its times have no unit; write 'time [s]' above them, or state sampling_rate=... "
