@@ -195,7 +195,7 @@ KINDS = {"plane": (make_plane, tl.read_plane), "map": (hand_map, tl.read_map)}
         (
             "text",
             OSError,
-            r"a.h5 is (not an HDF5 \(netCDF-4\) file|text that begins)",
+            r"a.h5 is (not an HDF5 \(netCDF-4\) file|begins with b)",
         ),
         ("empty", OSError, r"a.h5 is (not an HDF5 \(netCDF-4\) file|empty; it is of no format)"),
         ("truncated", OSError, r"a.h5 is truncated: .*eof"),

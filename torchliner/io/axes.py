@@ -26,11 +26,7 @@ PLACES = {"x": "streamwise coordinate", "z": "spanwise coordinate"}
 
 
 def write_coordinates(
-    file: h5py.Group,
-    shape: tuple[int, ...],
-    x: Tensor | None,
-    z: Tensor | None,
-    line: bool = True,
+    file: h5py.Group, shape: tuple[int, ...], x: Tensor | None, z: Tensor | None, line: bool = True
 ) -> tuple[str, ...]:
     """Coordinate variables and dimensions of probes.
 
@@ -43,21 +39,14 @@ def write_coordinates(
         Names of the dimensions.
     """
     known = {name: plain(values) for name, values in (("x", x), ("z", z)) if values is not None}
-    if len(shape) == 2:
-        for name, count in zip(("z", "x"), shape, strict=True):
-            if name in known:
-                row = write_variable(file, name, known[name], "m", (name,))
-                row.attrs["long_name"] = PLACES[name]
-            else:
-                write_index(file, name, count)
-        return ("z", "x")
-    dims: tuple[str, ...] = ("probe",) if shape else ()
-    if shape and line and list(known) == ["x"] and bool((np.diff(known["x"]) > 0).all()):
-        dims = ("x",)
-    elif shape:
-        write_index(file, "probe", shape[0])
+    rising = line and list(known) == ["x"] and bool((np.diff(known["x"]) > 0).all())
+    dims = ("z", "x") if len(shape) == 2 else () if not shape else ("x",) if rising else ("probe",)
+    for dim, count in zip(dims, shape, strict=True):
+        if dim not in known:
+            write_index(file, dim, count)
     for name, values in known.items():
-        row = write_variable(file, name, values if shape else values.item(), "m", dims)
+        along = (name,) if name in dims else dims
+        row = write_variable(file, name, values if shape else values.item(), "m", along)
         row.attrs["long_name"] = PLACES[name]
     return dims
 

@@ -68,8 +68,7 @@ class Slabs:
         self._require_whole()  # where HDF5 fills in zeros and says nothing
 
     def _require_whole(self) -> None:
-        now = self.path.stat().st_size if self.size else 0
-        if now < self.size:
+        if self.size and self.path.exists() and (now := self.path.stat().st_size) < self.size:
             raise OSError(f"the file shrank from {self.size} to {now} bytes; nothing of it can be used")
 
 

@@ -151,6 +151,8 @@ class FrameVelocity(Stored):
                 self.source.fill(begin, end, into)
                 return out if self.factor == 1 else out.mul_(self.factor)
             values = np.asarray(self.source(begin, end))
+        except FileNotFoundError:
+            raise
         except (OSError, RuntimeError) as error:
             raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
         np.multiply(values.reshape(into.shape), self.factor, out=into, casting="same_kind")
