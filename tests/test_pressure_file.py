@@ -170,7 +170,7 @@ def replace(name, values, units="Pa"):
          "a velocity is needed"),
         (lambda f: f["cavity_depth"].attrs.__setitem__("units", "Pa"), "a length is needed"),
         (lambda f: f.__delitem__("backplate_pressure"), "backplate pressure is missing"),
-        (replace("backplate_pressure", np.zeros((77, 2))), "/time has 300 values"),
+        (replace("backplate_pressure", np.zeros((77, 2))), "there are 300 times"),
         (replace("backplate_pressure", np.zeros((300, 2), dtype=int)), "is int64"),
         (lambda f: f.__delitem__("time"), "time is missing"),
         (replace("time", np.arange(300) ** 2 / 1e5, "s"), "is not uniform"),

@@ -25,6 +25,7 @@ STATED: dict[str, Any] = {
     "--normal AXIS": {
         "choices": NORMALS,
         "help": "of vectors and points, away from the liner; default: as the format has it"},
+    "--row I": {"type": int, "help": "of several heights or components the one that is taken, from 0; default: one"},
     "--wall-normal-component": "one value a point, whatever its name, is the velocity along the wall normal",
     "--x ARRAY": "coordinates along the duct: FILE or FILE:VARIABLE; default: the file's",
     "--z ARRAY": "likewise across the duct",

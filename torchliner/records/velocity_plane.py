@@ -104,7 +104,7 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
             TypeError: neither a DataArray nor a Dataset.
             ValueError: as ``read_plane``; no velocity fits, or several do.
         """
-        plane: VelocityPlane = resolve("torchliner.io.xarray_plane:from_xarray")(data, **stated)
+        plane: VelocityPlane = resolve("torchliner.io.foreign:from_xarray")(data, **stated)
         return plane
 
     def _take_named(self, velocity: Any) -> None:
