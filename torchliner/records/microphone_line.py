@@ -123,29 +123,18 @@ class MicrophoneLine(Written):
         name = about.get("name", "microphones")
         if levels.shape != phases.shape:
             raise ValueError(
-                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; one "
-                "of each belongs to every microphone and frequency"
+                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; give the same"
             )
         if levels.numel() and float(levels.max()) > LOUDEST:
-            raise ValueError(
-                f"{name}: a level is {float(levels.max()):g} dB, above {LOUDEST:g} dB, where the "
-                "rms pressure is one atmosphere; SPL in dB re 20 uPa rms is needed"
-            )
+            loud = f"{float(levels.max()):g} dB, above {LOUDEST:g} dB, where the rms pressure is one atmosphere"
+            raise ValueError(f"{name}: a level is {loud}; SPL in dB re 20 uPa rms is needed")
         if levels.numel() and float(levels.min()) < QUIETEST:
-            raise ValueError(
-                f"{name}: a level is {float(levels.min()):g} dB, below {QUIETEST:g} dB, which no "
-                "microphone measures; leave out the values that are missing"
-            )
+            quiet = f"{float(levels.min()):g} dB, below {QUIETEST:g} dB, which no microphone measures"
+            raise ValueError(f"{name}: a level is {quiet}; leave out the values that are missing")
         require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
-        size = pressure_amplitude_from_spl(levels)
-        line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
-        notes = unit_warnings(
-            name,
-            levels,
-            phases.reshape(line.pressure.shape),
-            line.frequency / line.fluid.sound_speed,
-            float(line.x[-1] - line.x[0]),
-        )
+        line = cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
+        phases, span = phases.reshape(line.pressure.shape), float(line.x[-1] - line.x[0])
+        notes = unit_warnings(name, levels, phases, line.frequency / line.fluid.sound_speed, span)
         tell(notes)
         return replace(line, notes=line.notes + notes)
 
@@ -192,18 +181,13 @@ class MicrophoneLine(Written):
                 )
         require_pressures(pressure, self.frequency, self.name)
         object.__setattr__(self, "pressure", pressure)
-        if self.wall_impedance is not None:
-            known = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
-            if known.shape != (frequencies,):
-                raise ValueError(f"{self.name}: wall_impedance has shape {tuple(known.shape)}, not ({frequencies},)")
-            object.__setattr__(self, "wall_impedance", known)
-        if self.coherence is not None:
-            coherence = real_tensor(self.coherence)
-            if coherence.shape != (count, frequencies):
-                raise ValueError(
-                    f"{self.name}: coherence has shape {tuple(coherence.shape)}; ({count}, {frequencies}) is needed"
-                )
-            object.__setattr__(self, "coherence", coherence)
+        for label, shape in (("wall_impedance", (frequencies,)), ("coherence", (count, frequencies))):
+            if (value := getattr(self, label)) is None:
+                continue
+            known = real_tensor(value) if label == "coherence" else torch.as_tensor(value, dtype=torch.complex128)
+            if known.shape != shape:
+                raise ValueError(f"{self.name}: {label} has shape {tuple(known.shape)}; {shape} is needed")
+            object.__setattr__(self, label, known)
 
     @property
     def microphones(self) -> int:
@@ -218,10 +202,8 @@ class MicrophoneLine(Written):
             ValueError: none is stated.
         """
         if self.mach is None:
-            raise ValueError(
-                f"{self.name} states no Mach number; give it (mach = ... in the file, mach=, "
-                "--mach): 0 says that there is no flow"
-            )
+            how = "(mach = ... in the file, mach=, --mach): 0 says that there is no flow"
+            raise ValueError(f"{self.name} states no Mach number; give it {how}")
         return plain_number(self.mach)
 
     @property
@@ -314,17 +296,12 @@ class MicrophoneLine(Written):
             ValueError: a margin below 0 or not finite; fewer than two microphones are left.
         """
         if not 0 <= margin < math.inf:
-            raise ValueError(
-                f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0, "
-                "the distance that microphones keep from the liner's ends"
-            )
+            raise ValueError(f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0")
         if self.liner_start is None or self.liner_end is None:
             return self
         inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)
         if int(inside.sum()) < 2:
-            raise ValueError(
-                f"{self.name}: {int(inside.sum())} microphones lie over the liner, "
-                f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of "
-                f"{1e3 * margin:g} mm; at least two are needed"
-            )
+            liner = f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of {1e3 * margin:g} mm"
+            count = f"{int(inside.sum())} microphones lie over the liner"
+            raise ValueError(f"{self.name}: {count}, {liner}; at least two are needed")
         return self.select(inside.nonzero()[:, 0])
