@@ -4,7 +4,8 @@
 
 Mode 0 of a duct of 150 x 50 mm lined throughout with Z = 2.33-0.30j, at 1500 Hz, enters at one end of the linearised
 Euler equations, leaves at the other and is known there exactly, from the collocation of the Pridmore-Brown equation.
-The error of p should fall with the element size to the power p + 1. Then the wavenumbers, and a liner between rigid walls against 40 matched modes.
+The error of p should fall with the element size to the power p + 1. Then the wavenumbers, and a liner between rigid
+walls against 40 matched modes.
 """
 
 from __future__ import annotations
