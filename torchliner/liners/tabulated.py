@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
+from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor, tell
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Pitch
-from torchliner.text_columns import LABEL, cells_of, header_line, read_lines, read_table, separator_of
+from torchliner.text_columns import LABEL, cells_of, header_line, number_of, read_lines, read_table, separator_of
 
 COLUMNS: dict[str, str | None] = {
     "frequency": "frequency",
@@ -98,6 +98,13 @@ class TabulatedLiner(LinerModel):
             words = [(found[1] if (found := LABEL.fullmatch(label)) else label).lower() for label in labels]
             others = set(words) - set(COLUMNS)
             columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["speed"], others=others)
+            rows = [cells_of(line, separator) for line in lines[start + 1 :]] if separator == "," else []
+            passed = [cell for row in rows for cell, word in zip(row, words, strict=False) if word in others]
+            if not np.isnan([number_of(cell) for cell in passed]).all():  # shifted by decimal commas?
+                tell(
+                    f"{path}: numbers in the columns {', '.join(map(repr, sorted(others)))} are passed over; decimal "
+                    "commas need semicolons between cells"
+                )
             frequency, row = np.unique(columns["frequency"], return_inverse=True)
             speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
             values, times = np.zeros((2, len(frequency), len(speed)), dtype=complex)

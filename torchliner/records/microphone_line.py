@@ -80,9 +80,9 @@ class MicrophoneLine(Written, Case):
         start, end = self.liner_start, self.liner_end
         if (start is None) != (end is None):
             raise ValueError(f"{self.name}: liner_start and liner_end go together; give both")
-        if start is not None and end is not None and not start < end:
+        if start is not None and end is not None and not -math.inf < start < end < math.inf:
             raise ValueError(
-                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; its start must be below its end"
+                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; both are finite, start < end"
             )
 
     @classmethod
