@@ -96,12 +96,12 @@ ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to 
     ".nc": "torchliner.io.arrays:read_hdf5",
 }
 NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
-RESULT_WRITERS = {  # beside .h5 and .csv: objects of the class ResultWriter
-    ".vtkhdf": "torchliner.io.vtkhdf_result:WRITER",
-    ".mat": "torchliner.io.matlab_results:WRITER",
-    ".bdf": "torchliner.io.nastran_table:WRITER",
-    ".dat": "torchliner.io.nastran_table:WRITER",
-    ".txt": "torchliner.io.solver_table:WRITER",
+RESULT_WRITERS = {  # beside .h5 and .csv: functions of an OwnFile, a record and a path
+    ".vtkhdf": "torchliner.io.vtkhdf_result:write_vtkhdf",
+    ".mat": "torchliner.io.matlab_results:write_matlab",
+    ".bdf": "torchliner.io.nastran_table:write_nastran",
+    ".dat": "torchliner.io.nastran_table:write_nastran",
+    ".txt": "torchliner.io.solver_table:write_solver_table",
 }
 RESULT_ENDINGS = f".h5/.nc, .csv, {', '.join(RESULT_WRITERS)}"  # in words
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it

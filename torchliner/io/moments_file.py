@@ -139,7 +139,7 @@ def read_moments(path: str | Path) -> Moments:
         count = {"point": plane.probes, "block": blocks.count if only is None else len(only), "line": len(lines)}
         count |= {"row": 1 + 2 * len(lines), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
         count |= {"turn_row": 1 + 2 * len(turns)} | ({} if nodes is None else {"node": nodes.count})
-        sizes = {name: (size,) for name, size in count.items()}
+        sizes: Sizes = {name: (size,) for name, size in count.items()}
         gram = gram_of(blocks, lines)[slice(None) if only is None else list(only)]
         survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram)
         cells, used = _read_cells(file, path, sizes)
