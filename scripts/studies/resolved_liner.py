@@ -30,7 +30,6 @@ GEOMETRY = ("facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth
 SAME_GEOMETRY = 1e-3  # relative
 
 
-
 def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
     """A number among the attributes.
 
