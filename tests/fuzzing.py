@@ -494,7 +494,7 @@ def hdf5_structure(path: Path, draw: Any) -> tuple[str, bool]:
             values = np.array(values)
             values.flat[draw.randrange(values.size)] = float(kind)
             _replace(file, name, values)
-            result = re.match("torchliner (map|line|points) ", str(file.attrs.get("schema")))
+            result = re.search("torchliner (map|line|points) ", str(file.attrs.get("schema")))
             return said, bool(result)  # where an interval may be infinite or unknown
         elif kind == "delete":
             del file[name]

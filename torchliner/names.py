@@ -86,12 +86,12 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 # Files. A new format is a file with the function and a row here.
 ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
 NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
-RESULT_WRITERS = {  # beside .h5 and .csv: objects of the class ResultWriter
-    ".vtkhdf": "torchliner.io.vtkhdf_result:WRITER",
-    ".mat": "torchliner.io.matlab_results:WRITER",
-    ".bdf": "torchliner.io.nastran_table:WRITER",
-    ".dat": "torchliner.io.nastran_table:WRITER",
-    ".txt": "torchliner.io.solver_table:WRITER",
+RESULT_WRITERS = {  # beside .h5 and .csv: functions of an OwnFile, a record and a path
+    ".vtkhdf": "torchliner.io.vtkhdf_result:write_vtkhdf",
+    ".mat": "torchliner.io.matlab_results:write_matlab",
+    ".bdf": "torchliner.io.nastran_table:write_nastran",
+    ".dat": "torchliner.io.nastran_table:write_nastran",
+    ".txt": "torchliner.io.solver_table:write_solver_table",
 }
 RESULT_ENDINGS = f".h5/.nc, .csv, {', '.join(RESULT_WRITERS)}"  # in words
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it

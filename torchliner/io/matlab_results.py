@@ -10,7 +10,6 @@ import numpy as np
 from scipy.io import savemat
 
 from torchliner.io.own_file import OwnFile, complex_names
-from torchliner.io.result_writers import ResultWriter
 from torchliner.io.whole_file import written_whole
 
 
@@ -41,6 +40,3 @@ def _plain(group: h5py.Group) -> dict[str, Any]:
     for name, (real, imaginary) in complex_names(found).items():
         found[name] = found.pop(real) + 1j * found.pop(imaginary)
     return found
-
-
-WRITER = ResultWriter(write_matlab)

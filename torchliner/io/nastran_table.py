@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.io.own_file import OwnFile
-from torchliner.io.result_writers import ResultWriter
+from torchliner.io.result_writers import require_result
 from torchliner.io.solver_table import about, over_frequency
 from torchliner.io.whole_file import written_whole
 
@@ -26,7 +26,7 @@ def write_nastran(_: OwnFile, record: Any, path: str | Path) -> None:
             ``over_frequency``.
     """
     table = over_frequency(record, path)
-    WRITER.require(path, len(table))
+    require_result(path, len(table))
     lines = [f"$ {part}" for line in about(record) for part in textwrap.wrap(line, LONGEST)]
     for column, (part, number) in enumerate(NUMBERS.items(), 1):
         lines += [f"$ {part} over frequency in Hz", *_table(number, table[:, (0, column)])]
@@ -41,6 +41,3 @@ def _table(number: int, pairs: np.ndarray) -> Iterator[str]:
     fields = [f"{value:16.9E}" for value in pairs.reshape(-1)] + [f"{'ENDT':>16}"]
     for begin in range(0, len(fields), 4):
         yield f"{'*':8}{''.join(fields[begin : begin + 4])}"
-
-
-WRITER = ResultWriter(write_nastran, frequencies=2)

@@ -48,7 +48,7 @@ class OwnFile(FileKind):
         """
         ending = Path(path).suffix.lower()
         if self.places and ending in RESULT_WRITERS:
-            resolve(RESULT_WRITERS[ending]).write(self, record, path)
+            resolve(RESULT_WRITERS[ending])(self, record, path)
         elif self.places and ending == ".csv":
             write_rows(self.rows(record), path, **self.csv)
         else:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from torchliner.io.own_file import OwnFile
-from torchliner.io.result_writers import ResultWriter
 from torchliner.io.whole_file import printable, written_whole
 
 
@@ -48,6 +47,3 @@ def about(record: Any) -> list[str]:
         *([" ".join(title.split())] if title else []),
         "Z = R + jX of the whole liner, normalised by rho c, exp(+j omega t), v into the liner",
     ]
-
-
-WRITER = ResultWriter(write_solver_table)

@@ -10,7 +10,7 @@ import numpy as np
 
 from torchliner.file_names import frequency_ends
 from torchliner.io.own_file import OwnFile
-from torchliner.io.result_writers import ResultWriter
+from torchliner.io.result_writers import require_result
 from torchliner.io.whole_file import written_whole
 
 UNIFORM = 1e-6  # of a spacing, that places of an image may be off
@@ -32,7 +32,7 @@ def write_vtkhdf(file: OwnFile, record: Any, path: str | Path) -> None:
     height = getattr(record, "height", None) or 0.0
     unknown = {"x (m)": np.nan, "y (m)": height, "z (m)": np.nan}
     places = np.array([[row.get(axis, unknown[axis]) for axis in unknown] for row in rows[:: len(frequencies)]])
-    WRITER.require(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
+    require_result(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
     places = np.nan_to_num(places)
     fields: Fields = {}
     for heading in rows[0]:
@@ -109,6 +109,3 @@ def _points(root: h5py.Group, places: np.ndarray, grid: tuple[np.ndarray, np.nda
     point = root.create_group("PointData")
     for label, values in fields.items():
         point[label] = values
-
-
-WRITER = ResultWriter(write_vtkhdf, places=True)

@@ -75,7 +75,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
     DERIVED: ClassVar = (
         Variable("averagings", dims=("averaging",), kind="text", name="averaging", text="averaging over the probes"),
         Variable("answer", dims=("frequency",), name="answer_{}", text="in the averaging chosen"),
-        Variable("liner_spread", dims=("frequency",), name="liner_spread_{}", text="deviation over positions"),
+        Variable("liner_spread", dims=("frequency",), name="liner_spread_{}", text="spread over positions"),
         Variable("inferred_incident_level", "dB", FULL, text="of the wave that gives the coherent v, re 20 uPa rms"),
     )
     FILE: ClassVar = "torchliner.io.map_file:FILE"
