@@ -137,35 +137,6 @@ def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
         read_plane(path, lazy)
 
 
-def two_lengths(file):
-    group = file["amplitudes"]
-    for part in ("real", "imaginary"):
-        values = group[f"reflection_{part}"][()]
-        replaced(group, f"reflection_{part}", np.concatenate(2 * [values]))
-
-
-MAPS = {
-    "two lengths": (two_lengths, r"probes is \(1, 2\) elsewhere in the f"),
-    "coherence": (
-        lambda f: replaced(f, "coherence", f["coherence"][..., :0]), r"frequency is \(\d,\) else"),
-    "an axis too many": (
-        lambda f: replaced(f, "cell_x", f["cell_x"][()][None]), r"cell_x has shape .* \(cell\) is"),
-    "frequency": (lambda f: replaced(f, "frequency", 0 * f["frequency"][()]), "above 0"),
-    "a flag of 2": (
-        lambda f: replaced(f, "phase_rule_used", f["phase_rule_used"][()] + 2), "than 0 and 1"),
-    "choices": (set_attribute("", "choices", "[]"), "'choices' is .*; an object is needed"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", MAPS)
-def test_results_of_other_shapes_are_refused(tmp_path, kind):
-    """No part of a result is broadcast to another."""
-    edit, message = MAPS[kind]
-    path, read = edited(tmp_path, edit, "map")
-    with pytest.raises(ValueError, match=message):
-        read(path)
-
-
 @pytest.mark.parametrize(("unit", "factor"), [("kHz", 1e3), ("Hz", 1.0)])
 def test_units_of_results_are_read(tmp_path, unit, factor):
     """A map in kHz is no map in Hz."""

@@ -64,37 +64,16 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.duct.presets import duct_names, duct_text
 
     copy = getattr(options, "copy", None)
-    if options.duct is None and copy is None:
-        _no_option(options, "a duct is needed with --{}; presets: " + ", ".join(duct_names()))
-        print("presets: " + ", ".join(duct_names()))
-        return 0
-    if copy is not None:
-        _only_copied(options, duct_names())
-        write_copy(duct_text(options.duct), options.copy)
-        print(f"{options.copy}: preset {options.duct}")
-        return 0
-    return {"solve": _solve, "modes": _modes}[options.task](options, _setup(options))
-
-
-def _only_copied(options: argparse.Namespace, presets: list[str]) -> None:
-    """The preset as it stands is copied: what would change it, or be made of it, is refused.
-
-    Raises:
-        ValueError: another option, no preset.
-    """
-    if options.duct not in presets:
-        named = "none is named" if options.duct is None else f"{options.duct!r} is none"
-        raise ValueError(f"--copy writes a preset, {' or '.join(presets)}; {named}")
-    _no_option(
-        options,
-        "--copy writes the preset as it stands, without --{}; edit the copy, or leave one of them out",
-    )
-
-
-def _no_option(options: argparse.Namespace, message: str) -> None:
+    if copy is None and options.duct is not None:
+        return {"solve": _solve, "modes": _modes}[options.task](options, _setup(options))
     others = ("impedance", "liner", "speed", "mesh", "end_reflection", "output", "figure", "field")
     for key in stated(options, (*CHANGES, *others)):
-        raise ValueError(message.format(key.replace("_", "-")))
+        what = "--copy writes the preset as it stands" if copy is not None else "the list of presets has no options"
+        raise ValueError(f"{what}: leave --{key.replace('_', '-')} out, or name a duct to solve")
+    if copy is not None:
+        write_copy(duct_text(options.duct or ""), copy)
+    print(f"{copy}: preset {options.duct}" if copy is not None else "presets: " + ", ".join(duct_names()))
+    return 0
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:

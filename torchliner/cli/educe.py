@@ -42,8 +42,6 @@ OPTIONS = {
         "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), "
                                "dB re 20 uPa rms; default: that of the file",
         "--source-side": (SOURCE_SIDES, "that the sound comes from; default: the file's"),
-        "--hash": "keep the SHA-256 of all of each input, which reads them once more; default: of "
-                  "inputs above 32 MiB that of 32 blocks",
     }
     | CLUSTER
     | shared("--figure", "--json", "--quiet", "--strict"),
@@ -88,13 +86,11 @@ def run(options: argparse.Namespace) -> int:
 
 def finish(options: argparse.Namespace, found: list[ImpedanceMap], planes: list[Any], outputs: list[Path]) -> int:
     """Write, draw and print maps; the exit code."""
-    from torchliner.records.origin import with_choices, with_whole_hashes
+    from torchliner.records.origin import with_choices
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
 
     found = [with_choices(each, command=options.typed) for each in found]
-    if options.hash:
-        found = [with_whole_hashes(each) for each in found]
     for path, result in zip(outputs, found, strict=False):
         result.write(path)
     if options.figure is not None:

@@ -23,7 +23,6 @@ OPTIONS = {
         **frequency_option("the tone of the file, or the lines of --incident"),
         "--output FILE": f"write the map as {RESULT_ENDINGS}",
         "--reflected FILE": "write the reflected signal of every probe as .h5/.nc",
-        "--hash": "keep the SHA-256 of all of each input; default: of large ones that of 32 blocks",
     }
     | shared("--liner", "--figure", "--json", "--quiet", "--strict")
 }

@@ -86,17 +86,22 @@ class TabulatedProfile(MeanFlow):
         object.__setattr__(self, "velocity_table", self.sound_speed * machs)
 
     @property
-    def displacement_thickness(self) -> float:
-        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly, eq. (2.8).
+    def centreline_mach(self) -> float:
+        """U_0/c.
 
         Raises:
             ValueError: no flow on the centreline.
         """
-        half = self.duct_height / 2
-        centre = float(self._mach(half))
+        centre = float(self._mach(self.duct_height / 2))
         if centre == 0:
             raise ValueError("the velocity on the centreline is 0; it gives no displacement")
-        return half - float(self._mach.integrate(0, half)) / centre
+        return centre
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly, eq. (2.8)."""
+        half = self.duct_height / 2
+        return half - float(self._mach.integrate(0, half)) / self.centreline_mach
 
     @cached_property
     def _mach(self) -> PchipInterpolator:  # type: ignore[override]
@@ -189,7 +194,7 @@ def tabulated_wall(
         raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = found["resistance"], found["reactance"]
-    places = found.get("x", found.get("frequency"))
+    places = found["x" if "x" in found else "frequency"]
     try:
         between = impedance_along(places, walls)
     except ValueError as error:

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 
 from torchliner.file_checks import naming, require_memory, require_regular
-from torchliner.io.fields import Field, fields_of_hdf5
 from torchliner.io.hdf5 import hold_open, open_file
 from torchliner.io.plane_file import FORMAT as HDF5
 from torchliner.io.plane_file import to_plane
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.variables import Field, fields_of_hdf5
 from torchliner.names import ARRAY_ENDINGS, did_you_mean
 from torchliner.records import VelocityPlane
 

@@ -12,9 +12,9 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import naming, require_memory
-from torchliner.io.fields import Field
 from torchliner.io.plane_format import Clock, FrameVelocity, exact_type
 from torchliner.io.stored_values import PLAIN, Packing, require_numbers, require_stored
+from torchliner.io.variables import Field
 
 Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables of a file by name
 

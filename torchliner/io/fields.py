@@ -1,274 +1,276 @@
-"""Variables of files and datasets, whether h5py, scipy or xarray holds them."""
+"""Fields of a record to a file and back, by what each says of itself (``records.declared``)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from fractions import Fraction
-from functools import cached_property
+import dataclasses
+import functools
+import typing
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import torch
 
-from torchliner.checks import tell
-from torchliner.file_checks import Unwritten
-from torchliner.io.clocks import UNIFORMITY, require_same_rate, uniform_rate
-from torchliner.io.hdf5 import is_there, text_attribute
-from torchliner.io.plane_format import Clock
-from torchliner.io.stored_values import Packing, fill_of, packing_of, read_values, require_numbers
-from torchliner.units import SI_QUANTITY, require_plausible, si_factor
+from torchliner.file_checks import naming
+from torchliner.fluid import Fluid
+from torchliner.io.axes import FLUID
+from torchliner.io.hdf5 import get_group, is_there, place, read_references, read_texts, text_attribute, write_references
+from torchliner.io.tables import (
+    Axes,
+    Sizes,
+    plain,
+    read_attribute,
+    read_variables,
+    write_attribute,
+    write_row,
+    write_variables,
+)
+from torchliner.names import resolve
+from torchliner.records import Educed, Interval
+from torchliner.records.declared import Part, Variable, variables_of
 
-# How netCDF-4 says that a dimension has a length and no coordinates.
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
-
-
-@dataclass(frozen=True, eq=False)
-class Field:
-    """One variable where it lies.
-
-    Args:
-        array: has ``shape``, ``dtype`` and parts by index, as a dataset of h5py, a variable of scipy or xarray.
-        path: of the file, for messages.
-        name: with its groups, /group/name.
-        attrs: attributes.
-        dims: name of each axis with its groups, "" where it has none; None: as HDF5 says.
-    """
-
-    array: Any
-    path: Path
-    name: str
-    attrs: Mapping[str, Any]
-    dims: tuple[str, ...] | None = None
-
-    @property
-    def label(self) -> str:
-        """FILE:/variable."""
-        return f"{self.path}:{self.name}" if self.name else f"{self.path}"
-
-    @property
-    def short(self) -> str:
-        """Name without groups."""
-        return self.name.rpartition("/")[2]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Lengths of the axes; () also of what HDF5 calls empty."""
-        return tuple(int(n) for n in self.array.shape or ())
-
-    @property
-    def size(self) -> int:
-        """Number of values."""
-        return math.prod(self.shape)
-
-    @property
-    def bare(self) -> bool:
-        """Whether it stands for the length of a dimension alone."""
-        return "units" not in self.attrs and (self.text("NAME") or "").startswith(NO_VARIABLE)
-
-    def text(self, key: str) -> str | None:
-        """An attribute as text; None if there is none."""
-        return text_attribute(self, key)
-
-    @cached_property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the dimensions, "" where there is none.
-
-        Raises:
-            ValueError: an axis has a dimension scale that is no longer in the file.
-        """
-        if self.dims is not None:
-            return self.dims
-        names = []
-        for axis, dim in enumerate(self.array.dims):
-            scale = dim[0] if len(dim) else None
-            if len(dim) and (scale is None or scale.name is None):
-                raise ValueError(
-                    f"{self.label}: the dimension scale of axis {axis} is no longer in the file; write it "
-                    "again, or detach it from the axis"
-                )
-            names.append(dim.label if scale is None else scale.name)
-        return tuple(names)
-
-    @property
-    def packing(self) -> Packing:
-        """How the values are stored."""
-        fill = fill_of(self.array) if isinstance(self.array, h5py.Dataset) else None
-        return packing_of(dict(self.attrs), self.array.dtype, self.label, fill)
-
-    def values(self) -> np.ndarray:
-        """All values as they are meant; as ``read_values``."""
-        if isinstance(self.array, h5py.Dataset):
-            return read_values(self.array, self.label, self.path)
-        require_numbers(self.array, self.label)
-        stored = np.asarray(self.array[()])
-        return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
-
-    def factor(self, unit: str, stated: str | None = None) -> float:
-        """Factor to an SI unit; ``stated``: units, by the user, if the file has none.
-
-        Raises:
-            ValueError: no unit of this quantity, or another than stated.
-        """
-        found, quantity = self.text("units"), SI_QUANTITY[unit]
-        factor = si_factor(quantity, stated if found is None else found, self.label)
-        if stated is not None and si_factor(quantity, stated, "the stated unit") != factor:
-            raise ValueError(f"{self.label} is in {found} by its own words, not in {stated}; correct one")
-        return factor
-
-    def si(self, unit: str, stated: str | None = None) -> np.ndarray:
-        """All values in an SI unit, float64 where the file has another; such as a measurement may have."""
-        factor, values = self.factor(unit, stated), self.values()
-        values = values if factor == 1 else values.astype(np.float64) * factor
-        require_plausible(values, SI_QUANTITY[unit], self.label)
-        return values
-
-    def number(self, unit: str) -> float:
-        """One number in an SI unit; an array of one counts."""
-        if self.size != 1 or self.array.shape is None:
-            raise ValueError(f"{self.label} has shape {self.shape}; one number is needed")
-        return float(self.si(unit).reshape(()))
-
-    def signal_factor(self, unit: str, stated: str | None = None) -> float:
-        """As ``factor``, of a signal: integers count where ``scale_factor`` or the user says what they stand for."""
-        kind = self.array.dtype.kind
-        if kind != "f" and (kind not in "iu" or ("scale_factor" not in self.attrs and stated is None)):
-            raise ValueError(f"{self.label} is {self.array.dtype}; floating-point {unit} are needed")
-        return self.factor(unit, stated)
+PLACES = {  # coordinates by dimension, of what else stands along it
+    "probe": ("x", "z"),
+    "cell": ("cell_x", "cell_z"),
+    "point": ("point_x", "point_z"),
+    "station": ("x", "y", "z", "station_name"),
+}
+SAME = 1e-6  # relative: a value that is stored, and what follows from the others
+ROOT = Part()
+Known = Mapping[str, Any]
 
 
-def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
-    """A dataset of HDF5."""
-    dataset = group[key]
-    return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs)
+# Writing
 
 
-def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
-    """All datasets of a file by name, but those that stand for the length of a dimension alone.
-
-    Raises:
-        ValueError: a link leads nowhere.
-    """
-    found: dict[str, Field] = {}
-    seen: set[h5py.Group] = set()
-
-    def look(group: h5py.Group) -> None:
-        seen.add(group)
-        for key in group:
-            if not is_there(group, key, path):
-                continue
-            if isinstance(group[key], h5py.Dataset):
-                each = field_of(group, key, path)
-                if not each.bare:
-                    found[each.name] = each
-            elif isinstance(group[key], h5py.Group) and group[key] not in seen:
-                look(group[key])
-
-    look(file)
-    return found
+def probe_axes(shape: tuple[int, ...], line: bool = False) -> dict[str, tuple[str, ...]]:
+    """Dimensions of probes: z and x of a surface, else ``probe``, or x along a ``line``; none of a single probe."""
+    if len(shape) == 2:
+        return {"probes": ("z", "x"), "columns": ("x",), "rows": ("z",)}
+    return dict.fromkeys(("probes", "columns", "rows"), () if not shape else ("x",) if line else ("probe",))
 
 
-def fields_of_xarray(data: Any, path: Path) -> dict[str, Field]:
-    """All variables of a Dataset by name, dates as ns since 1970."""
-    found = {}
-    for name, each in data.variables.items():
-        attrs = {key: value for key, value in each.attrs.items() if value is not None}
-        if each.dtype.kind in "mM":
-            attrs["units"] = "ns" if each.dtype.kind == "m" else "ns since 1970-01-01"
-            each = each.astype(f"{each.dtype.kind}8[ns]").astype("i8")
-        found[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
-    return found
+def write_times(file: h5py.Group, record: Any) -> None:
+    """The dimension ``time`` of the uniform samples of a record: a file states times, one of which tells no rate."""
+    if record.samples < 2:
+        raise ValueError(f"{record.name} has 1 sample; at least two times are needed in a file")
+    times = record.start + np.arange(record.samples) / record.sampling_rate
+    write_row(file, Variable("time", "s", ("time",)), times)
 
 
-def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
-    """Sampling rate, Hz, number of samples, time of the first, s, and the epoch that they count from.
+def line_axes(record: Any) -> dict[str, tuple[str, ...]]:
+    """``probe_axes`` of a record, whose probes along x alone are a line where they stand in its order."""
+    x = record.x
+    line = x is not None and record.z is None and bool((x.diff() > 0).all())
+    return probe_axes(record.probe_shape, line)
 
-    Args:
-        field: times.
-        stated: sampling rate, Hz, where the times have no units, or as they have it.
-    Raises:
-        ValueError: the times are not finite, not uniform, or of another rate than stated.
-    Warns:
-        DataWarning: they are rounded so that they tell the rate badly.
-    """
-    name, shape = field.label, field.shape
-    if len(shape) != 1 or shape[0] < 2:
-        raise Unwritten(f"{name} has shape {shape}; a list of at least two times is needed")
-    unit, _, epoch = (field.text("units") or "").partition(" since ")
-    counted = stated is not None and not unit  # whatever they count, evenly
-    counts = field.values()
-    if epoch or counted:
-        # Dates are far from their epoch; what counts is how far they are from each other.
-        factor = si_factor("time", unit, name) if epoch else 1.0
-        time, first = factor * (counts - counts[0]).astype(np.float64), factor * float(counts[0])
+
+def fill(
+    group: h5py.Group, record: Any, part: Part = ROOT, axes: Axes | None = None, unsaid: Sequence[str] = ()
+) -> None:
+    """Variables, parts and attributes of a record; coordinates first, then what stands along them."""
+    rows = [row.within(part) for row in (*variables_of(type(record)), *getattr(record, "DERIVED", ()))]
+    axes = axes or {}
+    for row in sorted(
+        rows, key=lambda row: [dim for name in row.dims for dim in axes.get(name, (name,))] != [row.name]
+    ):
+        value = getattr(record, row.field)
+        if value is not None and row.field not in unsaid and not (row.kind == "text" and row.name in group):
+            write_row(group, row, value, axes)
+    for each in dataclasses.fields(record):
+        value = getattr(record, each.name)
+        if each.name in unsaid or "variable" in each.metadata:
+            continue
+        if "part" in each.metadata:
+            if value is not None:
+                _fill_part(group, value, each.metadata["part"].within(part, each.name), axes)
+        elif isinstance(value, Fluid):
+            write_variables(group, value, FLUID)
+        elif each.type == REFERENCES:
+            write_references(group, value)
+        else:
+            write_attribute(group, part.head + each.name, value)
+
+
+REFERENCES = "Mapping[str, complex]"  # a field of this type is of impedances by name
+
+
+def _fill_part(group: h5py.Group, value: Any, part: Part, axes: Axes) -> None:
+    if part.by == "averagings":
+        fill(group, stacked([*value.values()]), part, axes)
+    elif part.by == "names":
+        for name, one in value.items():
+            fill(group, one, _named(part, name), axes)
+    elif part.by == "groups":
+        for i, one in enumerate(value if isinstance(value, tuple) else (value,)):
+            inner = group.create_group(f"{part.stem}{i}" if isinstance(value, tuple) else part.stem)
+            resolve(one.FILE).fill(inner, one)
     else:
-        counts = time = field.si("s")
-        factor, first = 1.0, float(time[0])
-    # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
-    kind = field.array.dtype
-    exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
-    rate = uniform_rate(time, name, exact)
-    if stated is None and exact * rate > UNIFORMITY:
-        tell(
-            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, "
-            f"{rate:.9g} Hz, is known to {exact / (time[-1] - time[0]):.1g} of itself; count times "
-            "from a nearer origin, or in float64, or, of a plane, state sampling_rate=..."
-        )
-    since = Fraction(counts[0].item()) * Fraction(str(factor)) if epoch else Fraction(0)
-    clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since) if epoch else None
-    if stated is not None and counted:
-        return stated, len(time), first * rate / stated, clock
-    require_same_rate(rate, stated, name, unit)
-    if stated is not None and abs(stated / rate - 1) * (time[-1] - time[0]) <= 2 * exact:
-        rate = stated  # the stamps cannot tell the two apart
-    return rate, len(time), first, clock
+        fill(group, value, part, axes)
 
 
-def time_axis(field: Field, samples: int) -> int:
-    """0 or -1, from the dimension 'time' or from the lengths.
+def _named(part: Part, name: str) -> Part:
+    """As measured, the averaging ``admittance`` needs no name."""
+    stem, text = ("", "") if name == "admittance" else (f"{name.replace('-', '_')}_", f", averaging {name}")
+    return dataclasses.replace(part, stem=stem + part.stem, text=part.text + text)
 
-    Raises:
-        ValueError: neither axis fits the times, or both do.
-    """
-    name, shape = field.label, field.shape
-    if len(shape) not in (1, 2, 3):
-        raise ValueError(f"{name} has shape {shape}; (time, z, x) or (time, probe) is needed")
-    axes = [axis.rpartition("/")[2] for axis in field.axes]
-    if axes.count("time") == 1:
-        axis = axes.index("time")
-    elif len(shape) > 1 and shape[0] == shape[-1] == samples:
+
+def stacked(parts: Sequence[Educed]) -> Educed:
+    """Several averagings in one, along a new first axis; all or none have intervals."""
+    intervals = [each.interval for each in parts if each.interval is not None]
+    if len(intervals) not in (0, len(parts)):
         raise ValueError(
-            f"{name} has shape {shape}: first and last axis both fit the {samples} times. Attach the "
-            "dimension scale 'time' to the right one"
+            f"{len(intervals)} of {len(parts)} averagings have intervals; all or none are needed in a file"
         )
-    else:
-        axis = 0 if shape[0] == samples else len(shape) - 1
-    if shape[axis] != samples or axis not in (0, len(shape) - 1):
-        raise ValueError(f"{name} has shape {shape}, but there are {samples} times; time is its first or last axis")
-    if [each for each in axes if each in ("z", "x")] == ["x", "z"]:
-        raise ValueError(f"{name} has dimensions {tuple(axes)}; z comes before x: transpose it")
-    return 0 if axis == 0 else -1
+    bounds = [torch.stack(each) for each in zip(*(vars(one).values() for one in intervals), strict=True)]
+    return Educed(torch.stack([each.reflection for each in parts]), Interval(*bounds) if intervals else None)
 
 
-def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
-    """Places of ``count`` probes, m; None where they number them alone, or stand for a length.
+def attach_places(group: h5py.Group) -> None:
+    """To each variable the names of the coordinates of its places, as the CF conventions have it."""
+    for name, each in group.items():
+        if isinstance(each, h5py.Dataset) and not each.is_scale:
+            dims = [str(dim[0].name).rpartition("/")[2] for dim in each.dims if len(dim)]
+            near = [known for dim in dims for known in PLACES.get(dim, ()) if known in group]
+            if near and name not in near:
+                write_attribute(each, "coordinates", " ".join(near))
 
-    Raises:
-        ValueError: another number of values; values that are not finite; no unit of length, ``stated`` if the file
-            has none; units of 1 for what is no index.
+
+# Reading
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
+
+
+def _class_of(hint: Any) -> Any:
+    """The record within ``X | None``, ``Mapping[str, X]`` or ``tuple[X, ...]``."""
+    return next(
+        (found for each in typing.get_args(hint) if (found := _class_of(each))),
+        hint if dataclasses.is_dataclass(hint) else None,
+    )
+
+
+def take(group: h5py.Group, kind: Any, path: str | Path, sizes: Sizes, known: Known, part: Part = ROOT) -> Any:
+    """A record from what ``fill`` wrote.
+
+    Args:
+        group, path: where it stands.
+        kind: its class.
+        sizes: lengths of dimensions, as for ``read_variables``.
+        known: fields that are known already.
+        part: of the record that it belongs to.
     """
-    if field.bare:
-        return None
-    if field.text("units") == "1":
-        index = field.values()
-        if np.array_equal(index, np.arange(index.size)):
-            return None
-        raise ValueError(f"{field.label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'")
-    values = field.si("m", stated).reshape(-1)
-    if len(values) != count:
-        raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}")
-    if not np.isfinite(values).all():
-        raise ValueError(f"{field.label} holds values that are not finite")
-    return values
+    rows = [row.within(part) for row in variables_of(kind) if row.field not in known]
+    found = {**read_variables(group, rows, path, sizes=sizes), **known}
+    for row in rows:
+        value = found.get(row.field)
+        if isinstance(value, torch.Tensor) and not row.wide and bool(torch.isinf(value).any()):
+            raise ValueError(f"{place(group, row.names[0], path)} or its other part is infinite; restore the file")
+        if isinstance(value, float) and "int" in str(_hints(kind)[row.field]):
+            found[row.field] = int(value)
+    for each in dataclasses.fields(kind):
+        hint = _hints(kind)[each.name]
+        if each.name in known or "variable" in each.metadata:
+            continue
+        if "part" in each.metadata:
+            value = _take_part(group, _class_of(hint), hint, path, sizes, each.metadata["part"].within(part, each.name))
+        elif hint is Fluid:
+            with naming(str(path)):
+                value = Fluid(**read_variables(group, FLUID, path))
+        elif each.type == REFERENCES:
+            value = read_references(group, path)
+        else:
+            value = _attribute(group, part.head + each.name, hint, path)
+        if value is not None or each.default is dataclasses.MISSING:
+            found[each.name] = value
+    with naming(str(path)):
+        made = kind(**found)
+    if isinstance(made, Interval):
+        _require_order(group, made, rows, path)
+    require_same(group, made, [row.within(part) for row in getattr(made, "DERIVED", ())], path)
+    return made
+
+
+def _attribute(group: h5py.Group, key: str, hint: Any, path: str | Path) -> Any:
+    origin = typing.get_origin(hint) or hint
+    empty: Any = (
+        ""
+        if origin is str
+        else ()
+        if origin is tuple
+        else {}
+        if isinstance(origin, type) and issubclass(origin, Mapping)
+        else None
+    )
+    if empty is None and text_attribute(group, key) is None:
+        raise ValueError(f"{path} lacks the attribute {key!r}: it is damaged")
+    value = read_attribute(group, key, path, empty)
+    if hint is float and not isinstance(value, int | float):
+        raise ValueError(f"{path}: attribute {key!r} is {value!r}; a number is needed")
+    return value
+
+
+def _take_part(group: h5py.Group, kind: Any, hint: Any, path: str | Path, sizes: Sizes, part: Part) -> Any:
+    """A record, several, or None where nothing of it is there."""
+    if part.by == "groups":
+        return _take_groups(group, kind, hint, path, part)
+    if part.by == "":
+        return take(group, kind, path, sizes, {}, part) if _known(group, kind, part, path) else None
+    averagings = read_texts(group, "averaging", path)
+    sizes["averaging"] = (len(averagings),)
+    if part.by == "averagings":
+        whole = take(group, kind, path, sizes, {}, part)
+        return {name: whole.map(lambda value, i=i: value[i]) for i, name in enumerate(averagings)}
+    places = {name: _named(part, name) for name in averagings}
+    return {
+        name: take(group, kind, path, sizes, {}, at) for name, at in places.items() if _known(group, kind, at, path)
+    }
+
+
+def _take_groups(group: h5py.Group, kind: Any, hint: Any, path: str | Path, part: Part) -> Any:
+    file = resolve(kind.FILE)
+    if typing.get_origin(hint) is not tuple:
+        return file.taken(get_group(group, part.stem, path), path)
+    found: list[Any] = []
+    while is_there(group, name := f"{part.stem}{len(found)}", path):
+        found.append(file.taken(get_group(group, name, path), path))
+    return tuple(found)
+
+
+def _known(group: h5py.Group, kind: Any, part: Part, path: str | Path) -> bool:
+    """Whether anything of a record is there: with a part of it alone the file is damaged."""
+    rows = (row.within(part) for row in variables_of(kind) if row.kind != "text")
+    parts = {each.name: each.metadata["part"] for each in dataclasses.fields(kind) if "part" in each.metadata}
+    return any(is_there(group, name, path) for row in rows for name in row.names) or any(
+        _known(group, _class_of(_hints(kind)[name]), inner.within(part, name), path) for name, inner in parts.items()
+    )
+
+
+def _require_order(group: h5py.Group, found: Interval, rows: Sequence[Variable], path: str | Path) -> None:
+    low, high = (torch.view_as_real(each) for each in (found.low, found.high))
+    if bool((low > high).any()):
+        raise ValueError(
+            f"{place(group, rows[0].names[0], path)} or its other part is above the upper bound; the file "
+            "is damaged: restore it"
+        )
+
+
+def require_same(group: h5py.Group, record: Any, rows: Sequence[Variable], path: str | Path) -> None:
+    """Refuse a file in which what is written for others to see is not what follows from the record."""
+    for row in rows:
+        value = getattr(record, row.field)
+        if row.kind == "text" or value is None:
+            continue
+        values = np.asarray(plain(value))
+        parts = (values,) if len(row.names) == 1 else (values.real, values.imag)
+        for name, wanted in zip(row.names, parts, strict=True):
+            stored = group[name][()] if is_there(group, name, path) else wanted
+            if stored.shape != wanted.shape or not np.allclose(stored, wanted, rtol=SAME, atol=0, equal_nan=True):
+                raise ValueError(
+                    f"{place(group, name, path)} is not what follows from the other variables; the file is damaged: "
+                    "restore it"
+                )

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.io import netcdf_file
 
 from torchliner.file_checks import DAMAGE, naming
-from torchliner.io.fields import Field, fields_of_xarray
 from torchliner.io.plane_file import FORMAT as HDF5
 from torchliner.io.plane_file import to_plane
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import require_velocity
 from torchliner.io.stored_values import PLAIN, Packing
+from torchliner.io.variables import Field, fields_of_xarray
 from torchliner.records import VelocityPlane
 
 # What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.

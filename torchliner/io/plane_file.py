@@ -17,12 +17,13 @@ from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID_UNITS
 from torchliner.io.field_velocity import Opener, velocity_of
-from torchliner.io.fields import Field, fields_of_hdf5, read_times
 from torchliner.io.hdf5 import hold_open, open_file
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_layout import VELOCITY, find_coordinates, find_layout, find_times, find_velocity, sign_of
-from torchliner.io.tables import FileKind, numbers
+from torchliner.io.tables import FileKind
+from torchliner.io.variables import Field, fields_of_hdf5, read_times
 from torchliner.records import VelocityPlane
+from torchliner.records.declared import variables_of
 from torchliner.records.holes import Holes
 from torchliner.units import SI_QUANTITY, si_factor
 
@@ -34,8 +35,8 @@ KIND = FileKind(
 STREAMWISE, AREA = "streamwise_velocity", "area"
 HOLES = ("hole_x", "hole_z", "hole_diameter")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1", "displacement_thickness": "m"}
-NUMBERS = numbers(UNITS)
+NUMBERS = tuple(row for row in variables_of(VelocityPlane) if not row.dims and row.field != "start")
+UNITS = {row.field: row.unit for row in NUMBERS}
 STATED = UNITS | FLUID_UNITS
 SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 REMEDIES = {

@@ -13,9 +13,9 @@ from typing import Any
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten
-from torchliner.io.fields import Field, coordinate, time_axis
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.point_layout import AXES, component_of
+from torchliner.io.variables import Field, coordinate, time_axis
 from torchliner.names import did_you_mean
 from torchliner.units import si_factor
 

@@ -118,15 +118,10 @@ class TabulatedLiner(LinerModel):
         if keys["file"] is not None and not any((frequency, speed, *parts)):
             return cls.read_csv(folder / keys["file"], **about)
         if keys["file"] is not None or frequency is None or None in parts:
-            raise ValueError(
-                "a table is file, a .csv beside this one, or frequency, resistance "
-                "and reactance, with speed where they depend on it"
-            )
+            raise ValueError("a table is file, a .csv beside this one, or frequency, [speed,] resistance and reactance")
         real, imaginary = (real_tensor(part, name=name) for part, name in zip(parts, [*COLUMNS][2:], strict=True))
         if real.shape != imaginary.shape:
-            raise ValueError(
-                f"resistance has shape {tuple(real.shape)}, reactance {tuple(imaginary.shape)}; they are of one shape"
-            )
+            raise ValueError(f"resistance has shape {tuple(real.shape)}, reactance {tuple(imaginary.shape)}")
         return cls(frequency, torch.complex(real, imaginary), speed, **about)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
