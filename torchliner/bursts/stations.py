@@ -108,12 +108,17 @@ def resolution(values: Tensor) -> float:
 
 @dataclass(frozen=True)
 class ComponentMoments:
-    """Mean and rms, m/s, plain and with transit times as weights; plain means favour fast particles, being more."""
+    """Mean and rms, m/s, plain and with transit times as weights."""
 
     mean: float
     rms: float
     weighted_mean: float
     weighted_rms: float
+
+    @property
+    def velocity_bias(self) -> float:
+        """Arithmetic less weighted mean, m/s: what fast particles, being more, add to the mean."""
+        return self.mean - self.weighted_mean
 
 
 @dataclass(frozen=True)

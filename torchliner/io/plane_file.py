@@ -35,8 +35,7 @@ KIND = FileKind(
 STREAMWISE, AREA = "streamwise_velocity", "area"
 HOLES = ("hole_x", "hole_z", "hole_diameter")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-NUMBERS = tuple(row for row in variables_of(VelocityPlane) if not row.dims and row.field != "start")
-UNITS = {row.field: row.unit for row in NUMBERS}
+UNITS = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
 STATED = UNITS | FLUID_UNITS
 SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 REMEDIES = {

@@ -105,29 +105,18 @@ class MicrophoneLine(Written, Case):
         name = about.get("name", "microphones")
         if levels.shape != phases.shape:
             raise ValueError(
-                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; one "
-                "of each belongs to every microphone and frequency"
+                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; give the same"
             )
         if levels.numel() and float(levels.max()) > LOUDEST:
-            raise ValueError(
-                f"{name}: a level is {float(levels.max()):g} dB, above {LOUDEST:g} dB, where the "
-                "rms pressure is one atmosphere; SPL in dB re 20 uPa rms is needed"
-            )
+            loud = f"{float(levels.max()):g} dB, above {LOUDEST:g} dB, where the rms pressure is one atmosphere"
+            raise ValueError(f"{name}: a level is {loud}; SPL in dB re 20 uPa rms is needed")
         if levels.numel() and float(levels.min()) < QUIETEST:
-            raise ValueError(
-                f"{name}: a level is {float(levels.min()):g} dB, below {QUIETEST:g} dB, which no "
-                "microphone measures; leave out the values that are missing"
-            )
+            quiet = f"{float(levels.min()):g} dB, below {QUIETEST:g} dB, which no microphone measures"
+            raise ValueError(f"{name}: a level is {quiet}; leave out the values that are missing")
         require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
-        size = pressure_amplitude_from_spl(levels)
-        line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
-        notes = unit_warnings(
-            name,
-            levels,
-            phases.reshape(line.pressure.shape),
-            line.frequency / line.fluid.sound_speed,
-            float(line.x[-1] - line.x[0]),
-        )
+        line = cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
+        phases, span = phases.reshape(line.pressure.shape), float(line.x[-1] - line.x[0])
+        notes = unit_warnings(name, levels, phases, line.frequency / line.fluid.sound_speed, span)
         tell(notes)
         return replace(line, notes=line.notes + notes)
 
@@ -184,10 +173,8 @@ class MicrophoneLine(Written, Case):
             ValueError: none is stated.
         """
         if self.mach is None:
-            raise ValueError(
-                f"{self.name} states no Mach number; give it (mach = ... in the file, mach=, "
-                "--mach): 0 says that there is no flow"
-            )
+            how = "(mach = ... in the file, mach=, --mach): 0 says that there is no flow"
+            raise ValueError(f"{self.name} states no Mach number; give it {how}")
         return plain_number(self.mach)
 
     @property
@@ -280,17 +267,12 @@ class MicrophoneLine(Written, Case):
             ValueError: a margin below 0 or not finite; fewer than two microphones are left.
         """
         if not 0 <= margin < math.inf:
-            raise ValueError(
-                f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0, "
-                "the distance that microphones keep from the liner's ends"
-            )
+            raise ValueError(f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0")
         if self.liner_start is None or self.liner_end is None:
             return self
         inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)
         if int(inside.sum()) < 2:
-            raise ValueError(
-                f"{self.name}: {int(inside.sum())} microphones lie over the liner, "
-                f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of "
-                f"{1e3 * margin:g} mm; at least two are needed"
-            )
+            liner = f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of {1e3 * margin:g} mm"
+            count = f"{int(inside.sum())} microphones lie over the liner"
+            raise ValueError(f"{self.name}: {count}, {liner}; at least two are needed")
         return self.select(inside.nonzero()[:, 0])
