@@ -152,10 +152,8 @@ def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
         ValueError: a link leads nowhere.
     """
     found: dict[str, Field] = {}
-    seen: set[h5py.Group] = set()
-
-    def look(group: h5py.Group) -> None:
-        seen.add(group)
+    groups, seen = [file], {file}  # a function that calls itself would keep the file open
+    for group in groups:
         for key in group:
             if not is_there(group, key, path):
                 continue
@@ -164,9 +162,8 @@ def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
                 if not each.bare:
                     found[each.name] = each
             elif isinstance(group[key], h5py.Group) and group[key] not in seen:
-                look(group[key])
-
-    look(file)
+                seen.add(group[key])
+                groups.append(group[key])
     return found
 
 
