@@ -18,12 +18,8 @@ import torchliner as tl
 from common import RESULTS, case_files, options_of, parser_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
-from torchliner.report.calibration_report import (
-    draw_predictions,
-    format_calibration,
-    parameter_table,
-    prediction_table,
-)
+from torchliner.report.studies import format_calibration, parameter_table, prediction_table
+from torchliner.report.study_figures import draw_predictions
 from torchliner.studies.rows import Row
 
 FOLDER = RESULTS / "calibration"
@@ -60,8 +56,7 @@ def predicted(
     rows = []
     for target in targets:
         for plane in planes_of(target, variant):
-            more = found.rows(plane, liner, label=target, noise=SCATTER[target])
-            rows += more
+            rows += [Row(row, label=target) for row in found.predict(plane, liner, noise=SCATTER[target])]
     return found, rows
 
 

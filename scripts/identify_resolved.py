@@ -17,8 +17,8 @@ from typing import Any
 
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from torchliner.report.identification_report import draw_identification
-from torchliner.studies.leave_out import Candidate
+from torchliner.report.study_figures import draw_identification
+from torchliner.studies.rows import Row
 from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "identify.md", RESULTS / "identify_resolved"
@@ -65,12 +65,11 @@ def identified(study: Study) -> Any:
                        models=["curve", *study.models], allow_short=True)  # fmt: skip
 
 
-def values_of(candidate: Candidate) -> str:
+def values_of(candidate: Row) -> str:
     """Parameters found, or nothing."""
-    fitted = candidate.fitted
-    if fitted.is_curve:
+    if is_curve(candidate):
         return ""
-    both = zip(fitted.values.values(), fitted.standard.values(), strict=True)
+    both = zip(candidate.fit.values.tolist(), candidate.fit.widened.diagonal().sqrt().tolist(), strict=True)
     return ", ".join(f"{value:.3g}±{spread:.1g}" for value, spread in both)
 
 
@@ -81,19 +80,19 @@ def model_table(found: Any) -> str:
     for each in found.candidates:
         if each is curve or not is_curve(each):
             off = ", ".join(f"{percent(row):+d}" for row in each.rows)
-            lines.append([each.label, f"{each.error:.3f}", f"{each.fitted.misfit:.1f}",
+            lines.append([each.label, f"{each.error:.3f}", f"{each.fit.misfit:.1f}",
                           values_of(each), off])  # fmt: skip
     return page_table("model | error left out | misfit/noise | values | R off by (%)", lines)
 
 
-def is_curve(candidate: Candidate) -> bool:
+def is_curve(candidate: Row) -> bool:
     """Of some freedom."""
-    return candidate.fitted.is_curve
+    return bool(candidate.fit.law.frequencies)
 
 
 def percent(row: Any) -> int:
     """By which R is off."""
-    return round(100 * (row.predicted.real / row.true.real - 1)) + 0
+    return round(100 * (row.impedance.real / row.true.real - 1)) + 0
 
 
 def flow_table(study: Study, found: Any) -> str:
@@ -105,7 +104,7 @@ def flow_table(study: Study, found: Any) -> str:
             continue
         rows = [row for row in each.rows if row.group in wanted]
         ways = []
-        for value in ("fitted", "predicted"):
+        for value in ("fitted", "impedance"):
             away = [getattr(row, value) - row.true for row in rows]
             shares = [miss.real / row.true.real for miss, row in zip(away, rows, strict=True)]
             ways.append(", ".join(f"{100 * share:+.0f}" for share in shares))

@@ -25,7 +25,7 @@ from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.names import AVERAGINGS
 from torchliner.pressure.dean import in_situ
-from torchliner.report import figures, height_figures
+from torchliner.report import figures, study_figures
 from torchliner.report.figures import draw_spectrum
 from torchliner.studies.heights import study_heights
 from torchliner.velocity.educe import educe
@@ -56,8 +56,8 @@ def main() -> None:
     null_test = educe(channel, load_liner("polito"), 1400.0)
     figures.draw_map(null_test, FIGURES / "channel_map.png")
     for case, draw, name in (
-        ("slit_n130", height_figures.draw_impedance_over_height, "height_n130_impedance"),
-        ("slit_g03_145", height_figures.draw_imprint, "height_g03_imprint"),
+        ("slit_n130", study_figures.draw_heights, "height_n130_impedance"),
+        ("slit_g03_145", study_figures.draw_modulation, "height_g03_imprint"),
     ):
         planes = [read_plane(path) for path in plane_files(f"{case}_y*.h5")]
         study = study_heights(planes, load_liner(planes[0].liner))

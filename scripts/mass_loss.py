@@ -117,8 +117,7 @@ def predicted(law: Law, found: Any, case: str, averaging: str = RULE, height: in
     """Z of a case by what was fitted."""
     liner = liner_of(case, law)
     if found is not None:
-        values = zip(found.parameters, found.values.tolist(), strict=True)
-        liner = liner.with_numbers(dict(values))
+        liner = liner.with_numbers(found.numbers)
     educed = tl.educe(moments_of(case, averaging)[height], liner, interval=None, averaging=averaging, allow_short=True)
     return complex(educed.liner[averaging].impedance[0])
 
@@ -227,7 +226,7 @@ def height_table() -> str:
 def wave_table() -> str:
     """Cases without flow from the level of the wave alone, at the rms of the velocity it drives."""
     fit, lines = fitted(CHOSEN, CASES), []
-    values = dict(zip(fit.parameters, fit.values.tolist(), strict=True))
+    values = fit.numbers
     for case in (case for case in CASES if case not in FLOW):
         plane, true = planes_of(case)[0], truth(case)
         liners = liner_of(case, LAWS[0]), liner_of(case, CHOSEN).with_numbers(values)

@@ -96,9 +96,8 @@ def truth_row_of(row: dict[str, str]) -> Row:
         name: float(row[name]) for name in rest
     }
     rule = (row["drive"], row["mean"], row["phase"])
-    return validation_row(
-        row["case"], float(row["height"]), rule, row["averaging"], pair("educed"), pair("true"), **known
-    )
+    known |= {"case": row["case"], "height": float(row["height"]), "averaging": row["averaging"]}
+    return validation_row(rule, pair("educed"), pair("true"), **known)
 
 
 def read_rows(path: Path) -> list[Row]:

@@ -17,12 +17,12 @@ from torchliner.engine.nodes import Chebyshev, Levels
 from torchliner.least_squares import with_slopes
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
-from torchliner.report.calibration_report import parameter_table
+from torchliner.report.studies import parameter_table
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import drawn_impedances, impedances, residuals_of
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
-from torchliner.studies.runs import held_to_references, read_run
+from torchliner.studies.runs import held, read_run
+from torchliner.studies.solve import drawn_impedances, impedances, residuals_of
 from torchliner.velocity import reading
 from torchliner.velocity.choices import Choices
 
@@ -65,12 +65,12 @@ def test_known_parameters_are_recovered(averaging):
     """References made with known numbers give them back; 4 data for 3 numbers."""
     wanted = references(averaging)
     found = calibrate(planes(), start(), wanted, BOUNDS, averaging=averaging, draws=0)
-    true = torch.tensor([TRUE[name] for name in found.parameters], dtype=torch.float64)
+    true = torch.tensor([TRUE[name] for name in found.law.names], dtype=torch.float64)
     # R at any |v| is known to ``model_error``, to 1e-9 in the references; its mean far better.
     assert float((found.values - true).abs().max()) < 1e-7
     assert 1e-9 < found.model_error < 1e-5
     again = [complex(impedance(each, found.liner, averaging)) for each in planes()]
-    assert [complex(z) for z in found.found] == pytest.approx(again, abs=1e-7)
+    assert [row.impedance for row in found.rows] == pytest.approx(again, abs=1e-7)
     assert found.on_bound == found.unseen == ()
 
 
@@ -81,9 +81,8 @@ def test_liners_of_their_own_share_the_parameters():
               for each, liner in zip(planes(), deep, strict=True)]  # fmt: skip
     found = calibrate(planes(), deep, wanted, BOUNDS, draws=0)
     assert found.values.tolist() == pytest.approx(list(TRUE.values()), abs=1e-7)
-    assert [each.cavity_depth for each in found.liners] == [each.cavity_depth for each in deep]
     cells = [each.velocity.unflatten(0, (2, 4)).mean(1) for each in planes()]
-    assert found.speeds == pytest.approx([float(v.square().mean().sqrt()) for v in cells])
+    assert [run.speed for run in found.runs] == pytest.approx([float(v.square().mean().sqrt()) for v in cells])
 
 
 def test_data_are_read_once(monkeypatch):
@@ -103,8 +102,8 @@ def test_moments_stand_for_planes(monkeypatch):
     monkeypatch.setattr(reading, "_run", None)
     found = calibrate(reduced, start(), references(averaging), BOUNDS, averaging=averaging, draws=0)
     assert torch.allclose(found.values, wanted.values, rtol=1e-10)
-    predicted = found.predict(reduced[1], start())
-    assert complex(predicted.impedance[0]) == pytest.approx(complex(found.found[1]), abs=1e-9)
+    (predicted,) = found.predict(reduced[1], start())
+    assert predicted.impedance == pytest.approx(found.rows[1].impedance, abs=1e-9)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,17 +180,17 @@ def test_many_draws_are_one_by_one(shared):
             assert torch.allclose(many[i], one, rtol=1e-13, atol=0)
 
 
-def held():
+def prior_and_run():
     """A law with a prior, and one run with its reference."""
     law = parameter_law(
         {"vena_contracta": (0.5, 1.0), "cavity_depth": (0.01, 0.05)}, start(), {"vena_contracta": (0.8, 0.1)}
     )
-    return law, held_to_references([run_of()], [1 + 0.2j], 0.01 + 0.02j)
+    return law, held([run_of()], [1 + 0.2j], noise=0.01 + 0.02j)
 
 
 def test_gradient_equals_differences():
     """The Jacobian of the least squares, prior included."""
-    (law, runs), at = held(), torch.tensor([0.7, 0.038], dtype=torch.float64)
+    (law, runs), at = prior_and_run(), torch.tensor([0.7, 0.038], dtype=torch.float64)
     left, slopes = residuals_of(law, at, runs)
     assert slopes.shape == (3, 2)
     for i, step in enumerate((1e-6, 1e-8)):
@@ -205,7 +204,7 @@ def test_gradient_equals_differences():
 
 def test_residuals_by_hand():
     """R over u(R), X over u(X), the prior over its spread."""
-    law, (run,) = held()
+    law, (run,) = prior_and_run()
     assert run.residuals(torch.tensor([1.03 + 0.3j], dtype=torch.complex128)).tolist() == pytest.approx([3.0, 5.0])
     values = torch.tensor([0.9, 0.02], dtype=torch.float64)
     assert (law.prior @ (values - law.centre)).tolist() == pytest.approx([1.0])
@@ -242,7 +241,7 @@ def test_posterior_of_a_linear_model_is_gaussian():
     spread = covariance.diagonal().sqrt()
     # 20 000 independent draws: 1 % of a standard deviation, 1.5 % of a variance.
     assert found.effective > 15_000
-    assert float(((found.mean(found.draws) - best) / spread).abs().max()) < 0.03
+    assert float(((found.weights @ found.draws - best) / spread).abs().max()) < 0.03
     away = (found.covariance(found.draws) - covariance) / torch.outer(spread, spread)
     assert float(away.abs().max()) < 0.06
     low, high = found.quantiles(found.draws, (0.025, 0.975))
@@ -277,17 +276,19 @@ def with_noise():
 def test_prediction_has_the_spread_of_the_parameters(with_noise):
     """On the fitted plane it is the fit; its covariance is J cov J^T, the noise being small."""
     found = with_noise
-    prediction = found.predict(plane(3.0, 2))
-    assert complex(prediction.impedance[0]) == pytest.approx(complex(found.found[1]), abs=1e-9)
-    slopes = tl.sensitivities(plane(3.0, 2), found.liner, None, found.parameters)
+    (prediction,) = found.predict(plane(3.0, 2))
+    assert prediction.impedance == pytest.approx(found.rows[1].impedance, abs=1e-9)
+    slopes = tl.sensitivities(plane(3.0, 2), found.liner, None, found.law.names)
     parts = torch.view_as_real(slopes.liner["velocity"][:, 0])
     wanted = parts.T @ found.covariance @ parts
     spread = wanted.diagonal().sqrt()
-    away = (prediction.covariance[0] - wanted) / torch.outer(spread, spread)
-    assert float(away.abs().max()) < 0.2  # 500 independent draws
-    truth = complex(found.found[1]) + 3 * complex(prediction.standard[0].real)
-    assert prediction.misses(truth).real == pytest.approx(-3, abs=1e-6)
-    assert prediction.misses(truth, 1e9 + 1e9j).real == pytest.approx(0, abs=1e-6)
+    assert [prediction.standard.real, prediction.standard.imag] == pytest.approx(spread.tolist(), rel=0.1)  # 500 draws
+    assert prediction.correlation == pytest.approx(float(wanted[0, 1] / spread.prod()), abs=0.2)
+    held_to = dataclasses.replace(
+        plane(3.0, 2), reference={"true": prediction.impedance + 3 * prediction.standard.real}
+    )
+    assert found.predict(held_to)[0].misses.real == pytest.approx(-3, abs=1e-6)
+    assert found.predict(held_to, noise=1e9 + 1e9j)[0].misses.real == pytest.approx(0, abs=1e-6)
     inside = (found.interval[0] < found.values) & (found.values < found.interval[1])
     assert bool(inside.all())
 
@@ -351,7 +352,7 @@ def test_as_many_data_as_parameters_say_nothing_of_the_noise():
                           )  # fmt: skip
     assert found.posterior is None
     assert all(math.isnan(u) for u in found.standard.tolist())
-    assert math.isnan(complex(found.predict(planes()[0]).standard[0]).real)
+    assert math.isnan(found.predict(planes()[0])[0].standard.real)
 
 
 MISTAKES = [
@@ -429,7 +430,7 @@ def test_command_fits_predicts_and_writes(capsys, tmp_path):
     assert picture.stat().st_size > 10_000
     # Frozen with version 0.1: what n115 and n130 say, and miss.
     assert values["vena_contracta"] == pytest.approx(0.8064, abs=2e-4)
-    assert row["after"]["resistance"] == pytest.approx(0.557, abs=2e-3)
+    assert row["impedance"]["resistance"] == pytest.approx(0.557, abs=2e-3)
 
 
 def test_command_ends_with_1_on_a_bound(capsys):
@@ -486,7 +487,7 @@ def test_negative_references_are_read(capsys):
     words = ["calibrate", FILES[1], "--free", "offset", "--noise", "0.01", "--draws", "0"]
     main([*words, "--reference", "-0.1-0.066j", "--json", "--quiet"])
     found = json.loads(capsys.readouterr().out)
-    assert found["reference"] == [{"resistance": -0.1, "reactance": -0.066}]
+    assert found["fitted"][0]["true"] == {"resistance": -0.1, "reactance": -0.066}
 
 
 def test_a_parameter_that_z_does_not_use_has_slopes_of_zero():

@@ -11,7 +11,7 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.report.models_report import draw_models
+from torchliner.report.study_figures import draw_models
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 PLANE = DATA / "slit_n130_y0.5mm.h5"
@@ -207,8 +207,8 @@ def test_the_command_prints_and_writes_what_the_function_finds(tmp_path, capsys)
     assert plain["sorted_by"] == "|Z - true|"
     for row, other in zip(rows, plain["rows"], strict=True):
         assert row["model"] == other["model"]
-        assert float(row["impedance_resistance"]) == pytest.approx(other["impedance_resistance"], rel=1e-8)
-        assert float(row["distance to true"]) == pytest.approx(other["distance to true"], rel=1e-8)
+        assert float(row["impedance_resistance"]) == pytest.approx(other["impedance"]["resistance"], rel=1e-8)
+        assert float(row["distance true"]) == pytest.approx(other["distance"]["true"], rel=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -104,8 +104,8 @@ def test_a_liner_is_read_refused_written_educed_and_differentiated(plate):
     assert relative_error(found.cells["admittance"].impedance[:, 0], wanted.expand(2)) < 1e-12
     assert found.choices["liner"]["model"] == "mpp"
     slopes = tl.sensitivities(plane, liner)
-    assert slopes.parameters == ("thickness", "diameter", "porosity", "depth")
-    assert slopes.units == ("m", "m", "1", "m")
+    assert tuple(slopes.numbers) == ("thickness", "diameter", "porosity", "depth")
+    assert [each.unit for each in slopes.numbers.values()] == ["m", "m", "1", "m"]
 
 
 def test_a_liner_is_printed(plate, capsys):

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -16,9 +17,8 @@ from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records.level_check import Gap
 from torchliner.report.alongside import joint_bounds
-from torchliner.report.audit_report import format_audit, write_audit
-from torchliner.report.calibration_report import format_calibration, plain_calibration
 from torchliner.report.line_table import format_line, plain_line
+from torchliner.report.studies import audit_table, format_audit, format_calibration
 from torchliner.velocity.level_check import change_that_passes
 
 OF_AIR = tl.Fluid()
@@ -373,8 +373,8 @@ def test_every_row_of_an_audit_has_its_closure(tmp_path):
     swapped = next(row for row in found.of(factor="averaging") if row.variant == "admittance")
     assert swapped.level_check == pytest.approx(float(one.level_check.liner.level[0, 0]), abs=1e-3)
     assert f"level check {found.level_check:+.2f} dB off the stated 130 dB" in format_audit(found)
-    write_audit(found, tmp_path / "a.csv")
-    assert "level check (dB)" in (tmp_path / "a.csv").read_text().splitlines()[0]
+    audit_table(found, everything=True).write_csv(tmp_path / "a.csv")
+    assert "level_check" in (tmp_path / "a.csv").read_text().splitlines()[0]
 
 
 def test_an_audit_without_a_known_pressure_says_so():
@@ -518,16 +518,14 @@ def test_levels_alone_give_the_parameters(order):
     """Two losses from three levels, no reference; what is left is rounding."""
     start = dataclasses.replace(MODEL, r0=0.3, a=0.5)
     free = {"r0": (0.05, 1.0), "a": (0.05, 1.0)}
-    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, None, free, level_check=True, averaging=order,
-                         draws=0)  # fmt: skip
+    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, "level-check", free, averaging=order, draws=0)
     assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
     assert found.data == 3
-    assert float(found.level_check.abs().max()) < 1e-5
-    assert found.speeds == pytest.approx((1.0, 3.0))
+    assert max(abs(row.level_check) for row in found.rows) < 1e-5
     text = format_calibration(found)
     assert "level check" in text
     assert "3 data, 2 parameters" in text
-    assert plain_calibration(found, [])["reference"] is None
+    assert found.rows[0].true is None
 
 
 def test_pressures_with_a_phase_count_twice():
@@ -539,7 +537,7 @@ def test_pressures_with_a_phase_count_twice():
     signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
     start = dataclasses.replace(MODEL, a=0.4, m=7e-5)
     found = tl.calibrate(
-        plane(velocity), start, None, {"a": (0.1, 1.0), "m": (4e-5, 9e-5)}, level_check=True,
+        plane(velocity), start, "level-check", {"a": (0.1, 1.0), "m": (4e-5, 9e-5)},
         pressure=facesheet_record(signal.expand(3, -1)), noise=0.1, draws=0,
     )  # fmt: skip
     assert found.values.tolist() == pytest.approx([0.3, 6e-5], rel=1e-6)
@@ -547,56 +545,47 @@ def test_pressures_with_a_phase_count_twice():
 
 
 @pytest.mark.parametrize(
-    ("references", "about", "message"),
+    ("about", "message"),
     [
-        ("reference", {}, "a fit to levels needs no references"),
-        (None, {"incident_level": None}, "cannot be fitted to its level: not checked, state inc"),
-        (None, {"source_side": "unknown"}, "state source_side"),
+        ({"incident_level": None}, "cannot be fitted to its level: not checked, state inc"),
+        ({"source_side": "unknown"}, "state source_side"),
     ],
 )
-def test_closure_without_a_level_is_refused(references, about, message):
+def test_closure_without_a_level_is_refused(about, message):
     """The message says what to state."""
     (record,) = known_planes(2.0)
     with pytest.raises(ValueError, match=message):
-        tl.calibrate(dataclasses.replace(record, **about), MODEL, references, {"a": (0.1, 1.0)},
-                     level_check=True)  # fmt: skip
+        tl.calibrate(dataclasses.replace(record, **about), MODEL, "level-check", {"a": (0.1, 1.0)})
 
 
 @pytest.mark.parametrize("noise", [0.2 + 0.1j, [0.2 + 0.1j]])
 def test_noise_of_levels_is_no_pair(noise):
     """A traceback, and in a list u(X) in dB weighed the phase."""
-    with pytest.raises(ValueError, match="with level_check it is of levels: state dB"):
-        tl.calibrate(known_planes(2.0), MODEL, None, {"a": (0.1, 1.0)}, level_check=True, noise=noise,
-                     draws=0)  # fmt: skip
+    with pytest.raises(ValueError, match="with level-check it is of levels: state dB"):
+        tl.calibrate(known_planes(2.0), MODEL, "level-check", {"a": (0.1, 1.0)}, noise=noise, draws=0)
 
 
-@pytest.mark.parametrize(("speed", "words"), [(1.5, None), (6.0, "2 times that of the fastest"),
-                                              (0.5, "0.5 times that of the slowest")])  # fmt: skip
-def test_a_prediction_beyond_the_speeds_fitted_says_so(speed, words):
-    """rms |v| against the planes of the fit, 10 % allowed."""
-    found = tl.calibrate(known_planes(1.0, 3.0), MODEL, None, {"a": (0.1, 1.0)}, level_check=True,
-                         draws=0)  # fmt: skip
-    (other,) = known_planes(speed)
-    if words is None:
-        assert found.predict(other).notes == ()
-        return
-    with pytest.warns(tl.DataWarning, match=words):
-        prediction = found.predict(other)
-    assert "fitted: 1 to 3 m/s" in prediction.notes[0]
+@pytest.mark.parametrize(("speed", "outside"), [(1.5, 0.0), (6.0, 1.0), (0.2, 1.0)])
+def test_a_prediction_beyond_the_speeds_fitted_says_so(speed, outside):
+    """Between those of the planes of the fit nothing is unseen."""
+    found = tl.calibrate(known_planes(1.0, 3.0), MODEL, "level-check", {"a": (0.1, 1.0)}, draws=0)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        (row,) = found.predict(*known_planes(speed))
+    assert row.outside == pytest.approx(outside, abs=0.02)
+    assert any("no other run saw (seen: about" in str(each.message) for each in said) == (outside > 0)
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_the_orifice_by_closure_alone(capsys):
     """From levels alone the vena contracta comes out at 0.43, and R of o145 within 5 %."""
     paths = [str(DATA / f"orifice_{case}_y0.5mm.h5") for case in ("o115", "o145")]
-    words = ["calibrate", *paths, "--level-check", "--free", "vena_contracta=0.2:1", "--draws", "0"]
+    words = ["calibrate", *paths, "--reference", "level-check", "--free", "vena_contracta=0.2:1", "--draws", "0"]
     assert main([*words, "--json", "--quiet"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["parameters"][0]["value"] == pytest.approx(0.435, abs=0.01)
-    assert found["fitted"][1]["resistance"] == pytest.approx(1.099, rel=0.05)
-    assert max(map(abs, found["level_check"])) < 0.1
-    assert main([*words, "--reference", "reference"]) == 2
-    assert "--level-check needs no --reference" in capsys.readouterr().err
+    assert found["fitted"][1]["impedance"]["resistance"] == pytest.approx(1.099, rel=0.05)
+    assert max(abs(row["level_check"]) for row in found["fitted"]) < 0.1
 
 
 @pytest.mark.parametrize(("other", "differs"), [((1.15, 1.25), True), ((1.0, 1.2), False)])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 import torch
 from conftest import DATA, plane_of, turbulence
@@ -11,10 +9,11 @@ from conftest import DATA, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.names import AVERAGINGS
-from torchliner.studies.reference_cases import Setting, nearest_case, reference_cases, setting_of
+from torchliner.studies.reference_cases import distance_of, factors_of, nearest_case, reference_cases, setting_of
+from torchliner.studies.rows import Row
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-HOLE = Setting("round hole", 1.2e-3, 0.058, 0.0, 0.8, 2.6, 1e-3)
+HOLE = Row(hole="round hole", hole_diameter=1.2e-3, porosity=0.058, mach=0.0, speed=0.8, velocity_rms=2.6, height=1e-3)
 
 
 def map_like(**about):
@@ -32,7 +31,7 @@ def test_the_shipped_table_has_every_case_and_averaging():
     assert len(set(cases)) == 11
     assert len(cases) == 37
     assert all(tuple(known.educed) == tuple(AVERAGINGS) for known in reference_cases())
-    (one,) = [k for k in reference_cases() if k.case == "o145" and k.setting.height == 5e-4]
+    (one,) = [k for k in reference_cases() if k.case == "o145" and k.height == 5e-4]
     assert one.reference == 1.099 - 0.511j
     assert one.educed["velocity"] == pytest.approx(0.528 - 0.396j, abs=2e-3)
 
@@ -65,10 +64,10 @@ def test_what_is_not_near_says_by_how_much(change, words):
 
 def test_porosity_counts_as_the_speed_does():
     """Half the open area is twice the velocity in the holes."""
-    assert HOLE.factors(replace(HOLE, porosity=0.029)) == pytest.approx((0.5, 0.5))
-    assert HOLE.distance(HOLE) == 0
-    assert HOLE.distance(replace(HOLE, hole="slit")) == 1
-    assert HOLE.distance(replace(HOLE, mach=0.3)) == pytest.approx(3)
+    assert factors_of(HOLE, Row(HOLE, porosity=0.029)) == pytest.approx([0.5, 0.5])
+    assert distance_of(HOLE, HOLE) == 0
+    assert distance_of(HOLE, Row(HOLE, hole="slit")) == 1
+    assert distance_of(HOLE, Row(HOLE, mach=0.3)) == pytest.approx(3)
 
 
 def test_nothing_is_said_where_there_are_no_holes(liner):

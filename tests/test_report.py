@@ -159,7 +159,9 @@ def test_truth_table_covers_every_rule_once(liner):
 def closing(**cases):
     """The closing lines for rows of the default rule: per case (true, level check, educed ...)."""
     rows = [
-        validation_row(case, 1e-3 * (1 + i), DEFAULT, averaging, z, true, level_check=gap, periods=periods)
+        validation_row(
+            DEFAULT, z, true, case=case, height=1e-3 * (1 + i), averaging=averaging, level_check=gap, periods=periods
+        )
         for case, (true, gap, periods, *values) in cases.items()
         for i, z in enumerate(values)
         for averaging in AVERAGINGS

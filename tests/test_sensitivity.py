@@ -14,7 +14,7 @@ import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.conversions import impedance_from_reflection
 from torchliner.liners.cell import air_state
-from torchliner.studies.budget import covariance_of
+from torchliner.studies.sensitivities import covariance_of
 from torchliner.units import parse_tolerance
 
 pytestmark = [
@@ -86,7 +86,7 @@ def test_every_parameter_against_differences(wrapped, name):
                             averaging="phase-locked"))
         for sign in (1, -1)
     )  # fmt: skip
-    row = wrapped.parameters.index(name)
+    row = [*wrapped.numbers].index(name)
     for key in above:
         wanted = (above[key] - below[key]) / (2 * step)
         assert largest(slopes_of(wrapped)[key][row], wanted) < SPEEDS
@@ -152,7 +152,7 @@ def test_scaling_is_by_value(wrapped):
     """1 % of the parameter, and any step."""
     wanted = 0.01 * wrapped.values[:, None] * wrapped.liner["velocity"]
     assert torch.equal(wrapped.per_percent().liner["velocity"], wanted)
-    assert wrapped.units[wrapped.parameters.index("temperature")] == "K"
+    assert wrapped.numbers["temperature"].unit == "K"
 
 
 def test_state_of_air():
@@ -172,7 +172,7 @@ def test_velocity_gain_scales_the_velocity(reading):
 
 def test_one_tolerance_is_one_contribution(wrapped):
     """Rectangular limits are divided by sqrt 3, a standard uncertainty is taken as it is."""
-    row = wrapped.parameters.index("orifice_diameter")
+    row = [*wrapped.numbers].index("orifice_diameter")
     for limits, factor in (("rectangular", 3**-0.5), ("standard", 1.0)):
         budget = wrapped.propagate({"orifice_diameter": "0.02 mm"}, limits=limits)
         wanted = factor * 2e-5 * wrapped.liner["admittance"][row, 0]
@@ -207,7 +207,7 @@ def test_any_model_that_states_numbers_is_differentiated():
     """dZ/dp of a model of one's own is that of differences, and carries its tolerances."""
     options = {"frequency": [1000.0, FREQUENCY], "dtype": "float64"}
     found = tl.sensitivities(cells_plane(), RESISTIVE, **options)
-    assert found.parameters == ("r0", "a", "m", "length")
+    assert tuple(found.numbers) == ("r0", "a", "m", "length")
     for i, (name, number) in enumerate(RESISTIVE.numbers().items()):
         step = 1e-5 * number.value
         above, below = (
@@ -344,8 +344,8 @@ def test_command_prints_sorts_and_draws(capsys, tmp_path, small):
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["parameter"] for row in rows] == ["porosity", "orifice_diameter", "combined"]
-    total = sum(float(row["resistance"]) ** 2 for row in rows[:2]) ** 0.5
-    assert float(rows[2]["resistance"]) == pytest.approx(total, rel=1e-9)
+    total = sum(float(row["impedance_resistance"]) ** 2 for row in rows[:2]) ** 0.5
+    assert float(rows[2]["impedance_resistance"]) == pytest.approx(total, rel=1e-9)
     assert picture.stat().st_size > 10_000
     code = main(["sensitivity", small, "--parameters", "porosity", "cavity_depth", "--json"])
     found = json.loads(capsys.readouterr().out)

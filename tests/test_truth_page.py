@@ -225,7 +225,10 @@ def test_rows_survive_their_csv(tmp_path):
 def test_errors_by_rule_by_hand():
     """Median and largest of |dR| and |dX|, each by itself."""
     rule = ("rms", "kept", "averaged", "admittance")
-    rows = [validation_row("c", 0.0, rule[:3], rule[3], 1 + e, 1 + 0j) for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)]
+    rows = [
+        validation_row(rule[:3], 1 + e, 1 + 0j, case="c", height=0.0, averaging=rule[3])
+        for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)
+    ]
     (found,) = errors_by_rule(rows)
     assert found.planes == 3
     assert found.median == pytest.approx(0.2 + 0.2j)

@@ -22,4 +22,4 @@ planes = [tl.read_plane(f"data/slit_{case}_y2.5mm.h5") for case in ("n115", "n13
 change = tl.sensitivities(planes[1], slit, parameters=["porosity"]).per_percent()
 print(change.liner["velocity"])
 print(tl.calibrate(planes, slit, "true", {"vena_contracta": (0.4, 1)}, noise=0.002).values)
-print(tl.identify(planes, slit, models=[("vena_contracta",)], noise=0.002).best.label)
+print(tl.identify(planes, slit, models=[("vena_contracta",)], noise=0.002).fit.law.label)

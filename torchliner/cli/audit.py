@@ -31,7 +31,8 @@ OPTIONS = (
 def run(options: argparse.Namespace) -> int:
     """Print the table, sorted by what moves Z most."""
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.audit_report import draw_audit, format_audit, write_audit
+    from torchliner.report.studies import audit_table, format_audit
+    from torchliner.report.study_figures import draw_audit
     from torchliner.studies.audit import audit
 
     records = read_records(options.planes, options)
@@ -46,6 +47,6 @@ def run(options: argparse.Namespace) -> int:
         )  # fmt: skip
     show_results(
         options, lambda: format_audit(found), lambda: found,
-        output=lambda path: write_audit(found, path), figure=lambda path: draw_audit(found, path),
+        output=audit_table(found, everything=True).write_csv, figure=lambda path: draw_audit(found, path),
     )  # fmt: skip
     return 0

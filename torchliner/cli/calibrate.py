@@ -16,8 +16,6 @@ from torchliner.cli.files import (
 from torchliner.cli.options import CLUSTER, averaging_option, shared
 from torchliner.cli.plane_options import plane_options
 
-AROUND = 0.5  # bounds that are not stated: 50 % about the value, or 0.5 about an offset
-
 CHOICES = ("drive", "mean", "missing", "allow_short")
 FEWEST_DRAWS = 100
 
@@ -26,14 +24,12 @@ OPTIONS = {
         "planes PLANE ...": "plane files to fit",
         "--free NAME[=LOW:HIGH]": {
             "action": "append", "required": True, "help": "parameter to fit and its bounds, SI; "
-            "default 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts"},
+            "default usual ones, else 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts"},
         "--reference Z ...": {
-            "help": "name of an impedance in the files, or one value each, e.g. 0.168-0.066j; "
-            "default true"},
-        "--level-check": "fit to the stated levels of the sound alone, no reference: levels and "
-                     "heights as planes",
-        "--noise U": "standard uncertainty of R and X of the references, by rho c, with --level-check "
-                     "of the levels, dB; default: from the residual",
+            "help": "name of an impedance in the files, 'in-situ' (what the files hold of Dean's method), "
+            "'level-check' (the stated level alone), or one value each, e.g. 0.168-0.066j; default true"},
+        "--noise U": "standard uncertainty of R and X of the references, by rho c, of levels dB; "
+                     "default: from the residual",
         "--predict PLANE ...": {
             "default": [], "help": "to predict with the spread of the fit; default: none"},
         "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
@@ -49,8 +45,10 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
-    from torchliner.report import calibration_report as report
+    from torchliner.report import studies as report
+    from torchliner.report.study_figures import draw_predictions
     from torchliner.studies.calibrate import calibrate
+    from torchliner.studies.runs import LEVEL_CHECK
 
     paths = [*options.planes, *options.predict]
     if options.draws and options.draws < FEWEST_DRAWS:
@@ -61,35 +59,35 @@ def run(options: argparse.Namespace) -> int:
     liner = only_liner(options.liner, both, paths)
     if options.cluster is not None:
         both = _reduced(both, liner, options)
-    planes, predicted = both[: len(options.planes)], both[len(options.planes) :]
-    if options.level_check and options.reference is not None:
-        raise ValueError("--level-check needs no --reference; leave one of them out")
-    names = options.reference or ["true"]
+    references = references_given(options.reference or ["true"])
     found = calibrate(
-        planes, liner, None if options.level_check else references_given(names),
-        bounds_given(options.free, liner), averaging=options.averaging, level_check=options.level_check,
-        noise=options.noise, draws=options.draws, seed=options.seed,
-        **chosen_from(options, CHOICES),
+        both[: len(options.planes)], liner, references, bounds_given(options.free, liner), averaging=options.averaging,
+        noise=options.noise, draws=options.draws, seed=options.seed, **chosen_from(options, CHOICES),
     )  # fmt: skip
-    noise = 0.0 if options.level_check else options.noise or 0.0
-    rows = [
-        row
-        for path, plane in zip(options.predict, predicted, strict=True)
-        for row in found.rows(
-            plane, liner, label=path.stem,
-            reference=names[0], noise=complex(noise, noise),
-        )
-    ]  # fmt: skip
-    panels = {f"averaging: {found.averaging}": rows}
-    predicted_text = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
+    rows = predicted_rows(
+        found, both[len(options.planes) :], liner, options, noise=0.0 if references == LEVEL_CHECK else options.noise
+    )
+    table = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
     show_results(
         options,
-        lambda: report.format_calibration(found) + predicted_text,
-        lambda: report.plain_calibration(found, rows),
+        lambda: report.format_calibration(found) + table,
+        lambda: {**report.plain_fit(found), "predictions": rows},
         output=lambda _: _write(found, liner, options),
-        figure=lambda path: report.draw_predictions(panels, "", path),
+        figure=lambda path: draw_predictions({f"averaging: {options.averaging}": rows}, "", path),
     )
     return 1 if found.on_bound or found.unseen else 0
+
+
+def predicted_rows(found: Any, records: list[Any], liner: Any, options: argparse.Namespace, noise: Any) -> list[Any]:
+    """Rows of the planes of --predict, labelled by their files."""
+    from torchliner.studies.rows import Row
+
+    name = (options.reference or ["true"])[0]
+    return [
+        Row(row, label=path.stem)
+        for path, record in zip(options.predict, records, strict=True)
+        for row in found.predict(record, liner, reference=name, noise=complex(noise or 0.0, noise or 0.0))
+    ]
 
 
 def _reduced(records: list[Any], liner: Any, options: argparse.Namespace) -> list[Any]:
@@ -120,47 +118,39 @@ def references_given(texts: list[str]) -> Any:
 
 
 def bounds_given(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
-    """From NAME=LOW:HIGH, or names alone."""
-    from torchliner.liners.model import named_numbers
+    """From NAME=LOW:HIGH, or names alone, which have usual bounds."""
+    from torchliner.studies.laws import bounds_for
 
     found: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, equals, rest = text.partition("=")
-        for each, number in named_numbers(liner, [name.strip()]).items():
-            if equals:
-                try:
-                    low, high = (float(part) for part in rest.split(":"))
-                except ValueError:
-                    raise ValueError(f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units") from None
-            else:
-                # A share of what is above 0, else of 1.
-                reach = AROUND * number.value if number.low >= 0 else AROUND
-                low, high = number.value - reach, min(number.value + reach, number.high)
-            if each in found:
-                raise ValueError(f"--free names {each} twice")
-            found[each] = (low, high)
+        pairs = bounds_for([name.strip()], liner)
+        if equals:
+            try:
+                low, high = (float(part) for part in rest.split(":"))
+            except ValueError:
+                raise ValueError(f"--free {text!r} cannot be read; write NAME=LOW:HIGH in SI units") from None
+            pairs = dict.fromkeys(pairs, (low, high))
+        if twice := [each for each in pairs if each in found]:
+            raise ValueError(f"--free names {twice[0]} twice")
+        found |= pairs
     return found
 
 
-def _held_to(options: argparse.Namespace) -> str:
-    names = " ".join(options.reference or ["true"])
-    return "level check with the stated levels" if options.level_check else f"reference {names}"
+def source_of(found: Any, options: argparse.Namespace) -> str:
+    """What a file says of its liner."""
+    spread = zip(found.numbers.items(), found.standard.tolist(), strict=True)
+    return (
+        f"{', '.join(f'{name} = {value:.6g} +- {u:.2g}' for (name, value), u in spread)}; fitted to "
+        f"{', '.join(path.name for path in options.planes)} (reference {' '.join(options.reference or ['true'])}), "
+        f"{options.averaging}" + (f"; on a bound: {', '.join(found.on_bound)}" if found.on_bound else "")
+    )
 
 
 def _write(found: Any, before: Any, options: argparse.Namespace) -> None:
     from torchliner.liners.catalogue import liner_text
 
-    fitted = ", ".join(
-        f"{name} = {value:.6g} +- {spread:.2g}"
-        for name, value, spread in zip(found.parameters, found.values.tolist(), found.standard.tolist(), strict=True)
+    liner = found.liner.replace(name=f"{before.name} calibrated")
+    write_text(
+        liner_text(liner, f"{before.name} calibrated by torchliner: {source_of(found, options)}"), options.output
     )
-    source = (
-        f"{before.name} calibrated by torchliner: {fitted}; fitted to "
-        + ", ".join(path.name for path in options.planes)
-        + f" ({_held_to(options)}), {found.averaging}, uncertainty from the "
-        + found.scaling
-    )
-    if found.on_bound:
-        source += f"; on a bound: {', '.join(found.on_bound)}"
-    text = liner_text(found.liner.replace(name=f"{before.name} calibrated"), source)
-    write_text(text, options.output)

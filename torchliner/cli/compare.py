@@ -25,7 +25,7 @@ OPTIONS = {
 def run(options: argparse.Namespace) -> int:
     """Print how far the second is off the first, for the liner and each cell."""
     from torchliner.io.moments_file import holds_moments
-    from torchliner.report.comparison_table import comparison_table, format_comparison
+    from torchliner.report.studies import comparison_table
     from torchliner.studies.compare import compare
 
     given = [f"--{name}" for name in ("frequency", "liner") if getattr(options, name) is not None]
@@ -36,10 +36,9 @@ def run(options: argparse.Namespace) -> int:
         )
     first, second = (_map_of(path, options) for path in (options.first, options.second))
     found = compare(first, second, options.averaging)
-    show_results(
-        options, lambda: format_comparison(found), lambda: found,
-        output=comparison_table(found).write_csv,
-    )  # fmt: skip
+    table = comparison_table(found)
+    words = f"second less first, averaging {found.averaging}; {found.words}"
+    show_results(options, lambda: f"{table.as_text()}\n{words}", lambda: found, output=table.write_csv)
     return 0
 
 

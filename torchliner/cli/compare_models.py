@@ -33,12 +33,9 @@ OPTIONS = (
 def run(options: argparse.Namespace) -> int:
     """Print a row a model, the nearest to what is known first."""
     from torchliner.liners.catalogue import load_liner
-    from torchliner.report.models_report import (
-        draw_models,
-        format_models,
-        plain_models,
-        write_models,
-    )
+    from torchliner.report.studies import format_models, models_table
+    from torchliner.report.study_figures import draw_models
+    from torchliner.report.study_table import plain_of
     from torchliner.studies.compare_models import compare_models
 
     twice = next((name for name in options.liner if options.liner.count(name) > 1), None)
@@ -55,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
             **chosen_from(options, EDUCED),
         )  # fmt: skip
     show_results(
-        options, lambda: format_models(found), lambda: plain_models(found),
-        output=lambda path: write_models(found, path), figure=lambda path: draw_models(found, path),
+        options, lambda: format_models(found), lambda: plain_of(found),
+        output=models_table(found).write_csv, figure=lambda path: draw_models(found, path),
     )  # fmt: skip
     return 0

@@ -35,7 +35,7 @@ EXAMPLES = {
     "sensitivity": ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",),
     "calibrate": (
         "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
-        "low.h5 high.h5 --level-check --free vena_contracta=0.4:1",
+        "low.h5 high.h5 --reference level-check --free vena_contracta=0.4:1",
     ),
     "identify": (
         "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results
 from torchliner.cli.options import progress_bar, shared
 from torchliner.cli.plane_options import plane_options
-
-if TYPE_CHECKING:
-    from torchliner.studies.rows import Study
 
 CHOICES = (
     "averaging", "phase", "drive", "mean", "missing", "allow_short", "wall_filter",
@@ -35,11 +30,12 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Study the heights, print rows, facts and the recommendation."""
-    from torchliner.report.height_table import format_study, height_table, plain_study
+    from torchliner.report import study_figures as figures
+    from torchliner.report.studies import format_heights, height_table
+    from torchliner.report.study_table import plain_of, table_of
     from torchliner.studies.heights import study_heights
-    from torchliner.studies.recommend import Limits, recommend_height
+    from torchliner.studies.recommend import recommend_height
 
-    limits = Limits(*options.limits) if options.limits else Limits()
     planes = read_records(options.planes, options)
     liner = only_liner(options.liner, planes, options.planes)
     lengths = None if options.lengths is None else [1e-3 * value for value in options.lengths]
@@ -49,23 +45,18 @@ def run(options: argparse.Namespace) -> int:
             planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, shear=options.shear,
             duct_height=1e-3 * options.duct_height, progress=step, **chosen_from(options, CHOICES),
         )  # fmt: skip
-    found = recommend_height(study, limits)
+    found = recommend_height(study, *options.limits or ())
     if options.figure is not None:
-        _draw(study, options.figure)
+        options.figure.mkdir(parents=True, exist_ok=True)
+        figures.draw_heights(study, options.figure / "heights.png")
+        if any(one.modulation is not None for one in study.facts):
+            figures.draw_modulation(study, options.figure / "modulation.png")
+        table_of(study.facts, "").write_csv(options.figure / "facts.csv")
+    lengths_of = {name: study[name] and study[name].length for name in ("decay", "first_decay")}
     show_results(
-        options, lambda: format_study(study, found), lambda: plain_study(study, found),
+        options, lambda: format_heights(study, found),
+        lambda: plain_of(study | {"decay_length": lengths_of["decay"], "first_decay_length": lengths_of["first_decay"],
+                                  "recommended": found}),
         output=height_table(study).write_csv,
     )  # fmt: skip
     return 0
-
-
-def _draw(study: Study, folder: Path) -> None:
-    from torchliner.report import height_figures as height
-
-    folder.mkdir(parents=True, exist_ok=True)
-    height.draw_impedance_over_height(study, folder / "impedance_over_height.png")
-    height.impedance_over_height(study).write_csv(folder / "impedance_over_height.csv")
-    imprint = height.imprint_over_height(study)
-    if imprint.values:
-        height.draw_imprint(study, folder / "imprint_over_height.png")
-        imprint.write_csv(folder / "imprint_over_height.csv")

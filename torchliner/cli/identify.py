@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner import names
-from torchliner.cli.calibrate import bounds_given, references_given
+from torchliner.cli.calibrate import bounds_given, predicted_rows, references_given, source_of
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
 from torchliner.cli.options import averaging_option, complex_number, shared, spelled, stated
@@ -23,8 +23,7 @@ OPTIONS = {
             "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
             "'level-check' (the stated level alone), or one value each; default true"},
         "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or level-check, "
-                               "by case, or in the order of the planes where files state none; "
-                               "default: what the planes hold",
+                               "one a plane in their order; default: what the planes hold",
         "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
         "--free NAMES": {
             "action": "append", "default": [],
@@ -54,7 +53,9 @@ def run(options: argparse.Namespace) -> int:
     """Print what was found and what it predicts; 1 if a parameter is on a bound or unseen, or a
     prediction leaves the speeds of the runs."""
     from torchliner.io.pressure_file import read_pressure
-    from torchliner.report import identification_report as report
+    from torchliner.report import studies as report
+    from torchliner.report.study_figures import draw_identification
+    from torchliner.studies.fit import OUTSIDE, with_flow
     from torchliner.studies.identify import identify
 
     if options.reach is not None and options.output is None:
@@ -65,10 +66,9 @@ def run(options: argparse.Namespace) -> int:
     paths = [*options.planes, *options.predict]
     both = read_records(paths, options)
     liner = only_liner(options.liner, both, paths)
-    references = references_given(options.reference or ["true"])
-    models: list[Any] = [_bounds(text, liner) for text in options.free]
+    models: list[Any] = [bounds_given(text.split(","), with_flow(liner)) for text in options.free]
     found = identify(
-        both[: len(options.planes)], liner, references,
+        both[: len(options.planes)], liner, references_given(options.reference or ["true"]),
         models=[*models, *([options.fit or "curve"] if options.fit or not models else [])],
         averaging=options.averaging,
         pressure=[read_pressure(path) for path in options.pressure or ()] or None,
@@ -77,65 +77,50 @@ def run(options: argparse.Namespace) -> int:
         reactance=options.reactance or "falling", frequency=options.frequency,
         **chosen_from(options, CHOICES),
     )  # fmt: skip
-    predicted = [found.predict(plane, liner) for plane in both[len(options.planes) :]]
-    rows = [
-        {
-            "label": path.stem, "frequency": f, "impedance": complex(each.impedance[i]),
-            "standard": complex(each.standard[i]), "outside": float(each.outside[i]),
-        }
-        for path, each in zip(options.predict, predicted, strict=True)
-        for i, f in enumerate(each.frequency.tolist())
-    ]  # fmt: skip
-    table = f"\n\n{report.predicted_table(rows).as_text()}" if rows else ""
+    fit = found.fit
+    rows = predicted_rows(fit, both[len(options.planes) :], liner, options, noise=0.0)
+    table = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
+    plain = {
+        **report.plain_fit(fit),
+        "models": report.candidate_table(found).as_rows(),
+        "curve": report.curve_table(fit).as_rows(),
+        "seen": report.seen_table(fit).as_rows(),
+        "left_out": {each.label: each.rows for each in found.candidates},
+        "predictions": rows,
+        "notes": found.notes,
+    }
     show_results(
         options,
         lambda: report.format_identification(found) + table,
-        lambda: {**report.plain_identification(found), "predictions": rows},
-        output=lambda path: _write(found, path, options),
-        figure=lambda path: report.draw_identification(found, path),
+        lambda: plain,
+        output=lambda path: _write(fit, path, options),
+        figure=lambda path: draw_identification(found, path),
     )
-    return 1 if found.doubtful or any(each.notes for each in predicted) else 0
+    doubtful = fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)
+    return int(bool(doubtful))
 
 
-def _bounds(text: str, liner: Any) -> dict[str, tuple[float, float]]:
-    """NAME, NAME=LOW:HIGH and commas."""
-    from torchliner.studies.identification import with_flow
-    from torchliner.studies.identify import bounds_for
-
-    with_factors = with_flow(liner)
-    found: dict[str, tuple[float, float]] = {}
-    for part in (each.strip() for each in text.split(",")):
-        stated = bounds_given([part], with_factors) if "=" in part else {}
-        for name, pair in (stated or bounds_for([part], with_factors)).items():
-            if name in found:
-                raise ValueError(f"--free {text} names {name} twice")
-            found[name] = pair
-    return found
-
-
-def _write(found: Any, path: Path, options: argparse.Namespace) -> None:
+def _write(fit: Any, path: Path, options: argparse.Namespace) -> None:
     """A table as .csv, or a .toml that names one beside it; a law as .toml."""
+    from torchliner.io.csv_rows import write_rows
     from torchliner.liners.catalogue import liner_text
-    from torchliner.report.identification_report import write_table
 
-    if found.best.fitted.is_curve:
-        write_table(found, path.with_suffix(".csv"), options.reach)
+    if not fit.law.frequencies:
         if path.suffix.lower() == ".csv":
-            return
-        liner = found.table(options.reach)
-        lines = [f'model = "table"\nname = "{liner.name}"\nfile = "{path.stem}.csv"']
-        if liner.cell_pitch is not None:
-            lines.append(f"cell_pitch = {liner.cell_pitch!r}")
-        write_text("\n".join(lines) + "\n", path)
+            raise ValueError(
+                f"{path}: {fit.law.label} were found, a law at every frequency and not a table; write it as .toml"
+            )
+        liner = fit.liner.replace(name=f"{fit.runs[0].liner.name} identified")
+        write_text(liner_text(liner, f"identified by torchliner: {source_of(fit, options)}"), path)
         return
-    if path.suffix.lower() == ".csv":
-        raise ValueError(
-            f"{path}: {found.best.label} were found, a law at every frequency and not a table; write it as .toml"
-        )
-    fitted = found.best.fitted
-    both = zip(fitted.values.items(), fitted.standard.values(), strict=True)
-    source = "identified by torchliner: " + ", ".join(
-        f"{name} = {value:.6g} +- {spread:.2g}" for (name, value), spread in both
-    )
-    source += f"; fitted to {', '.join(each.name for each in options.planes)}, {found.averaging}"
-    write_text(liner_text(found.liner, source), path)
+    table = fit.table(options.reach or 0.0)
+    rows = [
+        {"frequency": f, "speed": v, "resistance": z.real, "reactance": z.imag}
+        for f, row in zip(table.frequency.tolist(), table.values.tolist(), strict=True)
+        for v, z in zip(table.speed.tolist(), row, strict=True)
+    ]
+    write_rows(rows, path.with_suffix(".csv"), ".9g")
+    if path.suffix.lower() != ".csv":
+        lines = [f'model = "table"\nname = "{table.name}"\nfile = "{path.stem}.csv"']
+        lines += [] if table.cell_pitch is None else [f"cell_pitch = {table.cell_pitch!r}"]
+        write_text("\n".join(lines) + "\n", path)

@@ -34,47 +34,40 @@ OPTIONS = {
 
 def run(options: argparse.Namespace) -> int:
     """Print the sensitivities, or the budget of the tolerances."""
-    from torchliner.report.sensitivity_report import (
-        budget_table,
-        draw_contributions,
-        format_budget,
-        sensitivity_table,
-    )
-    from torchliner.studies.budget import correlation_of
-    from torchliner.studies.sensitivities import sensitivities
+    from torchliner.report.studies import budget_notes, budget_table, slope_table
+    from torchliner.report.study_figures import draw_contributions
+    from torchliner.studies.sensitivities import correlation_of, sensitivities
 
     tolerances, correlation = _tolerances(options)
     (plane,) = planes = read_records([options.plane], options)
     liner = only_liner(options.liner, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
-    samples = planes_of(planes)[0].samples
-    with progress_bar(2 * samples, options.plane.name, options) as step:
+    with progress_bar(2 * planes_of(planes)[0].samples, options.plane.name, options) as step:
         choices = chosen_from(options, CHOICES)
         found = sensitivities(plane, liner, options.frequency, parameters, progress=step, **choices)
-    frequency, averaging = found.found.frequency.tolist(), options.averaging
-    limits = options.limits or "rectangular"
+    frequency, averaging, limits = found.found.frequency.tolist(), options.averaging, options.limits or "rectangular"
+    table, words, meaning, together = slope_table(found, averaging), list[str](), "p in the unit shown", None
     if tolerances:
         budget = found.propagate(tolerances, limits=limits, correlation=correlation)
-        table = budget_table(budget, frequency, averaging)
-        text = format_budget(budget, found, averaging, table)
-        meaning = f"tolerances are {limits}"
-        together = [correlation_of(each) for each in budget.covariance[averaging]]
-    else:
-        table = sensitivity_table(found, averaging)
-        text, meaning, together = table.as_text(), "p in the unit shown", None
-    rows = table.as_rows()
-    first = [row for row in rows if row["frequency"] == frequency[0]]
-    title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}"
-    title += f"; {meaning}" if tolerances else ""
-    text += (f"\nZ by rho c, averaging: {averaging}; {meaning}; first order, interpolation error of a "
-             f"derivative up to {float(found.level_error.max()):.1e} of it")  # fmt: skip
+        table, words = budget_table(budget, found, averaging), budget_notes(budget, found, averaging)
+        meaning, together = f"tolerances are {limits}", [correlation_of(each) for each in budget.covariance[averaging]]
+    words.append(
+        f"Z by rho c, averaging: {averaging}; {meaning}; first order, interpolation error of a derivative up to "
+        f"{float(found.level_error.max()):.1e} of it"
+    )
     plain = {
-        "averaging": averaging, "limits": limits if tolerances else None, "frequency": frequency,
-        "impedance": found.found.liner[averaging].impedance.tolist(), "correlation_of_R_and_X": together,
-        "rows": rows, "notes": [str(note) for note in found.found.notes],
-    }  # fmt: skip
+        "averaging": averaging,
+        "limits": limits if tolerances else None,
+        "frequency": frequency,
+        "impedance": found.found.liner[averaging].impedance.tolist(),
+        "correlation_of_R_and_X": together,
+        "rows": table.as_rows(),
+        "notes": [str(note) for note in found.found.notes],
+    }
+    first = [row for row in table.as_rows() if row["frequency"] == frequency[0]]
+    title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
     show_results(
-        options, lambda: text, lambda: plain, output=table.write_csv,
+        options, lambda: "\n".join([table.as_text(), *words]), lambda: plain, output=table.write_csv,
         figure=lambda path: draw_contributions(first, title, path),
     )  # fmt: skip
     return 0

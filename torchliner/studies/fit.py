@@ -1,188 +1,92 @@
-"""Laws fitted within bounds to what runs are held to; slopes are exact."""
+"""Fits: how sure the values are, what they predict, and what is doubtful."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.checks import SAME_FREQUENCY, tell
+from torchliner.conversions import reflection_from_impedance
+from torchliner.engine.nodes import checked_speeds
 from torchliner.least_squares import with_slopes
-from torchliner.liners.model import LinerModel
-from torchliner.studies.budget import standard_of
-from torchliner.studies.laws import Law
-from torchliner.studies.runs import NOTHING, Run
+from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
+from torchliner.liners.tabulated import TabulatedLiner
+from torchliner.studies.laws import Knots, Law, impedance_at
+from torchliner.studies.posterior import Posterior
+from torchliner.studies.rows import Row
+from torchliner.studies.runs import NEPER, Run, read_run
+from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
+from torchliner.studies.solve import curves_at_nodes, drawn_impedances, impedances, solve, weights_of
+from torchliner.studies.variants import Records
+from torchliner.velocity.choices import Choices
 
 ON_BOUND = 1e-3  # of the box
 UNSEEN = 1e-6  # singular value, relative to the largest, of a direction the data do not see
 NAMED = 0.2  # share in such a direction from which a parameter is named
-FAR = 2.0  # times the stated noise from which a misfit is one of the model
-START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 WIDTH = 1.959964  # standard deviations of a 95 % interval
-
-
-def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
-    """Z at the frequencies and node speeds of each run, (F, K), differentiable; each liner is asked once."""
-    every = torch.cat([run.frequency for run in runs]).unique()
-    made: dict[Any, Tensor] = {}
-    found = []
-    for run in runs:
-        key = (id(run.liner), run.plane.mach, run.nodes)
-        if key not in made:
-            made[key] = law.curve(values, run.liner.in_flow(run.plane.mach), every, run.nodes.speeds)
-        found.append(made[key][torch.searchsorted(every, run.frequency)])
-    return found
-
-
-def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
-    """Z of each run, (F,), differentiable in the values."""
-    return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
-
-
-def drawn_impedances(law: Law, draws: Tensor, runs: Sequence[Run]) -> list[Tensor]:
-    """Z of each run for many values, (M, n) to (M, F) each."""
-    rows = [curves_at_nodes(law, values, runs) for values in draws]
-    return [run.impedance(torch.stack(each)) for run, each in zip(runs, zip(*rows, strict=True), strict=True)]
-
-
-def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:
-    """Residuals of the data and then of the prior, (m,), and their derivatives in the values, (m, n)."""
-
-    def made(at: Tensor) -> Tensor:
-        return torch.cat([run.residuals(z) for run, z in zip(runs, impedances(law, at, runs), strict=True)])
-
-    left, by = with_slopes(made, values)
-    return torch.cat([left, law.prior @ (values - law.centre)]), torch.cat([by, law.prior])
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Z of the whole liner by a fit.
-
-    Args:
-        frequency: Hz, (F,).
-        impedance: complex, (F,).
-        covariance: of R and X, (F, 2, 2): that of the posterior, else to first order.
-        notes: warnings, with numbers.
-        before: with the liner's own numbers, (F,); empty for a curve.
-        outside: share of the plane's weight at speeds that no run saw, (F,), see ``identify``.
-    """
-
-    frequency: Tensor
-    impedance: Tensor
-    covariance: Tensor
-    notes: tuple[str, ...] = ()
-    before: Tensor = NOTHING
-    outside: Tensor = NOTHING
-
-    @property
-    def standard(self) -> Tensor:
-        """u(R) + j u(X), (F,)."""
-        return standard_of(self.covariance)
-
-    def misses(self, reference: complex, noise: complex = 0j, index: int = 0) -> complex:
-        """By how many standard deviations R and X lie off a known impedance, signed; its own uncertainty ``noise``,
-        u(R) + j u(X), is added in quadrature."""
-        away, own = complex(self.impedance[index]) - reference, complex(self.standard[index])
-        spread = complex(math.hypot(own.real, noise.real), math.hypot(own.imag, noise.imag))
-        return complex(away.real / max(spread.real, 1e-300), away.imag / max(spread.imag, 1e-300))
+SEEN = 0.02  # of a plane's weight: a spline that no plane gives as much is not seen
+OUTSIDE = 0.1  # of a plane's weight, at speeds beyond those that others saw, that is warned of
+MARGIN = 1.25  # times the last knot, to which a table reaches
+ROWS = 120  # speeds of a table, uniform in sqrt |v|
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The best place in the box of the bounds.
+    """The best place in the box of the bounds, how sure it is, and what it predicts; SI throughout.
 
     Args:
         law, runs: what was fitted to what.
-        values: best, SI, (n,).
+        choices: by which planes are read.
+        knots: of splines, by whose weights speeds count as seen.
         stated: whether the noise is known; else the residual stands for it.
+        values: best, (n,).
         residuals, jacobian: there, of the data and then of the prior, (m,) and (m, n).
+        data, freedom: numbers that the runs are held to, priors apart; these and priors less parameters.
+        scale: variance of a residual: 1, or that of the residuals; nan without a degree of freedom.
+        on_bound: parameters that end on a bound.
+        unseen: parameters of directions that the data do not determine, or less than the bounds do; none of a curve.
+        singular_values: of the Jacobian over the noise, in units of the box, of a curve of the spread of its prior.
+        determined: how many parameters the data determine: without a prior all.
+        misfit: rms of what is left of the data over the noise, by degrees of freedom.
+        covariance: Gauss-Newton, (n, n); huge along what the data do not see.
+        widened: the same, widened where the misfit is above stated noise; 0 on a bound.
+        posterior: draws; None without, or where the noise is unknown.
+        notes: warnings, with numbers.
     """
 
     law: Law
-    runs: Sequence[Run]
-    values: Tensor
+    runs: tuple[Run, ...]
+    choices: Choices
+    knots: Knots
     stated: bool
+    values: Tensor
     residuals: Tensor
     jacobian: Tensor
+    data: int
+    freedom: int
+    scale: float
+    on_bound: tuple[str, ...]
+    unseen: tuple[tuple[str, ...], ...]
+    singular_values: Tensor
+    determined: float
+    misfit: float
+    covariance: Tensor
+    widened: Tensor
+    posterior: Posterior | None = None
+    notes: tuple[str, ...] = ()
 
     @property
-    def width(self) -> Tensor:
-        """Of the box, (n,)."""
-        return self.law.high - self.law.low
-
-    @property
-    def share(self) -> Tensor:
-        """Place in the box, 0 to 1, (n,)."""
-        return (self.values - self.law.low) / self.width
-
-    @property
-    def data(self) -> int:
-        """Real numbers that the runs are held to, priors apart."""
-        return sum(run.data for run in self.runs)
-
-    @property
-    def chi_square(self) -> float:
-        """Sum of squared residuals."""
-        return float(self.residuals.square().sum())
-
-    @property
-    def freedom(self) -> int:
-        """Data and priors less parameters."""
-        return len(self.residuals) - len(self.values)
-
-    @property
-    def scale(self) -> float:
-        """Variance of a residual: 1, or that of the residuals; nan without a degree of freedom."""
-        if self.stated:
-            return 1.0
-        return self.chi_square / self.freedom if self.freedom else math.nan
-
-    @property
-    def free(self) -> Tensor:
-        """Parameters that end on no bound, bool, (n,)."""
-        return (self.share >= ON_BOUND) & (self.share <= 1 - ON_BOUND)
-
-    @property
-    def on_bound(self) -> tuple[str, ...]:
-        """Parameters that end on a bound."""
-        return tuple(name for name, free in zip(self.law.names, self.free.tolist(), strict=True) if not free)
-
-    @functools.cached_property
-    def _svd(self) -> tuple[Tensor, Tensor]:
-        """Of the slopes over what is known beforehand: the prior of a curve, else the box."""
-        if self.law.frequency is None:
-            return torch.linalg.svd(self.jacobian * self.width, full_matrices=False)[1:]
-        prior = self.law.prior[:, self.free]
-        factor = torch.linalg.cholesky(prior.T @ prior)
-        by = torch.linalg.solve_triangular(factor, self.jacobian[: self.data, self.free].T, upper=False)
-        return torch.linalg.svd(by.T, full_matrices=False)[1:]
-
-    @property
-    def singular_values(self) -> Tensor:
-        """Of the Jacobian over the noise, in units of the box, of a curve of the spread of its prior, falling."""
-        return self._svd[0] / (self.scale**0.5 if self.scale > 0 else 1.0)
-
-    @property
-    def determined(self) -> float:
-        """How many parameters the data determine: without a prior all."""
-        square = self.singular_values.square()
-        return float(len(self.values) if self.law.frequency is None else (square / (1 + square)).sum())
-
-    @property
-    def misfit(self) -> float:
-        """rms of what is left of the data over the noise, by degrees of freedom."""
-        return float(self.residuals[: self.data].square().sum() / max(self.data - self.determined, 1.0)) ** 0.5
-
-    @property
-    def covariance(self) -> Tensor:
-        """Gauss-Newton, (n, n); huge along what the data do not see."""
-        return self.scale * _inverse(self.jacobian, self.width)
+    def numbers(self) -> dict[str, float]:
+        """Values by name."""
+        return dict(zip(self.law.names, self.values.tolist(), strict=True))
 
     @property
     def standard(self) -> Tensor:
@@ -190,80 +94,230 @@ class Fit:
         return self.covariance.diagonal().sqrt()
 
     @property
-    def widened(self) -> Tensor:
-        """Covariance (n, n), widened where the misfit is above the noise; 0 on a bound."""
-        kept, rows = self.free, self.jacobian.clone()
-        rows[: self.data] /= max(1.0, self.misfit)
-        found = torch.zeros(len(kept), len(kept), dtype=torch.float64)
-        if bool(kept.any()):
-            found[torch.outer(kept, kept)] = _inverse(rows[:, kept], self.width[kept]).flatten()
-        return found
+    def interval(self) -> Tensor:
+        """95 % of the posterior, (2, n); nan without one."""
+        if self.posterior is None:
+            return torch.full((2, len(self.values)), torch.nan, dtype=torch.float64)
+        return self.posterior.quantiles(self.posterior.draws, (0.025, 0.975))
 
     @property
-    def unseen(self) -> tuple[tuple[str, ...], ...]:
-        """Parameters of directions that the data do not determine, or less than the bounds do."""
-        singular, axes = self._svd
-        limit = UNSEEN * float(singular[0])
-        if self.scale == self.scale:
-            # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
-            limit = max(limit, (12 * self.scale) ** 0.5)
-        return tuple(
-            tuple(n for n, part in zip(self.law.names, axis.abs().tolist(), strict=True) if part > NAMED)
-            for value, axis in zip(singular.tolist(), axes, strict=True)
-            if value <= limit
-        )
+    def liner(self) -> LinerModel:
+        """That of the first plane with the values found, or the table of a curve."""
+        return self.table() if self.law.frequencies else self.runs[0].liner.with_numbers(self.numbers)
 
-    def of_run(self, run: Run) -> tuple[Tensor, Tensor]:
-        """Z of a plane, (F,), and covariances of R and X, (F, 2, 2), to first order."""
-        z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
-        return z, _spread(by, self.widened)
+    def table(self, reach: float = 0.0) -> TabulatedLiner:
+        """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs.
 
-    def curve(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
-        """Z of a liner at |v|, complex, (V,)."""
-        return self.law.curve(self.values, liner, torch.tensor([frequency], dtype=torch.float64), speed)[0]
+        Args:
+            reach: m/s, of the last speed, where that is more: there R goes on along its tangent, X stays.
+        Raises:
+            TypeError: parameters were found, not a curve.
+        Warns:
+            DataWarning: it reaches beyond what data support.
+        """
+        if not self.law.frequencies:
+            raise TypeError(f"parameters were found ({self.law.label}), not a curve; take the liner")
+        top, first = self.knots.top, self.runs[0].liner
+        if reach > MARGIN * top:
+            tell(
+                f"the table reaches to {reach:.4g} m/s, {reach / top:.3g} times the largest |v| of the runs "
+                f"({top:.4g} m/s): R goes on along its tangent there and X stays, which no data support"
+            )
+        speed = torch.linspace(0, max(MARGIN * top, reach) ** 0.5, ROWS, dtype=torch.float64).square()
+        name = f"{getattr(first, 'name', type(first).__name__)} identified"
+        return TabulatedLiner(self.law.frequencies, self._curves(speed), speed, first.cell_pitch, name)
 
-    def band(self, liner: LinerModel, frequency: float, speed: Tensor) -> Tensor:
-        """Z of a liner at |v|, and the ends of the 95 % bands of R and X apart, (3, V); R of a curve stays above 0."""
-        lines = torch.tensor([frequency], dtype=torch.float64)
-        z, by = with_slopes(lambda at: self.law.curve(at, liner, lines, speed)[0], self.values)
-        spread = WIDTH * standard_of(_spread(by, self.widened))
+    @functools.cached_property
+    def table_error(self) -> float:
+        """Largest error in R of the table's lines between its speeds, up to the runs' |v|."""
+        speed = torch.linspace(0, self.knots.top**0.5, 4 * ROWS, dtype=torch.float64).square()
+        drawn = self.table().impedance(torch.tensor(self.law.frequencies)[:, None], speed)
+        return float(reflection_from_impedance(torch.stack([self._curves(speed), drawn])).diff(dim=0).abs().max())
+
+    def _curves(self, speed: Tensor) -> Tensor:
+        lines = torch.tensor(self.law.frequencies, dtype=torch.float64)
+        return self.law.curve(self.values, self.runs[0].in_flow, lines, speed)
+
+    @functools.cached_property
+    def rows(self) -> list[Row]:
+        """Of the runs themselves, see ``predict``."""
+        return [row for run in self.runs for row in self.rows_of(run)]
+
+    @functools.cached_property
+    def model_error(self) -> float:
+        """Largest error in R of the interpolation over |v|, at any |v| of the data; that of a mean is far less."""
+        worst = 0.0
+        for run in self.runs:
+            speed = checked_speeds(self.knots.top if self.law.frequencies else run.known.top_speed(run.liner))
+            at_nodes, wanted = (
+                reflection_from_impedance(self.law.curve(self.values, run.in_flow, run.frequency, each))
+                for each in (run.nodes.speeds, speed)
+            )
+            between = run.nodes.coefficients(at_nodes) @ run.nodes.functions(speed).T.to(wanted)
+            worst = max(worst, float((between - wanted).abs().max()))
+        return worst
+
+    def band(self, frequency: float, speed: Any) -> Tensor:
+        """Z of the first liner at |v|, m/s, (V,), and the ends of the 95 % bands of R and X apart, (3, V).
+
+        ``frequency`` in Hz, of a curve one of the runs. R of a curve stays above 0.
+        """
+        lines, at = (torch.as_tensor(each, dtype=torch.float64) for each in ([frequency], speed))
+        liner = self.runs[0].in_flow
+        z, by = with_slopes(lambda values: self.law.curve(values, liner, lines, at)[0], self.values)
+        spread = WIDTH * standard_of(covariance_of(by.movedim(-1, 0), self.widened))
         low, high = z - spread, z + spread
-        if self.law.frequency is not None:
+        if self.law.frequencies:
             factor = (spread.real / z.real).exp()
             low, high = torch.complex(z.real / factor, low.imag), torch.complex(z.real * factor, high.imag)
         return torch.stack([z, low, high])
 
-    def warnings(self) -> list[str]:
-        """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
-        notes, law = [], self.law
-        for name in self.on_bound:
-            i = law.names.index(name)
-            label, at = ("lower", law.low[i]) if self.share[i] < 0.5 else ("upper", law.high[i])
-            unit = self.runs[0].liner.numbers()[name].unit
-            notes.append(
-                f"{name} ends on its {label} bound, {float(at):.6g}{'' if unit == '1' else f' {unit}'}: the data ask "
-                "for more than the bounds allow, and its uncertainty means little; widen the bound if that is "
-                "physical, else free another parameter"
-            )
-        for group in self.unseen:
-            notes.append(
-                f"the data do not tell {' and '.join(group)} apart within the bounds; fix one of them, give a prior, "
-                "or add data at another frequency or level"
-                if len(group) > 1
-                else f"the data do not see {group[0]} within the bounds; fix it or give a prior"
-            )
-        if self.stated and self.freedom and self.chi_square > FAR**2 * (self.freedom + 2):
-            notes.append(
-                f"the misfit is {(self.chi_square / self.freedom) ** 0.5:.3g} times the stated noise: the model cannot "
-                "give all references (or is far from its prior), and the posterior, which knows the noise alone, is "
-                "too narrow"
-            )
-        if not self.stated and self.freedom == 0:
-            notes.append(
-                f"{self.data} data fix {len(self.values)} parameters with nothing left over: no residual says how "
-                "uncertain they are; state noise"
-            )
-        return notes
+    def weights(self, runs: Sequence[Run]) -> Tensor:
+        """Share of each spline of ``knots`` in Z of each plane and frequency, (D, n)."""
+        curves = curves_at_nodes(self.law, self.values, runs)
+        return torch.cat([weights_of(run, z, self.knots) for run, z in zip(runs, curves, strict=True)])
+
+    @functools.cached_property
+    def seen(self) -> tuple[int, int]:
+        """The first and the last spline that the runs see."""
+        known = (self.weights(self.runs).amax(0) >= SEEN).nonzero()[:, 0]
+        return int(known[0]), int(known[-1])
+
+    @property
+    def seen_speeds(self) -> tuple[float, float]:
+        """Least and greatest |v| about which the runs say something, m/s."""
+        first, last = self.seen
+        # A spline reaches two steps to either side, and at rest nothing is slower.
+        return float(self.knots.speeds[max(first - 2, 0)]), float(self.knots.speeds[last])
+
+    def rows_of(self, run: Run, noise: complex = 0j) -> list[Row]:
+        """A row a frequency of what the fit makes of a run, see ``predict``."""
+        z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
+        spread = covariance_of(by.movedim(-1, 0), self.widened)
+        if self.posterior is not None:
+            parts = torch.view_as_real(drawn_impedances(self.law, self.posterior.draws, [run])[0])
+            spread = torch.stack([self.posterior.covariance(each) for each in parts.unbind(1)])
+        before = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
+        standard, weights, (first, last), plane = standard_of(spread), self.weights([run]), self.seen, run.plane
+        columns: dict[str, list[Any]] = {
+            "frequency": run.frequency.tolist(),
+            "before": run.impedance(before).tolist(),
+            "impedance": z.tolist(),
+            "standard": standard.tolist(),
+            "correlation": [correlation_of(each) for each in spread],
+            "outside": (weights[:, :first].sum(1) + weights[:, last + 1 :].sum(1)).tolist(),
+        }
+        if run.ratio is not None:
+            columns |= {"level_check": (run.errors(z).real / NEPER).tolist(), "off": run.off(z).tolist()}
+        elif len(run.wanted):
+            own = torch.tensor([noise.real, noise.imag], dtype=torch.float64)
+            total = torch.view_as_real(standard).hypot(own)
+            misses = torch.view_as_complex(torch.view_as_real(z - run.wanted) / total)
+            columns |= {"true": run.wanted.tolist(), "misses": misses.tolist(), "off": run.off(z).tolist()}
+        about = {"label": str(plane.provenance.get("case") or plane.name), "group": run.group, "height": plane.height}
+        about |= dict.fromkeys(("true", "misses", "off", "level_check"))
+        return [Row(about, **dict(zip(columns, each, strict=True))) for each in zip(*columns.values(), strict=True)]
+
+    def predict(
+        self,
+        plane: Records,
+        liner: Liner | None = None,
+        frequency: Any = None,
+        *,
+        reference: str = "true",
+        noise: complex = 0j,
+    ) -> list[Row]:
+        """Z of another plane.
+
+        Args:
+            plane: wall-normal velocity, or its moments.
+            liner: its liner, whose other numbers are kept; default that of the first run.
+            frequency: Hz; default the plane's tone.
+            reference: name of the impedance beside which it is put, if the plane has it.
+            noise: standard uncertainty of that, u(R) + j u(X), part of the misses.
+        Returns:
+            A row a frequency: label (the case, else the name of the plane), frequency (Hz), height (m), before (Z of
+            the liner as it was), impedance, standard (u(R) + j u(X): of the posterior, else to first order, widened),
+            correlation of R and X, outside (share of the plane's weight at |v| beyond those that the runs saw), true
+            (the reference, or None), misses (by how many standard deviations R and X are off it), off (error of the
+            reflection coefficient), and of runs held to levels level_check (dB).
+        Raises:
+            ValueError: a frequency that no run had, for a curve.
+        Warns:
+            DataWarning: more than 10 % of its weight lies at speeds beyond those that the runs saw.
+        """
+        base = self.runs[0].liner if liner is None else as_liner(liner)
+        if isinstance(self.runs[0].liner, FlowSDoFLiner):
+            base = with_flow(base)
+        run = read_run(plane, base, frequency, self.choices, any_curve=bool(self.law.frequencies))
+        true = run.plane.reference.get(reference)
+        if true is not None:
+            tone = run.frequency[0] if run.plane.frequency is None else run.plane.frequency
+            wanted = [
+                true if abs(f / tone - 1) < SAME_FREQUENCY else complex(math.nan, math.nan) for f in run.frequency
+            ]
+            run = dataclasses.replace(run, wanted=torch.tensor(wanted, dtype=torch.complex128))
+        rows = self.rows_of(run, noise)
+        tell(self.beyond(run.plane.name, max(row.outside for row in rows)))
+        return rows
+
+    def beyond(self, name: str, outside: float) -> list[str]:
+        """Whether a plane leaves the speeds that the runs saw."""
+        if outside <= OUTSIDE:
+            return []
+        low, high = self.seen_speeds
+        return [
+            f"{name}: {100 * outside:.0f} % of its weight lies at |v| that no other run saw (seen: about {low:.3g} to "
+            f"{high:.3g} m/s); what the law misses there is not in the uncertainty: add a run at its level"
+        ]
+
+
+def with_flow(liner: LinerModel) -> LinerModel:
+    """An SDoF liner that takes the Mach number of each plane, and with factors unless its own law takes one; any other
+    as it is."""
+    if isinstance(liner, FlowSDoFLiner):
+        return liner.replace(mach=None)
+    return AdjustedSDoFLiner.of(liner) if isinstance(liner, SDoFLiner) else liner
+
+
+def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
+    """Least squares, and what they say; ``stated``: the noise is known.
+
+    Raises:
+        ValueError, RuntimeError: as ``solve``.
+    """
+    values, residuals, jacobian = solve(law, runs)
+    width, data, freedom = law.high - law.low, sum(run.data for run in runs), len(residuals) - len(values)
+    share, square = (values - law.low) / width, float(residuals.square().sum())
+    free = (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
+    scale = 1.0 if stated else square / freedom if freedom else math.nan
+    over = jacobian * width  # slopes over what is known beforehand: the box, or the prior of a curve
+    if law.frequencies:
+        factor = torch.linalg.cholesky(law.prior[:, free].T @ law.prior[:, free])
+        over = torch.linalg.solve_triangular(factor, jacobian[:data, free].T, upper=False).T
+    _, singular, axes = torch.linalg.svd(over, full_matrices=False)
+    sharp = singular / (scale**0.5 if scale > 0 else 1.0)
+    determined = float((sharp**2 / (1 + sharp**2)).sum()) if law.frequencies else float(len(values))
+    misfit = float(residuals[:data].square().sum() / max(data - determined, 1.0)) ** 0.5
+    # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
+    limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(scale) else (12 * scale) ** 0.5)
+    dark = [] if law.frequencies else [axis for value, axis in zip(singular, axes, strict=True) if value <= limit]
+    covariance = widened = scale * _inverse(jacobian, width)
+    if stated:
+        rows, widened = jacobian.clone(), torch.zeros_like(covariance)
+        rows[:data] /= max(1.0, misfit)
+        if bool(free.any()):
+            widened[torch.outer(free, free)] = _inverse(rows[:, free], width[free]).flatten()
+    return Fit(
+        *(law, tuple(runs), choices, knots, stated, values, residuals, jacobian, data, freedom, scale),
+        on_bound=tuple(name for name, inside in zip(law.names, free.tolist(), strict=True) if not inside),
+        unseen=tuple(tuple(law.names[int(i)] for i in (axis.abs() > NAMED).nonzero()) for axis in dark),
+        singular_values=sharp,
+        determined=determined,
+        misfit=misfit,
+        covariance=covariance,
+        widened=widened,
+    )
 
 
 def _inverse(rows: Tensor, width: Tensor) -> Tensor:
@@ -271,51 +325,3 @@ def _inverse(rows: Tensor, width: Tensor) -> Tensor:
     _, singular, axes = torch.linalg.svd(rows * width, full_matrices=False)
     floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)
     return (axes.T / floored**2) @ axes * torch.outer(width, width)
-
-
-def _spread(by: Tensor, covariance: Tensor) -> Tensor:
-    """Covariance of real and imaginary parts, (..., 2, 2), from complex slopes (..., n)."""
-    parts = torch.stack([by.real, by.imag], -2)
-    return parts @ covariance @ parts.mT
-
-
-def fit_law(law: Law, runs: Sequence[Run], stated: bool) -> Fit:
-    """Least squares by trust-region reflective steps (scipy), with the exact Jacobian; ``stated``: the noise is known.
-
-    Raises:
-        RuntimeError: the least squares do not converge.
-    """
-    from scipy.optimize import least_squares
-
-    width = law.high - law.low
-    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
-
-    @functools.lru_cache(maxsize=1)
-    def both(place: bytes) -> tuple[Tensor, Tensor]:
-        return residuals_of(law, start + width * torch.from_numpy(np.frombuffer(place).copy()), runs)
-
-    def residuals(at: np.ndarray) -> np.ndarray:
-        return both(at.tobytes())[0].numpy()
-
-    def jacobian(at: np.ndarray) -> np.ndarray:
-        return (both(at.tobytes())[1] * width).numpy()
-
-    low, high = (((end - start) / width).numpy() for end in (law.low, law.high))
-    found = least_squares(
-        residuals,
-        np.zeros(len(width)),
-        jacobian,
-        bounds=(low, high),
-        x_scale="jac",
-        xtol=law.tolerance,
-        ftol=law.tolerance,
-        gtol=law.tolerance,
-        max_nfev=1000,
-    )
-    if not found.success:
-        raise RuntimeError(
-            f"the least squares do not settle in {found.nfev} evaluations ({found.message}), sum of squares "
-            f"{2 * found.cost:.3g}; narrow the bounds, state a larger noise, or free fewer parameters"
-        )
-    place = np.asarray(found.x, dtype=np.float64)
-    return Fit(law, runs, start + width * torch.from_numpy(place), stated, *both(place.tobytes()))

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -70,10 +71,12 @@ def study_heights(
         deviation of R and of X over the windows; nan for one).
 
         ``facts``, a row a height: height (m); coherence (squared, of v with the tone, median over probes); velocity_rms
-        (v', m/s); modulation, mean_modulation, streamwise_modulation (``Modulation`` of v'_rms, v_0 and u'_rms along x;
-        None without a whole cell, or without u); jet_velocity, jet_height (m/s and m, eqs (A3) and (A2), with |Z| in
-        the averaging of the answer; None where something is unknown); impedance (of the whole plane by averaging);
-        level_check (dB by averaging; empty where it was not checked), level_limit (dB).
+        (v', m/s); modulation (rms of the cell-periodic part of v'_rms along x over its mean), first_harmonic and
+        between (the parts of its first harmonic, and of waves that nothing periodic in the cell has),
+        mean_modulation (of v_0, over the mean of v'_rms), streamwise_modulation (of u'_rms); None without a whole cell,
+        or without u; jet_velocity, jet_height (m/s and m, eqs (A3) and (A2), with |Z| in the averaging of the answer;
+        None where something is unknown); impedance (of the whole plane by averaging); level_check (dB by averaging;
+        empty where it was not checked), level_limit (dB).
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies, or lengths that do not fit.
     Warns:
@@ -88,32 +91,30 @@ def study_heights(
         require_positive("cell_pitch (m)", pitch)
     TanhProfile(0.1, duct_height, shear, 343.2)  # refuses what no profile can have
     grids = [grid_of(plane) for plane in ordered]
-    long = _checked_lengths(lengths, grids) if lengths else _default_lengths(grids, pitch)
+    long = _lengths(lengths, grids, pitch)
     # What stands beside the heights are spreads; no interval is shown.
     chosen = Choices(**{"interval": None, **choices})
-    rows: list[Row] = []
-    facts: list[Row] = []
-    notes: list[str] = []
-    first: ImpedanceMap | None = None
+    rows, facts, notes, known = list[Row](), list[Row](), list[str](), list[Modulation]()
+    maps: list[ImpedanceMap] = []
     for plane, grid in zip(ordered, grids, strict=True):
         source = Source(records[id(plane)], [model], wanted, chosen)
         with torch.no_grad():
             seen = answer(source.known, model, source.frequency, chosen, reference_phase)
+        maps.append(seen)
         rows += _rows(source, seen, grid, long, reference_phase)
         notes += [note.text for note in seen.notes]
-        facts.append(_facts(plane, seen, model, pitch, (duct_height, shear), notes))
+        found = _modulations(plane, seen, pitch, notes)
+        known += found[:1]
+        facts.append(Row(_facts(plane, seen, found), **_jet(plane, seen, model, (duct_height, shear), notes)))
         if source.reading is None:
             notes.append(
                 f"{plane.name} holds moments: the averaged velocity is known of its cells alone, not over averaging "
                 "lengths; name the plane that was reduced"
             )
-        first = first or seen
         if progress is not None:
             progress(1)
-    assert first is not None
     tell(dict.fromkeys(notes))
-    known = [(one.height, one.modulation) for one in facts if one.modulation is not None]
-    heights = [height for height, _ in known] if pitch and len(known) == len(facts) else []
+    heights = [one.height for one in facts] if len(known) == len(facts) else []
     return Study(
         title=ordered[0].title.split(", y =")[0],
         frequency=wanted,
@@ -123,10 +124,10 @@ def study_heights(
         averaging=chosen.averaging,
         rows=tuple(sorted(rows, key=lambda row: (row.height, row.length))),
         facts=tuple(facts),
-        decay=fit_decay(heights, [each.relative for _, each in known], pitch or 0.0),
-        first_decay=fit_decay(heights, [each.first for _, each in known], pitch or 0.0),
-        reference=first.reference_at(0),
-        choices=dict(first.choices),
+        decay=fit_decay(heights, [each.over_mean(each.rms) or 0.0 for each in known]),
+        first_decay=fit_decay(heights, [each.harmonics[0] for each in known]),
+        reference=maps[0].reference_at(0),
+        choices=dict(maps[0].choices),
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -141,9 +142,17 @@ def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> 
     return float(values[0])
 
 
-def _default_lengths(grids: Sequence[Grid], pitch: float | None) -> list[float]:
-    """A spacing, shares of a cell, whole cells by doubling, the whole plane."""
+def _lengths(asked: Sequence[float] | None, grids: Sequence[Grid], pitch: float | None) -> list[float]:
+    """As asked for; else a spacing, shares of a cell, whole cells by doubling, the whole plane."""
     shortest, longest = max(g.spacing for g in grids), min(g.length for g in grids)
+    for length in asked or ():
+        require_positive("averaging length (m)", length)
+        if not shortest * (1 - 1e-3) <= length <= longest + 0.5 * shortest:
+            fault = f"below the spacing of the probes, {1e3 * shortest:.4g} mm"
+            fault = fault if length < shortest else f"above the plane's length, {1e3 * longest:.4g} mm"
+            raise ValueError(f"averaging length {1e3 * length:.4g} mm is {fault}")
+    if asked:
+        return sorted(set(asked))
     unit = pitch or longest
     steps = [share * unit for share in CELL_SHARES]
     steps += [unit * 2**k for k in range(math.ceil(math.log2(max(longest / unit, 1))) + 1)]
@@ -153,20 +162,6 @@ def _default_lengths(grids: Sequence[Grid], pitch: float | None) -> list[float]:
         if kept[-1] + 0.5 * shortest < length <= longest + 0.5 * shortest:
             kept.append(length)
     return kept
-
-
-def _checked_lengths(lengths: Sequence[float], grids: Sequence[Grid]) -> list[float]:
-    shortest, longest = max(g.spacing for g in grids), min(g.length for g in grids)
-    for length in lengths:
-        require_positive("averaging length (m)", length)
-        fault = ""
-        if length < shortest * (1 - 1e-3):
-            fault = f"below the spacing of the probes, {1e3 * shortest:.4g} mm"
-        elif length > longest + 0.5 * shortest:
-            fault = f"above the plane's length, {1e3 * longest:.4g} mm"
-        if fault:
-            raise ValueError(f"averaging length {1e3 * length:.4g} mm is {fault}")
-    return sorted(set(lengths))
 
 
 def _rows(source: Source, seen: ImpedanceMap, grid: Grid, lengths: Sequence[float], psi: float | None) -> list[Row]:
@@ -182,19 +177,11 @@ def _rows(source: Source, seen: ImpedanceMap, grid: Grid, lengths: Sequence[floa
         variants = [Variant({}, "velocity", chosen, windows=each, psi=psi) for each in cut]
         over_velocity = [(each.impedance, each.spread) for each in source.evaluate(variants)]
     rows = []
-    for length, windows, (velocity, spread) in zip(lengths, cut, over_velocity, strict=True):
-        admittance, between = _average(windows.mean(walled))
-        row = Row(
-            height=source.plane.height or 0.0,
-            length=length,
-            probes=windows.width * windows.height,
-            windows=windows.count,
-            admittance=admittance,
-            velocity=velocity,
-            admittance_spread=between,
-            velocity_spread=spread,
-        )
-        rows.append(row)
+    for length, windows, velocity in zip(lengths, cut, over_velocity, strict=True):
+        names = ("admittance", "admittance_spread", "velocity", "velocity_spread")
+        values = dict(zip(names, (*_average(windows.mean(walled)), *velocity), strict=True))
+        about = {"height": source.plane.height or 0.0, "length": length, "probes": windows.width * windows.height}
+        rows.append(Row(about, windows=windows.count, **values))
     return rows
 
 
@@ -206,55 +193,42 @@ def _average(admittance: Tensor) -> tuple[complex, complex]:
     return complex(mean_impedance(known)), spread
 
 
-def _facts(
-    plane: VelocityPlane,
-    seen: ImpedanceMap,
-    liner: LinerModel,
-    pitch: float | None,
-    duct: tuple[float, float],
-    notes: list[str],
-) -> Row:
-    """What does not depend on the averaging length; ``notes`` gets what could not be found out, and why."""
-    rms, check = seen.velocity_rms.detach().cpu(), seen.level_check
-    speed, reach, reason = _jet(plane, complex(seen.answer[0]), liner, duct)
+def _facts(plane: VelocityPlane, seen: ImpedanceMap, found: list[Modulation]) -> Row:
+    """What does not depend on the averaging length."""
+    check = seen.level_check
     levels = {} if check is None else dict(zip(check.averagings, check.liner.level[:, 0].tolist(), strict=True))
-    waves, steady, stream = _modulations(plane, rms, seen.mean_velocity.detach().cpu(), pitch, notes)
-    notes += [f"no jet height: {reason}"] if reason else []
+    v, steady, u = [*found, None, None, None][:3]
     return Row(
         height=plane.height or 0.0,
         coherence=float(seen.coherence[..., 0].nanmedian()),
-        velocity_rms=float((rms**2).nanmean().sqrt()),
-        modulation=waves,
-        mean_modulation=steady,
-        streamwise_modulation=stream,
-        jet_velocity=speed,
-        jet_height=reach,
+        velocity_rms=float((seen.velocity_rms**2).nanmean().sqrt()),
+        modulation=v and v.over_mean(v.rms),
+        first_harmonic=v and v.over_mean(v.harmonics[0] / math.sqrt(2)),
+        between=v and v.over_mean(v.between),
+        mean_modulation=v and steady and v.over_mean(steady.rms),
+        streamwise_modulation=u and u.over_mean(u.rms),
         impedance={name: complex(each.impedance[0]) for name, each in seen.liner.items()},
         level_check={name: level for name, level in levels.items() if math.isfinite(level)},
         level_limit=math.nan if check is None else check.limit,
     )
 
 
-def _modulations(
-    plane: VelocityPlane, rms: Tensor, mean: Tensor, pitch: float | None, notes: list[str]
-) -> list[Modulation | None]:
-    """Of v'_rms, v_0 and u'_rms along x."""
+def _modulations(plane: VelocityPlane, seen: ImpedanceMap, pitch: float | None, notes: list[str]) -> list[Modulation]:
+    """Of v'_rms, v_0 and, if that is stored, u'_rms along x; ``notes`` gets why there are none."""
     if pitch is None:
         notes.append("no cell pitch is known; the cell-periodic modulation cannot be judged")
-        return [None, None, None]
-    profiles: list[Array | None] = [_over_z(rms**2) ** 0.5, _over_z(mean), None]
+        return []
+    profiles = [np.sqrt(_over_z(seen.velocity_rms**2)), _over_z(seen.mean_velocity)]
     if plane.streamwise is not None:
-        name = f"{plane.name}, streamwise"
-        mean_stream, square = time_moments(
-            VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=name)
-        )
-        profiles[2] = _over_z((square - mean_stream**2).clamp(min=0).reshape(plane.probe_shape)) ** 0.5
+        u = VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate, name=f"{plane.name}, streamwise")
+        mean, square = time_moments(u)
+        profiles.append(np.sqrt(_over_z((square - mean**2).clamp(min=0).reshape(plane.probe_shape))))
     try:
-        found = [None if each is None else cell_modulation(plane.x, each, pitch) for each in profiles]
+        found = [cell_modulation(plane.x, each, pitch) for each in profiles]
     except ValueError as error:
         notes.append(f"{plane.name}: no cell-periodic modulation can be judged: {error}")
-        return [None, None, None]
-    if found[0] is not None and found[0].cells == 1:
+        return []
+    if found[0].cells == 1:
         notes.append(
             "the probes span a single cell: the cell-periodic modulation is the harmonics of the pitch in it, and "
             "nothing shows that they repeat"
@@ -264,33 +238,38 @@ def _modulations(
 
 def _over_z(values: Tensor) -> Array:
     """Mean over z of (z, x); (x) as it is."""
-    return values.reshape(-1, values.shape[-1]).nanmean(0).to(torch.float64).numpy()
+    return values.detach().cpu().reshape(-1, values.shape[-1]).nanmean(0).to(torch.float64).numpy()
 
 
 def _jet(
-    plane: VelocityPlane, impedance: complex, liner: LinerModel, duct: tuple[float, float]
-) -> tuple[float | None, float | None, str]:
-    """U_j, H_j, and why one of them is not known."""
+    plane: VelocityPlane, seen: ImpedanceMap, liner: LinerModel, duct: tuple[float, float], notes: list[str]
+) -> Row:
+    """jet_velocity and jet_height; ``notes`` gets why one of them is not known."""
+    found, z = Row(jet_velocity=None, jet_height=None), complex(seen.answer[0])
+    stated = {
+        "level of the sound": plane.incident_level,
+        "Mach number": plane.mach,
+        "porosity": liner.surface_porosity,
+        "hole diameter": liner.hole_diameter,
+    }
+    level, mach, porosity, diameter = stated.values()
+    reason = ""
     if plane.liner == "hard wall":
-        return None, None, "there are no holes in a hard wall"
-    level, mach, porosity, diameter = (
-        plane.incident_level,
-        plane.mach,
-        liner.surface_porosity,
-        liner.hole_diameter,
-    )
-    if level is None or mach is None or porosity is None or diameter is None:
-        stated = {"level of the sound": level, "Mach number": mach, "porosity": porosity, "hole diameter": diameter}
-        return None, None, f"{' and '.join(name for name, value in stated.items() if value is None)} not stated"
-    if not 0 < abs(impedance) < math.inf:
-        return None, None, f"the impedance is {impedance}"
-    speed = jet_velocity(level, plain_number(porosity), impedance, plane.fluid)
-    if not mach:
-        return speed, None, "without a mean flow A.2 sets no limit to a jet"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: ``study_heights`` has warned
-        profile = TanhProfile(mach, *duct, float(plane.fluid.sound_speed))
-    try:
-        return speed, float(penetration_height(speed, diameter, profile)), ""
-    except ValueError as error:
-        return speed, None, str(error)
+        reason = "there are no holes in a hard wall"
+    elif level is None or mach is None or porosity is None or diameter is None:
+        reason = f"{' and '.join(name for name, value in stated.items() if value is None)} not stated"
+    elif not 0 < abs(z) < math.inf:
+        reason = f"the impedance is {z}"
+    else:
+        found["jet_velocity"] = jet_velocity(level, plain_number(porosity), z, plane.fluid)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: ``study_heights`` has warned
+                profile = TanhProfile(mach, *duct, float(plane.fluid.sound_speed)) if mach else None
+            if profile is None:
+                raise ValueError("without a mean flow A.2 sets no limit to a jet")
+            found["jet_height"] = float(penetration_height(found.jet_velocity, diameter, profile))
+        except ValueError as error:
+            reason = str(error)
+    notes += [f"no jet height: {reason}"] if reason else []
+    return found

@@ -8,19 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import require_positive
 from torchliner.conversions import REFERENCE_PRESSURE
 from torchliner.duct.flow_profiles import Array, MeanFlow
 from torchliner.fluid import Fluid
 
-SPL_READINGS = ("rms", "printed")
 REACH = 10.0  # x_lim/d, where the paper reads the height off the jet's path
 LOWEST = 1e-12  # of half the duct height: below any jet
 
 
-def jet_velocity(
-    level: float, porosity: float, impedance: complex, fluid: Fluid | None = None, *, reading: str = "rms"
-) -> float:
+def jet_velocity(level: float, porosity: float, impedance: complex, fluid: Fluid | None = None) -> float:
     r"""Velocity in the holes of a liner under a tone, :math:`U_j = p_{rms}/(\rho c \phi |Z|)`.
 
     Args:
@@ -28,27 +25,19 @@ def jet_velocity(
         porosity: phi, open area over the whole surface, 0 to 1.
         impedance: Z, normalised; its size counts.
         fluid: gas; default air at 20 C.
-        reading: ``rms``, p_rms = p_0 10^(SPL/20) with p_0 = 20 uPa rms, the definition of the SPL;
-            ``printed``, the paper's further 1/sqrt(2).
     Returns:
-        U_j, m/s, rms for ``rms``.
+        U_j, m/s, rms.
     Raises:
-        ValueError: porosity outside 0 to 1, Z = 0, or a level that is not finite.
+        ValueError: porosity outside 0 to 1, or Z = 0.
     Source: Roncen et al. (2026), eq. (A3). The print divides an rms pressure by sqrt(2) once more;
         its 120 m/s for 145 dB, 5 %, |Z| = 0.1 is that print (122 m/s); without it 172 m/s.
     """
-    require_choice("SPL reading", reading, SPL_READINGS)
     require_positive("porosity", porosity)
     require_positive("|impedance|", abs(impedance))
     if porosity > 1:
         raise ValueError(f"porosity is {porosity:g}; it is a fraction, at most 1 (5 % is 0.05)")
-    if not math.isfinite(level):
-        raise ValueError(f"level is {level:g} dB; it must be finite")
     pressure = REFERENCE_PRESSURE * 10 ** (level / 20)
-    if reading == "printed":
-        pressure /= math.sqrt(2)
-    gas = fluid or Fluid()
-    return pressure / (gas.characteristic_impedance * porosity * abs(impedance))
+    return pressure / ((fluid or Fluid()).characteristic_impedance * porosity * abs(impedance))
 
 
 def penetration_height(velocity: ArrayLike, diameter: float, profile: MeanFlow) -> Array:
@@ -74,18 +63,19 @@ def penetration_height(velocity: ArrayLike, diameter: float, profile: MeanFlow) 
     if not (np.isfinite(speeds) & (speeds > 0)).all():
         raise ValueError("jet velocity is in m/s; it must be finite and above 0")
     middle, found = profile.duct_height / 2, []
+    ends = math.log(LOWEST * middle), math.log(middle)
     for speed in speeds.reshape(-1).tolist():
         wanted = math.log(math.sqrt(math.pi / 4 * REACH * diameter) * diameter * speed)
 
         def excess(log_height: float, wanted: float = wanted) -> float:
             return 1.5 * log_height + math.log(float(profile.velocity(math.exp(log_height)))) - wanted
 
-        if excess(math.log(middle)) < 0:
+        if excess(ends[1]) < 0:
             raise ValueError(
                 f"a jet of {speed:g} m/s from a hole of {1e3 * diameter:g} mm reaches the middle of the duct, "
                 f"{1e3 * middle:g} mm, where the scaling of A.2 ends; lower the jet velocity or raise the Mach number"
             )
-        if excess(math.log(LOWEST * middle)) > 0:
+        if excess(ends[0]) > 0:
             raise ValueError(f"a jet of {speed:g} m/s stays below {LOWEST * middle:.1g} m; raise its velocity")
-        found.append(math.exp(brentq(excess, math.log(LOWEST * middle), math.log(middle), xtol=1e-13, rtol=1e-13)))
+        found.append(math.exp(brentq(excess, *ends, xtol=1e-13, rtol=1e-13)))
     return np.array(found).reshape(speeds.shape)

@@ -1,17 +1,54 @@
-"""Laws Z(f, |v|) with free parameters: what can be fitted. The liner's own law is one."""
+r"""Laws Z(f, |v|) with free parameters: what can be fitted. The liner's own law is one, curves over |v| are another.
+
+Curves are monotone and passive whatever their parameters are. In :math:`s = \sqrt{|v|}` cubic B-splines with equal
+steps, up to a speed below which nearly all of the data lie; sums of the last of them, :math:`I_j = \sum_{k \ge j} B_k`,
+rise from 0 to 1, so that
+
+.. math:: R = R_0 e^{q_0} + \sum_j \delta_j e^{q_j} I_j, \qquad
+          X = X_0 + x_0 \mp \sum_j \delta'_j e^{q'_j} I_j
+
+is monotone, and R above 0, for all q: no bound has to hold them there. The steps :math:`\delta` are those of a prior
+shape, so that q = 0 is that shape and equal q the same shape times a factor. The logarithm of the ratio to the prior
+shape walks at random over |v|, with the standard deviation ``freedom`` from rest to the last knot. At rest both have no
+slope in s; beyond the last knot R goes on along its tangent in |v|, X stays.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice
+from torchliner.checks import SAME_FREQUENCY, require_choice
 from torchliner.liners.model import LinerModel, named_numbers
-from torchliner.liners.response import impedance_of
+from torchliner.liners.response import complex_tensor, impedance_of
+from torchliner.names import CURVE_SHAPES, REACTANCES
+
+ORDER = 3  # cubic
+PARTS = 18  # steps in sqrt |v|, from rest to the last knot
+FLOOR = 0.1  # of the mean step: the least step of a prior shape, so that a factor can act on it
+LEAST_RESISTANCE = 0.01  # at rest, of a prior shape without losses
+SMOOTH = 1.0 - 0.5j  # change of Z from rest to the largest |v|, of the prior shape "smooth"
+REST = (1.0, 0.5)  # spread of the logarithm of R, and of X, at rest, where none is stated
+SIGNS = dict(zip(REACTANCES, (-1.0, 1.0), strict=True))
+LEVEL = 1.0  # standard deviation of the mean logarithm of the ratio to the prior shape
+BOUNDS = 6.0  # of all parameters of a curve: factors of 1/400 to 400
+STILL = torch.zeros(1, dtype=torch.float64)
+AROUND = 0.5  # bounds that are not stated: so much of a value, or about one that may be negative
+USUAL = {  # bounds of factors, whose neutral value says nothing of how far they go
+    "vena_contracta": (0.2, 1.0),
+    "end_correction": (0.0, 4.0),
+    "mass_loss": (0.0, 10.0),
+    "mass_loss_speed": (0.05, 10.0),
+    "mach_resistance": (-5.0, 5.0),
+    "mach_mass_loss": (-10.0, 10.0),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,14 +56,16 @@ class Law:
     """What can be fitted.
 
     Args:
+        label: of tables.
         names: of the n parameters.
         low, high, start: bounds, and where the search begins, (n,).
         curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         centre, prior: residuals of the prior are ``prior @ (values - centre)``, (n,) and (r, n).
         tolerance: of the search, relative.
-        frequency: Hz, of a law that holds at one alone: a curve.
+        frequencies: Hz, of curves, which hold there alone.
     """
 
+    label: str
     names: tuple[str, ...]
     low: Tensor
     high: Tensor
@@ -35,7 +74,16 @@ class Law:
     centre: Tensor
     prior: Tensor
     tolerance: float = 1e-12
-    frequency: float | None = None
+    frequencies: tuple[float, ...] = ()
+
+
+def bounds_for(names: Sequence[str], liner: LinerModel) -> dict[str, tuple[float, float]]:
+    """Usual bounds, SI, of parameters by name."""
+    found = {}
+    for name, number in named_numbers(liner, names).items():
+        reach = AROUND * number.value if number.low >= 0 else AROUND
+        found[name] = USUAL.get(name, (number.value - reach, min(number.value + reach, number.high)))
+    return found
 
 
 def parameter_law(
@@ -79,4 +127,161 @@ def parameter_law(
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
     rows = torch.diag(1 / prior[:, 1])[prior[:, 1].isfinite()]
-    return Law(names, ends[:, 0], ends[:, 1], ends[:, 2], curve, prior[:, 0], rows)
+    box: dict[str, Any] = dict(zip(("low", "high", "start"), ends.unbind(1), strict=True))
+    return Law(", ".join(bounds), names, **box, curve=curve, centre=prior[:, 0], prior=rows)
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Where the splines of all curves of a fit stand.
+
+    Args:
+        top: m/s, the last knot.
+        parts: equal steps in sqrt |v|.
+    """
+
+    top: float
+    parts: int = PARTS
+
+    @functools.cached_property
+    def _places(self) -> np.ndarray:
+        return np.pad(np.linspace(0.0, self.top**0.5, self.parts + 1), ORDER, mode="edge")
+
+    @functools.cached_property
+    def speeds(self) -> Tensor:
+        """|v| about which each B-spline lies, m/s, (n,)."""
+        each = [self._places[i + 1 : i + 1 + ORDER].mean() for i in range(self.parts + ORDER)]
+        return torch.tensor(each, dtype=torch.float64).square()
+
+    def splines(self, speed: Tensor) -> Tensor:
+        """B-splines, (V, n), constant beyond the last knot."""
+        from scipy.interpolate import BSpline
+
+        place = np.sqrt(speed.numpy().clip(0, self.top)).clip(0, self._places[-1])
+        return torch.from_numpy(BSpline.design_matrix(place, self._places, ORDER).toarray())
+
+    def rising(self, speed: Tensor) -> tuple[Tensor, Tensor]:
+        """I_j of R, (V, m), and of X, (V, m - 1); beyond the last knot along the tangent in |v|, and constant.
+
+        What would give a slope in s at rest, or to X at the last knot, is left out.
+        """
+        sums = self.splines(speed).flip(-1).cumsum(-1).flip(-1)
+        tangent = sums[:, 2:].clone()
+        # Of the sums only the last has a slope there: 3/h in s, by ds = dv/(2 s) in |v|.
+        tangent[:, -1] += (speed - self.top).clamp(min=0) * ORDER * self.parts / (2 * self.top)
+        return tangent, sums[:, 2:-1]
+
+
+def impedance_at(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
+    """Z of a liner, complex, (V,); beyond the largest |v| that it knows, as there."""
+    found = liner.impedance(frequency, speeds.clamp(max=liner.speed_max or torch.inf))
+    return complex_tensor(found, type(liner).__name__).detach()
+
+
+@dataclass(frozen=True, eq=False)
+class CurveShape:
+    """Curves at one frequency; their parameters are q_0, x_0, q, q'.
+
+    Args:
+        base: liner whose Z at rest, and whose law if that is the prior shape, is kept where nothing is known; another
+            liner's curve differs by its Z at rest.
+        frequency: Hz.
+        knots: of the splines.
+        shape: prior shape, one of ``names.CURVE_SHAPES``: the "law", or "smooth", in proportion to |v|.
+        direction: of the reactance, one of ``SIGNS``.
+        freedom: of the walk over |v|.
+        rest: standard uncertainty u(R) + j u(X) at rest; None for ``REST``.
+    """
+
+    base: LinerModel
+    frequency: float
+    knots: Knots
+    shape: str
+    direction: str
+    freedom: float
+    rest: complex | None = None
+
+    @functools.cached_property
+    def _shape(self) -> tuple[float, float, Tensor, Tensor]:
+        """R and X at rest, and the steps of both, above 0."""
+        at, speeds = torch.tensor(self.frequency, dtype=torch.float64), self.knots.speeds
+        values = impedance_at(self.base, at, STILL) + SMOOTH * speeds / speeds[-1]
+        if self.shape == CURVE_SHAPES[0]:
+            values = impedance_at(self.base, at, speeds)
+        steps = values.diff()[1:]
+        resistance = max(float(values[0].real), LEAST_RESISTANCE)
+        falling = SIGNS[self.direction] * steps.imag[:-1]
+        return resistance, float(values[0].imag), _above_floor(steps.real), _above_floor(falling)
+
+    @property
+    def count(self) -> int:
+        """Parameters."""
+        return 2 + len(self._shape[2]) + len(self._shape[3])
+
+    @functools.cached_property
+    def prior(self) -> Tensor:
+        """Residuals of the prior are these times the parameters, (r, n)."""
+        resistance, _, *steps = self._shape
+        rest = REST if self.rest is None else (self.rest.real / resistance, self.rest.imag)
+        blocks = [torch.diag(1 / torch.tensor(rest, dtype=torch.float64))]
+        for size in map(len, steps):
+            walk = torch.eye(size, dtype=torch.float64).diff(dim=0)
+            mean = torch.full((1, size), 1 / (size * LEVEL), dtype=torch.float64)
+            blocks.append(torch.cat([walk * (size - 1) ** 0.5 / self.freedom, mean]))
+        return torch.block_diag(*blocks)
+
+    def values(self, parameters: Tensor, rising: tuple[Tensor, Tensor]) -> Tensor:
+        """Z of the base, (..., V), from parameters (..., n) and ``Knots.rising``."""
+        resistance, reactance, up, across = self._shape
+        first, second, q, x = parameters.split([1, 1, len(up), len(across)], -1)
+        real = resistance * first.exp() + (up * q.exp()) @ rising[0].T
+        return torch.complex(real, reactance + second + SIGNS[self.direction] * ((across * x.exp()) @ rising[1].T))
+
+
+def curve_law(shapes: Sequence[CurveShape]) -> Law:
+    """Curves at several frequencies, each with its own parameters; the prior shapes are the start and the centre."""
+    start = torch.zeros(sum(shape.count for shape in shapes), dtype=torch.float64)
+    frequencies, knots = tuple(shape.frequency for shape in shapes), shapes[0].knots
+    kept: dict[Any, Any] = {}  # of nodes and liners that are asked again and again
+
+    def rising(speed: Tensor) -> tuple[Tensor, Tensor]:
+        key = speed.numpy().tobytes()
+        return kept[key] if key in kept else kept.setdefault(key, knots.rising(speed))
+
+    def more(shape: CurveShape, liner: LinerModel) -> complex:
+        """Z at rest of a liner above that of the base."""
+        key = (shape.frequency, id(liner))
+        if key not in kept:
+            own, base = (complex(each.impedance(shape.frequency, STILL)[0]) for each in (liner, shape.base))
+            kept[key] = own - base, liner
+        return kept[key][0]
+
+    def curve(values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
+        parts, sums = values.split([shape.count for shape in shapes]), rising(speed)
+        places = [place_of(frequencies, f) for f in frequency.tolist()]
+        return torch.stack([shapes[i].values(parts[i], sums) + more(shapes[i], liner) for i in places])
+
+    prior, label = torch.block_diag(*(shape.prior for shape in shapes)), f"curve, freedom {shapes[0].freedom:g}"
+    names = tuple(f"q{i}" for i in range(len(start)))
+    return Law(label, names, start - BOUNDS, start + BOUNDS, start, curve, start, prior, 1e-9, frequencies)
+
+
+def place_of(known: Sequence[float], frequency: float) -> int:
+    """Where a frequency, Hz, is among those at which curves are known.
+
+    Raises:
+        ValueError: it is not.
+    """
+    for i, each in enumerate(known):
+        if abs(each / frequency - 1) < SAME_FREQUENCY:
+            return i
+    raise ValueError(
+        f"no curve is known at {frequency:g} Hz: the runs that are left have {', '.join(f'{f:g}' for f in known)} Hz; "
+        "a table over |v| says nothing of other frequencies (a parameter does: models=[('vena_contracta',)])"
+    )
+
+
+def _above_floor(steps: Tensor) -> Tensor:
+    """Those of the wrong direction, and of parts that do not change, are small."""
+    mean = float(steps.abs().mean())
+    return steps.clamp(min=FLOOR * mean if mean > 0 else -SMOOTH.imag * FLOOR / PARTS)

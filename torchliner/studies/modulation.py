@@ -40,15 +40,9 @@ class Modulation:
         """Of the cell-periodic part, m/s."""
         return math.hypot(*self.harmonics) / math.sqrt(2)
 
-    @property
-    def relative(self) -> float:
-        """rms of the cell-periodic part over the mean of the profile."""
-        return self.rms / self.mean if self.mean > 0 else math.nan
-
-    @property
-    def first(self) -> float:
-        """Peak amplitude of the first harmonic, m/s."""
-        return self.harmonics[0]
+    def over_mean(self, value: float | None) -> float | None:
+        """A velocity over the mean of the profile."""
+        return None if value is None else value / self.mean if self.mean > 0 else math.nan
 
 
 def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation:
@@ -77,8 +71,8 @@ def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation
     most = math.ceil(pitch / (2 * spacing)) - (1 if cells == 1 else 2)
     if most < 1 or pitch / spacing < FEWEST_PROBES - 1e-6:
         raise ValueError(
-            f"{pitch / spacing:.3g} probes to a cell of {1e3 * pitch:.4g} mm do not resolve it; "
-            f"at least {FEWEST_PROBES} are needed, with several cells more than that"
+            f"{pitch / spacing:.3g} probes to a cell of {1e3 * pitch:.4g} mm do not resolve it; at least "
+            f"{FEWEST_PROBES} are needed, with several cells more than that"
         )
     inside = places - places[0] < cells * pitch - (0.5 - WHOLE) * spacing
     phase = (places[inside] - places[0]) / pitch
@@ -102,14 +96,11 @@ class Decay:
     Args:
         amplitude: a, at y = 0.
         rate: 1/l, 1/m; negative where the amplitude grows with height.
-        evanescent: L_c/(2 pi), m, the length of the first harmonic of a sound field whose wavelength is far above the
-            pitch.
         scatter: factor by which the heights stray from the fit, rms; 1 for a perfect one.
     """
 
     amplitude: float
     rate: float
-    evanescent: float
     scatter: float
 
     @property
@@ -127,12 +118,12 @@ class Decay:
         return self.amplitude * np.exp(-self.rate * np.asarray(height, np.float64))
 
 
-def fit_decay(heights: Sequence[float], amplitudes: Sequence[float], pitch: float) -> Decay | None:
-    """Least squares of ln(amplitude) over height, m, (N,) both; None with fewer than three heights
-    or an amplitude not above 0. ``pitch`` is L_c, m."""
+def fit_decay(heights: Sequence[float], amplitudes: Sequence[float]) -> Decay | None:
+    """Least squares of ln(amplitude) over height, m, (N,) both; None with fewer than three heights or an amplitude not
+    above 0."""
     if len(heights) < FEWEST_HEIGHTS or not all(a > 0 for a in amplitudes):
         return None
     places, logs = np.asarray(heights), np.log(amplitudes)
     slope, start = np.polyfit(places, logs, 1)
     stray = float(np.sqrt(np.mean((logs - slope * places - start) ** 2)))
-    return Decay(math.exp(float(start)), -float(slope), pitch / (2 * math.pi), scatter=math.exp(stray))
+    return Decay(math.exp(float(start)), -float(slope), math.exp(stray))

@@ -1,9 +1,8 @@
 """Posterior of a fit inside its bounds, by importance sampling of the misfit itself.
 
-Proposals come from a mixture: nine in ten from a multivariate t about the best fit, with the
-Gauss-Newton covariance held to the size of the box, one in ten uniform over the box, so that no
-corner is missed. Each draw carries the weight posterior/proposal; how many independent draws
-that is worth is reported.
+Proposals come from a mixture: nine in ten from a multivariate t about the best fit, with the Gauss-Newton covariance
+held to the size of the box, one in ten uniform over the box, so that no corner is missed. Each draw carries the weight
+posterior/proposal; how many independent draws that is worth is reported.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,7 +19,6 @@ from torch import Tensor
 # five data more than parameters; the uniform draws cover heavier ones.
 HEAVY = 4.0
 UNIFORM = 0.1  # share of draws from the whole box
-FEWEST_EFFECTIVE = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +38,15 @@ class Posterior:
         """Number of independent draws these are worth, 1/sum w^2."""
         return float(1 / self.weights.square().sum())
 
-    def mean(self, values: Tensor) -> Tensor:
-        """Of (M, ...)."""
-        return torch.einsum("m,m...->...", self.weights.to(values.dtype), values)
-
     def covariance(self, values: Tensor) -> Tensor:
         """Of real (M, n), (n, n)."""
-        away = values - self.mean(values)
+        away = values - self.weights @ values
         return torch.einsum("m,mi,mj->ij", self.weights, away, away)
 
     def quantiles(self, values: Tensor, shares: tuple[float, ...]) -> Tensor:
         """Of real (M, n), (shares, n)."""
-        ordered, order = values.sort(dim=0)
-        reached = self.weights[order].cumsum(0)
-        rows = [ordered.gather(0, (reached < share).sum(0).clamp(max=len(values) - 1)[None])[0] for share in shares]
-        return torch.stack(rows)
+        how = {"axis": 0, "weights": self.weights.numpy(), "method": "inverted_cdf"}
+        return torch.from_numpy(np.quantile(values.numpy(), shares, **how))  # type: ignore[call-overload]
 
 
 def sample_posterior(
@@ -66,8 +59,7 @@ def sample_posterior(
         best: centre of the proposals, (n,).
         precision: inverse of the Gauss-Newton covariance, (n, n).
     """
-    generator = torch.Generator().manual_seed(seed)
-    size = len(best)
+    generator, size = torch.Generator().manual_seed(seed), len(best)
 
     def uniform(*shape: int) -> Tensor:
         return torch.rand(*shape, generator=generator, dtype=torch.float64)
@@ -89,5 +81,4 @@ def sample_posterior(
         - (HEAVY + size) / 2 * torch.log1p(distance / HEAVY)
     )
     proposed = torch.logaddexp(log_heavy + math.log(1 - UNIFORM), torch.tensor(math.log(UNIFORM)))
-    weights = torch.softmax(log_density(proposals) - proposed, dim=0)
-    return Posterior(proposals, weights)
+    return Posterior(proposals, torch.softmax(log_density(proposals) - proposed, dim=0))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 from torchliner.checks import require_positive
 from torchliner.studies.rows import Row, Study
@@ -20,28 +19,9 @@ CRITERIA = {
 }
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What a height must keep to; each above 0.
-
-    Args:
-        modulation: rms of the cell-periodic part of v'_rms over its mean.
-        averagings: |Z, admittance - Z, velocity| over the latter's |Z|.
-        change: of Z to the next height, over |Z|.
-        turbulence: share of v'^2 at the tone's frequency that keeps no step with it, 1 - coherence.
-    """
-
-    modulation: float = 0.1
-    averagings: float = 0.1
-    change: float = 0.1
-    turbulence: float = 0.1
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            require_positive(f"limit on {name}", value)
-
-
-def recommend_height(study: Study, limits: Limits | None = None) -> Study:
+def recommend_height(
+    study: Study, modulation: float = 0.1, averagings: float = 0.1, change: float = 0.1, turbulence: float = 0.1
+) -> Study:
     """For each averaging, the lowest height where what it rests on holds.
 
     Where the level check was made it decides alone. Else Z of that averaging must have settled, so that the highest
@@ -57,7 +37,9 @@ def recommend_height(study: Study, limits: Limits | None = None) -> Study:
 
     Args:
         study: of ``study_heights``.
-        limits: default 10 % each, a choice of this program (the paper gives none).
+        modulation, averagings, change, turbulence: limits, a choice of this program (the paper gives none): rms of the
+            cell-periodic part of v'_rms over its mean; |Z, admittance - Z, velocity| over the latter's |Z|; change of Z
+            to the next height, over |Z|; share of v'^2 at the tone's frequency that keeps no step with it.
     Returns:
         heights (m, by averaging; None where no height qualifies), height (that of the averaging of the answer),
         reasons (in words, with numbers), unknown (what could not be judged, and why), and ``rows``, every height and
@@ -65,9 +47,10 @@ def recommend_height(study: Study, limits: Limits | None = None) -> Study:
         value (share of 1, for ``level check`` dB; None where it could not be judged), limit, passed.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
     """
-    limits, facts = limits or Limits(), study.facts
-    rows: list[Row] = []
-    reasons: list[str] = []
+    limits = {"modulation": modulation, "averagings": averagings, "change": change, "turbulence": turbulence}
+    for name, limit in limits.items():
+        require_positive(f"limit on {name}", limit)
+    facts, rows, reasons = study.facts, list[Row](), list[str]()
     heights: dict[str, float | None] = {}
     for averaging in facts[0].impedance:
         mine = [_judge(facts, i, averaging, limits) for i in range(len(facts))]
@@ -76,25 +59,23 @@ def recommend_height(study: Study, limits: Limits | None = None) -> Study:
         reasons += [f"  {_mm(one[0].height)}: " + "; ".join(map(_words, one)) for one in mine]
         rows += [each for one in mine for each in one]
     chosen = heights[study.averaging]
-    reasons += [*_context(study, chosen), *_extrapolated(study, limits)]
+    reasons += [*_context(study, chosen), *_extrapolated(study, modulation)]
     return Study(height=chosen, heights=heights, rows=rows, reasons=reasons, unknown=_unknown(study, rows))
 
 
-def _judge(facts: Sequence[Row], i: int, averaging: str, limits: Limits) -> list[Row]:
+def _judge(facts: Sequence[Row], i: int, averaging: str, limits: Mapping[str, float]) -> list[Row]:
     """What one averaging needs at one height."""
     here, gap = facts[i], facts[i].level_check.get(averaging)
-    values: dict[str, float | None] = {"change": None}
-    if gap is not None:
-        values = {"level check": abs(gap)}
-    elif i + 1 < len(facts):
+    values: dict[str, float | None] = {"change": None} if gap is None else {"level check": abs(gap)}
+    if gap is None and i + 1 < len(facts):
         values["change"] = _relative(facts[i + 1].impedance[averaging], here.impedance[averaging])
     if gap is None and averaging == "velocity":
         values["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
-    elif gap is None and averaging == "admittance" and here.coherence >= 1 - limits.turbulence:
+    elif gap is None and averaging == "admittance" and here.coherence >= 1 - limits["turbulence"]:
         values["averagings"] = _relative(here.impedance["admittance"], here.impedance["velocity"])
     elif gap is None and averaging == "admittance":
-        values["modulation"] = None if here.modulation is None else here.modulation.relative
-    kept = vars(limits) | {"level check": here.level_limit}
+        values["modulation"] = here.modulation
+    kept = {**limits, "level check": here.level_limit}
     return [
         Row(
             height=here.height,
@@ -119,84 +100,75 @@ def _words(one: Row) -> str:
 
 def _relative(found: complex, wanted: complex) -> float:
     """|found - wanted| over |wanted|; infinite where one of them is."""
-    if not abs(found) < math.inf or not 0 < abs(wanted) < math.inf:
-        return math.inf
-    return abs(found - wanted) / abs(wanted)
+    known = abs(found) < math.inf and 0 < abs(wanted) < math.inf
+    return abs(found - wanted) / abs(wanted) if known else math.inf
 
 
 def _answer(facts: Sequence[Row], averaging: str, height: float | None) -> str:
     """Where one averaging holds, and how far it moves over all heights."""
     values = [one.impedance[averaging] for one in facts]
-    moves = max(_relative(value, values[0]) for value in values)
-    where = "no height of these qualifies"
-    if height is not None:
-        where = f"{_mm(height)} is the lowest height where it holds"
+    where = "no height of these qualifies" if height is None else f"{_mm(height)} is the lowest height where it holds"
     known = "by the level check" if facts[0].level_check else "level not checked"
-    spread = f"; from {_mm(facts[0].height)} Z moves by up to {100 * moves:.3g} %"
-    return f"{averaging}: {where} ({known}{spread if len(facts) > 1 else ''})"
+    if len(facts) > 1:
+        moves = max(_relative(value, values[0]) for value in values)
+        known += f"; from {_mm(facts[0].height)} Z moves by up to {100 * moves:.3g} %"
+    return f"{averaging}: {where} ({known})"
 
 
 def _context(study: Study, chosen: float | None) -> list[str]:
     """Drift of A.1, for sound that grazes, and jets of A.2, at the chosen height, else at all."""
-    lines = []
+    lines, grazes = [], study.source_side in GRAZING
     if study.source_side == "normal":
         lines.append("(A1) is the drift of grazing sound; this sound comes at normal incidence")
-    elif study.source_side not in GRAZING:
+    elif not grazes:
         lines.append("(A1) is not applied: no side that grazing sound comes from is stated")
-    for facts in study.facts:
+    for facts in (facts for facts in study.facts if chosen in (None, facts.height)):
         parts = []
-        if study.source_side in GRAZING:
+        if grazes:
             drift = ACOUSTIC_DRIFT * 1e3 * facts.height
             share = 100 * abs(drift) / abs(facts.impedance[study.averaging])
-            parts.append(
-                f"acoustic drift of (A1), of the order of {drift.real:.3f} + {drift.imag:.3f}j, {share:.3g} % of |Z|"
-            )
+            words = f"{drift.real:.3f} + {drift.imag:.3f}j, {share:.3g} % of |Z|"
+            parts.append(f"acoustic drift of (A1), of the order of {words}")
         if facts.jet_height is not None:
             side = "above" if facts.height > facts.jet_height else "BELOW"
             reach, speed = f"{1e3 * facts.jet_height:.3g} mm", f"U_j {facts.jet_velocity:.3g} m/s"
             parts.append(f"{side} the jets' height, {reach} (A.2, {speed})")
-        if parts and chosen in (None, facts.height):
-            lines.append(f"{_mm(facts.height)}: {'; '.join(parts)}")
+        lines += [f"{_mm(facts.height)}: {'; '.join(parts)}"] if parts else []
     return lines
 
 
-def _extrapolated(study: Study, limits: Limits) -> list[str]:
+def _extrapolated(study: Study, limit: float) -> list[str]:
     """Where the fitted decay of the modulation would meet its limit."""
     decay = study.decay
     if decay is None:
         return []
-    length, sound = 1e3 * decay.length, 1e3 * decay.evanescent
-    fitted = f"{length:.3g} mm (the first harmonic of sound: {sound:.3g} mm)"
+    sound = 1e3 * study.pitch / (2 * math.pi)
+    fitted = f"l = {1e3 * decay.length:.3g} mm (the first harmonic of sound: {sound:.3g} mm)"
     if not decay.follows:
         return [
-            f"the cell-periodic modulation does not follow a decay with height: fitted l = {fitted}, from which the "
+            f"the cell-periodic modulation does not follow a decay with height: fitted {fitted}, from which the "
             f"heights stray by a factor {decay.scatter:.3g}"
         ]
-    reached = math.log(decay.amplitude / limits.modulation) / decay.rate
+    reached = math.log(decay.amplitude / limit) / decay.rate
     beyond = "beyond the planes: an extrapolation" if reached > study.facts[-1].height else "fitted"
     return [
-        f"the cell-periodic modulation falls as exp(-y/l) with l = {fitted}; it meets {100 * limits.modulation:g} % at "
+        f"the cell-periodic modulation falls as exp(-y/l) with {fitted}; it meets {100 * limit:g} % at "
         f"{_mm(max(reached, 0.0))} ({beyond})"
     ]
 
 
-def _unknown(study: Study, judgements: Sequence[Row]) -> list[str]:
+def _unknown(study: Study, rows: Sequence[Row]) -> list[str]:
     lines = []
-    if any(one.name != "level check" for one in judgements):
+    if any(one.name != "level check" for one in rows):
         lines.append(
             f"{_mm(study.facts[-1].height)} has no plane above it: whether Z has settled there is not known"
             if len(study.facts) > 1
             else "with one height, whether Z has settled cannot be judged; give several planes"
         )
-    if any(one.name == "modulation" and one.value is None for one in judgements):
+    if any(one.name == "modulation" and one.value is None for one in rows):
         lines.append("the cell-periodic modulation: no cell pitch, or no whole cell under the probes")
-    if all(facts.jet_height is None for facts in study.facts):
-        lines.append("the jets' height: see the notes")
     if study.decay is None:
         lines.append("a decay of the modulation with height needs three heights and whole cells")
-    known = [facts.modulation for facts in study.facts if facts.modulation is not None]
-    if known and known[0].between is None:
-        lines.append("whether the modulation repeats from cell to cell: there is one cell")
     return lines
 
 

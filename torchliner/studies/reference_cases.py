@@ -5,83 +5,33 @@ from __future__ import annotations
 import csv
 import functools
 import math
-from dataclasses import dataclass
 from importlib import resources
+from typing import Any
 
 import torch
 
 from torchliner.records import ImpedanceMap
+from torchliner.studies.rows import Row
 
 TABLE = "reference_cases.csv"  # the default rules of docs/truth.md, by scripts/truth_page.py --write
 WORDS = ("case", "hole", "averaging")  # columns of the table that are no numbers
 MACH = 0.1  # that counts as much as a factor e in |v|, or as another kind of hole
 HEIGHT = 0.1  # weight of a factor e in the height over the hole
 NEAR = math.log(2)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What decides how well a rule does.
-
-    Args:
-        hole: ``slit`` or ``round hole``.
-        diameter: of the hole (width of the slit), m.
-        porosity: of the surface, 0 to 1.
-        mach: None where it is not stated.
-        speed: rms of the velocity in step with the tone, averaged over the plane, m/s.
-        velocity_rms: v'_rms over the probes, m/s.
-        height: m.
-    """
-
-    hole: str
-    diameter: float
-    porosity: float
-    mach: float | None
-    speed: float
-    velocity_rms: float
-    height: float | None
-
-    def factors(self, known: Setting) -> tuple[float, float]:
-        """|v| over porosity here over that there: in step, and of all."""
-        share = known.porosity / self.porosity
-        pairs = ((self.speed, known.speed), (self.velocity_rms, known.velocity_rms))
-        first, second = (share * max(here, 1e-6) / max(there, 1e-6) for here, there in pairs)
-        return first, second
-
-    def distance(self, known: Setting) -> float:
-        """0 for the same; 1 for a factor e in |v| over porosity, M 0.1, another kind of hole."""
-        far = sum(abs(math.log(factor)) for factor in self.factors(known))
-        far += abs((self.mach or 0.0) - (known.mach or 0.0)) / MACH + (self.hole != known.hole)
-        if self.height and known.height:
-            ratio = self.height / self.diameter * known.diameter / known.height
-            far += HEIGHT * abs(math.log(ratio))
-        return far
-
-
-@dataclass(frozen=True)
-class ReferenceCase:
-    """One plane of a shipped case: its reference impedance, and what the default rules gave, by averaging."""
-
-    case: str
-    level: float
-    setting: Setting
-    reference: complex
-    educed: dict[str, complex]
+SPEEDS = {"speed": "|v| at the tone", "velocity_rms": "v'"}
 
 
 @functools.cache
-def reference_cases() -> tuple[ReferenceCase, ...]:
-    """The shipped table, a plane each."""
+def reference_cases() -> tuple[Row, ...]:
+    """The shipped table, a row a plane: case, incident_level (dB), reference (Z), educed (Z by averaging), and what
+    ``setting_of`` says of a map."""
     text = (resources.files("torchliner.studies") / TABLE).read_text(encoding="utf-8")
-    found: dict[tuple[str, str], ReferenceCase] = {}
-    for row in csv.DictReader(text.splitlines()):
-        number = {key: float(value) for key, value in row.items() if key not in WORDS}
-        names = ("hole_diameter", "porosity", "mach", "speed", "velocity_rms", "height")
-        setting = Setting(row["hole"], *(number[name] for name in names))
-        reference = complex(number["true_resistance"], number["true_reactance"])
-        new = ReferenceCase(row["case"], number["incident_level"], setting, reference, {})
-        plane = found.setdefault((row["case"], row["height"]), new)
-        plane.educed[row["averaging"]] = complex(number["resistance"], number["reactance"])
+    found: dict[tuple[str, str], Row] = {}
+    for line in csv.DictReader(text.splitlines()):
+        row: Any = Row({key: value if key in WORDS else float(value) for key, value in line.items()})
+        reference = complex(row.true_resistance, row.true_reactance)
+        plane = found.setdefault((line["case"], line["height"]), Row(row, reference=reference, educed={}))
+        plane.educed[row.averaging] = complex(row.resistance, row.reactance)
     return tuple(found.values())
 
 
@@ -103,21 +53,42 @@ def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
     return float(amplitude.mean().abs()) / 2**0.5
 
 
-def setting_of(found: ImpedanceMap, index: int = 0) -> Setting | None:
-    """Of a map; None where its liner states no holes."""
+def setting_of(found: ImpedanceMap, index: int = 0) -> Row | None:
+    """What decides how well a rule does; None where the liner of a map states no holes.
+
+    Returns:
+        hole (``slit`` or ``round hole``), hole_diameter (m; of a slit its width), porosity (of the surface, 0 to 1),
+        mach (None where it is not stated), speed (rms of the velocity in step with the tone, averaged over the plane,
+        m/s), velocity_rms (v'_rms over the probes, m/s), height (m).
+    """
     liner = found.choices.get("liner", {})
     liner = {**liner, **next(iter(liner.get("layers") or [{}]))}  # the sheet that faces the flow
     if not {"porosity", "orifice_diameter"} <= set(liner):
         return None
-    return Setting(
+    return Row(
         hole=hole_kind(str(liner.get("name", ""))),
-        diameter=liner["orifice_diameter"],
+        hole_diameter=liner["orifice_diameter"],
         porosity=liner["porosity"] * liner.get("open_area_fraction", 1.0),
         mach=found.mach,
         speed=tone_speed(found, index),
         velocity_rms=float(found.velocity_rms.square().nanmean().sqrt()),
         height=found.height,
     )
+
+
+def factors_of(here: Row, there: Row) -> list[float]:
+    """|v| over porosity here over that there: in step, and of all."""
+    share = there.porosity / here.porosity
+    return [share * max(here[name], 1e-6) / max(there[name], 1e-6) for name in SPEEDS]
+
+
+def distance_of(here: Row, there: Row) -> float:
+    """0 for the same; 1 for a factor e in |v| over porosity, M 0.1, another kind of hole."""
+    far = sum(abs(math.log(factor)) for factor in factors_of(here, there))
+    far += abs((here.mach or 0.0) - (there.mach or 0.0)) / MACH + (here.hole != there.hole)
+    if here.height and there.height:
+        far += HEIGHT * abs(math.log(here.height / here.hole_diameter * there.hole_diameter / there.height))
+    return far
 
 
 def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
@@ -132,32 +103,25 @@ def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
     here = setting_of(found, index)
     if here is None or found.choices.get("surface") == "hard wall" or not math.isfinite(here.speed + here.velocity_rms):
         return ""
-    known = min(reference_cases(), key=lambda each: here.distance(each.setting))
-    there = known.setting
-    parts = []
-    for part in ("real", "imag"):
-        educed = ", ".join(f"{getattr(z, part):.2f}" for z in known.educed.values())
-        parts.append(f"{educed} for {getattr(known.reference, part):.2f}")
-    return (
-        f"nearest reference case{_differences(here, there)}: in {known.case} ({there.speed:.2f} m/s at the "
-        f"tone, v' {there.velocity_rms:.2f} m/s at {1e3 * (there.height or 0):g} mm, "
-        f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {known.level:g} dB) "
-        f"R came out {parts[0]}, X {parts[1]} ({', '.join(known.educed)})"
-    )
-
-
-def _differences(here: Setting, there: Setting) -> str:
-    """' (not near: ...)' where it differs by a factor 2, by M 0.1 or in its holes."""
-    names = ("|v| at the tone", "v'")
+    there = min(reference_cases(), key=lambda each: distance_of(here, each))
     off = [
         f"{name} over porosity is {factor:.2g} times that"
-        for name, factor in zip(names, here.factors(there), strict=True)
+        for name, factor in zip(SPEEDS.values(), factors_of(here, there), strict=True)
         if abs(math.log(factor)) > NEAR
     ]
     if here.mach is None:
         off.append("Mach number not stated")
-    elif abs(here.mach - (there.mach or 0.0)) > MACH / 2:
+    elif abs(here.mach - there.mach) > MACH / 2:
         off.append(f"M {here.mach:g}")
-    if here.hole != there.hole:
-        off.append(f"{here.hole}s")
-    return f" (not near; here {', '.join(off)})" if off else ""
+    off += [f"{here.hole}s"] if here.hole != there.hole else []
+    far = f" (not near; here {', '.join(off)})" if off else ""
+    parts = []
+    for part in ("real", "imag"):
+        educed = ", ".join(f"{getattr(z, part):.2f}" for z in there.educed.values())
+        parts.append(f"{educed} for {getattr(there.reference, part):.2f}")
+    return (
+        f"nearest reference case{far}: in {there.case} "
+        f"({there.speed:.2f} m/s at the tone, v' {there.velocity_rms:.2f} m/s at {1e3 * (there.height or 0):g} mm, "
+        f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {there.incident_level:g} dB) "
+        f"R came out {parts[0]}, X {parts[1]} ({', '.join(there.educed)})"
+    )

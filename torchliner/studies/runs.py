@@ -8,8 +8,9 @@ exact Jacobian and thousands of draws cost no further reading.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,10 +21,12 @@ from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
-from torchliner.liners.model import LinerModel
+from torchliner.liners.model import LinerModel, as_liner
+from torchliner.pressure.dean import in_situ
 from torchliner.pressure.known_pressure import Case, known_pressure
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
+from torchliner.records.same_case import require_same_run
 from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
@@ -34,6 +37,7 @@ from torchliner.velocity.review import review_liner, review_record
 
 NEPER = math.log(10) / 20  # of a decibel
 NOTHING = torch.zeros(0, dtype=torch.complex128)
+LEVEL_CHECK, IN_SITU = "level-check", "in-situ"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +76,11 @@ class Run:
     def plane(self) -> VelocityPlane:
         """Its facts."""
         return self.known.plane
+
+    @functools.cached_property
+    def in_flow(self) -> LinerModel:
+        """The liner in the flow of the plane."""
+        return self.liner.in_flow(self.plane.mach)
 
     @property
     def nodes(self) -> Nodes:
@@ -121,19 +130,14 @@ class Run:
         parts = [errors.real / self.noise.real, errors.imag / self.noise.imag]
         return torch.cat(parts[: 1 + self.has_phase], dim=-1)
 
-    def at(self, index: int) -> Run:
-        """One of its frequencies."""
-        one, ratio = slice(index, index + 1), self.ratio
-        part = None if ratio is None else lambda z: ratio(z.expand(*z.shape[:-1], len(self.frequency)))[..., one]
-        return replace(self, frequency=self.frequency[one], wanted=self.wanted[one], noise=self.noise[one], ratio=part)
 
-
-def require_plain_tones(chosen: Choices) -> None:
-    """Refuse choices that a sum over node speeds does not know.
+def choices_of_fit(averaging: str, choices: dict[str, Any]) -> Choices:
+    """All choices, float64 by default.
 
     Raises:
-        ValueError: another phase rule, the rms of the record, or walls.
+        ValueError: what a sum over node speeds does not know: another phase rule, the rms of the record, or walls.
     """
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
     if chosen.phase != "averaged" or chosen.drive == "rms":
         raise ValueError(
             f"a fit takes phase 'averaged' and another drive than 'rms', not {chosen.phase!r} and {chosen.drive!r}; "
@@ -141,9 +145,24 @@ def require_plain_tones(chosen: Choices) -> None:
         )
     if chosen.wall_filter is not None:
         raise ValueError(
-            f"wall_filter is {chosen.wall_filter:g}, and a fit takes all probes for liner: leave "
-            "it out, and read a region without the walls"
+            f"wall_filter is {chosen.wall_filter:g}, and a fit takes all probes for liner: leave it out, and read a "
+            "region without the walls"
         )
+    return chosen
+
+
+def planes_and_liners(planes: Any, liners: Any) -> tuple[list[Records], list[LinerModel]]:
+    """Several planes and the liner of each; one liner is one object, which a fit asks once.
+
+    Raises:
+        ValueError: not one liner, nor one a plane.
+    """
+    several = [planes] if isinstance(planes, Records) else list(planes)
+    given = list(liners) if isinstance(liners, list | tuple) else [liners] * len(several)
+    if not several or len(given) != len(several):
+        raise ValueError(f"{len(several)} planes and {len(given)} liners; give one liner, or one a plane")
+    made = {id(each): as_liner(each) for each in given}
+    return several, [made[id(each)] for each in given]
 
 
 def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> Run:
@@ -176,39 +195,51 @@ def _columns(known: Moments, averaging: str) -> Tensor:
     return known.used if averaging == "admittance" else known.used & (known.cells.labels >= 0)
 
 
-def held_to_references(runs: Sequence[Run], references: Any, noise: Any) -> list[Run]:
-    """Runs held to impedances.
+def held(runs: Sequence[Run], references: Any, pressure: Any = None, noise: Any = None) -> list[Run]:
+    """Runs with what they are held to.
 
     Args:
         runs: planes.
-        references: values by plane, (F,) each, or a name that every plane holds.
-        noise: standard uncertainty, one number, u(R) + j u(X), or one by plane; None: 1.
+        references: values by plane, (F,) each; the name of an impedance that every plane holds; "in-situ" (by Dean's
+            method from ``pressure``, else what the plane holds as "in situ"); or "level-check" (the level alone).
+        pressure: records for these two, one a plane or None, in the order of the planes.
+        noise: standard uncertainty of R and X, one number, u(R) + j u(X), or one by plane; of levels dB. None: 1.
     Raises:
-        ValueError: values that are missing or do not fit.
+        ValueError: something is missing or does not fit.
     """
+    name = references if isinstance(references, str) else ""
     if references is None:
         raise ValueError("no reference is given; name one of the planes' or give values")
-    values = [held_reference(run, references) for run in runs] if isinstance(references, str) else _each(references)
-    if len(values) != len(runs):
-        raise ValueError(f"{len(values)} references for {len(runs)} planes; one each")
+    if pressure is not None and name not in (IN_SITU, LEVEL_CHECK):
+        raise ValueError(
+            "pressures are for references 'in-situ' and 'level-check'; name one of these, or leave pressure out"
+        )
+    records = [None] * len(runs) if pressure is None else _each(pressure)
+    values: list[Any] = list(runs) if name else _each(references)
+    for what, given in (("pressures", records), ("references", values)):
+        if len(given) != len(runs):
+            raise ValueError(f"{len(given)} {what} for {len(runs)} planes; one each")
+    spread = _noise(noise, runs, name)
+    if name == LEVEL_CHECK:
+        return [_held_to_level(*each) for each in zip(runs, records, spread, strict=True)]
+    if name:
+        values = [
+            _in_situ(*each) if name == IN_SITU else _stated(each[0], name) for each in zip(runs, records, strict=True)
+        ]
     found = []
-    for run, value, spread in zip(runs, values, _noise(noise, runs), strict=True):
-        name, count = run.plane.name, len(run.frequency)
+    for run, value, noise_of_run in zip(runs, values, spread, strict=True):
         wanted = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
-        if len(wanted) != count:
-            raise ValueError(f"{name} has {count} frequencies and {len(wanted)} reference impedances; one each")
+        if len(wanted) != len(run.frequency):
+            count = f"{len(run.frequency)} frequencies and {len(wanted)} reference impedances"
+            raise ValueError(f"{run.plane.name} has {count}; one each")
         if not bool(torch.isfinite(wanted.abs()).all()):
-            raise ValueError(f"{name}: a reference impedance is not finite")
-        found.append(replace(run, wanted=wanted, noise=spread))
+            raise ValueError(f"{run.plane.name}: a reference impedance is not finite")
+        found.append(replace(run, wanted=wanted, noise=noise_of_run))
     return found
 
 
-def held_reference(run: Run, name: str) -> Tensor:
-    """An impedance that a plane holds by name, at its tone, (1,).
-
-    Raises:
-        ValueError: it holds none of that name, or another frequency is asked for.
-    """
+def _stated(run: Run, name: str) -> Tensor:
+    """An impedance that a plane holds by name, at its tone, (1,)."""
     plane, asked = run.plane, run.frequency.tolist()
     if name not in plane.reference:
         there = ", ".join(plane.reference) or "none"
@@ -222,54 +253,40 @@ def held_reference(run: Run, name: str) -> Tensor:
     return torch.tensor([complex(plane.reference[name])], dtype=torch.complex128)
 
 
-def held_to_levels(runs: Sequence[Run], pressure: Any, noise: Any) -> list[Run]:
-    """Runs held to the level check: implied over known pressure.
-
-    Args:
-        runs: planes.
-        pressure: records, one each or None.
-        noise: dB, one or one by plane; None: 1 neper.
-    Raises:
-        ValueError: pressures do not fit the planes, or nothing is known of a plane.
-    """
-    decibels = [1 / NEPER] if noise is None else _each(noise)
-    if any(isinstance(value, complex) for value in decibels):
-        raise ValueError(
-            f"noise is {noise}, and with level_check it is of levels: state dB, one number, or one by plane"
-        )
-    given = list(pressure) if isinstance(pressure, list | tuple) else [pressure] * len(runs)
-    if len(given) != len(runs):
-        raise ValueError(f"{len(given)} pressures for {len(runs)} planes; one each, or None")
-    found = []
-    for run, record, spread in zip(runs, given, _noise([value * NEPER for value in decibels], runs), strict=True):
-        known = run.known
-        case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
-        pressures = known_pressure(case, record)
-        if isinstance(pressures, str) or not bool(torch.isfinite(pressures.liner.abs()).all()):
-            words = pressures if isinstance(pressures, str) else f"not at all frequencies: {pressures.words}"
-            raise ValueError(f"{run.plane.name} cannot be fitted to its level: {words}")
-        ratio = ratio_of_pressures(known, case, pressures)
-        unknown = torch.full_like(spread, complex(torch.nan, torch.nan))
-        found.append(replace(run, wanted=unknown, noise=spread, ratio=ratio, has_phase=pressures.has_phase))
-    return found
+def _in_situ(run: Run, record: Any) -> Tensor:
+    """In situ Z from the record of the run, or that which the plane holds."""
+    if record is None:
+        return _stated(run, "in situ")
+    require_same_run(run.plane, record)
+    short = bool(run.known.settings["allow_short"])
+    return in_situ(record, run.frequency, interval=None, allow_short=short).liner_impedance_pressure_first
 
 
-def _noise(noise: Any, runs: Sequence[Run]) -> list[Tensor]:
-    """u(R) + j u(X) of every run, (F,) each; 1 + 1j where it is unknown."""
-    stated = _each(1.0 if noise is None else noise)
+def _held_to_level(run: Run, record: Any, spread: Tensor) -> Run:
+    """Held to the level check: implied over known pressure."""
+    known = run.known
+    case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
+    pressures = known_pressure(case, record)
+    if isinstance(pressures, str) or not bool(torch.isfinite(pressures.liner.abs()).all()):
+        words = pressures if isinstance(pressures, str) else f"not at all frequencies: {pressures.words}"
+        raise ValueError(f"{run.plane.name} cannot be fitted to its level: {words}")
+    ratio, unknown = ratio_of_pressures(known, case, pressures), torch.full_like(spread, complex(math.nan, math.nan))
+    return replace(run, wanted=unknown, noise=NEPER * spread, ratio=ratio, has_phase=pressures.has_phase)
+
+
+def _noise(noise: Any, runs: Sequence[Run], name: str) -> list[Tensor]:
+    """u(R) + j u(X) of every run, (F,) each, of levels in dB; 1 + 1j (of levels a neper) where it is unknown."""
+    stated = _each((1 / NEPER if name == LEVEL_CHECK else 1.0) if noise is None else noise)
+    if name == LEVEL_CHECK and any(isinstance(value, complex) for value in stated):
+        raise ValueError(f"noise is {noise}, and with {name} it is of levels: state dB, one number, or one by plane")
     stated = stated * len(runs) if len(stated) == 1 else stated
     if len(stated) != len(runs):
         raise ValueError(f"noise has {len(stated)} values for {len(runs)} planes; one, or one each")
-    found = []
-    for value, run in zip(stated, runs, strict=True):
-        each = value if isinstance(value, complex) else complex(value, value)
-        if not (0 < each.real < math.inf and 0 < each.imag < math.inf):
-            raise ValueError(
-                f"noise is {value}; u(R) and u(X), normalised by rho c, are finite and above 0 (None if unknown)"
-            )
-        found.append(torch.full((len(run.frequency),), each, dtype=torch.complex128))
-    return found
+    both = [value if isinstance(value, complex) else complex(value, value) for value in stated]
+    if not all(0 < part < math.inf for u in both for part in (u.real, u.imag)):
+        raise ValueError(f"noise is {noise}; u(R) and u(X), by rho c, are finite and above 0 (None: unknown)")
+    return [torch.full((len(run.frequency),), u, dtype=torch.complex128) for u, run in zip(both, runs, strict=True)]
 
 
 def _each(given: Any) -> list[Any]:
-    return [given] if isinstance(given, int | float | complex) else list(given)
+    return list(given) if isinstance(given, Iterable) else [given]

@@ -16,15 +16,17 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from torchliner.checks import require_choice
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import checked_speeds, response
 from torchliner.forward_mode import dual_level, slopes_of
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.liners.parameters import Number
+from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.budget import budget_of
-from torchliner.studies.rows import Study
+from torchliner.studies.rows import Row, Study
 from torchliner.studies.variants import Records, plane_of
+from torchliner.units import parse_tolerance
 from torchliner.velocity.answer import averages_of
 from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
@@ -54,28 +56,15 @@ class Sensitivities:
     found: ImpedanceMap
 
     @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names."""
-        return tuple(self.numbers)
-
-    @property
     def values(self) -> Tensor:
         """At which the derivatives hold, SI, float64, (n,)."""
         return torch.tensor([number.value for number in self.numbers.values()], dtype=torch.float64)
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI unit of each parameter, "1" if it has none."""
-        return tuple(number.unit for number in self.numbers.values())
-
     def per_percent(self) -> Sensitivities:
         """Change of Z, to first order, for 1 % of each parameter's value."""
-
-        def moved(part: Tensor) -> Tensor:
-            return part * (0.01 * self.values).reshape(-1, *(1,) * (part.ndim - 1))
-
-        cells, liner = ({name: moved(part) for name, part in each.items()} for each in (self.cells, self.liner))
-        return dataclasses.replace(self, probes=moved(self.probes), cells=cells, liner=liner)
+        step = 0.01 * self.values
+        cells, liner = ({name: _times(step, z) for name, z in each.items()} for each in (self.cells, self.liner))
+        return dataclasses.replace(self, probes=_times(step, self.probes), cells=cells, liner=liner)
 
     def propagate(
         self, tolerances: Mapping[str, Any], *, limits: str, correlation: Mapping[tuple[str, str], float] | None = None
@@ -90,18 +79,46 @@ class Sensitivities:
                 standard uncertainty itself.
             correlation: coefficients of pairs of parameters, -1 to 1; others are independent.
         Returns:
-            half_widths, standard (u(p)), SI, (n,); limits; correlation, (n, n); by averaging contributions (signed
-            change of the liner's Z for one standard uncertainty of each parameter, complex, (n, F)), covariance (of R
-            and X of the liner, (F, 2, 2)) and combined (u(R) + j u(X), (F,)); places (the same of the probes and of the
-            cells, (..., F), by "probes" and by averaging). ``rows``, the largest first: averaging, frequency (Hz),
-            parameter, value, unit, half_width, standard, impedance (its contribution).
+            half_widths, standard (u(p)), SI, (n,); by averaging contributions (signed change of the liner's Z for one
+            standard uncertainty of each parameter, complex, (n, F)), covariance (of R and X of the liner, (F, 2, 2))
+            and combined (u(R) + j u(X), (F,)); places (the same of the probes and of the cells, (..., F), by "probes"
+            and by averaging). ``rows``, the largest first: averaging, frequency (Hz), parameter, value, unit,
+            half_width, standard, impedance (its contribution).
         Raises:
-            ValueError: a parameter that was not differentiated, a tolerance without a unit, an
-                unknown reading, correlations that no set of quantities can have.
+            ValueError: a parameter that was not differentiated, a tolerance without a unit or wider than what the
+                parameter can be, an unknown reading, correlations that no set of quantities can have.
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (13).
         """
+        factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
+        if not tolerances:
+            raise ValueError("no tolerance is stated; name at least one, e.g. orifice_diameter")
+        for name in tolerances:
+            require_choice("parameter of a tolerance", name, self.numbers)
+        stated = {name: number for name, number in self.numbers.items() if name in tolerances}
+        kept = [i for i, name in enumerate(self.numbers) if name in tolerances]
+        widths = [_half_width(name, tolerances[name], number) for name, number in stated.items()]
+        half_widths = torch.tensor(widths, dtype=torch.float64)
+        standard, matrix = factor * half_widths, _correlation_matrix([*stated], correlation or {})
+        contributions = {name: _times(standard, slopes[kept]) for name, slopes in self.liner.items()}
         places = {"probes": self.probes, **self.cells}
-        return budget_of(self.numbers, self.found.frequency, self.liner, places, tolerances, limits, correlation or {})
+        covariance = {name: covariance_of(change, matrix) for name, change in contributions.items()}
+        rows = []
+        for averaging, change in contributions.items():
+            for i, f in enumerate(self.found.frequency.tolist()):
+                for j in change[:, i].abs().argsort(descending=True, stable=True).tolist():
+                    name, number = [*stated.items()][j]
+                    about = {"value": number.value, "unit": number.unit, "half_width": widths[j]}
+                    about |= {"standard": float(standard[j]), "impedance": complex(change[j, i])}
+                    rows.append(Row(averaging=averaging, frequency=f, parameter=name, **about))
+        return Study(
+            rows=rows,
+            half_widths=half_widths,
+            standard=standard,
+            contributions=contributions,
+            covariance=covariance,
+            combined={name: standard_of(each) for name, each in covariance.items()},
+            places={n: standard_of(covariance_of(_times(standard, z[kept]), matrix)) for n, z in places.items()},
+        )
 
 
 def sensitivities(
@@ -162,8 +179,7 @@ def sensitivities(
                 cells[name].append(_tangent(found.cells.impedance))
                 whole[name].append(_tangent(found.liner.impedance))
                 if name == "admittance" and found.probes is not None:
-                    of_probes = _tangent(found.probes.impedance)
-                    probes.append(of_probes.reshape(known.plane.probe_shape + of_probes.shape[1:]))
+                    probes.append(_tangent(found.probes.impedance).unflatten(0, known.plane.probe_shape))
     of_cells, of_liner = ({name: torch.stack(each).cpu() for name, each in part.items()} for part in (cells, whole))
     return Sensitivities(numbers, torch.stack(probes).cpu(), of_cells, of_liner, errors, nominal)
 
@@ -198,3 +214,55 @@ def _model_slopes(
     between = nodes.coefficients(at_nodes) @ nodes.functions(speed).T.to(wanted)
     away, scale = (each.abs().amax((1, 2)) for each in (between - wanted, wanted))
     return at_nodes, away / scale.clamp(1e-300)
+
+
+def standard_of(covariance: Tensor) -> Tensor:
+    """u(R) + j u(X) from (..., 2, 2)."""
+    return torch.view_as_complex(covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt().contiguous())
+
+
+def correlation_of(covariance: Tensor) -> float:
+    """Of R and X, -1 to 1, from (2, 2); 0 where one of them has no uncertainty."""
+    product = float((covariance[0, 0] * covariance[1, 1]).sqrt())
+    return float(covariance[0, 1]) / product if product else 0.0
+
+
+def covariance_of(changes: Tensor, between: Tensor) -> Tensor:
+    """Covariance of R and X, (..., 2, 2), from changes of Z, complex, (n, ...), and the covariance between these."""
+    parts = torch.view_as_real(changes.resolve_conj())
+    return torch.einsum("i...a,ij,j...b->...ab", parts, between, parts)
+
+
+def _times(factors: Tensor, slopes: Tensor) -> Tensor:
+    return slopes * factors.reshape(-1, *(1,) * (slopes.ndim - 1))
+
+
+def _half_width(name: str, tolerance: Any, number: Number) -> float:
+    width = parse_tolerance(tolerance, name, number.quantity, number.value)
+    if number.low >= 0 and width > abs(number.value) > 0:
+        raise ValueError(
+            f"tolerance of {name} is {tolerance!r}, a half-width of {width:g}, more than its value, "
+            f"{number.value:.6g}, which is never below {number.low:g}; write '2 %' where per cent are meant"
+        )
+    return width
+
+
+def _correlation_matrix(names: Sequence[str], pairs: Mapping[tuple[str, str], float]) -> Tensor:
+    matrix = torch.eye(len(names), dtype=torch.float64)
+    for (first, second), coefficient in pairs.items():
+        for name in (first, second):
+            require_choice("parameter of a correlation", name, names)
+        if first == second or not -1 <= coefficient <= 1:
+            raise ValueError(
+                f"correlation of {first} and {second} is {coefficient:g}; it is -1 to 1, between two different "
+                "parameters"
+            )
+        i, j = names.index(first), names.index(second)
+        matrix[i, j] = matrix[j, i] = coefficient
+    lowest = float(torch.linalg.eigvalsh(matrix)[0])
+    if lowest < -1e-12:
+        raise ValueError(
+            f"these correlations contradict each other: their matrix has the eigenvalue {lowest:.3g}, and none may be "
+            "negative"
+        )
+    return matrix

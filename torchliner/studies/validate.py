@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import statistics
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import torch
 
@@ -28,38 +29,22 @@ UNKNOWN = dict.fromkeys(("in_situ", "low", "high"), NOWHERE) | dict.fromkeys(
 )
 
 
-def validation_row(
-    case: str, height: float, rule: tuple[str, str, str], averaging: str, educed: complex, true: complex, **known: float
-) -> Row:
+def validation_row(rule: tuple[str, str, str], educed: complex, true: complex, **about: Any) -> Row:
     """One educed value beside the reference impedance ``true``, all normalised.
 
     Args:
-        case, height: of the plane; m.
         rule: drive, mean and phase.
-        averaging: of the value.
         educed, true: Z, and the reference impedance.
-        known: in_situ (what the file states for the in situ method), low, high (of the statistical interval: R + jX),
-            level_check (dB), speed (rms of the plane's mean velocity at the tone, m/s), velocity_rms (v'_rms over the
-            probes, m/s), mach, incident_level (dB), periods (of the tone in the record); nan where unknown.
+        about: case, height (m) and averaging; where known in_situ (what the file states for the in situ method), low,
+            high (of the statistical interval: R + jX), level_check (dB), speed (rms of the plane's mean velocity at the
+            tone, m/s), velocity_rms (v'_rms over the probes, m/s), mach, incident_level (dB), periods (of the tone in
+            the record).
     Returns:
-        These, and drive, mean, phase, miss (dR + j dX) and error (its size).
+        These, nan where unknown, and drive, mean, phase, miss (dR + j dX) and error (its size).
     """
-    drive, mean, phase = rule
-    return Row(
-        UNKNOWN,
-        case=case,
-        height=height,
-        rule=rule,
-        drive=drive,
-        mean=mean,
-        phase=phase,
-        averaging=averaging,
-        educed=educed,
-        true=true,
-        miss=educed - true,
-        error=abs(educed - true),
-        **known,
-    )
+    names, miss = dict(zip(("drive", "mean", "phase"), rule, strict=True)), educed - true
+    known = {name: value for name, value in about.items() if value is not None}
+    return Row(UNKNOWN | names | known, rule=rule, educed=educed, true=true, miss=miss, error=abs(miss))
 
 
 def reference_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
@@ -68,8 +53,7 @@ def reference_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
     Only a resolved case knows it; with measured data a reference microphone has to give it.
     """
     reflection = reflection_from_impedance(torch.tensor(plane.reference["true"]))
-    amplitude = seen.velocity_amplitude[..., 0].mean()
-    return float((amplitude / (1 - reflection)).angle())
+    return float((seen.velocity_amplitude[..., 0].mean() / (1 - reflection)).angle())
 
 
 def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
@@ -86,23 +70,25 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
         raise ValueError(f"{plane.name} states no reference impedance (reference 'true')")
     chosen, model = Choices(phase="given", allow_short=True), as_liner(liner)
     # The rms of the record is known after one reading, which finds what the other drives need.
-    source = Source(plane, [model], None, dataclasses.replace(chosen, drive="rms"))
+    source = Source(plane, [model], None, replace(chosen, drive="rms"))
     with torch.no_grad():
-        seen = answer(source.known, model, source.frequency, dataclasses.replace(source.chosen, phase="averaged"))
-    psi, averaging = reference_wave_phase(plane, seen), chosen.averaging
-    read = [Variant({}, averaging, dataclasses.replace(chosen, drive=drive, mean=mean)) for drive, mean in DRIVES]
+        seen = answer(source.known, model, source.frequency, replace(source.chosen, phase="averaged"))
+    psi = reference_wave_phase(plane, seen)
+    read = [Variant({}, chosen.averaging, replace(chosen, drive=drive, mean=mean)) for drive, mean in DRIVES]
     variants = [
         Variant(
-            {"rule": (way.chosen.drive, way.chosen.mean, phase)},
+            {"rule": (*drive, phase)},
             averaging,
-            dataclasses.replace(way.chosen, phase=phase),
+            replace(way.chosen, phase=phase),
             moments=known,
             psi=psi if phase == "given" else None,
         )
-        for way, known in zip(read, source.moments_of(read), strict=True)
+        for drive, way, known in zip(DRIVES, read, source.moments_of(read), strict=True)
         for phase, averaging in itertools.product(PHASES, seen.averagings)
     ]
     about = {
+        "case": str(plane.provenance.get("case", plane.title)),
+        "height": plane.height or 0.0,
         "in_situ": complex(plane.reference.get("in situ", NOWHERE)),
         "speed": tone_speed(seen),
         "velocity_rms": float(seen.velocity_rms.square().nanmean().sqrt()),
@@ -110,13 +96,11 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
         "incident_level": plane.incident_level,
         "periods": float(plane.duration * (plane.frequency or math.nan)),
     }
-    case, true = str(plane.provenance.get("case", plane.title)), complex(plane.reference["true"])
-    rows = []
-    for row in source.evaluate(variants):
-        known = about | {name: row[name] for name in ("low", "high", "level_check")}
-        known = {name: value for name, value in known.items() if value is not None}
-        rows.append(validation_row(case, plane.height or 0.0, row.rule, row.averaging, row.impedance, true, **known))
-    return rows
+    names, true = ("averaging", "low", "high", "level_check"), complex(plane.reference["true"])
+    return [
+        validation_row(row.rule, row.impedance, true, **about, **{name: row[name] for name in names})
+        for row in source.evaluate(variants)
+    ]
 
 
 def validation_table(

@@ -140,9 +140,8 @@ class Source:
         """Moments that each variant asks, as ``evaluate`` reads them."""
         ways = {id(each): self._way(each) for each in variants if self._is_read(each)}
         jobs = [job for _, each, _ in ways.values() for job in each.values()]
-        found = iter(())
-        if jobs:
-            found = iter(self._reduce(self.samples().record(self.progress), self.samples().blocks, jobs))
+        how = (self.samples().record(self.progress), self.samples().blocks, jobs) if jobs else ()
+        found = iter(self._reduce(*how) if jobs else [])
         made = {
             key: reading.moments(self.known.survey, locked, {name: next(found) for name in each})
             for key, (reading, each, locked) in ways.items()
