@@ -43,8 +43,6 @@ LINER_MODELS = {  # classes by the ``model`` of liner files, whose keys are thei
     "adjusted-sdof": "torchliner.liners.sdof:AdjustedSDoFLiner",
     "layered": "torchliner.liners.layered:LayeredLiner",
 }
-CURVE_SHAPES = ("law", "smooth")  # prior shapes of a curve over |v|
-REACTANCES = ("falling", "rising")  # over |v|
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from torchliner import names
 from torchliner.cli.calibrate import bounds_given, predicted_rows, references_given, source_of
 from torchliner.cli.choice_options import choice_options, chosen_from
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
@@ -35,10 +34,6 @@ OPTIONS = {
                        "default: not known",
         "--freedom FACTOR": "standard deviation of the logarithm of the ratio of the curve to the "
                             "prior shape over |v|; default the best of 0.1, 0.3, 1, 3",
-        "--prior": (names.CURVE_SHAPES, "shape where nothing is known: the liner's own law, or in "
-                    "proportion to |v|; default law"),
-        "--reactance": (names.REACTANCES, "direction over |v|; default falling, as where mass is "
-                        "lost"),
         "--predict PLANE ...": {"default": [], "help": "to predict; default: none"},
         "--reach M/S": "last |v| of the table that is written; default 1.25 times what runs saw",
         "--output FILE": "write the liner as .csv (a table) or .toml",
@@ -60,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.reach is not None and options.output is None:
         raise ValueError("--reach is of the table that is written; name --output as well")
-    given = stated(options, ("rest", "freedom", "prior", "reactance", "reach"))
+    given = stated(options, ("rest", "freedom", "reach"))
     if given and options.free and options.fit is None:
         raise ValueError(f"{spelled(given)}: of a curve; fit one too, with --fit curve, or leave this out")
     paths = [*options.planes, *options.predict]
@@ -72,9 +67,8 @@ def run(options: argparse.Namespace) -> int:
         models=[*models, *([options.fit or "curve"] if options.fit or not models else [])],
         averaging=options.averaging,
         pressure=[read_pressure(path) for path in options.pressure or ()] or None,
-        noise=options.noise, freedom=options.freedom, prior=options.prior or "law",
+        noise=options.noise, freedom=options.freedom, frequency=options.frequency,
         rest=None if options.rest is None else complex_number(options.rest, "--rest"),
-        reactance=options.reactance or "falling", frequency=options.frequency,
         **chosen_from(options, CHOICES),
     )  # fmt: skip
     fit = found.fit

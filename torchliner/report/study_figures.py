@@ -20,7 +20,6 @@ from torchliner.report.figure import (
     V_RMS,
     Figure,
     draw_band,
-    draw_curve,
     entry,
     finish,
     head_panel,
@@ -30,7 +29,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.numbers import impedance_over_frequency, part_of
+from torchliner.report.numbers import part_of
 from torchliner.report.studies import COMBINED
 from torchliner.studies.laws import impedance_at
 from torchliner.studies.rows import Row, Study
@@ -92,13 +91,19 @@ def draw_models(found: Study, path: str | Path | None = None) -> Figure:
     rows = found.rows[::-1]
     bars = "" if found.level is None else f"; bands: {100 * found.level:g} % statistical interval"
     title = f", averaging {found.averaging}{bars}"
-    if len(found.maps) < len(rows):
+    names = list(dict.fromkeys(row.model for row in found.rows))
+    if len(names) < len(rows):
         figure, panels = impedance_panels(3.0, r"$f$ (kHz)")
         tone = next((row.frequency for row in rows if row.distance), None)
         for axis, part in panels:
-            for i, (name, each) in enumerate(found.maps.items()):
-                curve = impedance_over_frequency(each)
-                draw_curve(axis, curve, part, COLOURS[i], 1e-3, linestyle=STYLES[i], label=name)
+            for i, name in enumerate(names):
+                mine = found.of(model=name)
+                lines = [1e-3 * row.frequency for row in mine]
+                if found.level is not None:
+                    low, high = ([part_of(row[end], part) for row in mine] for end in ("low", "high"))
+                    draw_band(axis, lines, low, high, COLOURS[i])
+                values = [part_of(row.impedance, part) for row in mine]
+                axis.plot(lines, values, color=COLOURS[i], linestyle=STYLES[i], label=name)
             for i, (name, value) in enumerate(found.references.items() if tone else ()):
                 style: Any = {"color": "k", "markersize": 7, "markerfacecolor": "none", "zorder": 4}
                 axis.plot(1e-3 * (tone or 0), part_of(value, part), MARKERS[i], label=name, **style)

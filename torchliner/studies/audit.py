@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, require_choice, require_positive, tell
-from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.kernels import BAND, response_at
-from torchliner.engine.moments import Moments, projection_of
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import response
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.readings import porosity_readings, velocity_readings
@@ -188,17 +188,6 @@ def _other_liners(model: LinerModel, skipped: dict[str, str]) -> dict[tuple[str,
     return found
 
 
-class KernelLiner(LinerModel):
-    """A liner as its kernels answer, made at the very |v| that is asked for; ``how``: rate, kind and band, Hz."""
-
-    def __init__(self, liner: LinerModel, *how: Any) -> None:
-        self.liner, self.how = liner, how
-
-    def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
-        """Z, (F, V), of frequencies (F, 1) in Hz and speeds (V,) in m/s."""
-        return impedance_from_reflection(response_at(self.liner, frequency[:, 0], speed, *self.how).T)
-
-
 def _kernels(base: Base) -> Iterator[Variant]:
     source, liner = base.source, base.source.liner
     reach = liner.frequency_range or (-math.inf, math.inf)
@@ -206,8 +195,10 @@ def _kernels(base: Base) -> Iterator[Variant]:
     if source.known.nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
     for kind, words in KERNELS.items():
-        kernels = KernelLiner(liner, source.plane.sampling_rate, kind, band)
-        yield base.variant("kernel", kind + words, moments=_of_liner(source.known, kernels, source.frequency))
+        found = response_at(
+            liner, source.frequency, source.known.nodes.speeds, source.plane.sampling_rate, kind, band
+        ).T
+        yield base.variant("kernel", kind + words, moments=_projected(source.known, found, source.frequency))
 
 
 def _halves(base: Base) -> Iterator[Variant]:
@@ -249,7 +240,9 @@ def _phase_rules(base: Base) -> Iterator[Variant]:
             "the moments were reduced without the rows of phase rules; reduce the plane again with "
             "phase='self-consistent'"
         )
-    of_one, least = _of_liner(known, source.liner, source.frequency), base.chosen.minimum_coherence
+    of_one, least = known, base.chosen.minimum_coherence
+    if known.nodes is not None:  # many phases are quicker asked of R of one liner
+        of_one = _projected(known, response(source.liner, source.frequency, known.nodes.speeds), source.frequency)
     for name in PHASES:
         if name == "given":
             yield from _stated_phases(base, of_one)
@@ -278,13 +271,12 @@ def _stated_phases(base: Base, known: Moments) -> Iterator[Variant]:
         yield at(max(values, key=values.__getitem__), f"largest {letter}")
 
 
-def _of_liner(known: Moments, liner: LinerModel, frequency: Tensor) -> Moments:
-    """Moments of R of one liner at some frequencies, Hz, (F,): many phases are quicker asked of them."""
-    projection = None if known.nodes is None else projection_of(known.nodes, liner, frequency)
-    if projection is None:
-        return known
-    count = projection.shape[1]
-    sums = {name: projection.to(each) @ each for name, each in known.sums.items() if each.shape[2] == count}
+def _projected(known: Moments, reflection: Tensor, frequency: Tensor) -> Moments:
+    """Moments of one R(f, |v|) at some frequencies, Hz, (F,), from its values at the speeds of the nodes, (F, K)."""
+    assert known.nodes is not None
+    c = known.nodes.coefficients(reflection)
+    rows = torch.stack([c.real, c.imag], 1).flatten(0, 1)
+    sums = {name: rows.to(each) @ each for name, each in known.sums.items() if each.shape[2] == rows.shape[1]}
     return dataclasses.replace(known, sums=sums, projected=frequency)
 
 

@@ -124,19 +124,9 @@ class Fit:
                 f"({top:.4g} m/s): R goes on along its tangent there and X stays, which no data support"
             )
         speed = torch.linspace(0, max(MARGIN * top, reach) ** 0.5, ROWS, dtype=torch.float64).square()
-        name = f"{getattr(first, 'name', type(first).__name__)} identified"
-        return TabulatedLiner(self.law.frequencies, self._curves(speed), speed, first.cell_pitch, name)
-
-    @functools.cached_property
-    def table_error(self) -> float:
-        """Largest error in R of the table's lines between its speeds, up to the runs' |v|."""
-        speed = torch.linspace(0, self.knots.top**0.5, 4 * ROWS, dtype=torch.float64).square()
-        drawn = self.table().impedance(torch.tensor(self.law.frequencies)[:, None], speed)
-        return float(reflection_from_impedance(torch.stack([self._curves(speed), drawn])).diff(dim=0).abs().max())
-
-    def _curves(self, speed: Tensor) -> Tensor:
-        lines = torch.tensor(self.law.frequencies, dtype=torch.float64)
-        return self.law.curve(self.values, self.runs[0].in_flow, lines, speed)
+        lines, name = torch.tensor(self.law.frequencies, dtype=torch.float64), f"{first.name} identified"
+        values = self.law.curve(self.values, self.runs[0].in_flow, lines, speed)
+        return TabulatedLiner(self.law.frequencies, values, speed, first.cell_pitch, name)
 
     @functools.cached_property
     def rows(self) -> list[Row]:

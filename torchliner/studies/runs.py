@@ -138,16 +138,16 @@ def choices_of_fit(averaging: str, choices: dict[str, Any]) -> Choices:
         ValueError: what a sum over node speeds does not know: another phase rule, the rms of the record, or walls.
     """
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
-    if chosen.phase != "averaged" or chosen.drive == "rms":
-        raise ValueError(
-            f"a fit takes phase 'averaged' and another drive than 'rms', not {chosen.phase!r} and {chosen.drive!r}; "
-            "leave them out"
-        )
-    if chosen.wall_filter is not None:
-        raise ValueError(
-            f"wall_filter is {chosen.wall_filter:g}, and a fit takes all probes for liner: leave it out, and read a "
-            "region without the walls"
-        )
+    for name, known in (
+        ("phase", chosen.phase == "averaged"),
+        ("drive", chosen.drive != "rms"),
+        ("wall_filter", chosen.wall_filter is None),
+    ):
+        if not known:
+            raise ValueError(
+                f"{name} is {getattr(chosen, name)!r}, and a fit takes phase 'averaged', another drive than 'rms' and "
+                "all probes for liner: leave it out, and read a region without walls"
+            )
     return chosen
 
 
