@@ -20,9 +20,8 @@ from torchliner.names import AVERAGINGS
 from torchliner.report.studies import parameter_table
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.laws import parameter_law
-from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import held, read_run
-from torchliner.studies.solve import drawn_impedances, impedances, residuals_of
+from torchliner.studies.solve import Posterior, drawn_impedances, impedances, residuals_of, sample_posterior
 from torchliner.velocity import reading
 from torchliner.velocity.choices import Choices
 

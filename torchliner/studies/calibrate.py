@@ -15,9 +15,8 @@ from torchliner.liners.model import Liner, named_numbers
 from torchliner.records import VelocityPlane
 from torchliner.studies.fit import Fit, fit_law
 from torchliner.studies.laws import parameter_law
-from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import choices_of_fit, held, planes_and_liners, read_run
-from torchliner.studies.solve import drawn_impedances, knots_for
+from torchliner.studies.solve import Posterior, drawn_impedances, knots_for, sample_posterior
 from torchliner.velocity.review import texts
 
 FEWEST_EFFECTIVE = 100.0

@@ -61,7 +61,7 @@ def study_heights(
         duct_height, shear: H, m, and shear of the ``TanhProfile`` that the jets stand in; default those of figure 22.
         reference_phase: rad, for ``phase="given"``.
         progress: called with 1 per plane.
-        choices: see ``torchliner.velocity.choices.Choices``. A ``wall_filter`` acts on the averages over probes.
+        choices: as for ``educe``. A ``wall_filter`` acts on the averages over probes.
     Returns:
         title, frequency (Hz), pitch (L_c, m, or None), lengths (m, rising), source_side, averaging, choices, notes;
         reference (independent impedances, for comparison alone); decay, first_decay: ``Decay`` of the cell-periodic

@@ -54,13 +54,11 @@ class Law:
     """What can be fitted.
 
     Args:
-        label: of tables.
-        names: of the n parameters.
+        label, names: of tables, and of the n parameters.
         low, high, start: bounds, and where the search begins, (n,).
         curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         centre, prior: residuals of the prior are ``prior @ (values - centre)``, (n,) and (r, n).
-        tolerance: of the search, relative.
-        frequencies: Hz, of curves, which hold there alone.
+        tolerance, frequencies: of the search, relative; Hz, of curves, which hold there alone.
     """
 
     label: str
@@ -131,12 +129,7 @@ def parameter_law(
 
 @dataclass(frozen=True)
 class Knots:
-    """Where the splines of all curves of a fit stand.
-
-    Args:
-        top: m/s, the last knot.
-        parts: equal steps in sqrt |v|.
-    """
+    """Where the splines of all curves of a fit stand: up to ``top``, m/s, in equal steps of sqrt |v|."""
 
     top: float
     parts: int = PARTS
@@ -183,10 +176,8 @@ class CurveShape:
     Args:
         base: liner whose law is the prior shape, which is kept where nothing is known, and says whether the reactance
             falls or rises over |v|; another liner's curve differs by its Z at rest.
-        frequency: Hz.
-        knots: of the splines.
-        freedom: of the walk over |v|.
-        rest: standard uncertainty u(R) + j u(X) at rest; None for ``REST``.
+        frequency, knots: Hz; of the splines.
+        freedom, rest: of the walk over |v|; standard uncertainty u(R) + j u(X) at rest, None for ``REST``.
     """
 
     base: LinerModel
@@ -258,11 +249,7 @@ def curve_law(shapes: Sequence[CurveShape]) -> Law:
 
 
 def place_of(known: Sequence[float], frequency: float) -> int:
-    """Where a frequency, Hz, is among those at which curves are known.
-
-    Raises:
-        ValueError: it is not.
-    """
+    """Where a frequency, Hz, is among those at which curves are known; ValueError if it is not."""
     for i, each in enumerate(known):
         if abs(each / frequency - 1) < SAME_FREQUENCY:
             return i
