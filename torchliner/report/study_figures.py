@@ -38,21 +38,6 @@ STYLES = ("-", "--", ":", "-.") * 99
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 DRAWN = 200  # speeds of a picture
 MOST_LENGTHS = 5  # curves a reader can tell apart
-SIGNS = {
-    "facesheet_thickness": "thickness $L_p$",
-    "orifice_diameter": "diameter $d$",
-    "porosity": r"porosity $\phi_p$",
-    "cavity_depth": "depth $H_c$",
-    "cavity_hydraulic_radius": "hydraulic radius $r_c$",
-    "cavity_porosity": r"cavity porosity $\phi_c$",
-    "open_area_fraction": r"open area $\alpha$",
-    "vena_contracta": "vena contracta $C_{vc}$",
-    "velocity_gain": "velocity gain",
-    "offset_resistance": "offset, Re",
-    "offset_reactance": "offset, Im",
-    "temperature": "temperature $T$",
-    "pressure": "pressure $p$",
-}
 
 
 def _name_lines(axis: Any, names: Sequence[str], shown: bool) -> None:
@@ -141,7 +126,7 @@ def draw_contributions(rows: Sequence[Row], title: str, path: str | Path | None 
         axis.set_xlim(left=0)
         per = "1 % of $p$" if total is None else "one $u(p)$"
         axis.set_xlabel(rf"$|\Delta {sign}|$ for {per}, $10^{{-3}}\rho c$")
-        axis.set_yticks(range(len(kept)), [SIGNS.get(r["parameter"], r["parameter"]) for r in kept] * (sign == "R"))
+        axis.set_yticks(range(len(kept)), [row["parameter"].replace("_", " ") for row in kept] if sign == "R" else [])
         axis.tick_params(axis="y", length=0)
     handles = [axes[0, 0].barh([0], [0], color=colour) for colour in COLOURS[:2]]
     labels = ["grows with $p$", "falls with $p$"]
@@ -223,17 +208,6 @@ def draw_identification(found: Study, path: str | Path | None = None) -> Figure:
     return finish(figure, path, f"{at:g} Hz", legend=5)
 
 
-def length_label(length: float, pitch: float | None) -> str:
-    """'1/4 cell', '2 cells' or millimetres."""
-    for share in (1 / 8, 1 / 4, 1 / 2) if pitch else ():
-        if abs(length / (pitch or 1) - share) < 0.02 * share:
-            return f"1/{1 / share:g} cell"
-    cells = round(length / pitch) if pitch else 0
-    if cells and abs(length / (pitch or 1) - cells) < 0.01 * cells:
-        return "1 cell" if cells == 1 else f"{cells} cells"
-    return f"{1e3 * length:.3g} mm"
-
-
 @styled
 def draw_heights(study: Study, path: str | Path | None = None) -> Figure:
     """R and X over height: admittance over probes, and velocity averaged over several lengths."""
@@ -253,7 +227,7 @@ def draw_heights(study: Study, path: str | Path | None = None) -> Figure:
             shifted = [h + 0.02 * (i - len(lengths) / 2) for h in heights]
             values, spread = ([part_of(row[name], part) for row in rows] for name in ("velocity", "velocity_spread"))
             style: Any = {"marker": MARKERS[i], "color": COLOURS[i], "capsize": 2, "elinewidth": 0.7}
-            label = f"velocity over {length_label(length, study.pitch)}"
+            label = f"velocity over {1e3 * length:.3g} mm"
             axis.errorbar(shifted, values, spread, markerfacecolor="white", label=label, **style)
         if "true" in study.reference:
             axis.axhline(part_of(study.reference["true"], part), label="reference", **REFERENCES[0])

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, require_choice, require_positive, tell
+from torchliner.checks import FEWEST_PERIODS, require_choice, tell
 from torchliner.engine.kernels import BAND, response_at
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import response
@@ -75,7 +75,7 @@ def audit(
     if len(several) > 1:
         planes_by_height([plane_of(each) for each in several])
     record, model, plane = several[0], as_liner(liner), plane_of(several[0])
-    stated, window = _choices(record, averaging, choices)
+    stated = _choices(record, averaging, choices)
     if len(plane.asked(frequency)) != 1:
         raise ValueError(f"an audit has one frequency; {len(plane.asked(frequency))} are given")
     quiet, skipped = dataclasses.replace(stated, interval=None), dict[str, str]()
@@ -89,7 +89,7 @@ def audit(
         raise ValueError(
             f"{plane.name}: the base has no admittance: every probe counts as wall; lower or leave out wall_filter"
         )
-    base = Base(source, float(source.frequency[0]), averaging, quiet, window, skipped)
+    base = Base(source, float(source.frequency[0]), averaging, quiet, skipped)
     variants = [base.variant(*labels, liner=other) for labels, other in others.items()]
     for factor, make in FACTORS.items():
         try:
@@ -126,35 +126,30 @@ def audit(
     )
 
 
-def _choices(record: Records, averaging: str, choices: dict[str, Any]) -> tuple[Choices, float | None]:
-    """Choices of the base, and the averaging length of ``running-rms``, be it of the base or of a variant."""
+def _choices(record: Records, averaging: str, choices: dict[str, Any]) -> Choices:
+    """Those of the base; refuses one that an audit varies itself, or that the moments do not hold."""
     require_choice("averaging", averaging, AVERAGINGS)
     if choices.get("phase") is not None:
         raise ValueError(
             "phase cannot be chosen for an audit: its base is the phase averaged, and the other rules are among what "
             "it varies"
         )
-    window = choices.get("running_window")
-    if window is not None:
-        require_positive("running_window", window)
-    own = window if choices.get("drive") == "running-rms" else None
-    chosen = Choices(**{**choices, "phase": "averaged", "running_window": own})
+    chosen = Choices(**choices)
     if isinstance(record, Moments):
         chosen = dataclasses.replace(chosen, averaging=record.settings["averaging"])
         require_choice(f"averaging of moments reduced with {chosen.averaging!r}:", averaging, chosen.averagings)
-    return chosen, window
+    return chosen
 
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What is varied: a plane, by choices without an interval, which no row has; ``running_window`` (s) is that of
-    ``running-rms``, of the base or not; ``skipped`` gets factors that cannot be varied, and why."""
+    """What is varied: a plane, by choices without an interval, which no row has; ``skipped`` gets factors that cannot
+    be varied, and why."""
 
     source: Source
     frequency: float
     averaging: str
     chosen: Choices
-    running_window: float | None
     skipped: dict[str, str]
 
     def variant(self, factor: str, name: str, averaging: str | None = None, **about: Any) -> Variant:
@@ -284,8 +279,7 @@ def _other_speeds(base: Base) -> Iterator[Variant]:
     """Other drives and means; the rms is known from the survey, for the others the samples are read."""
     for name in ("rms", *(name for name in DRIVES if name != "rms")):
         if name != base.chosen.drive:
-            window = base.running_window if name == "running-rms" else None
-            yield base.variant("drive", name, choices={"drive": name, "running_window": window})
+            yield base.variant("drive", name, choices={"drive": name, "running_window": None})
         base.source.samples()
     for name in MEANS:
         if name != base.chosen.mean:

@@ -101,13 +101,12 @@ def parameter_law(
     for name, number in numbers.items():
         low, high = pairs[name]
         unit = "" if number.unit == "1" else f" {number.unit}"
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first")
+        least = "at least" if number.low_included else "above"
         refused = low == number.low == 0 and not number.low_included
-        if low < number.low or refused or high > number.high:
+        if not max(low, number.low) == low < high == min(high, number.high) or refused or math.isinf(high - low):
             raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}{unit}; it is "
-                f"{'at least' if number.low_included else 'above'} {number.low:g} and at most {number.high:g}{unit}"
+                f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first, and it is "
+                f"{least} {number.low:g} and at most {number.high:g}{unit}"
             )
     for name, (mean, spread) in known.items():
         require_choice("parameter of a prior", name, numbers)
