@@ -42,11 +42,18 @@ def run(options: argparse.Namespace) -> int:
     total = 2 * reading + planes[0].samples
     with progress_bar(total, options.planes[0].name, options) as step:
         found = audit(
-            records, liner, options.frequency, averaging=options.averaging, progress=step,
+            records,
+            liner,
+            options.frequency,
+            averaging=options.averaging,
+            progress=step,
             **chosen_from(options, CHOICES),
-        )  # fmt: skip
+        )
     show_results(
-        options, lambda: format_audit(found), lambda: found,
-        output=audit_table(found, everything=True).write_csv, figure=lambda path: draw_audit(found, path),
-    )  # fmt: skip
+        options,
+        lambda: format_audit(found),
+        lambda: found,
+        output=audit_table(found, everything=True).write_csv,
+        figure=lambda path: draw_audit(found, path),
+    )
     return 0

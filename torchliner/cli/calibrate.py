@@ -19,28 +19,35 @@ from torchliner.cli.plane_options import plane_options
 CHOICES = ("drive", "mean", "missing", "allow_short")
 FEWEST_DRAWS = 100
 
-OPTIONS = {
-    "": {
-        "planes PLANE ...": "plane files to fit",
-        "--free NAME[=LOW:HIGH]": {
-            "action": "append", "required": True, "help": "parameter to fit and its bounds, SI; "
-            "default usual ones, else 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts"},
-        "--reference Z ...": {
-            "help": "name of an impedance in the files, 'in-situ' (what the files hold of Dean's method), "
-            "'level-check' (the stated level alone), or one value each, e.g. 0.168-0.066j; default true"},
-        "--noise U": "standard uncertainty of R and X of the references, by rho c, of levels dB; "
-                     "default: from the residual",
-        "--predict PLANE ...": {
-            "default": [], "help": "to predict with the spread of the fit; default: none"},
-        "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
-        "--seed N": {"default": 0, "help": "of the draws; default 0"},
-        "--output FILE": "write the calibrated liner as .toml",
-        "--figure PICTURE": "draw the predictions there",
+OPTIONS = (
+    {
+        "": {
+            "planes PLANE ...": "plane files to fit",
+            "--free NAME[=LOW:HIGH]": {
+                "action": "append",
+                "required": True,
+                "help": "parameter to fit and its bounds, SI; "
+                "default usual ones, else 50 %% about its value, of an offset 0.5 about it; 'offset' is both parts",
+            },
+            "--reference Z ...": {
+                "help": "name of an impedance in the files, 'in-situ' (what the files hold of Dean's method), "
+                "'level-check' (the stated level alone), or one value each, e.g. 0.168-0.066j; default true"
+            },
+            "--noise U": "standard uncertainty of R and X of the references, by rho c, of levels dB; "
+            "default: from the residual",
+            "--predict PLANE ...": {"default": [], "help": "to predict with the spread of the fit; default: none"},
+            "--draws N": {"default": 2000, "help": "of the posterior, 0 for none; default 2000"},
+            "--seed N": {"default": 0, "help": "of the draws; default 0"},
+            "--output FILE": "write the calibrated liner as .toml",
+            "--figure PICTURE": "draw the predictions there",
+        }
+        | averaging_option("velocity")
+        | CLUSTER
+        | shared("--liner", "--json", "--quiet"),
     }
-    | averaging_option("velocity")
-    | CLUSTER
-    | shared("--liner", "--json", "--quiet"),
-} | choice_options(CHOICES) | plane_options()  # fmt: skip
+    | choice_options(CHOICES)
+    | plane_options()
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -61,9 +68,16 @@ def run(options: argparse.Namespace) -> int:
         both = _reduced(both, liner, options)
     references = references_given(options.reference or ["true"])
     found = calibrate(
-        both[: len(options.planes)], liner, references, bounds_given(options.free, liner), averaging=options.averaging,
-        noise=options.noise, draws=options.draws, seed=options.seed, **chosen_from(options, CHOICES),
-    )  # fmt: skip
+        both[: len(options.planes)],
+        liner,
+        references,
+        bounds_given(options.free, liner),
+        averaging=options.averaging,
+        noise=options.noise,
+        draws=options.draws,
+        seed=options.seed,
+        **chosen_from(options, CHOICES),
+    )
     rows = predicted_rows(
         found, both[len(options.planes) :], liner, options, noise=0.0 if references == LEVEL_CHECK else options.noise
     )
@@ -99,10 +113,9 @@ def _reduced(records: list[Any], liner: Any, options: argparse.Namespace) -> lis
     choices = {"averaging": options.averaging} | chosen_from(options, CHOICES)
     with open_cluster(options.cluster, options.wait) as client:
         return [
-            each if isinstance(each, Moments)
-            else moments(each, cell_pitch=liner.cell_pitch, client=client, **choices)
+            each if isinstance(each, Moments) else moments(each, cell_pitch=liner.cell_pitch, client=client, **choices)
             for each in records
-        ]  # fmt: skip
+        ]
 
 
 def references_given(texts: list[str]) -> Any:

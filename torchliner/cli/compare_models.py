@@ -15,19 +15,20 @@ OPTIONS = (
         "": {
             "plane PLANE": "file of a plane, or what torchliner reduce made of it",
             "--liner LINER": {
-                "action": "append", "default": [],
+                "action": "append",
+                "default": [],
                 "help": "a model, preset, .toml, .csv or .py file; required twice or more",
             },
             **frequency_option("the tone of the file"),
             "--cell-pitch M": "side of the cells, m, for all models; default: that of the moments, "
-                              "else of the preset that the file names, else of the models",
+            "else of the preset that the file names, else of the models",
             "--figure PICTURE": "draw R and X of all models with their intervals",
         }
         | shared("--output", "--json", "--quiet")
     }
     | choice_options(EDUCED)
     | plane_options()
-)  # fmt: skip
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -48,11 +49,18 @@ def run(options: argparse.Namespace) -> int:
     total = 2 * planes_of([record])[0].samples
     with progress_bar(total, options.plane.name, options) as step:
         found = compare_models(
-            record, liners, options.frequency, cell_pitch=options.cell_pitch, progress=step,
+            record,
+            liners,
+            options.frequency,
+            cell_pitch=options.cell_pitch,
+            progress=step,
             **chosen_from(options, EDUCED),
-        )  # fmt: skip
+        )
     show_results(
-        options, lambda: format_models(found), lambda: plain_of(found),
-        output=models_table(found).write_csv, figure=lambda path: draw_models(found, path),
-    )  # fmt: skip
+        options,
+        lambda: format_models(found),
+        lambda: plain_of(found),
+        output=models_table(found).write_csv,
+        figure=lambda path: draw_models(found, path),
+    )
     return 0

@@ -10,22 +10,31 @@ from torchliner.cli.options import progress_bar, shared
 from torchliner.cli.plane_options import plane_options
 
 CHOICES = (
-    "averaging", "phase", "drive", "mean", "missing", "allow_short", "wall_filter",
-)  # fmt: skip
+    "averaging",
+    "phase",
+    "drive",
+    "mean",
+    "missing",
+    "allow_short",
+    "wall_filter",
+)
 
-OPTIONS = {
-    "": {
-        "planes PLANE ...": "plane files of one case, or their moments, one a height",
-        "--frequency HZ": "default: the tone of the files",
-        "--lengths MM ...": "averaging, mm; default: a spacing, shares of a cell, cells, all",
-        "--cell-pitch MM": "mm; default: the liner's",
-        "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
-        "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
-        "--limits MODULATION AVERAGINGS CHANGE": "where the level is not checked, relative; default 0.1 "
-                                          "0.1 0.1",
+OPTIONS = (
+    {
+        "": {
+            "planes PLANE ...": "plane files of one case, or their moments, one a height",
+            "--frequency HZ": "default: the tone of the files",
+            "--lengths MM ...": "averaging, mm; default: a spacing, shares of a cell, cells, all",
+            "--cell-pitch MM": "mm; default: the liner's",
+            "--duct-height MM": {"default": 50.0, "help": "of the jets' cross-flow, mm; default 50"},
+            "--shear D": {"default": 0.05, "help": "of its tanh profile, half heights; default 0.05"},
+            "--limits MODULATION AVERAGINGS CHANGE": "where the level is not checked, relative; default 0.1 0.1 0.1",
+        }
+        | shared("--liner", "--output", "--figure", "--json", "--quiet"),
     }
-    | shared("--liner", "--output", "--figure", "--json", "--quiet"),
-} | choice_options(CHOICES, NO_GIVEN_PHASE) | plane_options()  # fmt: skip
+    | choice_options(CHOICES, NO_GIVEN_PHASE)
+    | plane_options()
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -41,9 +50,16 @@ def run(options: argparse.Namespace) -> int:
     pitch = None if options.cell_pitch is None else 1e-3 * options.cell_pitch
     with progress_bar(len(planes), "heights", options, "height") as step:
         study = study_heights(
-            planes, liner, options.frequency, lengths=lengths, cell_pitch=pitch, shear=options.shear,
-            duct_height=1e-3 * options.duct_height, progress=step, **chosen_from(options, CHOICES),
-        )  # fmt: skip
+            planes,
+            liner,
+            options.frequency,
+            lengths=lengths,
+            cell_pitch=pitch,
+            shear=options.shear,
+            duct_height=1e-3 * options.duct_height,
+            progress=step,
+            **chosen_from(options, CHOICES),
+        )
     found = recommend_height(study, *options.limits or ())
     if options.figure is not None:
         options.figure.mkdir(parents=True, exist_ok=True)
@@ -53,9 +69,16 @@ def run(options: argparse.Namespace) -> int:
         table_of(study.facts, "").write_csv(options.figure / "facts.csv")
     lengths_of = {name: study[name] and study[name].length for name in ("decay", "first_decay")}
     show_results(
-        options, lambda: format_heights(study, found),
-        lambda: plain_of(study | {"decay_length": lengths_of["decay"], "first_decay_length": lengths_of["first_decay"],
-                                  "recommended": found}),
+        options,
+        lambda: format_heights(study, found),
+        lambda: plain_of(
+            study
+            | {
+                "decay_length": lengths_of["decay"],
+                "first_decay_length": lengths_of["first_decay"],
+                "recommended": found,
+            }
+        ),
         output=height_table(study).write_csv,
-    )  # fmt: skip
+    )
     return 0

@@ -14,34 +14,38 @@ from torchliner.cli.plane_options import plane_options
 
 CHOICES = ("drive", "mean", "missing", "allow_short")
 
-OPTIONS = {
-    "": {
-        "planes PLANE ...": "plane files, or moments, of several runs; planes of one case are one "
-                            "run",
-        "--reference Z ...": {
-            "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
-            "'level-check' (the stated level alone), or one value each; default true"},
-        "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or level-check, "
-                               "one a plane in their order; default: what the planes hold",
-        "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
-        "--free NAMES": {
-            "action": "append", "default": [],
-            "help": "a model: parameters of the liner's law, with commas between, each with its "
-            "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: none"},
-        "--noise U": "standard uncertainty of R and X of the references, of levels dB; default "
-                     "2 %% of |Z|, 0.2 dB",
-        "--rest U+Uj": "standard uncertainty of R and X of the liner at rest, e.g. 0.01+0.01j; "
-                       "default: not known",
-        "--freedom FACTOR": "standard deviation of the logarithm of the ratio of the curve to the "
-                            "prior shape over |v|; default the best of 0.1, 0.3, 1, 3",
-        "--predict PLANE ...": {"default": [], "help": "to predict; default: none"},
-        "--reach M/S": "last |v| of the table that is written; default 1.25 times what runs saw",
-        "--output FILE": "write the liner as .csv (a table) or .toml",
-        "--figure PICTURE": "draw curve and speeds there",
+OPTIONS = (
+    {
+        "": {
+            "planes PLANE ...": "plane files, or moments, of several runs; planes of one case are one run",
+            "--reference Z ...": {
+                "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
+                "'level-check' (the stated level alone), or one value each; default true"
+            },
+            "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or level-check, "
+            "one a plane in their order; default: what the planes hold",
+            "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
+            "--free NAMES": {
+                "action": "append",
+                "default": [],
+                "help": "a model: parameters of the liner's law, with commas between, each with its "
+                "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: none",
+            },
+            "--noise U": "standard uncertainty of R and X of the references, of levels dB; default 2 %% of |Z|, 0.2 dB",
+            "--rest U+Uj": "standard uncertainty of R and X of the liner at rest, e.g. 0.01+0.01j; default: not known",
+            "--freedom FACTOR": "standard deviation of the logarithm of the ratio of the curve to the "
+            "prior shape over |v|; default the best of 0.1, 0.3, 1, 3",
+            "--predict PLANE ...": {"default": [], "help": "to predict; default: none"},
+            "--reach M/S": "last |v| of the table that is written; default 1.25 times what runs saw",
+            "--output FILE": "write the liner as .csv (a table) or .toml",
+            "--figure PICTURE": "draw curve and speeds there",
+        }
+        | averaging_option("phase-locked")
+        | shared("--liner", "--frequency", "--json", "--quiet"),
     }
-    | averaging_option("phase-locked")
-    | shared("--liner", "--frequency", "--json", "--quiet"),
-} | choice_options(CHOICES) | plane_options()  # fmt: skip
+    | choice_options(CHOICES)
+    | plane_options()
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,14 +67,18 @@ def run(options: argparse.Namespace) -> int:
     liner = only_liner(options.liner, both, paths)
     models: list[Any] = [bounds_given(text.split(","), with_flow(liner)) for text in options.free]
     found = identify(
-        both[: len(options.planes)], liner, references_given(options.reference or ["true"]),
+        both[: len(options.planes)],
+        liner,
+        references_given(options.reference or ["true"]),
         models=[*models, *([options.fit or "curve"] if options.fit or not models else [])],
         averaging=options.averaging,
         pressure=[read_pressure(path) for path in options.pressure or ()] or None,
-        noise=options.noise, freedom=options.freedom, frequency=options.frequency,
+        noise=options.noise,
+        freedom=options.freedom,
+        frequency=options.frequency,
         rest=None if options.rest is None else complex_number(options.rest, "--rest"),
         **chosen_from(options, CHOICES),
-    )  # fmt: skip
+    )
     fit = found.fit
     rows = predicted_rows(fit, both[len(options.planes) :], liner, options, noise=0.0)
     table = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""

@@ -12,24 +12,36 @@ from torchliner.cli.plane_options import plane_options
 
 CHOICES = ("phase", "drive", "mean", "missing", "allow_short")
 
-OPTIONS = {
-    "": {
-        "--parameters NAME ...": "of the liner, e.g. porosity; default: all",
-        "--tolerance NAME=VALUE": {
-            "action": "append", "default": [], "help": "half-width with its unit, e.g. "
-            'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then '
-            "the change of Z for 1 %% of each parameter"},
-        "--limits": {
-            "choices": names.LIMITS, "help": "what a half-width is: "
-            "limits of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; "
-            "default rectangular"},
-        "--correlation NAME,NAME=VALUE": {
-            "action": "append", "default": [], "help": "of two parameters, -1 to 1; default 0"},
-        "--figure PICTURE": "draw bars of the contributions at the first frequency",
+OPTIONS = (
+    {
+        "": {
+            "--parameters NAME ...": "of the liner, e.g. porosity; default: all",
+            "--tolerance NAME=VALUE": {
+                "action": "append",
+                "default": [],
+                "help": "half-width with its unit, e.g. "
+                'orifice_diameter="0.02 mm", porosity="2 %%", temperature="1 K"; default: none, then '
+                "the change of Z for 1 %% of each parameter",
+            },
+            "--limits": {
+                "choices": names.LIMITS,
+                "help": "what a half-width is: "
+                "limits of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; "
+                "default rectangular",
+            },
+            "--correlation NAME,NAME=VALUE": {
+                "action": "append",
+                "default": [],
+                "help": "of two parameters, -1 to 1; default 0",
+            },
+            "--figure PICTURE": "draw bars of the contributions at the first frequency",
+        }
+        | averaging_option("velocity")
+        | shared("plane", "--liner", "--frequency", "--output", "--json", "--quiet"),
     }
-    | averaging_option("velocity")
-    | shared("plane", "--liner", "--frequency", "--output", "--json", "--quiet"),
-} | choice_options(CHOICES, NO_GIVEN_PHASE) | plane_options()  # fmt: skip
+    | choice_options(CHOICES, NO_GIVEN_PHASE)
+    | plane_options()
+)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,9 +79,12 @@ def run(options: argparse.Namespace) -> int:
     first = [row for row in table.as_rows() if row["frequency"] == frequency[0]]
     title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
     show_results(
-        options, lambda: "\n".join([table.as_text(), *words]), lambda: plain, output=table.write_csv,
+        options,
+        lambda: "\n".join([table.as_text(), *words]),
+        lambda: plain,
+        output=table.write_csv,
         figure=lambda path: draw_contributions(first, title, path),
-    )  # fmt: skip
+    )
     return 0
 
 

@@ -32,7 +32,9 @@ def run(options: argparse.Namespace) -> int:
     tables = (format_truth, format_rules, format_summary)
     plain = plain_truth(rows)
     show_results(
-        options, lambda: "\n\n".join(table(rows) for table in tables), plain.as_rows,
+        options,
+        lambda: "\n\n".join(table(rows) for table in tables),
+        plain.as_rows,
         output=plain.write_csv,
-    )  # fmt: skip
+    )
     return 0

@@ -74,12 +74,14 @@ def format_models(found: Study) -> str:
     at = f", {next(iter(frequencies)):g} Hz" if len(frequencies) == 1 else ""
     sorted_by = "models as given" if found.sorted_by == "as given" else f"by {found.sorted_by}"
     interval = "" if found.level is None else f"; {100 * found.level:g} % statistical interval"
-    return "\n".join([
-        f"{found.title}{at}, whole liner, averaging {found.averaging}; {sorted_by}{interval}",
-        models_table(found).as_text(),
-        *format_references(found.references),
-        f"level check: {found.level_check_words}",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"{found.title}{at}, whole liner, averaging {found.averaging}; {sorted_by}{interval}",
+            models_table(found).as_text(),
+            *format_references(found.references),
+            f"level check: {found.level_check_words}",
+        ]
+    )
 
 
 # Sensitivities
@@ -135,10 +137,14 @@ def parameter_table(found: Fit) -> Table:
     columns = zip(law.names, found.values, found.standard, *found.interval, law.low, law.high, strict=True)
     names = ("value", "standard", "lower_95", "upper_95", "lowest", "highest")
     rows = [
-        Row(dict(zip(names, map(float, each), strict=True)), parameter=name, unit=numbers[name].unit,
-            on_bound=name in found.on_bound)
+        Row(
+            dict(zip(names, map(float, each), strict=True)),
+            parameter=name,
+            unit=numbers[name].unit,
+            on_bound=name in found.on_bound,
+        )
         for name, *each in columns
-    ]  # fmt: skip
+    ]
     return table_of(rows, "parameter,value,unit,u(p),range,bounds")
 
 
@@ -158,13 +164,15 @@ def format_calibration(found: Fit) -> str:
     ]
     effective = "none" if found.posterior is None else f"{found.posterior.effective:.0f}"
     noise = "stated noise" if found.stated else "noise from the residual"
-    return "\n".join([
-        parameter_table(found).as_text(),
-        *([f"correlations: {', '.join(pairs)}"] if pairs else []),
-        prediction_table(found.rows).as_text(),
-        f"{found.data} data, {len(names)} parameters, sum of squares {float(found.residuals.square().sum()):.4g} "
-        f"({noise}); averaging: {found.choices.averaging}; independent draws: {effective}",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            parameter_table(found).as_text(),
+            *([f"correlations: {', '.join(pairs)}"] if pairs else []),
+            prediction_table(found.rows).as_text(),
+            f"{found.data} data, {len(names)} parameters, sum of squares {float(found.residuals.square().sum()):.4g} "
+            f"({noise}); averaging: {found.choices.averaging}; independent draws: {effective}",
+        ]
+    )
 
 
 def plain_fit(found: Fit) -> dict[str, Any]:

@@ -41,8 +41,11 @@ def _by_phase(cells: Iterable[tuple[Row, complex]], written: Callable[[Any], str
         key = (cell.get("height"), drive_label(cell.drive, cell.mean), cell.averaging)
         line = lines.setdefault(key, dict(zip(("height", "drive", "averaging"), key, strict=True)))
         line[cell.phase] = value
-    columns = [Column("", "drive", "drive"), Column("", "averaging", "averaging"),
-               *(Column("", phase, phase, written) for phase in PHASES)]  # fmt: skip
+    columns = [
+        Column("", "drive", "drive"),
+        Column("", "averaging", "averaging"),
+        *(Column("", phase, phase, written) for phase in PHASES),
+    ]
     if any(height is not None for height, *_ in lines):
         columns.insert(0, Column("", "height", "y mm", ".1f", 1e3))
     return Table(list(lines.values()), columns).as_text()
@@ -65,8 +68,7 @@ def format_truth(rows: Sequence[Row]) -> str:
 
 
 def _by_case(rows: Sequence[Row]) -> list[list[Row]]:
-    return [[row for row in rows if row.case == case]
-            for case in dict.fromkeys(row.case for row in rows)]  # fmt: skip
+    return [[row for row in rows if row.case == case] for case in dict.fromkeys(row.case for row in rows)]
 
 
 def _case_summary(rows: Sequence[Row]) -> dict[str, Any]:
@@ -93,10 +95,12 @@ def format_summary(rows: Sequence[Row]) -> str:
         Column(name, heading=name, text=".3f" if isinstance(value, float) else "")
         for name, value in summaries[0].items()
     ]
-    return "\n".join([
-        "|Z - Z_true| over all heights (rho c)",
-        Table(summaries, columns).as_text(),
-        f"(FAILS: off by more than {100 * TOLERABLE:g} % of |Z_true|. Default: phase averaged, instantaneous |v|, mean "
-        "kept; every averaging at every height is counted. 'given' is the phase of the reference wave, which only a "
-        "simulation knows)",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "|Z - Z_true| over all heights (rho c)",
+            Table(summaries, columns).as_text(),
+            f"(FAILS: off by more than {100 * TOLERABLE:g} % of |Z_true|. Default: phase averaged, instantaneous |v|, "
+            "mean kept; every averaging at every height is counted. 'given' is the phase of the reference wave, which "
+            "only a simulation knows)",
+        ]
+    )

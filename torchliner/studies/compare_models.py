@@ -100,7 +100,9 @@ def compare_models(
         sorted_by=by if key is None else f"|Z - {key}|",
         references=references,
         rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
-        level_check_words=source.level_words,
+        level_check_words=source.level_words
+        if by == "as given"
+        else f"off {source.level_words}, limit {chosen.level_limit + chosen.level_uncertainty:g} dB",
         notes=tuple(notes),
     )
 
