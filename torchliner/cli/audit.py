@@ -14,17 +14,13 @@ from torchliner.cli.messages import progress_bar
 EXAMPLES = ("plane.h5 --figure audit.png",)
 VARIED = ("phase", "reference_phase", "averaging", "no_intervals")  # by the audit, or not at all
 CHOICES = choices(" ".join(name for name in ALL.split() if name not in VARIED))
-OPTIONS = [
+OWN = [
     replace(opt.PLANES, text="the plane, and others of the same case: its other heights"),
     opt.Option("--frequency", "default: the tone of the file", opt.HZ),
     *opt.figure("draw the table there"),
     opt.averaging("phase-locked"),
-    opt.OF_LINER,
-    opt.ROWS,
-    *opt.PRINTING,
-    *CHOICES,
-    *READING,
 ]
+OPTIONS = [*OWN, opt.OF_LINER, opt.ROWS, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

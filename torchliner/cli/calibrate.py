@@ -26,7 +26,7 @@ REFERENCE = opt.Option(
     default=["true"],
 )
 PREDICT = opt.Option("--predict", "planes to predict; default: none", opt.PLANE, nargs="+", default=[])
-OPTIONS = [
+OWN = [
     replace(opt.PLANES, text="plane files to fit"),
     opt.Option(
         "--free",
@@ -37,23 +37,15 @@ OPTIONS = [
         many=True,
     ),
     REFERENCE,
-    opt.Option(
-        "--noise",
-        "standard uncertainty of R and X of the references, by rho c, of levels dB; default: from the residual",
-        opt.NUMBER,
-    ),
+    opt.Option("--noise", "standard uncertainty of R and X of the references, of levels dB", opt.NUMBER),
     PREDICT,
     opt.Option("--draws", "of the posterior, 0 for none; default 2000", opt.INDEX, default=2000),
     opt.Option("--seed", "of the draws; default 0", opt.INDEX, default=0),
     opt.output("write the calibrated liner", ".toml"),
     *opt.figure("draw the predictions there"),
     opt.averaging("velocity"),
-    *opt.CLUSTER,
-    opt.OF_LINER,
-    *opt.PRINTING,
-    *CHOICES,
-    *READING,
 ]
+OPTIONS = [*OWN, *opt.CLUSTER, opt.OF_LINER, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

@@ -11,15 +11,13 @@ from torchliner.cli import options as opt
 from torchliner.cli.files import liner_names, show_results
 
 EXAMPLES = ("first.h5 second.h5",)
-OPTIONS = [
+OWN = [
     opt.Option("first", "map of torchliner educe, or moments of torchliner reduce", opt.PATH),
     opt.Option("second", "another one of the same cells", opt.PATH),
     opt.averaging(None, text="default: that of both"),
     opt.frequency("the tone; of moments alone, a map has its frequencies"),
-    opt.OF_LINER,
-    opt.ROWS,
-    *opt.PRINTING,
 ]
+OPTIONS = [*OWN, opt.OF_LINER, opt.ROWS, *opt.PRINTING]
 
 
 def run(options: argparse.Namespace) -> int:

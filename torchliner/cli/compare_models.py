@@ -14,17 +14,14 @@ from torchliner.cli.messages import progress_bar
 from torchliner.cli.signatures import of
 
 EXAMPLES = ("plane.h5 --liner onera --liner mine.toml --figure models.png",)
-OPTIONS = [
+OWN = [
     replace(opt.ONE_PLANE, text="file of a plane, or what torchliner reduce made of it"),
     opt.Option("--liner", "a model, preset, .toml, .csv or .py file; required twice or more", opt.LINER, many=True),
     opt.TONE,
     *of("studies.compare_models:compare_models", "cell_pitch"),
     *opt.figure("draw R and X of all models with their intervals"),
-    opt.ROWS,
-    *opt.PRINTING,
-    *EDUCED,
-    *READING,
 ]
+OPTIONS = [*OWN, opt.ROWS, *opt.PRINTING, *EDUCED, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

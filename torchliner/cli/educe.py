@@ -22,7 +22,7 @@ EXAMPLES = (
     "'run_*.nc' --normal y --frequency 300:6000:100 --liner mine.toml",
 )
 CASE = [opt.LEVEL, opt.Option("--source-side", "that the sound comes from; default: the file's", SOURCE_SIDES)]
-OPTIONS = [
+OWN = [
     replace(opt.PLANES, text="plane files, or what torchliner reduce made of them; several: heights of a case"),
     opt.OF_LINER,
     opt.TONE,
@@ -31,15 +31,8 @@ OPTIONS = [
         "--in-situ", "pressure record, whose impedance stands in map, table and figures; default: none", opt.FILE
     ),
     opt.Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", opt.FILE),
-    *CASE,
-    opt.HASH,
-    *opt.CLUSTER,
-    *opt.PICTURES_OF,
-    *opt.PRINTING,
-    opt.STRICT,
-    *EDUCED,
-    *READING,
 ]
+OPTIONS = [*OWN, *CASE, opt.HASH, *opt.CLUSTER, *opt.PICTURES_OF, *opt.PRINTING, opt.STRICT, *EDUCED, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

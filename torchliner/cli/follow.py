@@ -18,18 +18,14 @@ CHOICES = [
     *choices("phase interval no_intervals dtype", phase=NO_GIVEN_PHASE),
 ]
 READING = opt.group("missing metadata", *STATED, further=True)
-OPTIONS = [
+OWN = [
     opt.Option("plane", "plane file that grows, or folder into which files come, in the order of names", opt.PLANE),
     opt.Option("--until", "half-width of the interval of Z, over rho c, that ends it; default: none", opt.NUMBER),
     opt.Option("--every", "between two looks, s; default 5", opt.S, default=5.0),
     opt.Option("--idle", "without new samples, after which it ends, s; default 600", opt.S, default=600.0),
     opt.output("write the moments so far, at the end, on Ctrl-C and on SIGTERM,", *opt.HDF5),
-    opt.OF_LINER,
-    *opt.PRINTING,
-    opt.TONE,
-    *CHOICES,
-    *READING,
 ]
+OPTIONS = [*OWN, opt.OF_LINER, *opt.PRINTING, opt.TONE, *CHOICES, *READING]
 HEADING = "samples    record s  f Hz      Z               half-width  needed s  until then"
 
 

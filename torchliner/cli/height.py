@@ -12,26 +12,16 @@ from torchliner.cli.messages import progress_bar
 
 EXAMPLES = ("plane_y*.h5 -o rows.csv --figure pictures",)
 CHOICES = choices("averaging phase drive mean missing allow_short wall_filter", phase=NO_GIVEN_PHASE)
-OPTIONS = [
+OWN = [
     replace(opt.PLANES, text="plane files of one case, or their moments, one a height"),
     opt.Option("--frequency", "default: the tone of the files", opt.HZ),
     opt.Option("--lengths", "averaging, mm; default: a spacing, shares of a cell, cells, all", opt.MM, nargs="+"),
     opt.Option("--cell-pitch", "mm; default: the liner's", opt.MM),
     opt.Option("--duct-height", "of the jets' cross-flow, mm; default 50", opt.MM, default=50.0),
     opt.Option("--shear", "of its tanh profile, half heights; default 0.05", opt.NUMBER, default=0.05),
-    opt.Option(
-        "--limits",
-        "of modulation, averagings and change, where the level is not checked, relative; default 0.1 0.1 0.1",
-        opt.NUMBER,
-        nargs=3,
-    ),
-    opt.OF_LINER,
-    opt.ROWS,
-    *opt.PICTURES_OF,
-    *opt.PRINTING,
-    *CHOICES,
-    *READING,
+    opt.Option("--limits", "of modulation, averagings, change; default 0.1 0.1 0.1", opt.NUMBER, nargs=3),
 ]
+OPTIONS = [*OWN, opt.OF_LINER, opt.ROWS, *opt.PICTURES_OF, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

@@ -21,16 +21,10 @@ EXAMPLES = (
 CHOICES = choices("drive mean missing allow_short")
 CURVE = of("studies.identify:identify", "rest freedom prior reactance", rest={"kind": opt.COMPLEX})
 REACH = opt.Option("--reach", "last |v| of the table that is written; default 1.25 times what runs saw", opt.MPS)
-OPTIONS = [
+OWN = [
     replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run"),
     REFERENCE,
-    opt.Option(
-        "--pressure",
-        "pressure records of the runs, for --reference in-situ or level-check, one a plane in their order; default: "
-        "what the planes hold",
-        opt.PATH,
-        nargs="+",
-    ),
+    opt.Option("--pressure", "records for --reference in-situ or level-check, one a plane", opt.PATH, nargs="+"),
     opt.Option("--fit", "'curve', beside what is free; default where nothing is free", opt.Kind("MODEL")),
     opt.Option(
         "--free",
@@ -50,12 +44,8 @@ OPTIONS = [
     opt.output("write the liner, a table as .csv,", ".csv", ".toml"),
     *opt.figure("draw curve and speeds there"),
     opt.averaging("phase-locked"),
-    opt.OF_LINER,
-    opt.TONE,
-    *opt.PRINTING,
-    *CHOICES,
-    *READING,
 ]
+OPTIONS = [*OWN, opt.OF_LINER, opt.TONE, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

@@ -18,15 +18,12 @@ CHOICES = [
 PAIR = opt.Option(
     "--microphones", "of the two-microphone row, from 0; default: the best conditioned", opt.INDEX, nargs=2
 )
-OPTIONS = [
+OWN = [
     opt.Option("record", "pressure record", opt.PATH),
     opt.output("write the rows as .csv, or points, cells and surface,", ".csv", *opt.HDF5),
     *opt.figure("draw Z along x there"),
-    PAIR,
-    opt.TONE,
-    *opt.PRINTING,
-    *CHOICES,
 ]
+OPTIONS = [*OWN, PAIR, opt.TONE, *opt.PRINTING, *CHOICES]
 
 
 def run(options: argparse.Namespace) -> int:

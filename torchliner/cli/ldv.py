@@ -33,11 +33,8 @@ ABOUT = opt.group("about the case (not for HDF5 files; default: not stated)", *o
 # What means something else where stations are educed.
 FACTS = [each for each in ABOUT if each.flag not in ("--liner", "--title")]
 LIMITS = of("bursts.stations:BurstFilters", "zero_runs outliers", group="which bursts count")
-WITHOUT = f"switch off {', '.join(names.FILTERS)}; default: none is off"
-FILTERS = [
-    opt.Option("--without", WITHOUT, names.FILTERS, nargs="+", default=[], group="which bursts count"),
-    *LIMITS,
-]
+WITHOUT = opt.Option("--without", "switch off filters; default: none", names.FILTERS, nargs="+", default=[])
+FILTERS = [*opt.group("which bursts count", WITHOUT), *LIMITS]
 STATION = of(
     "bursts.choices:StationChoices",
     "method grid_rate band_limit correction segment overlap window flagged monte_carlo",
@@ -50,17 +47,10 @@ STATION = of(
 )
 REFERENCE = opt.group(
     "reference channel (loudspeaker or microphone)",
-    opt.Option(
-        "--reference",
-        "a recording for all stations, or a folder with one a station, of its file's name: .npy, .wav, .mat, .h5; "
-        "default: none",
-        opt.PATH,
-    ),
+    opt.Option("--reference", "one recording, or a folder with one a station (.npy, .wav, .mat, .h5)", opt.PATH),
     opt.Option("--reference-rate", "its sampling rate, Hz; default: that of a .wav", opt.HZ),
-    opt.Option(
-        "--reference-start", "time of its first sample on the clock of the arrivals, s; default 0", opt.S
-    ),
-)  # fmt: skip
+    opt.Option("--reference-start", "of its first sample, s, on the clock of the arrivals; default 0", opt.S),
+)
 RECORDINGS = (".npy", ".wav", ".mat", ".h5")
 NOT_OF_STATIONS = ("averaging", "background_rms", "missing", "allow_short")
 CHOICES = [

@@ -180,22 +180,14 @@ PRINTING = [
 ]
 STRICT = Option("--strict", "exit code 1 where the level check fails for the answer")
 HASH = Option("--hash", "keep the SHA-256 of all of each input; default: of those above 32 MiB that of 32 blocks")
+WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav or .npy file"
 INCIDENT = [
-    Option(
-        "--incident",
-        "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav or .npy file; default: "
-        "tones of --frequency",
-        Kind("SIGNAL", part="named"),
-    ),
+    Option("--incident", f"{WAVES}; default: tones of --frequency", Kind("SIGNAL", part="named")),
     Option("--incident-rate", "sampling rate of an .npy file, Hz; default: none", HZ),
 ]
+WORKERS = "that read the data: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, or its .json file"
 CLUSTER = [
-    Option(
-        "--cluster",
-        "workers that read the data: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, or its .json "
-        "file; default: none, this process",
-        Kind("WHERE"),
-    ),
+    Option("--cluster", f"workers {WORKERS}; default: none, this process", Kind("WHERE")),
     Option("--wait", "for its scheduler and its first worker, s; default 30", S),
 ]
 LEVEL = Option(
@@ -232,11 +224,3 @@ def given(options: argparse.Namespace, declared: Iterable[Option]) -> dict[str, 
 def spelled(keys: Iterable[str]) -> str:
     """Options by their attributes, as they are typed: "--in-situ, --quiet"."""
     return ", ".join(f"--{key.replace('_', '-')}" for key in keys)
-
-
-def split_pair(text: str, option: str) -> tuple[str, str]:
-    """NAME=VALUE."""
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise ValueError(f"{option} {text!r} cannot be read; write NAME=VALUE")
-    return name.strip(), value.strip()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import Any
 
 import torchliner as tl
@@ -13,26 +14,14 @@ from torchliner.cli.messages import progress_bar
 
 EXAMPLES = ("plane.h5 -o plane.moments.h5",)
 CHOICES = choices("averaging phase drive running_window mean missing background_rms allow_short device dtype")
-OPTIONS = [
+OWN = [
     opt.ONE_PLANE,
     opt.output("write the moments", *opt.HDF5, required=True),
-    opt.Option(
-        "--liner",
-        "model: preset, .toml, .csv or .py file, for which K and c are chosen and over whose cells v is averaged; "
-        "default: any liner",
-        opt.LINER,
-    ),
-    opt.Option(
-        "--cell-pitch",
-        "side of the cells, m, without --liner; default: that of the preset that the file names, else all probes are "
-        "one cell",
-        opt.M,
-    ),
+    replace(opt.OF_LINER, text="model, for which the moments are good and whose cells count; default: any liner"),
+    opt.Option("--cell-pitch", "side of the cells, m, without --liner; default: that of the preset of the file", opt.M),
     opt.frequency("the tone of the file; rows of --phase are kept for it"),
-    *opt.PRINTING,
-    *CHOICES,
-    *READING,
 ]
+OPTIONS = [*OWN, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:

@@ -12,11 +12,7 @@ from torchliner.cli.messages import progress_bar
 EXAMPLES = ("campaign.toml", "campaign.toml --dry-run")
 OPTIONS = [
     opt.Option("campaign", "TOML file of a campaign", opt.PATH),
-    opt.Option(
-        "--output",
-        "write the results there; default: the output of the file, else NAME_results beside it",
-        opt.FOLDER,
-    ),
+    opt.Option("--output", "write the results there; default: as the file says, else NAME_results", opt.FOLDER),
     opt.Option("--dry-run", "say what would be done, and write nothing"),
     *opt.CLUSTER,
     *opt.PRINTING,

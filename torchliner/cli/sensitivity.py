@@ -13,8 +13,9 @@ from torchliner.cli.files import only_liner, planes_of, read_records, show_resul
 from torchliner.cli.messages import progress_bar
 
 EXAMPLES = ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",)
+FORMS = {"tolerance": "NAME=VALUE", "correlation": "NAME,NAME=VALUE, as a,b=0.5"}
 CHOICES = choices("phase drive mean missing allow_short", phase=NO_GIVEN_PHASE)
-OPTIONS = [
+OWN = [
     opt.ONE_PLANE,
     opt.Option("--parameters", "of the liner, e.g. porosity; default: all", opt.Kind("NAME"), nargs="+"),
     opt.Option(
@@ -24,22 +25,12 @@ OPTIONS = [
         opt.Kind("NAME=VALUE"),
         many=True,
     ),
-    opt.Option(
-        "--limits",
-        "what a half-width is: limits of equally likely values (u = half-width/sqrt 3), or the standard uncertainty; "
-        "default rectangular",
-        names.LIMITS,
-    ),
+    opt.Option("--limits", "half-widths are limits (u = half-width/sqrt 3), or u; default rectangular", names.LIMITS),
     opt.Option("--correlation", "of two parameters, -1 to 1; default 0", opt.Kind("NAME,NAME=VALUE"), many=True),
     *opt.figure("draw bars of the contributions at the first frequency"),
     opt.averaging("velocity"),
-    opt.OF_LINER,
-    opt.TONE,
-    opt.ROWS,
-    *opt.PRINTING,
-    *CHOICES,
-    *READING,
 ]
+OPTIONS = [*OWN, opt.OF_LINER, opt.TONE, opt.ROWS, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -84,21 +75,21 @@ def run(options: argparse.Namespace) -> int:
 
 def _tolerances(options: argparse.Namespace) -> tuple[dict[str, str], dict[Any, float]]:
     """Half-widths as written by parameter, and correlations by pair of parameters."""
-    pairs = [opt.split_pair(text, "--tolerance") for text in options.tolerance]
-    if len(dict(pairs)) < len(pairs):
-        raise ValueError("--tolerance names a parameter twice; give each once")
+    pairs: dict[str, dict[Any, str]] = {"tolerance": {}, "correlation": {}}
+    for option, known in pairs.items():
+        for text in getattr(options, option):
+            name, equals, value = text.partition("=")
+            key = tuple(part.strip() for part in name.split(","))
+            if not equals or len(key) != 1 + (option == "correlation"):
+                raise ValueError(f"--{option} {text!r} cannot be read; write {FORMS[option]}")
+            if key in known or key[::-1] in known:
+                raise ValueError(f"--{option} names {' and '.join(key)} twice; give it once")
+            known[key] = value.strip()
+    tolerances = {name: value for (name,), value in pairs["tolerance"].items()}
     for name in ("correlation", "limits"):
-        if getattr(options, name) and not pairs:
+        if getattr(options, name) and not tolerances:
             raise ValueError(f"--{name} is one of tolerances; state them with --tolerance")
-    found: dict[Any, float] = {}
-    for text in options.correlation:
-        pair, value = opt.split_pair(text, "--correlation")
-        both = tuple(name.strip() for name in pair.split(","))
-        if both in found or both[::-1] in found:
-            raise ValueError(f"--correlation names {' and '.join(both)} twice; give each pair once")
-        try:
-            _, _ = both
-            found[both] = float(value)
-        except ValueError:
-            raise ValueError(f"--correlation {text!r} cannot be read; write NAME,NAME=VALUE, as a,b=0.5") from None
-    return dict(pairs), found
+    try:
+        return tolerances, {pair: float(value) for pair, value in pairs["correlation"].items()}
+    except ValueError:
+        raise ValueError(f"--correlation {options.correlation} cannot be read; write {FORMS['correlation']}") from None
