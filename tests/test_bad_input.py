@@ -220,7 +220,7 @@ PLANES = [
     (ONES, {"x": [1.0, 2.0]}, ValueError, r"x has 2 values; probes of shape \(3,\) need 3"),
     (ONES, {"x": [1.0, 2.0, torch.nan]}, ValueError, "x holds values that are not finite"),
     (ONES, {"height": -1.0}, ValueError, "height"),
-    (ONES, {"source_side": "left"}, ValueError, "source_side is 'left'"),
+    (ONES, {"source_side": "left"}, ValueError, "source_side 'left'"),
     (ONES, {"streamwise": torch.ones(3, 5)}, ValueError, "share probes and times"),
 ]
 

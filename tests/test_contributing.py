@@ -124,18 +124,13 @@ def test_the_plate_at_rest(plate):
     assert complex(liner.impedance(1e-4)).real == pytest.approx(poiseuille, rel=1e-3)
 
 
-def test_a_format_is_converted(added, tmp_path, capsys):
+def test_a_format_is_read(added, tmp_path):
     """From its file to a plane, with the units that were stated, or refused."""
-    velocity = np.random.default_rng(0).normal(size=(50, 3)).round(6)
-    table = np.column_stack([np.arange(50) / 1e4, velocity])
-    text = "time [s], 0.001, 0.002, 0.004\n" + "\n".join(",".join(map(str, r)) for r in table)
-    (tmp_path / "v.txt").write_text(text)
-    words = ["convert", str(tmp_path / "v.txt"), "--layout", "histories",
-             "-o", str(tmp_path / "v.h5")]  # fmt: skip
-    assert main(words) == 2
-    assert "has no units" in capsys.readouterr().err
-    assert main([*words, "--velocity-units", "cm/s", "--height", "1e-3"]) == 0
-    plane = tl.read_plane(tmp_path / "v.h5")
+    velocity = np.random.default_rng(0).normal(size=(50, 3))
+    np.savez(tmp_path / "v.data.npz", v=velocity, x=[0.001, 0.002, 0.004], rate=1e4)
+    with pytest.raises(ValueError, match="has no units"):
+        tl.read_plane(tmp_path / "v.data.npz")
+    plane = tl.read_plane(tmp_path / "v.data.npz", velocity_units="cm/s")
     assert torch.allclose(plane.velocity, torch.from_numpy(velocity.T) / 100, rtol=1e-12)
     assert plane.sampling_rate == pytest.approx(1e4)
     assert plane.x.tolist() == [0.001, 0.002, 0.004]

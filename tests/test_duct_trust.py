@@ -157,16 +157,6 @@ def test_growth_adds_over_the_patches():
     assert float(same) == pytest.approx(3 * float(growth))
 
 
-def test_both_dispersion_relations_number_modes_alike():
-    """Where two modes come close, too."""
-    wall, about = torch.tensor(0.4083 - 0.4108j), {"height": 0.15, "mach": 0.3}
-    by_r = duct_modes(UniformProfile(0.3, 0.15), 2000.0, wall.to(torch.complex128), count=3,
-                      slip_condition=MYERS).wavenumber[0]  # fmt: skip
-    by_y = tl.wavenumber_from_impedance(wall.to(torch.complex128), 2000.0, **about, mode=torch.arange(3))
-    assert torch.allclose(by_r, by_y, rtol=1e-6, atol=0)
-    assert tl.duct_modes is duct_modes
-
-
 # --- the second mesh ----------------------------------------------------------------------------
 
 
@@ -286,20 +276,6 @@ def test_tables_over_frequency_with_faults(tmp_path, capsys, text, message):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--liner", "polito", "--impedance", "1"], "--impedance and --liner both state the wall"),
-        (["--speed", "1"], "--speed is |v| at the liner that --liner names"),
-        (["--mesh", "1", "2", "3"], "--mesh has 3 sizes"),
-        (["--mesh", "0"], "mesh column (m) is 0"),
-    ],
-)
-def test_options_that_do_not_fit(capsys, words, message):
-    assert main(["duct", "solve", "b2a", *words]) == 2
-    assert message in capsys.readouterr().err
-
-
 # --- values of another unit ---------------------------------------------------------------------
 
 
@@ -313,13 +289,6 @@ def test_options_that_do_not_fit(capsys, words, message):
 )
 def test_values_of_another_unit_are_doubted(change, message):
     with pytest.warns(tl.DataWarning, match=message):
-        tl.load_duct("b2a", **change)
-
-
-@pytest.mark.parametrize("change", [{"impedance": 1e13}, {"width": 0.05}, {"frequency": [50.0]}])
-def test_values_of_the_right_unit_are_not(change):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
         tl.load_duct("b2a", **change)
 
 

@@ -18,7 +18,7 @@ from torchliner.pressure import impedance_search as field_search
 from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.microphone_errors import draw_pressures, largest_misfit
-from torchliner.records.wall_eduction import deviation
+from torchliner.records.drawn_impedance import deviation
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),

@@ -146,6 +146,7 @@ def test_table_gives_its_own_points_back():
     assert table.bulk_mach == pytest.approx(0.3, rel=2e-3)
     between = table.mach(np.linspace(0, HEIGHT / 2, 999))
     assert (np.diff(between) >= 0).all()
+    assert table.centreline_mach == float(table.mach(HEIGHT / 2))
     half = table_of(flow, TABLE_Y[:21])
     y = np.linspace(0, HEIGHT, 101)
     assert half.mach(y) == pytest.approx(table.mach(y), rel=1e-12, abs=1e-13)

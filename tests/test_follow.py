@@ -151,10 +151,10 @@ def test_a_file_that_another_process_writes(tmp_path, velocity):
 def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
     """A last file that stays unreadable; one that others follow at once; one that was replaced."""
     (tmp_path / "v0.h5").write_bytes(b"half")
-    with pytest.raises(OSError, match=r"v0\.h5 is text that begins"):
+    with pytest.raises(OSError, match=r"v0\.h5 begins with b"):
         followed(tmp_path)
     piece(velocity, 0, 600).write(tmp_path / "v1.h5")
-    with pytest.raises(OSError, match=r"v0\.h5 is text that begins"):
+    with pytest.raises(OSError, match=r"v0\.h5 begins with b"):
         list(Frames(tmp_path).new())
     frames = Frames(tmp_path / "v1.h5")
     assert sum(each.samples for each in frames.new()) == 600

@@ -7,12 +7,12 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-import test_array_planes
 import test_csv_histories
 import test_openfoam_probes
 import test_surface_series
 import test_vtkhdf
 from plane_files import recognised
+from test_plane_formats import dataset, written
 from test_powerflow import measurement, store
 
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
@@ -29,8 +29,11 @@ MAKERS = {
     "openfoam-surfaces": lambda f: test_surface_series.foam(f / "surfaces", "vtp"),
     "vtk": lambda f: test_surface_series.series(f),
     "vtkhdf": lambda f: test_vtkhdf.store(f / "a.vtkhdf"),
-    "matlab": lambda f: test_array_planes.store(f / "v73.mat", v=test_array_planes.GRID),
-    "npy": lambda f: test_array_planes.store(f / "a.npy", v=test_array_planes.GRID),
+    "matlab": lambda f: written(dataset(), f, "mat73")[0],
+    "npy": lambda f: written(dataset(), f, "npy")[0],
+    "zarr": lambda f: written(dataset(), f, "zarr")[0],
+    "netcdf3": lambda f: written(dataset(), f, "netcdf3")[0],
+    "hdf5": lambda f: written(dataset(), f, "netcdf4")[0],
     "csv": lambda f: csv(f / "v.csv"),
 }  # fmt: skip
 

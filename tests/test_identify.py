@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text
+from torchliner.liners.model import LinerModel
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.fit import fit_law
 from torchliner.studies.identify import candidate_of
@@ -100,21 +101,28 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
     assert 2 < high < 2 * LEVELS[-1]
 
 
+class Rising(LinerModel):
+    """Whose reactance rises over |v|."""
+
+    def impedance(self, frequency, speed=0.0):
+        speed = torch.as_tensor(speed, dtype=torch.float64) + 0 * torch.as_tensor(frequency)
+        return torch.complex(0.3 + speed, speed)
+
+
 @settings(max_examples=30)
 @given(
     parameters=st.lists(st.floats(-BOUNDS, BOUNDS), min_size=39, max_size=39),
-    top=st.floats(0.1, 30), direction=st.sampled_from(["falling", "rising"]),
-    shape=st.sampled_from(["law", "smooth"]),
+    top=st.floats(0.1, 30), rising=st.booleans(),
 )  # fmt: skip
-def test_curves_are_monotone_and_passive(parameters, top, direction, shape):
+def test_curves_are_monotone_and_passive(parameters, top, rising):
     """Whatever their parameters, and beyond the last knot too."""
     knots = Knots(top)
-    made = CurveShape(base(), FREQUENCY, knots, shape, direction, 1.0)
+    made = CurveShape(Rising() if rising else base(), FREQUENCY, knots, 1.0)
     at = torch.tensor(parameters, dtype=torch.float64)
     speed = torch.linspace(0, 2 * top**0.5, 500, dtype=torch.float64).square()
     found = made.values(at, knots.rising(speed))
     tiny = 1e-9 * found.abs().max()
-    sign = {"falling": -1, "rising": 1}[direction]
+    sign = 1 if rising else -1
     assert float(found.real.min()) > 0
     assert bool((found.real.diff() >= -tiny).all())
     assert bool((sign * found.imag.diff() >= -tiny).all())
@@ -249,7 +257,6 @@ def test_the_table_predicts_what_the_curve_does(tmp_path):
     """Written, read and educed with: the same Z but for lines between its speeds."""
     found = curve_of()
     liner = found.fit.table()
-    assert 1e-6 < found.fit.table_error < 2e-3
     for rms, row in zip(LEVELS, found.rows, strict=True):
         plane = plane_of(turbulence((4, 420), LEVELS.index(rms), rms))
         drawn = dataclasses.replace(liner) if row else liner
@@ -259,7 +266,7 @@ def test_the_table_predicts_what_the_curve_does(tmp_path):
         moved = tl.reflection_from_impedance(
             torch.tensor([impedance(plane, drawn), row.fitted], dtype=torch.complex128)
         ).diff().abs()  # fmt: skip
-        assert float(moved) < 3 * found.fit.table_error
+        assert float(moved) < 5e-3
 
 
 def test_prediction_beyond_what_was_seen_is_warned_of():
@@ -345,14 +352,12 @@ def test_a_stated_linear_part_is_kept():
         ({"models": []}, r"no model is named"),
         ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane, .* cannot be free"),
         ({"models": [("mach_resistance",)]}, r"mach_resistance cannot be told: run 0.2 states no"),
-        ({"models": [{"mass_loss": (-1, 2)}]}, r"bounds of mass_loss are -1 to 2; it is at l"),
+        ({"models": [{"mass_loss": (-1, 2)}]}, r"bounds of mass_loss are -1 to 2; .* it is at l"),
         ({"models": [(*FACTORS[:3], "vena_contracta")], "planes": 2},
          r"2 data \(R and X of 1 impedances\) and 0 priors cannot fix 4 parameters"),
         ({"models": [{"offset_resistance": (-3.0, -2.0)}]}, r"no fit is passive: R falls to -"),
-        ({"reactance": "up"}, r"unknown direction of the reactance 'up'"),
-        ({"prior": "lw"}, r"unknown prior shape 'lw' \(did you mean 'law'"),
         ({"drive": "rms"}, "another drive than 'rms'"),
-        ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes all probes for liner"),
+        ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes phase"),
         ({"noise": -1.0}, r"noise is -1"),
     ],
 )  # fmt: skip
@@ -398,7 +403,7 @@ def test_references_that_planes_hold_are_those_of_their_tone(name):
 @pytest.mark.filterwarnings("ignore:.*parameters of the curve|R of curve, .* is known to")
 def test_a_curve_the_wrong_way_is_warned_of():
     with pytest.warns(tl.DataWarning, match=r"the misfit is \S+ times the stated noise"):
-        found = curve_of(reactance="rising")
+        found = tl.identify(planes(), Rising(), known(), noise=1e-3, freedom=1.0, averaging=ORDER)
     assert found.fit.misfit > 5
 
 
@@ -509,11 +514,7 @@ def test_command_compares_parameters(tmp_path, capsys):
         (["--reach", "9"], "--reach is of the table that is written; name --output"),
         (["--reach", "9", "-o", "a.toml", "--free", "mass_loss"], "--reach: of a curve; fit one"),
         (["--free", "mass_loss", "--freedom", "1"], "--freedom: of a curve; fit one too, with --f"),
-        (["--free", "mass_loss", "--prior", "smooth"], "--prior: of a curve; fit one too"),
-        (
-            ["--free", "mass_loss", "--reactance", "rising", "--rest", "0.1+0.1j"],
-            "--rest, --reactance: of a curve",
-        ),
+        (["--free", "mass_loss", "--rest", "0.1+0.1j"], "--rest: of a curve"),
         (
             ["--pressure", str(DATA / "pressure_o115.h5")],
             "pressures are for references 'in-situ' and 'level-check'",
@@ -552,7 +553,7 @@ def test_bands_cover_the_truth():
     """Curves drawn from the prior, references with noise: 95 % bands hold them where runs see."""
     generator, inside, checked = torch.Generator().manual_seed(3), 0, 0
     first = curve_of(freedom=0.5).fit
-    shape = CurveShape(first.runs[0].in_flow, FREQUENCY, first.knots, "law", "falling", 0.5)
+    shape = CurveShape(first.runs[0].in_flow, FREQUENCY, first.knots, 0.5)
     factor = torch.linalg.cholesky(torch.linalg.inv(shape.prior.T @ shape.prior))
     speed = torch.tensor([0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)
     for _ in range(60):

@@ -125,14 +125,6 @@ def test_probes_in_another_order_than_the_cells_are_told_of():
     assert torch.equal(found.cell_impedance, wanted.cell_impedance)
 
 
-def test_points_of_no_cell_are_nan():
-    """A probe labelled -1 has no impedance and spoils no average."""
-    unit = standing_wave(1.0, 1.0)
-    found = tl.in_situ(record_of([unit, 9.0, unit], [1.0, 1.0], probe_cell=[0, -1, 1]))
-    assert torch.isnan(found.point_impedance[1].real)
-    assert complex(found.liner_impedance[0]) == pytest.approx(1.0)
-
-
 def test_several_frequencies_and_precision():
     """Frequencies are independent of each other; float32 data keep six digits."""
     record = file_of("g01_145")
@@ -185,7 +177,7 @@ def test_the_node_is_named():
     """sin(kH) = 0 is a velocity node of the mouth; zero frequency is not one."""
     node = FLUID.sound_speed / (2 * DEPTH)
     record = record_of([1.0], 1.0)
-    with pytest.raises(ValueError, match=rf"38 mm a velocity node of the cavity.s mouth, {node:.6g} Hz"):
+    with pytest.raises(ValueError, match=rf"38 mm has a velocity node of the cavity.s mouth, {node:.6g} Hz"):
         tl.in_situ(record, node)
     with pytest.warns(tl.DataWarning, match="near a velocity node"):
         tl.in_situ(record_of([1.0], 1.0, frequency=0.97 * node))
@@ -212,8 +204,8 @@ def test_records_that_cannot_answer(about, match):
         ({"frequency": 21000.0}, "at or above Nyquist"),
         ({"frequency": -1.0}, "must be finite and above 0"),
         ({"losses": "some"}, "unknown losses"),
-        ({"losses": "viscothermal"}, "cavity_hydraulic_radius is missing"),
-        ({"start": 1.0}, "start is 1 s; it must be at least 0 and leave something of"),
+        ({"losses": "viscothermal"}, r"cavity_hydraulic_radius \(m\) is missing"),
+        ({"start": 1.0}, "start is 1 s; pressure lasts 0.011425 s"),
         ({"start": -1e-3}, "start is -0.001 s"),
         ({"segment": 1.0}, "segment is 1 s"),
         ({"window": "hamn"}, "did you mean 'hann'"),
@@ -232,7 +224,7 @@ def test_a_pressure_of_zero_is_named():
 
 
 def test_backplates_that_fit_no_cell():
-    with pytest.raises(ValueError, match="backplate has 2 rows, but there are 1 cells and 3"):
+    with pytest.raises(ValueError, match="backplate has 2 rows, but there are 1 cells"):
         tl.in_situ(record_of([1.0, 1.0, 1.0], [1.0, 1.0]))
 
 

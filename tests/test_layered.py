@@ -260,7 +260,7 @@ def test_numbers_are_named_by_layer():
     assert moved.layers[3] == cavity(30e-3, 0.9)
     assert moved.fluid.sound_speed > DOUBLE.fluid.sound_speed
     assert moved.with_numbers({"cavity2.depth": 22e-3}).layers == DOUBLE.layers
-    with pytest.raises(ValueError, match=r"cavity: depth is -0.01 m; it is above 0 m"):
+    with pytest.raises(ValueError, match=r"'cavity': depth is -0.01 m; it is above 0 m"):
         DOUBLE.with_numbers({"cavity2.depth": -0.01})
 
 
@@ -368,7 +368,7 @@ def test_stacks_that_are_no_liner_are_refused(layers, more, message):
 def test_layers_and_speeds_of_another_kind_are_refused():
     with pytest.raises(TypeError, match=r"liner 'layered': layer 2 is 0.02; a sheet or a Cavity"):
         tl.LayeredLiner([PLATE, 0.02])
-    with pytest.raises(ValueError, match=r"cavity: depth is 0 m; it is above 0 m"):
+    with pytest.raises(ValueError, match=r"'cavity': depth is 0 m; it is above 0 m"):
         tl.Cavity(0.0, 5e-3)
     with pytest.raises(ValueError, match=r"speed is \|v\| in m/s; it must be finite"):
         DOUBLE.impedance(1000.0, -1.0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import h5py
 import numpy as np
 import pytest
 import torch
+from test_moments_file import same_bits
 from test_station_references import drifting
 from test_stations import FREQUENCY, station
 
@@ -66,63 +68,6 @@ def test_one_command_from_files_to_numbers(folder, known, tmp_path, capsys):
     assert len(rows) == 4
     assert "resistance spread over segments" in rows[0]
     assert "resistance low" in rows[0]
-
-
-def test_a_line_comes_back_from_its_file_bit_for_bit(folder, tmp_path):
-    line = tl.educe_bursts(folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04, wall_filter=0.2)
-    line.write(tmp_path / "line.nc")
-    back = tl.read_line(tmp_path / "line.nc")
-    for name, value in vars(line).items():
-        again = getattr(back, name)
-        if isinstance(value, torch.Tensor):
-            assert torch.equal(torch.nan_to_num(value), torch.nan_to_num(again)), name
-            assert value.dtype == again.dtype, name
-    for mine, other in ((line.interval, back.interval),
-                        (line.average.interval, back.average.interval)):  # fmt: skip
-        for name, value in vars(mine).items():  # nan where all stations are wall
-            again = torch.nan_to_num(torch.view_as_real(getattr(other, name) + 0j))
-            assert torch.equal(torch.nan_to_num(torch.view_as_real(value + 0j)), again), name
-    mine, other = (each.average.monte_carlo_spread[1:] for each in (line, back))
-    assert torch.equal(mine, other)
-    assert back.average.stations == line.average.stations
-    assert (back.names, back.flags, back.notes) == (line.names, line.flags, line.notes)
-    assert back.station_notes == line.station_notes
-    assert back.fluid == line.fluid
-    xarray = pytest.importorskip("xarray")
-    with xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf") as data:
-        assert data["resistance"].dims == ("station", "frequency")
-        assert data["segment_spread_resistance"].attrs["long_name"].endswith("over the segments")
-        assert "how Z differs" in data["line_spatial_spread_resistance"].attrs["long_name"]
-
-
-def test_a_line_whose_parts_differ_in_length_is_refused(folder, tmp_path):
-    """Variables, attributes and intervals have one length along each dimension."""
-    line = tl.educe_bursts(folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04)
-    for edit, message in (
-        (("coherence", 1.0), r"coherence has shape \(1, 2\), .*; station is \(3,\) elsewhere"),
-        (("resistance_low", 1.0), r"resistance_low has shape \(1, 2\)"),
-        (("used", 2), r"used (has shape|holds other values)"),
-        (("flags", "[]"), "flags has 0 values for 3 stations"),
-        (("stations_that_count", "3"), "attribute 'stations_that_count' is '3'; one finite number"),
-    ):
-        line.write(tmp_path / "line.h5")
-        with h5py.File(tmp_path / "line.h5", "r+") as file:
-            name, value = edit
-            if name in file:
-                values = np.full((1, *file[name].shape[1:]), value)
-                del file[name]
-                file[name] = values
-                file[name].attrs["units"] = "1"
-            else:
-                file.attrs[name] = value
-        with pytest.raises(ValueError, match=rf"line.h5.*{message}"):
-            tl.read_line(tmp_path / "line.h5")
-
-
-def test_other_files_are_no_lines(tmp_path):
-    station(0).write(tmp_path / "bursts.h5")
-    with pytest.raises(ValueError, match=r"bursts\.h5 is no impedance line: its schema is"):
-        tl.read_line(tmp_path / "bursts.h5")
 
 
 def counted(monkeypatch, fail_at=None):
@@ -325,3 +270,11 @@ def test_two_workers_give_the_line_of_one_machine(folder, known, tmp_path, monke
     assert not (tmp_path / "line.h5.parts").exists()
     assert run("nowhere", "--cluster", "local:2") == 2
     assert "nowhere: no such file" in capsys.readouterr().err
+
+
+def test_a_line_with_walls_comes_back(folder, tmp_path):
+    """nan where all stations are wall, texts of each station."""
+    line = tl.educe_bursts(folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04, wall_filter=0.2)
+    line.write(tmp_path / "line.nc")
+    plain = json.loads(json.dumps(line.choices, default=lambda each: each.tolist()))
+    assert same_bits(tl.read_line(tmp_path / "line.nc"), dataclasses.replace(line, choices=plain))

@@ -41,7 +41,7 @@ def wave_in(y):
 
 
 def assembled_by_scikit_fem(profile, degree, impedance, points):
-    """p, u, v at points: the fluxes of lee_elements.py, facet by facet."""
+    """p, u, v at points: the fluxes of columns.py, facet by facet."""
     skfem = pytest.importorskip("skfem")
     mesh = skfem.MeshQuad.init_tensor(X_EDGES, Y_EDGES)
     element = skfem.ElementDG(skfem.ElementQuadP(degree))

@@ -15,16 +15,7 @@ from test_cli import run
 import torchliner as tl
 from torchliner.cli.main import DONE
 from torchliner.records import origin
-from torchliner.records.origin import (
-    BLOCKWISE,
-    KINDS,
-    WHOLE,
-    input_file,
-    named_file,
-    origin_of,
-    standing,
-    with_whole_hashes,
-)
+from torchliner.records.origin import input_file, named_file, origin_of, standing
 from torchliner.report.page.sections import inputs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -52,23 +43,20 @@ def test_a_small_file_has_the_hash_that_sha256sum_prints(tmp_path):
     write(path, b"velocity" * 999)
     wanted = hashlib.sha256(b"velocity" * 999).hexdigest()
     assert input_file("velocity", path) == {
-        "what": "velocity", "name": str(path), "bytes": 7992, "kind": WHOLE, "hash": wanted,
+        "what": "velocity", "name": str(path), "bytes": 7992, "hash": wanted,
     }  # fmt: skip
 
 
 def test_of_a_large_file_blocks_count(small, tmp_path):
-    """Begin, end and blocks between; what lies between these does not, and is read on demand."""
+    """Begin, end and blocks between; what lies between these does not."""
     path, content = tmp_path / "a.h5", bytes(range(100))
     write(path, content)
     first = input_file("velocity", path)
-    assert first["kind"] == BLOCKWISE
     seen = []
     for place in range(100):
         write(path, content[:place] + b"\xff" + content[place + 1 :])
         seen.append(input_file("velocity", path)["hash"] != first["hash"])
         assert standing(first).changed == seen[-1]
-        assert input_file("velocity", path, WHOLE)["hash"] == hashlib.sha256(
-            path.read_bytes()).hexdigest()  # fmt: skip
     starts = [0, 30, 61, 92]
     assert seen == [any(s <= place < s + 8 for s in starts) for place in range(100)]
     write(path, content + b"a")
@@ -85,9 +73,6 @@ def test_a_large_file_is_not_read_again(tmp_path, monkeypatch):
     found = input_file("velocity", path)
     assert found["bytes"] == 20 << 30
     assert sum(map(len, read)) == 32 << 20
-    whole = {**found, "kind": WHOLE}
-    assert standing(whole).words == "of the same size now; not compared, 21.5 GB"
-    assert not standing(whole).changed
 
 
 def test_a_folder_is_its_files_with_their_names(small, tmp_path):
@@ -104,7 +89,6 @@ def test_a_folder_is_its_files_with_their_names(small, tmp_path):
     assert input_file("velocity", one)["hash"] != hashes[0]
     write(other / "a", b"a" * 20 + b"x" + b"a" * 9)
     assert input_file("velocity", other)["hash"] != hashes[0]
-    assert input_file("velocity", other, WHOLE)["kind"] == WHOLE
     frames = tmp_path / "frames"
     frames.mkdir()
     for i in range(3):
@@ -170,25 +154,17 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     assert held(again) == [("moments", "m.h5")]
     known = [(each["what"], each["name"]) for each in inputs_of(again)]
     assert known == [("moments", "m.h5"), ("velocity", "p0.h5"), ("velocity", "p1.h5")]
-    (kept,) = again.choices["inputs"]
-    again = with_whole_hashes(again)
-    assert again.choices["inputs"] == [kept]  # small: it was whole before
 
 
-def test_the_command_is_kept_as_it_was_typed(capsys, files, monkeypatch):
-    """With its phase, its pressure and what is read of the plane; --hash hashes all of it."""
+def test_the_command_is_kept_as_it_was_typed(capsys, files):
+    """With its phase, its pressure and what is read of the plane."""
     words = ("educe", "p0.h5", "--liner", "l.toml", "--phase", "given", "--reference-phase",
              "-0.5", "--every", "2", "--wall-pressure", "w.h5", "--no-intervals", "--quiet",
              "-o", "map.h5")  # fmt: skip
-    monkeypatch.setattr(origin, "BLOCK", 64)
     assert run(capsys, *words)[0] == DONE
     found = tl.read_map("map.h5")
     assert found.choices["command"] == list(words)
     assert found.choices["reference_phase"] == -0.5
-    assert found.choices["inputs"][0]["kind"] == BLOCKWISE
-    assert run(capsys, *words, "--hash")[0] == DONE
-    again = tl.read_map("map.h5")
-    assert [each["kind"] for each in again.choices["inputs"]] == [WHOLE] * 4
     assert run(capsys, "insitu", "w.h5", "-o", "points.h5")[0] == DONE
     points = tl.read_points("points.h5")
     assert points.choices["command"] == ["insitu", "w.h5", "-o", "points.h5"]
@@ -211,12 +187,6 @@ def test_a_line_holds_its_bursts(capsys, files):
     assert line.choices["command"] == list(words)
     assert line.choices["reference_phase"] == [0.5, 0.5]
     assert [standing(each).words for each in inputs_of(line)] == ["unchanged"] * 2
-
-
-def test_kinds_are_told_apart():
-    """A page never shows one for the other."""
-    assert KINDS[WHOLE] == "SHA-256"
-    assert KINDS[BLOCKWISE].startswith("SHA-256 of size and 32 blocks of 1 MiB")
 
 
 def test_a_collection_stands_for_the_files_that_it_names(tmp_path):

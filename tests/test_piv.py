@@ -9,7 +9,6 @@ from scipy.io import savemat
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.io.arrays import plane_from_array
 
 RATE, FREQUENCY = 20e3, 1000.0
 
@@ -34,8 +33,7 @@ def test_a_mat_file_of_images_gives_a_map(images, tmp_path, capsys):
     """convert picks a height, educe does the rest; by hand the same."""
     path, velocity = images
     plane, out = tmp_path / "plane.h5", tmp_path / "map.h5"
-    coordinates = ["--x", f"{path}:X_unique", "--y", f"{path}:Y_unique", "--row", "2"]
-    assert main(["convert", str(path), *WORDS, *coordinates, "-o", str(plane)]) == 0
+    assert main(["convert", str(path), *WORDS, "--row", "2", "-o", str(plane)]) == 0
     known = tl.read_plane(plane)
     assert known.height == pytest.approx(1.0e-3)
     assert known.x.tolist() == pytest.approx(np.linspace(0, 0.018, 10).tolist())
@@ -52,26 +50,10 @@ def test_a_vector_that_was_not_found_is_a_probe_left_out(images):
     _, velocity = images
     velocity = velocity.copy()
     velocity[2, 4, 17] = np.nan
-    plane = plane_from_array(velocity, ["y", "x", "time"], "m/s", RATE, row=2, frequency=FREQUENCY)
+    plane = tl.VelocityPlane(velocity[2], sampling_rate=RATE, frequency=FREQUENCY)
     with pytest.raises(ValueError, match=r"nan or inf at 1 of 10 probes, the first at probe "
                        r"\(4,\), sample 17"):  # fmt: skip
         tl.educe(plane, tl.load_liner("onera"))
     with pytest.warns(tl.DataWarning, match="1 of 10 probes hold nan or inf; excluded"):
         found = tl.educe(plane, tl.load_liner("onera"), missing="exclude", interval=None)
     assert torch.isnan(found.impedance.real).sum() == 1
-
-
-@pytest.mark.parametrize(
-    ("axes", "options", "message"),
-    [
-        ("y,x,time", {}, "array has 3 heights; row is 0 to 2, which is not stated"),
-        ("y,x,time", {"row": 3}, "row is 0 to 2, not 3"),
-        ("y,x,time", {"row": -1}, "row is 0 to 2, not -1"),
-        ("y,x,time", {"row": 1, "y": [1.0, 2.0]}, "array has 3 heights, y has 2 values"),
-        ("z,x,time", {"row": 1}, "row and y are for an array with an axis y"),
-        ("z,x,time", {"y": [1.0, 2.0, 3.0]}, "row and y are for an array with an axis y"),
-    ],
-)
-def test_heights_are_stated(images, axes, options, message):
-    with pytest.raises(ValueError, match=message):
-        plane_from_array(images[1], axes.split(","), "m/s", RATE, **options)

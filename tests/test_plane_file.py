@@ -57,25 +57,15 @@ def raw_file(path, velocity, time=TIMES, dims=(), units="m/s", time_units="s", *
     return path
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_round_trip(tmp_path, layout, dtype):
+def test_dimensions_of_each_layout(tmp_path, layout):
+    """And both components come back; test_own_files.py has the rest."""
     shape, coordinates, dims = LAYOUTS[layout]
-    streamwise = make_plane(shape, dtype=dtype).velocity + 10
-    plane = make_plane(shape, dtype=dtype, streamwise=streamwise, **coordinates)
+    plane = make_plane(shape, streamwise=make_plane(shape).velocity + 10, **coordinates)
     plane.write(tmp_path / "a.h5")
-    found = tl.read_plane(tmp_path / "a.h5")
-    for name in ("velocity", "streamwise"):
-        assert torch.equal(getattr(found, name), getattr(plane, name))
-        assert getattr(found, name).dtype == dtype
-    for name in ("x", "z"):
-        wanted = coordinates.get(name)
-        assert wanted == (None if found.__dict__[name] is None else found.__dict__[name].tolist())
-    assert found.sampling_rate == pytest.approx(RATE, rel=1e-14)
+    assert torch.equal(tl.read_plane(tmp_path / "a.h5").streamwise, plane.streamwise)
     with xarray.open_dataset(tmp_path / "a.h5", engine="h5netcdf") as data:
-        assert data.wall_normal_velocity.dims == tuple(dims.split())
-        units = {key: data[key].units for key in ("wall_normal_velocity", "time", "density")}
-        assert units == {"wall_normal_velocity": "m/s", "time": "s", "density": "kg/m3"}
+        assert data.wall_normal_velocity.dims == data.streamwise_velocity.dims == tuple(dims.split())
         assert all(data[key].units == "m" for key in coordinates)
 
 
@@ -97,18 +87,11 @@ def test_round_trip_of_any_shape(tmp_path_factory, shape, samples, dtype, rate, 
     assert torch.equal(tl.read_plane(path, lazy=True).read(1, samples), plane.read(1, samples))
 
 
-def test_what_stands_beside_the_velocity_comes_back(tmp_path):
-    plane = make_plane(
-        height=1e-3, frequency=1400.0, incident_level=130.0, mach=0.3, source_side="upstream",
-        displacement_thickness=1.73e-3, liner="onera", title="a case", provenance={"run": [1, "b"]},
-        fluid=tl.Fluid(340.0, 1.2, 1.8e-5, 1.3, 0.7),
-        reference={"true": 1.5 - 0.25j, "in situ": 2, "in_situ": 3j, "p/v, wall": 1 + 1j},
-    )  # fmt: skip
+def test_references_come_back_under_any_name(tmp_path):
+    plane = make_plane(reference={"true": 1.5 - 0.25j, "in situ": 2, "in_situ": 3j, "p/v, wall": 1 + 1j})
     plane.write(tmp_path / "a.h5")
     found = tl.read_plane(tmp_path / "a.h5")
-    same = ("height", "frequency", "incident_level", "mach", "source_side", "liner", "title",
-            "displacement_thickness", "provenance", "fluid", "reference")  # fmt: skip
-    assert {key: getattr(found, key) for key in same} == {key: getattr(plane, key) for key in same}
+    assert found.reference == plane.reference
     assert found.name.endswith("a.h5:/wall_normal_velocity")
 
 
@@ -117,7 +100,7 @@ def test_time_is_first_in_the_file(tmp_path):
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["wall_normal_velocity"][7, 2, 1] == make_plane().velocity[2, 1, 7]
         assert file["time"][7] == 7 / RATE
-        assert file["wall_normal_velocity"].attrs["positive"] == "away from the liner"
+        assert file["wall_normal_velocity"].attrs["positive"] == b"away from the liner"
 
 
 def test_lazy_plane_reads_the_same_slabs(tmp_path):
@@ -191,9 +174,9 @@ def test_small_jitter_of_time_is_accepted(tmp_path):
 V, T = "a.h5:/wall_normal_velocity", "a.h5:/time"
 BAD = {
     "no velocity": ({"velocity": None}, r"a.h5 holds no velocity above a wall.*it holds: time"),
-    "no time": ({"time": None}, f"{V}: none of its axes is time; name them .*and give sampling_ra"),
+    "no time": ({"time": None}, rf"{V} has shape .* one axis is time: name all .*and give sampling_ra"),
     "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\); \(time, z, x\) or"),
-    "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\), but /time has 20 values; time is its"),
+    "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\), but there are 20 times; time is its"),
     "short": ({"velocity": SQUARE[:19], "dims": ("time", "p")}, r"\(19, 20\) with time on axis 0"),
     "square": ({"velocity": SQUARE}, r"\(20, 20\): first and last axis both fit the 20 .* Attach"),
     "integers": ({"velocity": WAVE.astype(np.int16)}, f"{V} is int16; floating-point m/s"),
@@ -209,13 +192,13 @@ BAD = {
         "lacks 2 frames, the fir",
     ),
     "two runs": ({"time": np.r_[TIMES[:9], TIMES[3:14]]}, r"out of order: sample 9 is at 6e-05 s"),
-    "backward": ({"time": TIMES[::-1]}, f"{T} does not increase: it runs from 0.00038 to 0 s"),
+    "backward": ({"time": TIMES[::-1]}, f"{T} is out of order: sample . is at .* s, the one before it"),
     "one time": ({"time": np.zeros(1)}, rf"{T} has shape \(1,\); a list of at least two times"),
     "text time": ({"time": [b"0"] * 20}, f"{T} is |S1; numbers are needed"),
     "nan time": ({"time": shifted(np.nan)}, f"{T} holds 1 values not finite"),
-    "x": ({"x": (np.zeros(5), "m")}, r"a.h5:/x has 5 values; .*\(6,\), need 6"),
+    "x": ({"x": (np.zeros(5), "m")}, "a.h5:/x has 5 values; the probes need 6"),
     "x units": ({"x": (np.zeros(6), None)}, "a.h5:/x has no units attribute"),
-    "stream": ({"streamwise_velocity": (WAVE[:, :5], "m/s")}, r"e_velocity has shape \(20, 5\), /"),
+    "stream": ({"streamwise_velocity": (WAVE[:, :5], "m/s")}, r"streamwise has shape \(5, 20\), velocity \(6, 20\)"),
     "frequencies": ({"frequency": ([1e3, 2e3], "Hz")}, r"/frequency has shape \(2,\); one number"),
     "height": ({"height": (0.0, "m")}, f"{V}: height is 0; it must be finite and above 0"),
     "density": ({"density": (-1.0, "kg/m3")}, r"a.h5:/density holds -1 kg/m3, which is no density"),
@@ -235,7 +218,7 @@ def test_bad_file_is_refused_with_its_place(tmp_path, kind):
     ("attribute", "value", "message"),
     [
         ("provenance", "by hand", "a.h5: attribute 'provenance' is not JSON.*repair or remove it"),
-        ("source_side", "left", f"{V}: source_side is 'left'; one of .'upstream', 'downstream'"),
+        ("source_side", "left", f"{V}: source_side 'left'; choose one of: upstream, downstream"),
     ],
 )
 def test_bad_attribute_is_refused(tmp_path, attribute, value, message):

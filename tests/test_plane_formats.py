@@ -1,9 +1,10 @@
-"""netCDF-4, netCDF-3, zarr and xarray: the same plane, whatever the names, order and units."""
+"""netCDF-4, netCDF-3, zarr, xarray, HDF5, numpy and MATLAB: the same plane, whatever the names, order and units."""
 
 import pickle
 import re
 import sys
 import warnings
+from itertools import permutations
 
 import h5py
 import numpy as np
@@ -14,7 +15,7 @@ import xarray
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.io import netcdf_file
+from scipy.io import netcdf_file, savemat
 
 import torchliner as tl
 from torchliner.io.planes import format_of
@@ -22,112 +23,174 @@ from torchliner.units import canonical_unit, si_factor
 
 RATE = 40e3
 VALUES = np.random.default_rng(3).normal(size=(30, 3, 4)).astype("f4")  # (time, z, x)
-X, Z = np.linspace(0.001, 0.004, 4), np.linspace(0.0, 0.01, 3)
+X, Z, TIMES = np.linspace(0.001, 0.004, 4), np.linspace(0.0, 0.01, 3), np.arange(30) / RATE
+AXES = ("time", "z", "x")
+FILES = ("netcdf4", "netcdf3", "zarr")  # that say all themselves
+ARRAYS = ("npy", "mat5", "packed mat5", "mat73")  # whose units, axes and rate are stated
+NAMES = {
+    "netcdf4": "HDF5 or netCDF-4",
+    "hdf5": "HDF5 or netCDF-4",
+    "netcdf3": "netCDF-3",
+    "zarr": "zarr",
+    "npy": "numpy",
+}
 
 
-def dataset(order=("time", "z", "x"), name="v", attrs=None, **coordinates):
+def dataset(order=AXES, name="v", attrs=None, values=VALUES, **coordinates):
     """A dataset as solvers' exporters write it."""
     units = {"time": "s", "x": "m", "z": "m"}
-    base = {"time": np.arange(30) / RATE, "z": Z, "x": X} | coordinates
-    about = {"units": "m s**-1"} | (attrs or {})
-    data = xarray.DataArray(VALUES.copy(), dims=("time", "z", "x"), attrs=about)
+    base = {"time": TIMES, "z": Z, "x": X} | coordinates
+    data = xarray.DataArray(values.copy(), dims=AXES, attrs={"units": "m s**-1"} | (attrs or {}))
     coords = {key: (key, value, {"units": units[key]}) for key, value in base.items()}
     return xarray.Dataset({name: data.transpose(*order)}, coords)
 
 
-def written(data, path, kind):
-    """The dataset in a file of a kind."""
-    if kind == "netcdf4":
-        data.to_netcdf(path / "a.data", engine="h5netcdf")
-    elif kind == "netcdf3":
-        data.to_netcdf(path / "a.data", engine="scipy")
+def written(data, folder, kind, **more):
+    """The dataset in a file of a kind, and what has to be stated of it."""
+    folder.mkdir(exist_ok=True)
+    path, name = folder / "a.data", next(iter(data.data_vars))
+    order = tuple(data[name].dims)
+    if kind in FILES:
+        write = {"netcdf4": data.to_netcdf, "netcdf3": data.to_netcdf, "zarr": data.to_zarr}[kind]
+        write(
+            path,
+            **{"netcdf4": {"engine": "h5netcdf"}, "netcdf3": {"engine": "scipy"}}.get(kind, {"consolidated": False}),
+        )
+        return path, {}
+    if kind == "hdf5":  # one axis of three has a name
+        with h5py.File(path, "w") as file:
+            for each in data.variables:
+                file[each] = data[each].values
+                file[each].attrs["units"] = data[each].attrs["units"]
+            file["time"].make_scale("time")
+            file[name].dims[order.index("time")].attach_scale(file["time"])
+        return path, {"axes": order}
+    stated = {"axes": ",".join(order), "velocity_units": "m/s", "sampling_rate": RATE}
+    if kind == "npy":
+        np.save(path.with_suffix(".npy"), data[name].values)
+        return path.with_suffix(".npy"), stated | {"x": X, "z": Z, "length_units": "m"}
+    arrays = {
+        name: data[name].values,
+        "X_unique": data.x.values[None],
+        "Z_unique": data.z.values[None],
+        "note": "text",
+        "frequency": 7.0,
+    }
+    path = path.with_suffix(".mat")
+    if kind == "mat73":  # HDF5 with reversed axes behind a page of text
+        with h5py.File(path, "w", userblock_size=512) as file:
+            for each in (name, "X_unique", "Z_unique"):
+                file[each] = np.transpose(arrays[each])
+        with path.open("r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
     else:
-        data.to_zarr(path / "a.data", consolidated=False)
-    return path / "a.data"
+        savemat(path, arrays, do_compression=kind == "packed mat5")
+    return path, stated | {"length_units": "m"}
 
 
 def same_plane(found, wanted=VALUES, rtol=1e-6):
     """Velocity over (z, x), coordinates, rate."""
-    assert np.allclose(found.velocity.numpy(), np.moveaxis(wanted, 0, -1), rtol=rtol)
+    assert np.allclose(found.velocity.numpy(), np.moveaxis(wanted, 0, -1), rtol=rtol, equal_nan=True)
     assert np.allclose(found.x, X)
     assert np.allclose(found.z, Z)
     assert found.sampling_rate == pytest.approx(RATE, rel=1e-6)
 
 
-KINDS = ("netcdf4", "netcdf3", "zarr")
+@pytest.mark.parametrize("dtype", ["f4", "f8", ">f4"])
+@pytest.mark.parametrize("order", [*permutations(AXES)])
+@pytest.mark.parametrize("kind", [*FILES, "hdf5", *ARRAYS])
+def test_a_plane_comes_back_to_the_bit(tmp_path, kind, order, dtype):
+    """Order of axes, precision and ending of the file do not matter; a missing value is nan; slabs are the whole."""
+    if dtype == ">f4" and kind == "zarr":
+        return
+    values = VALUES.astype(dtype)
+    values[7, 1, 2] = np.nan
+    path, stated = written(dataset(order, values=values), tmp_path, kind)
+    found, lazy = tl.read_plane(path, **stated), tl.read_plane(path, lazy=True, **stated)
+    same_plane(found, values)
+    assert np.array_equal(found.velocity.numpy(), np.moveaxis(values, 0, -1), equal_nan=True)
+    assert found.velocity.dtype == (torch.float64 if dtype == "f8" else torch.float32)
+    again = pickle.loads(pickle.dumps(lazy.velocity))
+    for begin, end in ((0, 30), (4, 9), (29, 30), (25, 99)):
+        wanted = found.read(begin, end).nan_to_num(7)
+        assert torch.equal(lazy.read(begin, end).nan_to_num(7), wanted)
+        assert torch.equal(again.read(begin, end).nan_to_num(7), wanted)
+    assert format_of(path).name == NAMES.get(kind, "MATLAB")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("order", ["time z x", "x z time", "z time x"])
-def test_any_order_of_axes_is_one_plane(tmp_path, kind, order):
-    """Names and order of the axes do not matter, nor the ending of the file."""
-    path = written(dataset(tuple(order.split())), tmp_path, kind)
-    found, lazy = tl.read_plane(path), tl.read_plane(path, lazy=True)
-    same_plane(found)
-    assert torch.equal(lazy.read(4, 9), found.read(4, 9))
-    assert torch.equal(pickle.loads(pickle.dumps(lazy.velocity)).load(), found.velocity)
-    assert format_of(path).name == {"netcdf4": "HDF5 or netCDF-4", "netcdf3": "netCDF-3"}.get(kind, "zarr")
+@pytest.mark.parametrize("kind", [*FILES, "hdf5", *ARRAYS])
+def test_units_signs_and_heights(tmp_path, kind):
+    """mm/s and mm, positive towards the liner; of several heights one is taken, and its height where it is known."""
+    path, stated = written(dataset(values=1e3 * VALUES, x=1e3 * X, z=1e3 * Z), tmp_path, kind)
+    if kind in ARRAYS:
+        stated |= {"velocity_units": "mm/s", "length_units": "mm", "normal": "-y"}
+        stated |= {"x": 1e3 * X, "z": 1e3 * Z} if kind == "npy" else {}
+        same_plane(tl.read_plane(path, **stated), -VALUES)
+        with pytest.raises(ValueError, match=r"a\.\w+ holds no velocity.*velocity_units=\.\.\."):
+            tl.read_plane(path, **stated | {"velocity_units": None})
+        with pytest.raises(ValueError, match=r"give sampling_rate=..., in Hz"):
+            tl.read_plane(path, **stated | {"sampling_rate": None})
+    tall = dataset(values=VALUES).rename(z="y")
+    if kind not in ARRAYS:
+        path, stated = written(tall, tmp_path / "tall", kind)
+    elif kind == "npy":
+        stated = {"axes": "time,y,x", "velocity_units": "m/s", "sampling_rate": RATE}
+        np.save(path, VALUES)
+    else:
+        savemat(path, {"v": VALUES, "Y_unique": Z, "X_unique": X})
+        stated |= {"axes": "time,y,x", "length_units": "m", "velocity_units": "m/s", "normal": None}
+    with pytest.raises(ValueError, match=r"axes time, y, x; a plane has one height .*row=0 or so .*normal='z' if y"):
+        tl.read_plane(path, **stated)
+    assert tl.read_plane(path, **stated | {"normal": "z"}).probe_shape == (3, 4)
+    for lazy in (False, True):
+        found = tl.read_plane(path, row=2, lazy=lazy, **stated).load()
+        assert np.array_equal(found.velocity, VALUES[:, 2].T)
+        assert found.height == (None if kind == "npy" else pytest.approx(Z[2]))
+    with pytest.raises(ValueError, match=r"no axis of heights has a row 3"):
+        tl.read_plane(path, row=3, **stated)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_second_axis_of_time_is_none_of_probes(tmp_path, kind):
-    """It is refused unless its length is 1, or the user says what it is."""
-    data = dataset().rename(x="t")
-    path = written(data, tmp_path, kind)
-    with pytest.raises(ValueError, match=r"shape \(30, 3, 4\) and more than one axis of time"):
-        tl.read_plane(path)
-    found = tl.read_plane(path, axes=("time", "z", "x"))
-    assert torch.equal(found.velocity, tl.VelocityPlane.from_xarray(dataset()).velocity)
-    (tmp_path / "one").mkdir()
-    path = written(data.isel(t=[2]), tmp_path / "one", kind)
-    assert torch.equal(tl.read_plane(path).velocity, found.velocity[:, 2:3])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_packed_shorts_with_a_fill_value_are_unpacked(tmp_path, kind):
-    """scale_factor, add_offset and _FillValue; a missing value is nan, in slabs too."""
-    data = dataset()
-    data.v[7, 1, 2] = np.nan
-    encoding = {"dtype": "i2", "scale_factor": 1e-3, "add_offset": 0.5, "_FillValue": -32000}
+@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize(
+    ("encoding", "attributes"),
+    [
+        ({"dtype": "i2", "scale_factor": 1e-3, "add_offset": 0.5, "_FillValue": -32000}, {}),
+        ({"dtype": "i4", "scale_factor": 1e-4, "missing_value": -7}, {}),
+        ({"dtype": "u2", "scale_factor": 1.25e-4, "add_offset": -4.0, "_FillValue": 65534, "_Unsigned": "true"}, {}),
+        ({"dtype": "f4", "_FillValue": np.float32(9.96921e36)}, {}),
+        ({"dtype": "f4"}, {"valid_min": np.float32(-5), "valid_max": np.float32(5)}),
+        ({"dtype": "f8"}, {"valid_range": np.array([-5.0, 5.0])}),
+    ],
+    ids=range(6),
+)
+def test_packed_and_missing_values(tmp_path, kind, encoding, attributes):
+    """scale_factor, add_offset, marks and ranges; a missing value is nan, in slabs too."""
+    data = dataset(attrs=attributes)
+    data.v[7, 1, 2] = 9.0 if attributes else np.nan
     data.v.encoding = encoding
-    path = written(data, tmp_path, kind)
+    if kind == "netcdf3" and encoding["dtype"] == "u2":
+        data.v.encoding = encoding | {"dtype": "i2", "_FillValue": -2}
+    path, _ = written(data, tmp_path, kind)
+    wanted = np.moveaxis(VALUES, 0, -1).copy()
+    wanted[1, 2, 7] = np.nan
     for lazy in (False, True):
-        found = tl.read_plane(path, lazy=lazy).load().velocity
-        assert torch.isnan(found).nonzero().tolist() == [[1, 2, 7]]
-        wanted = np.moveaxis(data.v.values, 0, -1)
-        assert np.nanmax(np.abs(found.numpy() - wanted)) < 6e-4
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("mark", [{"_FillValue": -2}, {"valid_range": [0, 60000]}])
-def test_unsigned_numbers_in_signed_shorts(tmp_path, kind, mark):
-    """``_Unsigned``: what is stored above 32767 is no negative number, nor are its marks."""
-    stored = np.rint((VALUES + 4) * 8000).astype("u2")
-    stored[7, 1, 2] = 65534
-    data = dataset(attrs={"_Unsigned": "true", "scale_factor": 1.25e-4, "add_offset": -4.0})
-    data["v"] = data.v.copy(data=stored.view("i2")).assign_attrs(
-        {key: np.array(value, "i8").astype("i2")[()] for key, value in mark.items()}
-    )
-    path = written(data, tmp_path, kind)
-    wanted = np.moveaxis(np.where(stored == 65534, np.nan, VALUES), 0, -1)
-    for lazy in (False, True):
-        found = tl.read_plane(path, lazy=lazy).load().velocity.numpy()
-        assert np.allclose(found, wanted, atol=7e-5, equal_nan=True)
+        assert np.allclose(tl.read_plane(path, lazy=lazy).load().velocity, wanted, atol=6e-4, equal_nan=True)
 
 
 @pytest.mark.parametrize("kind", ["i2", "i4", "f4", "f8"])
 @pytest.mark.parametrize("name", ["v", "time"])
 def test_records_that_nobody_wrote_hold_what_the_library_fills_in(tmp_path, kind, name):
-    """netCDF-3 without ``_FillValue``: nan in the velocity, an error in the times."""
+    """netCDF-3 without ``_FillValue``: nan in the velocity, an error in the times; frames added later are not seen."""
     path = tmp_path / "a.nc"
     fill = {"i2": -32767, "i4": -2147483647}.get(kind, 9.9692099683868690e36)  # netcdf.h
     with netcdf_file(path, "w") as file:
         file.createDimension("time", None)
         file.createDimension("x", 4)
         file.createVariable("time", kind if name == "time" else "f4", ["time"]).units = "ms"
+        file.createVariable("p", "f4", ["time", "x"]).units = "Pa"  # records interleave
         file.createVariable("v", kind if name == "v" else "f4", ["time", "x"]).units = "m/s"
         file.variables["v"].scale_factor = 1.0
-        values = {"time": np.arange(30.0), "v": np.ones((30, 4))}
+        values = {"time": np.arange(30.0), "v": np.ones((30, 4)), "p": np.full((30, 4), 7.0)}
         values[name][20:] = fill
         for each, stored in values.items():
             file.variables[each][:] = stored
@@ -135,9 +198,14 @@ def test_records_that_nobody_wrote_hold_what_the_library_fills_in(tmp_path, kind
         with pytest.raises(ValueError, match=r"a.nc:/time holds 10 values not finite"):
             tl.read_plane(path)
         return
-    found = tl.read_plane(path).velocity
-    assert (found[:, :20] == 1).all()
-    assert found[:, 20:].isnan().all()
+    lazy = tl.read_plane(path, lazy=True)
+    with netcdf_file(path, "a") as file:
+        file.variables["time"][30:31] = [30]
+        file.variables["v"][30:31] = np.ones((1, 4))
+    for found in (lazy.load().velocity, tl.read_plane(path).velocity[:, :30]):
+        assert (found[:, :20] == 1).all()
+        assert found[:, 20:30].isnan().all()
+    assert tl.read_plane(path).samples == lazy.samples + 1 == 31
 
 
 def store(path, version, fill=0, **arrays):
@@ -146,57 +214,36 @@ def store(path, version, fill=0, **arrays):
     for name, (values, count) in arrays.items():
         dims, unit = {"time": (["time"], "s"), "x": (["x"], "m")}.get(name, (["time", "x"], "m/s"))
         words = {"dimension_names": dims} if version == 3 else {}
-        array = group.create_array(name, shape=values.shape, dtype=values.dtype, fill_value=fill,
-                                   chunks=(10, *values.shape[1:]), **words)  # fmt: skip
+        array = group.create_array(
+            name, shape=values.shape, dtype=values.dtype, fill_value=fill, chunks=(10, *values.shape[1:]), **words
+        )
         array.attrs.update({"units": unit, **({} if words else {"_ARRAY_DIMENSIONS": dims})})
         array[:count] = values[:count]
     return path
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_store_that_fills_with_0(tmp_path, version):
+def test_a_store_that_fills_with_0(tmp_path, monkeypatch, version):
     """Zeros that were written are zeros, also at the first time; chunks that were not are none."""
     v = np.where(VALUES[:, 0] > 0, VALUES[:, 0], 0)
-    whole = {"time": (np.arange(30) / RATE, 30), "x": (X, 4), "v": (v, 30)}
+    whole = {"time": (TIMES, 30), "x": (X, 4), "v": (v, 30)}
     path = tmp_path / "a.zarr"
-    found = tl.read_plane(store(path, version, **whole))
-    assert np.array_equal(found.velocity.numpy(), v.T)
-    for name, count, words in (
-        ("v", 20, "1 of 3 chunks were never written and would read as 0.0, .*: samples 20 to 29"),
-        ("v", 0, "3 of 3 chunks .*: samples 0 to 29. .* write_empty_chunks=True"),
-        ("time", 20, "1 of 3 chunks .*: values 20 to 29"),
-        ("x", 0, "1 of 1 chunks .*: values 0 to 3"),
-    ):
+    assert np.array_equal(tl.read_plane(store(path, version, **whole)).velocity.numpy(), v.T)
+    for name, count, words in (("v", 20, "1 of 3"), ("v", 0, "3 of 3"), ("time", 20, "1 of 3"), ("x", 0, "1 of 1")):
         broken = whole | {name: (whole[name][0], count)}
-        with pytest.raises(ValueError, match=rf"a.zarr:/{name}: {words}"):
+        with pytest.raises(ValueError, match=rf"a.zarr:/{name}: {words} chunks were never .*write_empty_chunks=True"):
             tl.read_plane(store(path, version, **broken))
     missing = tl.read_plane(store(path, version, fill=np.nan, **whole | {"v": (v, 20)}))
     assert missing.velocity[:, 20:].isnan().all()
     alone = tl.read_plane(store(path, version, **whole | {"x": (np.zeros(1), 1), "v": (v[:, :1], 30)}))
     assert alone.x.tolist() == [0.0]
-
-
-def test_packed_zeros_of_an_old_store_are_missing(tmp_path):
-    """xarray stores a stated ``_FillValue`` of 0 as zarr's own."""
     data = dataset()
-    data.v[7, 1, 2] = np.nan
     data.v.encoding = {"dtype": "i2", "scale_factor": 1e-3, "add_offset": 9.0, "_FillValue": 0}
-    data.to_zarr(tmp_path / "a.zarr", consolidated=False, zarr_format=2)
-    found = tl.read_plane(tmp_path / "a.zarr").velocity
-    assert torch.isnan(found).nonzero().tolist() == [[1, 2, 7]]
-
-
-def test_long_records_keep_their_times(monkeypatch):
-    """Large fields are left where they are, times of any length are not."""
-    monkeypatch.setattr("torchliner.io.netcdf_terms.MOST", 10)
-    same_plane(tl.VelocityPlane.from_xarray(dataset()))
-
-
-def test_a_store_without_its_extra_says_which(tmp_path, monkeypatch):
-    """zarr is optional; the error names what to install."""
-    path = written(dataset(), tmp_path, "zarr")
+    data.v[7, 1, 2] = np.nan
+    data.to_zarr(tmp_path / "b.zarr", consolidated=False, zarr_format=version)
+    assert torch.isnan(tl.read_plane(tmp_path / "b.zarr").velocity).nonzero().tolist() == [[1, 2, 7]]
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(ImportError, match=r"a.data is a zarr store; .*torchliner\[xarray\]"):
+    with pytest.raises(ImportError, match=r"a.zarr is a zarr store; .*torchliner\[xarray\]"):
         tl.read_plane(path)
 
 
@@ -204,13 +251,12 @@ def test_links_out_of_a_foreign_file_are_said(tmp_path):
     """A velocity that stands in another file is read, and that file is named."""
     dataset().to_netcdf(tmp_path / "v.nc", engine="h5netcdf")
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["time"] = np.arange(30) / RATE
+        file["time"] = TIMES
         file["time"].attrs["units"] = "s"
         file["v"] = h5py.ExternalLink("v.nc", "/v")
     with pytest.warns(tl.DataWarning) as told:
         found = tl.read_plane(tmp_path / "a.h5")
-    assert any(re.search(r"a.h5:/v is a link; its values stand in .*v.nc", str(each.message))
-               for each in told)  # fmt: skip
+    assert any(re.search(r"a.h5:/v is a link; its values stand in .*v.nc", str(each.message)) for each in told)
     assert np.array_equal(found.velocity.numpy(), np.moveaxis(VALUES, 0, -1))
 
 
@@ -218,77 +264,106 @@ def test_groups_dates_and_axes_of_size_1(tmp_path):
     """A velocity in a group, times as dates since, a height of size 1, mm; all found."""
     data = dataset(x=1e3 * X).expand_dims(y=[2.5], axis=1)
     data.y.attrs["units"] = data.x.attrs["units"] = "millimeter"
-    data = data.assign_coords(time=("time", 1e6 + np.arange(30) / RATE,
-                                    {"units": "seconds since 2020-01-01 00:00:00"}))  # fmt: skip
+    data = data.assign_coords(time=("time", 1e6 + TIMES, {"units": "seconds since 2020-01-01 00:00:00"}))
+    data["sound_speed"] = ((), 345.0, {"units": "m/s"})
     data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", group="run/plane")
     found = tl.read_plane(tmp_path / "a.nc")
     same_plane(found)
-    assert found.start == 1e6
+    assert (found.start, found.fluid.sound_speed) == (1e6, 345)
     assert found.name.endswith("a.nc:/run/plane/v")
     same_plane(tl.read_plane(tmp_path / "a.nc", group="run/plane", variable="v"))
+    with pytest.raises(ValueError, match=r"a.nc:/run/wall/ has no variable .*; it holds /run/plane/"):
+        tl.read_plane(tmp_path / "a.nc", group="run/wall")
 
 
-def test_the_wall_normal_component_is_told_by_its_words():
-    """standard_name and long_name; a normal by the user; else all that fit are listed."""
-    many = dataset(name="v").assign({k: dataset(name=k)[k] + i for i, k in enumerate("uw", 1)})
-    with pytest.raises(ValueError, match=r"3 of its velocities may be normal .* u \(30x3x4, .*v "):
-        tl.VelocityPlane.from_xarray(many)
-    same_plane(tl.VelocityPlane.from_xarray(many, variable="v"))
-    same_plane(tl.VelocityPlane.from_xarray(many, normal="y"))
-    same_plane(tl.VelocityPlane.from_xarray(many, normal="-y"), -VALUES)
-    many.w.attrs["long_name"] = "Wall-normal velocity"
-    same_plane(tl.VelocityPlane.from_xarray(many), VALUES + 2)
-    many.u.attrs["long_name"] = "velocity normal to the wall"
-    with pytest.raises(ValueError, match="2 of its velocities may be normal"):
-        tl.VelocityPlane.from_xarray(many)
-    with pytest.raises(ValueError, match=r"has no variable 'vv' \(did you mean 'v'\?\)"):
-        tl.VelocityPlane.from_xarray(many, variable="vv")
-    alone = dataset(name="u")
-    with pytest.raises(ValueError, match=r"1 of its velocities may be .* u \(30x3x4"):
-        tl.VelocityPlane.from_xarray(alone)
+def many(**attributes):
+    data = dataset(name="v").assign({k: dataset(name=k)[k] + i for i, k in enumerate("uw", 1)})
+    for key, words in attributes.items():
+        data[key].attrs.update(words)
+    return data
 
 
-def test_upward_air_velocity_has_y_across_the_duct():
-    """z is normal to the wall then; positive downward is turned."""
-    data = dataset(attrs={"standard_name": "upward_air_velocity"}).rename(z="y", v="w")
-    same_plane(tl.VelocityPlane.from_xarray(data))
-    data.w.attrs["positive"] = "down"
-    same_plane(tl.VelocityPlane.from_xarray(data), -VALUES)
-    side = dataset().rename(z="y")
-    with pytest.raises(ValueError, match="y is the height, of which a plane has one; if it runs"):
-        tl.VelocityPlane.from_xarray(side)
-    same_plane(tl.VelocityPlane.from_xarray(side, normal="z"))
+UP = {"standard_name": "upward_air_velocity"}
 
 
 @pytest.mark.parametrize(
-    ("attributes", "sign"),
+    ("make", "stated", "factor", "more"),
     [
-        ({"positive": "into the liner"}, -1),
-        ({"positive": "into the duct"}, 1),
-        ({"positive": "out of the duct"}, -1),
-        ({"positive": "away from the wall"}, 1),
-        ({"long_name": "velocity into the wall"}, -1),
-        ({"long_name": "velocity normal to the liner, positive towards the flow"}, 1),
-        ({"long_name": "velocity out of the facesheet"}, 1),
-        ({"long_name": "velocity into account"}, 1),
+        (many, {"variable": "v"}, 1, 0),
+        (many, {"normal": "y"}, 1, 0),
+        (many, {"normal": "-y"}, -1, 0),
+        (lambda: dataset(attrs=UP).rename(z="y", v="w"), {}, 1, 0),
+        (lambda: dataset(attrs=UP | {"positive": "down"}).rename(z="y", v="w"), {}, -1, 0),
+        (lambda: dataset().rename(z="y"), {"normal": "z"}, 1, 0),
+        (lambda: dataset(attrs={"positive": "into the liner"}), {}, -1, 0),
+        (lambda: dataset(attrs={"positive": "into the liner"}), {"normal": "-y"}, -1, 0),
+        (lambda: dataset(attrs={"positive": "away from the wall"}), {"normal": "y"}, 1, 0),
+        (lambda: many(w={"standard_name": "wall_normal_velocity"}), {}, 1, 2),
+        (lambda: named(z="row").assign_coords(z=("row", Z, {"units": "m"})), {}, 1, 0),
     ],
 )
-def test_words_say_which_way_is_positive(attributes, sign):
-    same_plane(tl.VelocityPlane.from_xarray(dataset(attrs=attributes)), sign * VALUES)
+def test_component_sign_and_axes_are_told_by_names_and_attributes(make, stated, factor, more):
+    same_plane(tl.VelocityPlane.from_xarray(make(), **stated), factor * VALUES + more)
 
 
-@pytest.mark.parametrize(
-    "attributes",
-    [{"positive": "away from the liner"}, {"long_name": "velocity out of the facesheet"}],
-)
-def test_a_normal_does_not_turn_what_is_positive_away(attributes):
-    """As the data have it; an axis may be stated still, and data into the liner turn once."""
-    data = dataset(attrs=attributes)
-    with pytest.raises(ValueError, match=r"so that it is positive away .* normal='-y' would turn"):
-        tl.VelocityPlane.from_xarray(data, normal="-y")
-    same_plane(tl.VelocityPlane.from_xarray(data, normal="y"))
-    into = dataset(attrs={"positive": "into the liner"})
-    same_plane(tl.VelocityPlane.from_xarray(into, normal="-y"), -VALUES)
+def named(**names):
+    """With other names of axes, and no coordinates along them."""
+    return dataset().rename(names).drop_vars([*names.values()])
+
+
+def scalar(value, units, **attributes):
+    """A variable of one number beside attributes of its name."""
+    return dataset().assign({name: ((), value, {"units": units}) for name in attributes}).assign_attrs(attributes)
+
+
+BARE, INDEX = xarray.DataArray(VALUES, dims=AXES), {"x": (("j", "i"), np.ones((3, 4)), {"units": "m"})}
+REFUSED = [
+    (many(), {}, r"3 of its velocities may be normal .* v \(30x3x4, .*u "),
+    (dataset(name="u"), {}, r"1 of its velocities may be .* u \(30x3x4"),
+    (many(), {"variable": "vv"}, r"has no variable 'vv' \(did you mean 'v'\?\)"),
+    (dataset(name="x_velocity"), {"normal": "y", "variable": "x_velocity"}, "velocity along x, but normal is 'y'"),
+    (dataset(attrs={"positive": "into the duct"}), {}, "write 'away from the liner'"),
+    (dataset(attrs={"positive": "away from the liner"}), {"normal": "-y"}, "'-y' would turn it"),
+    (named(z="y"), {}, "axes time, y, x; a plane has one height .*normal='z' if y"),
+    (named(z="row"), {}, "axes time, row, x; which runs along the duct"),
+    (named(x="t"), {}, "axes time, z, time; one axis is time"),
+    (named(x="i", z="j").assign_coords(INDEX), {"axes": AXES}, "has a value for each probe"),
+    (dataset().assign_attrs(frequency="high"), {}, "'frequency' is 'high'; a number is needed"),
+    (scalar(2.0, "mm", height="1.5 mm"), {}, r"'height' is 0.0015 m, height is 0.002 elsewhere; corr"),
+    (scalar(1.2, "kg/m3", density="1.1 kg/m3"), {}, "'density' is 1.1 kg/m3, density is 1.2 elsewhere; corr"),
+    (dataset(), {"velocity_units": "mm/s"}, r"is in m s\*\*-1 by its own words, not in mm/s"),
+    (BARE, {}, "velocity has no units attribute"),
+    (BARE, {"velocity_units": "m/s"}, "give sampling_rate"),
+]
+
+
+@pytest.mark.parametrize(("data", "stated", "message"), REFUSED, ids=range(len(REFUSED)))
+def test_what_the_data_do_not_tell_or_contradict_is_refused(data, stated, message):
+    with pytest.raises(ValueError, match=message):
+        tl.VelocityPlane.from_xarray(data, **stated)
+
+
+HEIGHTS = ("height", "level", "lev", "wall_distance")
+
+
+@pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components", *HEIGHTS])
+def test_heights_and_components_are_no_probes(name):
+    """Several are refused beside x and alone, unless the user says what they are; one passes."""
+    data = named(z=name)
+    for each in (data, data.isel(x=0, drop=True)):
+        with pytest.raises(ValueError, match=f"axes time, {name}.*; a plane has one height and one component"):
+            tl.VelocityPlane.from_xarray(each, normal="y")
+    assert tl.VelocityPlane.from_xarray(data, axes=AXES).probe_shape == (3, 4)
+    assert tl.VelocityPlane.from_xarray(data.isel({name: [1]})).probe_shape == (4,)
+    places = (name, [1.0, 2.0, 3.0], {"units": "mm"}) if name in HEIGHTS else ["u", "v", "w"]
+    taken = tl.VelocityPlane.from_xarray(data.assign_coords({name: places}), row=1)
+    assert np.array_equal(taken.velocity, VALUES[:, 1].T)
+    assert taken.height == (2e-3 if name in HEIGHTS else None)
+
+
+def test_prose_is_not_understood_but_told():
+    with pytest.warns(tl.DataWarning, match="velocity into the wall.* taken as positive away from the liner"):
+        same_plane(tl.VelocityPlane.from_xarray(dataset(attrs={"long_name": "velocity into the wall"})))
 
 
 def test_a_rate_or_a_sign_against_a_plane_of_ours_is_refused(tmp_path):
@@ -300,24 +375,18 @@ def test_a_rate_or_a_sign_against_a_plane_of_ours_is_refused(tmp_path):
     rate = tl.read_plane(path).sampling_rate
     assert tl.read_plane(path, sampling_rate=1.009 * rate).sampling_rate == rate
     with h5py.File(path, "r+") as file:
-        for said in ("'away from the liner'", "'away, by its schema'"):
-            with pytest.raises(ValueError, match=f"a.h5:/wall_normal_velocity says {said}.*'-y'"):
-                tl.read_plane(path, normal="-y")
-            file["wall_normal_velocity"].attrs.pop("positive", None)
-            file.flush()
+        file["wall_normal_velocity"].attrs.pop("positive", None)
+    with pytest.raises(ValueError, match=r"a.h5:/wall_normal_velocity is positive away .*'-y'"):
+        tl.read_plane(path, normal="-y")
 
 
-def test_times_without_a_unit_begin_where_they_say(tmp_path):
-    """Whatever they count: at the stated rate, sample 100 of 40 kHz is at 2.5 ms."""
+def test_times_without_a_unit_or_in_single_precision():
+    """Whatever they count, sample 100 of 40 kHz is at 2.5 ms; 5 s on, float32 is exact to a fiftieth of a step."""
     data = dataset(time=np.arange(100.0, 130.0))
     del data.time.attrs["units"]
     found = tl.VelocityPlane.from_xarray(data, sampling_rate=RATE)
     assert found.start == pytest.approx(100 / RATE)
-
-
-def test_times_in_single_precision_say_how_well_they_tell_the_rate():
-    """5 s on, they are exact to a fiftieth of a step; a stated rate that they cannot tell holds."""
-    data = dataset(time=np.float32(5 + np.arange(30) / RATE))
+    data = dataset(time=np.float32(5 + TIMES))
     with pytest.warns(tl.DataWarning, match=r"/time are float32, exact to 5e-07 s, 0.019 of"):
         found = tl.VelocityPlane.from_xarray(data)
     assert found.sampling_rate != RATE
@@ -327,116 +396,85 @@ def test_times_in_single_precision_say_how_well_they_tell_the_rate():
     assert loose.sampling_rate == found.sampling_rate
 
 
-@pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components"])
-def test_components_are_no_probes(name):
-    """An axis of components is refused beside x and alone, unless the user says what it is."""
-    data = dataset().rename(z=name).drop_vars(name)
-    for each in (data, data.isel(x=0, drop=True)):
-        with pytest.raises(ValueError, match=rf"axis {name} of 3, which may be the components"):
-            tl.VelocityPlane.from_xarray(each, normal="y")
-    same_rows = tl.VelocityPlane.from_xarray(data, axes=("time", "z", "x"))
-    assert same_rows.probe_shape == (3, 4)
-
-
-@pytest.mark.parametrize("name", ["height", "level", "lev", "depth", "wall_distance"])
-def test_heights_are_no_rows(name):
-    """One plane has one: several are refused, a single one passes."""
-    data = dataset().rename(z=name)
-    for each in (data, data.isel(x=0, drop=True)):
-        with pytest.raises(ValueError, match=f"axis {name} of 3: {name} is the height"):
-            tl.VelocityPlane.from_xarray(each, normal="y")
-    assert tl.VelocityPlane.from_xarray(data.isel({name: [1]})).probe_shape == (4,)
-
-
-def test_the_axis_beside_x_is_called_z_or_placed():
-    """Any other name is refused, unless a coordinate z lies along it."""
-    data = dataset().rename(z="row").drop_vars("row")
-    with pytest.raises(ValueError, match="axes row, x, and which runs across the duct is not said"):
-        tl.VelocityPlane.from_xarray(data)
-    same_plane(tl.VelocityPlane.from_xarray(data.assign_coords(z=("row", Z, {"units": "m"}))))
-
-
 def test_our_own_file_through_xarray_is_the_plane_itself(tmp_path):
-    """Schema, fluid, references and attributes: nothing is lost in any kind of file."""
+    """Schema, fluid, references, holes and attributes: nothing is lost in any kind of file."""
     wanted = tl.VelocityPlane(
-        np.moveaxis(VALUES, 0, -1).copy(), sampling_rate=RATE, x=X, z=Z, start=0.25, height=1e-3,
-        frequency=1400.0, mach=0.3, liner="onera", source_side="upstream", title="a case",
-        fluid=tl.Fluid(340.0), reference={"true": 1 - 0.5j}, provenance={"run": [1, "b"]},
+        np.moveaxis(VALUES, 0, -1).copy(),
+        sampling_rate=RATE,
+        x=X,
+        z=Z,
+        start=0.25,
+        height=1e-3,
+        frequency=1400.0,
+        mach=0.3,
+        liner="onera",
+        source_side="upstream",
+        title="a case",
+        fluid=tl.Fluid(340.0),
+        reference={"true": 1 - 0.5j},
+        provenance={"run": [1, "b"]},
         incident_level=130.0,
-    )  # fmt: skip
+        area=np.full(12, 1e-6),
+        streamwise=np.moveaxis(VALUES, 0, -1) + 9,
+    )
     wanted.write(tmp_path / "a.h5")
-    keys = ("frequency", "height", "mach", "liner", "source_side", "title", "fluid", "reference",
-            "provenance", "incident_level", "start")  # fmt: skip
+    keys = (
+        "frequency",
+        "height",
+        "mach",
+        "liner",
+        "source_side",
+        "title",
+        "fluid",
+        "reference",
+        "provenance",
+        "incident_level",
+        "start",
+    )
     with xarray.open_dataset(tmp_path / "a.h5", engine="h5netcdf") as data:
         data.to_netcdf(tmp_path / "b.nc", engine="scipy")
         planes = [tl.VelocityPlane.from_xarray(data).load()]
     planes += [tl.read_plane(tmp_path / name) for name in ("a.h5", "b.nc")]
     for found in planes:
         assert {k: getattr(found, k) for k in keys} == {k: getattr(wanted, k) for k in keys}
-        assert torch.equal(found.velocity, wanted.velocity)
+        for name in ("velocity", "streamwise", "area"):
+            assert torch.equal(getattr(found, name), getattr(wanted, name))
 
 
 def test_numbers_of_the_case_as_attributes():
     """In SI, or with a unit; a field over the plane is no property of the gas."""
-    data = dataset().assign(density=(("time", "z", "x"), VALUES + 1.2, {"units": "kg m-3"}))
-    data.attrs = {"frequency": "1.4 kHz", "mach": 0.3}
+    data = dataset().assign(density=(AXES, VALUES + 1.2, {"units": "kg m-3"}))
+    data.attrs = {"frequency": "1.4 kHz", "mach": 0.3, "sound_speed": 340.0}
     found = tl.VelocityPlane.from_xarray(data)
-    assert (found.frequency, found.mach, found.fluid) == (1400.0, 0.3, tl.Fluid())
+    assert (found.frequency, found.mach, found.fluid) == (1400.0, 0.3, tl.Fluid(340.0))
     assert found.name == "xarray:/v"
     beside = data.assign(frequency=((), 1.4, {"units": "kHz"}), height=((), 2.0, {"units": "mm"}))
     assert tl.VelocityPlane.from_xarray(beside).height == 2e-3
-    for owner in (beside, beside.v):
-        owner.attrs["height"] = "1.5 mm"
-        with pytest.raises(ValueError, match=r"attribute 'height' is 0.0015 m, the .* is 0.002; corr"):
-            tl.VelocityPlane.from_xarray(beside)
-        del owner.attrs["height"]
-    data.attrs["frequency"] = "high"
-    with pytest.raises(ValueError, match="attribute 'frequency' is 'high'; a number is needed"):
-        tl.VelocityPlane.from_xarray(data)
 
 
-def test_the_gas_as_attributes_and_beside_the_velocity(tmp_path):
-    """Attributes of the gas were passed over: 343.2 m/s for 340."""
+def test_dates_of_pandas_tables_and_arrays_without_units():
+    """datetime64 is a clock; what has no unit is stated; a table is refused with the remedy, and the remedy works."""
     data = dataset()
-    data.attrs |= {"sound_speed": 340.0, "density": "1.1 kg/m3"}
-    found = tl.VelocityPlane.from_xarray(data).fluid
-    assert (found.sound_speed, found.density, found.prandtl) == (340.0, 1.1, 0.71)
-    data["sound_speed"] = ((), 345.0, {"units": "m/s"})
-    with pytest.raises(ValueError, match=r"'sound_speed' is 340 m/s, the variable .* is 345; corr"):
-        tl.VelocityPlane.from_xarray(data)
-    data.attrs.clear()
-    data.to_netcdf(tmp_path / "a.nc", engine="h5netcdf", group="y1")
-    assert tl.read_plane(tmp_path / "a.nc").fluid.sound_speed == 345
-
-
-def test_dates_of_pandas_and_arrays_without_units():
-    """datetime64 is a clock; what has no unit is stated, and not against the file's own words."""
-    data = dataset()
-    dates = pandas.Timestamp("2024-05-01") + pandas.to_timedelta(np.arange(30) / RATE, "s")
+    dates = pandas.Timestamp("2024-05-01") + pandas.to_timedelta(TIMES, "s")
     same_plane(tl.VelocityPlane.from_xarray(data.assign_coords(time=dates)))
-    bare = xarray.DataArray(1e3 * VALUES, dims=("time", "z", "x"))
-    with pytest.raises(ValueError, match="velocity has no units attribute"):
-        tl.VelocityPlane.from_xarray(bare)
-    with pytest.raises(ValueError, match=r"none of its axes is time|no times; give sampling_rate"):
-        tl.VelocityPlane.from_xarray(bare, velocity_units="mm/s")
+    bare = xarray.DataArray(1e3 * VALUES, dims=AXES)
     found = tl.VelocityPlane.from_xarray(bare, velocity_units="mm/s", sampling_rate=RATE, x=X, z=Z, frequency=1000.0)
     same_plane(found, rtol=1e-4)
     assert found.frequency == 1000.0
-    with pytest.raises(ValueError, match=r"is in m s\*\*-1 by its own words, not in mm/s"):
-        tl.VelocityPlane.from_xarray(data, velocity_units="mm/s")
-
-
-def test_tables_of_pandas_go_through_xarray():
-    """A table is refused with the remedy, and the remedy works."""
-    table = dataset().v.to_series().reset_index()
+    table = data.v.to_series().reset_index()
     with pytest.raises(TypeError, match=r"set_index.*to_xarray\(\)"):
         tl.VelocityPlane.from_xarray(table)
     with pytest.raises(TypeError, match="DataFrame, whose rows and columns have names"):
-        tl.VelocityPlane(dataset().v[:, 0].to_pandas(), sampling_rate=RATE)
-    data = table.set_index(["time", "z", "x"]).to_xarray()
-    same_plane(tl.VelocityPlane.from_xarray(
-        data, variable="v", velocity_units="m/s", length_units="m", sampling_rate=RATE
-    ))  # fmt: skip
+        tl.VelocityPlane(data.v[:, 0].to_pandas(), sampling_rate=RATE)
+    same_plane(
+        tl.VelocityPlane.from_xarray(
+            table.set_index([*AXES]).to_xarray(),
+            variable="v",
+            velocity_units="m/s",
+            length_units="m",
+            sampling_rate=RATE,
+        )
+    )
 
 
 @pytest.mark.parametrize("order", ["time z x", "x z time", "x time z", "x y time"])
@@ -449,17 +487,19 @@ def test_an_array_with_names_is_taken_by_them(order):
 
 def test_a_lazy_dataset_stays_so(tmp_path):
     """Of dask or a file: nothing is read before a slab is asked for."""
-    path = written(dataset(), tmp_path, "netcdf4")
+    path, _ = written(dataset(), tmp_path, "netcdf4")
     with xarray.open_dataset(path, engine="h5netcdf", chunks={"time": 7}) as data:
         found = tl.VelocityPlane.from_xarray(data)
         assert found.stored is not None
         same_plane(found.load())
 
 
-UNITS = {"velocity": ["m/s", "m s-1", "meter second-1", "m/sec", "metres per second", "m.s^-1",
-                      "m s**-1", "m s⁻¹"],
-         "time": ["s", "seconds", "sec", "second"], "length": ["m", "meter", "metre", "meters"],
-         "density": ["kg/m3", "kg m-3", "kg m^-3", "kg/m^3", "kg m**-3"]}  # fmt: skip
+UNITS = {
+    "velocity": ["m/s", "m s-1", "meter second-1", "m/sec", "metres per second", "m.s^-1", "m s**-1", "m s⁻¹"],
+    "time": ["s", "seconds", "sec", "second"],
+    "length": ["m", "meter", "metre", "meters"],
+    "density": ["kg/m3", "kg m-3", "kg m^-3", "kg/m^3", "kg m**-3"],
+}
 
 
 @pytest.mark.parametrize("quantity", UNITS)
@@ -479,81 +519,46 @@ def test_spelling_is_settled_once(text):
     assert canonical_unit(canonical_unit(text)) == canonical_unit(text) or "-" in text
 
 
-BAD = {
-    "nothing": (b"", OSError, "is empty; it is of no format of planes that is known: "),
-    "text": (b"hello\nworld", OSError, "is text that begins with 'hello'; it is of no format"),
-    "binary": (b"\0\1\2\3", OSError, r"is binary and begins with b'\\x00\\x01"),
-}
-
-
-@pytest.mark.parametrize("kind", BAD)
-def test_what_nobody_recognises_is_described(tmp_path, kind):
-    """With what it looks like, and the formats that were tried."""
-    content, error, message = BAD[kind]
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "is empty"), (b"hello\nworld", "begins with b'hello"), (b"\0\1\2\3", r"begins with b'\\x00\\x01")],
+)
+def test_what_nobody_recognises_is_described(tmp_path, monkeypatch, content, message):
+    """With what it begins with, and the formats that were tried; a folder that is no store; options of no format."""
     (tmp_path / "a.bin").write_bytes(content)
-    with pytest.raises(error, match=f"a.bin {message}.*netCDF-3"):
+    with pytest.raises(OSError, match=f"a.bin {message}.*of no format .*netCDF-3"):
         tl.read_plane(tmp_path / "a.bin")
-
-
-def test_folders_options_and_permissions(tmp_path, monkeypatch):
-    """A folder that is no store; an option of no format; a file that may not be read."""
-    with pytest.raises(OSError, match="is an empty folder; it is of no format"):
-        tl.read_plane(tmp_path)
-    path = written(dataset(), tmp_path, "netcdf3")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match=r"is a folder of nothing ...; it is of no format"):
+        tl.read_plane(tmp_path / "folder")
+    path, _ = written(dataset(), tmp_path, "netcdf3")
     with pytest.raises(ValueError, match="netCDF-3, which says group itself or has none: leave"):
         tl.read_plane(path, group="run")
     with pytest.raises(TypeError, match=r"takes no 'varable' \(did you mean 'variable'\?\)"):
         tl.read_plane(path, varable="v")
 
-    def refused(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("pathlib.Path.open", refused)
-    with pytest.raises(OSError, match=r"a.data cannot be read: Permission denied"):
-        tl.read_plane(path)
-
 
 @pytest.mark.parametrize("keep", [0.1, 0.3, 0.6])
-def test_a_truncated_netcdf3_file_is_named(tmp_path, keep):
+@pytest.mark.parametrize("kind", ["netcdf3", *ARRAYS])
+def test_a_truncated_file_is_named(tmp_path, kind, keep):
     """In the header or in the values; and one that is cut while it is read."""
-    path = written(dataset(), tmp_path, "netcdf3")
-    whole, lazy = path.read_bytes(), tl.read_plane(path, lazy=True)
+    path, stated = written(dataset(values=np.tile(VALUES, (4, 1, 1)), time=np.arange(120) / RATE), tmp_path, kind)
+    whole, lazy = path.read_bytes(), tl.read_plane(path, lazy=True, **stated)
     path.write_bytes(whole[: int(keep * len(whole))])
-    with pytest.raises(OSError, match=r"a.data is truncated"):
-        tl.read_plane(path)
-    with pytest.raises(OSError, match=r"a.data:/v cannot be read from .* the file ends"):
+    with pytest.raises((OSError, ValueError), match=rf"{path.name}"):
+        tl.read_plane(path, **stated).load()
+    with pytest.raises(OSError, match=rf"{path.name}.* cannot be read from .* the file shrank"):
         lazy.read(0, 30)
 
 
-def test_records_of_several_variables_and_growth(tmp_path):
-    """Unlimited time: records interleave; frames added later are not in a plane opened before."""
-    path = tmp_path / "a.nc"
-    with netcdf_file(path, "w") as file:
-        file.createDimension("time", None)
-        file.createDimension("x", 4)
-        for name, dims, unit in [("time", "time", b"s"), ("x", "x", b"m"), ("p", "time x", b"Pa"),
-                                 ("v", "time x", b"m/s")]:  # fmt: skip
-            file.createVariable(name, "f4", dims.split()).units = unit
-        file.variables["x"][:] = X
-        file.variables["time"][:] = np.arange(30) / RATE
-        file.variables["p"][:] = np.full((30, 4), 7.0)
-        file.variables["v"][:] = VALUES[:, 0]
-    lazy = tl.read_plane(path, lazy=True)
-    with netcdf_file(path, "a") as file:
-        file.variables["time"][30:31] = [30 / RATE]
-        file.variables["v"][30:31] = np.ones((1, 4))
-    assert np.array_equal(lazy.load().velocity.numpy(), VALUES[:, 0].T)
-    assert tl.read_plane(path).samples == 31
-
-
-@pytest.mark.parametrize("kind", ["netcdf4", "netcdf3"])
+@pytest.mark.parametrize("kind", ["netcdf4", "netcdf3", "npy", "mat5", "mat73"])
 def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, kind):
     """A clear error that names the file, or a plane; no other exception."""
-    clean = written(dataset(), tmp_path_factory.mktemp(kind), kind).read_bytes()
-    path = tmp_path_factory.mktemp(kind) / "m.data"
+    path, stated = written(dataset(), tmp_path_factory.mktemp("mutated"), kind)
+    clean, form = path.read_bytes(), format_of(path)
 
     @settings(max_examples=60)
-    @given(st.integers(0, min(len(clean), 3000) - 1), st.integers(1, 255), st.booleans())
+    @given(st.integers(8, min(len(clean), 3000) - 1), st.integers(1, 255), st.booleans())
     def mutate(at, change, cut):
         content = bytearray(clean[:at] if cut else clean)
         if not cut:
@@ -562,19 +567,20 @@ def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, kind):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                found = tl.read_plane(path)
+                if form.recognises(path, bytes(content[:4096])):
+                    tl.read_plane(path, **stated)
             except (OSError, ValueError) as error:
-                assert "m.data" in str(error), error  # noqa: PT017
-            else:
-                assert found.velocity.dtype in (torch.float32, torch.float64)
+                assert path.name in str(error), error  # noqa: PT017
 
     mutate()
 
 
 @settings(max_examples=60)
-@given(key=st.sampled_from(["units", "scale_factor", "standard_name", "positive", "_FillValue"]),
-       value=st.one_of(st.text(max_size=8), st.floats(), st.integers(-5, 5), st.binary(max_size=4)),
-       where=st.sampled_from(["v", "time", "x"]))  # fmt: skip
+@given(
+    key=st.sampled_from(["units", "scale_factor", "standard_name", "positive", "_FillValue"]),
+    value=st.one_of(st.text(max_size=8), st.floats(), st.integers(-5, 5), st.binary(max_size=4)),
+    where=st.sampled_from(["v", "time", "x"]),
+)
 def test_mutated_attributes_are_errors_or_answers(tmp_path_factory, key, value, where):
     """Of the velocity and of its coordinates."""
     clean = tmp_path_factory.getbasetemp() / "clean.nc"

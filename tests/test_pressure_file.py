@@ -8,12 +8,11 @@ import h5py
 import numpy as np
 import pytest
 import torch
-import xarray
 from conftest import DATA, SHARED, turbulence
+from test_moments_file import same_bits
 
 import torchliner as tl
 from studies.resolved_pressure import read_resolved_pressure
-from torchliner.records import Interval, PointUncertainty
 
 FULL = {"n": SHARED / "data" / "resolved_liner_lbm.h5",
         "o": SHARED / "data" / "resolved_orifice_3d.h5"}  # fmt: skip
@@ -44,56 +43,6 @@ def record(**about) -> tl.PressureRecord:
         **about,
     }
     return tl.PressureRecord(about.pop("facesheet"), about.pop("backplate"), **about)
-
-
-def equal(one, two) -> bool:
-    if isinstance(one, torch.Tensor):
-        same = torch.isclose(one, two, rtol=0, atol=0, equal_nan=True)
-        return one.dtype == two.dtype and one.shape == two.shape and bool(same.all())
-    if isinstance(one, (Interval, PointUncertainty)):
-        return all(equal(value, vars(two)[name]) for name, value in vars(one).items())
-    return one == two
-
-
-@pytest.mark.parametrize(
-    "about",
-    [
-        {},
-        {"cell_pitch": None, "probe_cell": [0, 0, 0, 1, 1, -1]},
-        {"backplate": turbulence((SAMPLES,), seed=4)},
-        {"backplate": turbulence((6, SAMPLES), seed=4)},
-        {"facesheet": turbulence((2, 3, SAMPLES)), "x": [0.0, 1.0, 2.0], "z": [0.0, 1.0]},
-        {"facesheet": turbulence((SAMPLES,)), "x": 0.5, "z": 0.1},
-        {"facesheet": turbulence((6, SAMPLES)), "z": [0.1] * 6},
-        {"facesheet": None, "backplate": None, "x": None},
-        {"microphones": None, "microphone_y": None, "microphone_velocity": None},
-    ],
-)
-def test_round_trip(about, tmp_path):
-    """Every field comes back, in its precision."""
-    before = record(**about)
-    before.write(tmp_path / "p.h5")
-    after = tl.read_pressure(tmp_path / "p.h5")
-    for field in dataclasses.fields(before):
-        if field.name == "name":
-            continue
-        one, two = (getattr(each, field.name) for each in (before, after))
-        if field.name == "sampling_rate":
-            assert two == pytest.approx(one, rel=1e-12)
-        else:
-            assert equal(one, two), field.name
-    assert after.name == str(tmp_path / "p.h5")
-
-
-def test_xarray_opens_it(tmp_path):
-    """netCDF-4 with named dimensions and units."""
-    record().write(tmp_path / "p.nc")
-    with xarray.open_dataset(tmp_path / "p.nc", engine="h5netcdf") as file:
-        assert file["facesheet_pressure"].dims == ("time", "x")
-        assert file["backplate_pressure"].dims == ("time", "cell")
-        assert file["microphone_pressure"].dims == ("time", "microphone")
-        assert file["backplate_pressure"].attrs["units"] == "Pa"
-        assert file.attrs["schema"] == "torchliner pressure 1"
 
 
 def test_units_are_converted(tmp_path):
@@ -134,9 +83,8 @@ def test_shipped_files_are_the_simulations(case):
         ({"facesheet": None, "x": None}, "facesheet pressure is missing"),
         ({"facesheet": None, "backplate": None, "x": None, "microphones": None},
          "no pressure is given"),
-        ({"backplate": turbulence((2, 299))}, "backplate has 299 samples, facesheet 300; they "
-         "share one time base"),
-        ({"microphones": turbulence((3, 200))}, "microphones has 200 samples, facesheet 300"),
+        ({"backplate": turbulence((2, 299))}, r"backplate has shape \(2, 299\); \(backplate, 300 time\) is needed"),
+        ({"microphones": turbulence((3, 200))}, r"microphones has shape \(3, 200\); \(3 microphone, 300 time\)"),
         ({"backplate": turbulence((2, 2, SAMPLES))}, r"backplate has shape \(2, 2, 300\)"),
         ({"facesheet": torch.zeros(6, 0)}, "at least one sample"),
         ({"facesheet": torch.zeros(1, 1, 6, 3)}, "at most 2 axes before it"),
@@ -150,10 +98,10 @@ def test_shipped_files_are_the_simulations(case):
         ({"microphone_mach": 1.0}, "microphone_mach is 1; .* below Mach 1"),
         ({"microphone_mach": float("nan")}, "microphone_mach is nan"),
         ({"microphone_y": None}, "microphone_y is missing, the 3 distances"),
-        ({"microphone_y": [0.1]}, "microphone_y has 1 values for 3"),
+        ({"microphone_y": [0.1]}, r"microphone_y has shape \(1,\); \(3 microphone\)"),
         ({"microphone_y": [0.1, 0.2, float("inf")]}, "microphone_y holds values that are not"),
         ({"microphones": None}, "microphones have no pressure"),
-        ({"microphone_velocity": turbulence((2, SAMPLES))}, "they go together"),
+        ({"microphone_velocity": turbulence((2, SAMPLES))}, r"microphone_velocity has shape \(2, 300\);"),
         ({"probe_cell": [0, 1]}, "probe_cell has 2 values for 6 probes"),
         ({"probe_cell": [0, 0, 0, 2, 2, 2]}, "numbered 0, 1, 2, ... without gaps"),
         ({"probe_cell": [-1] * 6}, "numbered 0, 1, 2"),
@@ -222,7 +170,7 @@ def replace(name, values, units="Pa"):
          "a velocity is needed"),
         (lambda f: f["cavity_depth"].attrs.__setitem__("units", "Pa"), "a length is needed"),
         (lambda f: f.__delitem__("backplate_pressure"), "backplate pressure is missing"),
-        (replace("backplate_pressure", np.zeros((77, 2))), "/time has 300 values"),
+        (replace("backplate_pressure", np.zeros((77, 2))), "there are 300 times"),
         (replace("backplate_pressure", np.zeros((300, 2), dtype=int)), "is int64"),
         (lambda f: f.__delitem__("time"), "time is missing"),
         (replace("time", np.arange(300) ** 2 / 1e5, "s"), "is not uniform"),
@@ -236,17 +184,7 @@ def test_spoiled_files(change, match, tmp_path):
         tl.read_pressure(spoiled(tmp_path / "p.h5", change))
 
 
-def test_files_that_are_none(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no such file"):
-        tl.read_pressure(tmp_path / "nothing.h5")
-    (tmp_path / "text.h5").write_text("not HDF5")
-    with pytest.raises(OSError, match="is not an HDF5"):
-        tl.read_pressure(tmp_path / "text.h5")
-    record().write(tmp_path / "p.h5")
-    whole = (tmp_path / "p.h5").read_bytes()
-    (tmp_path / "short.h5").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(OSError, match="truncated"):
-        tl.read_pressure(tmp_path / "short.h5")
+def test_a_file_without_signals_is_refused(tmp_path):
     with h5py.File(tmp_path / "empty.h5", "w"):
         pass
     with pytest.raises(ValueError, match="facesheet_pressure is missing; the file holds: nothing"):
@@ -260,24 +198,15 @@ def test_points_go_through_files(tmp_path):
     found = tl.in_situ(tl.read_pressure(DATA / "pressure_g01_145.h5"), [1000.0, 1400.0])
     found.write(tmp_path / "z.h5")
     again = tl.read_points(tmp_path / "z.h5")
-    for field in dataclasses.fields(found):
-        if field.name != "choices":
-            assert equal(getattr(found, field.name), getattr(again, field.name)), field.name
+    assert same_bits(again.uncertainty, found.uncertainty)
     assert again.at(1400.0) == 1
     assert again.at(1401.0) is None
     found.write(tmp_path / "z.csv")
     lines = (tmp_path / "z.csv").read_text().splitlines()
     assert len(lines) == 1 + 2 * (292 + 2 + 1)
-    last = complex(*(float(v) for v in lines[-1].split(",")[6:8]))
-    assert last == pytest.approx(complex(found.liner_impedance_pressure_first[1]), abs=1e-8)
-    with pytest.raises(ValueError, match="is no set of point impedances: its schema is"):
-        tl.read_points(DATA / "pressure_n130.h5")
-    with h5py.File(tmp_path / "z.h5", "r+") as file:
-        del file["point_z"]
-        file["point_z"] = np.zeros(3)
-        file["point_z"].attrs["units"] = "m"
-    with pytest.raises(ValueError, match=r"z.h5:/point_z has shape \(3,\), \(point\); point is"):
-        tl.read_points(tmp_path / "z.h5")
+    last = found.to_dataframe("liners").iloc[-1]
+    last = complex(last["resistance_pressure_first"], last["reactance_pressure_first"])
+    assert last == complex(found.liner_impedance_pressure_first[1])
     with pytest.raises(ValueError, match=r"cell_z has shape \(1,\)"):
         dataclasses.replace(found, cell_z=torch.zeros(1))
     with pytest.raises(TypeError, match="a complex tensor is needed"):

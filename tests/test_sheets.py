@@ -334,19 +334,10 @@ BAD = [
     ("melling", {"porosity": 5.5}, r"'melling': porosity is 5.5; .* at most 1 \(5 % is 0.05\)"),
     ("perforate", {"porosity": 1.0, "thickness": 1e-4}, r"-1.9e-05 m together .*holds to 0.77"),
     ("guess", {"porosity": 0.0}, "porosity is 0; it is above 0"),
-    ("maa", {"orifice_diameter": 0.3}, r"orifice_diameter is 0.3 m; .*0.1 m \(1 mm is 0.001 m\)"),
-    ("goodrich", {"thickness": 0.8}, "thickness is 0.8 m; .*at most 0.1 m"),
     ("goodrich", {"mach": -0.1}, "mach is -0.1; it is at least 0"),
-    ("guess", {"mach": 30.0}, "mach is 30; it is at least 0 and at most 1"),
     ("goodrich", {"mach": 0.3}, "mach is 0.3 and displacement_thickness is 0 m; state it"),
-    ("two-parameter", {"mach": 0.3, "displacement_thickness": 1.5}, "is 1.5 m; .*at most 0.1 m"),
     ("mesh", {"resistance_rayl": -1.0}, "resistance_rayl is -1 Pa s/m; it is at least 0"),
-    ("mesh", {"surface_mass": float("nan")}, "surface_mass is nan"),
-    *(
-        (law, {"discharge_coefficient": 1.2}, "discharge_coefficient is 1.2; .*at most 1")
-        for law in ("two-parameter", "maa", "melling")
-    ),
-    ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15 .* holds to 1, law 'two-p"),
+    ("goodrich", {"thickness": 2e-3}, "discharge coefficient of 1.15; .* holds to 1, law 'two-p"),
 ]
 
 
@@ -360,5 +351,5 @@ def test_bad_input(law, change, message):
 def test_kinds():
     """Text, truth values and nothing are no numbers."""
     for value in ("0.05", True, None):
-        with pytest.raises(TypeError, match="sheet 'maa': porosity"):
+        with pytest.raises(TypeError, match="layer 'maa': porosity"):
             make("maa", porosity=value)

@@ -96,17 +96,6 @@ def partly_virtual(file):
     file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
 
 
-def twice_virtual(file):
-    """As many values as the dataset has, some of them twice."""
-    shape = file[V].shape
-    layout = h5py.VirtualLayout(shape, "f4")
-    source = h5py.VirtualSource("part.h5", "v", (shape[0] // 2, *shape[1:]))
-    for first in (0, 2):
-        layout[first : first + shape[0] // 2] = source
-    del file[V]
-    file.create_virtual_dataset(V, layout).attrs["units"] = "m/s"
-
-
 def without_source(file):
     shape = file[V].shape
     layout = h5py.VirtualLayout(shape, "f4")
@@ -118,14 +107,13 @@ def without_source(file):
 PLANES = {
     "chunks never written": (half_written, rf"{V}: 2 of 4 chunks were never written .* read as 0"),
     "values never written": (without_values(V, "m/s"), f"{V} holds no values: none of its 240"),
-    "empty": (lambda f: replaced(f, V, h5py.Empty("f4")), f"{V} has shape None"),
+    "empty": (lambda f: replaced(f, V, h5py.Empty("f4")), rf"{V} has shape \(\)"),
     "height never written": (without_values("height", "m"), "height holds no values"),
     "a link": (linked("height", h5py.SoftLink("/h")), "height is a link to /h, which is not ther"),
     "a link elsewhere": (
         linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
-    "raw storage": (raw_storage, rf"{V} keeps its values outside the file, in v.raw.*h5repack"),
+    "raw storage": (raw_storage, rf"{V} keeps its values outside the file; .*h5repack"),
     "half a virtual set": (partly_virtual, rf"{V} is a virtual .* sources for 60 of its 240"),
-    "parts twice": (twice_virtual, rf"{V} is a virtual .* sources for 144 of its 240"),
     "no source": (without_source, rf"{V} is a virtual dataset whose source .*part.h5 is not there"),
     "a scale is gone": (gone("x"), rf"{V}: the dimension scale of axis 2 is no longer in the file"),
     "x of index units": (set_attribute("x", "units", "1"), "x has units '1', but is no index"),
@@ -149,64 +137,11 @@ def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
         read_plane(path, lazy)
 
 
-def two_lengths(file):
-    group = file["amplitudes"]
-    for part in ("real", "imaginary"):
-        values = group[f"reflection_{part}"][()]
-        replaced(group, f"reflection_{part}", np.concatenate(2 * [values]))
-
-
-MAPS = {
-    "two lengths": (two_lengths, r"probes is \(1, 2\) elsewhere in the f"),
-    "coherence": (
-        lambda f: replaced(f, "coherence", f["coherence"][..., :0]), r"frequency is \(\d,\) else"),
-    "an axis too many": (
-        lambda f: replaced(f, "cell_x", f["cell_x"][()][None]), r"cell_x has shape .* \(cell\) is"),
-    "frequency": (lambda f: replaced(f, "frequency", 0 * f["frequency"][()]), "above 0"),
-    "a flag of 2": (
-        lambda f: replaced(f, "phase_rule_used", f["phase_rule_used"][()] + 2), "than 0 and 1"),
-    "choices": (set_attribute("", "choices", "[]"), "'choices' is .*; an object is needed"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", MAPS)
-def test_results_of_other_shapes_are_refused(tmp_path, kind):
-    """No part of a result is broadcast to another."""
-    edit, message = MAPS[kind]
-    path, read = edited(tmp_path, edit, "map")
-    with pytest.raises(ValueError, match=message):
-        read(path)
-
-
 @pytest.mark.parametrize(("unit", "factor"), [("kHz", 1e3), ("Hz", 1.0)])
 def test_units_of_results_are_read(tmp_path, unit, factor):
     """A map in kHz is no map in Hz."""
     path, read = edited(tmp_path, set_attribute("frequency", "units", unit), "map")
     assert torch.equal(read(path).frequency, factor * hand_map().frequency)
-
-
-def packed(dtype, **attributes):
-    def edit(file):
-        values = file[V][()]
-        stored = np.rint((values - 10) / 0.001) if dtype == "i2" else (values - 10) / 0.001
-        stored[3, 1, 2] = -32000
-        new = replaced(file, V, stored.astype(dtype), chunks=(7, 3, 4))
-        new.attrs.update({"scale_factor": 0.001, "add_offset": 10.0, **attributes})
-
-    return edit
-
-
-@pytest.mark.parametrize("lazy", [False, True])
-@pytest.mark.parametrize("dtype", ["i2", "f4", "f8"])
-@pytest.mark.parametrize("mark", [{"_FillValue": -32000}, {"missing_value": -32000.0}, {"valid_min": -31000}])
-def test_packed_velocities_are_unpacked(tmp_path, dtype, mark, lazy):
-    """CF: value = factor * stored + offset, nan where there is none, on integers and on floats."""
-    path, _ = edited(tmp_path, packed(dtype, **mark))
-    wanted = KINDS["plane"][0]().velocity.clone()
-    wanted[1, 2, 3] = torch.nan
-    found = read_plane(path, lazy).load().velocity
-    assert torch.equal(found.isnan(), wanted.isnan())
-    assert float((found - wanted).nan_to_num().abs().max()) < (6e-4 if dtype == "i2" else 2e-5)
 
 
 def test_packed_numbers_are_unpacked(tmp_path):
@@ -258,24 +193,19 @@ def test_values_of_other_files_are_named(tmp_path, monkeypatch, way):
         with h5py.File(tmp_path / "part.h5", "r+") as other:
             del other["v"]
             other["v"] = np.ones((19, 3, 4))
-        with pytest.raises(ValueError, match=r"more of its source .* than there is, \(19, 3, 4"):
+        with pytest.raises(ValueError, match="is not there, or holds too few values"):
             read(path)
 
 
-@pytest.mark.parametrize("name", ["memory", "one chunk", "times"])
-def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, name):
-    """Nothing of it is read first."""
-    monkeypatch.setattr(file_checks, "machine_memory", lambda: 3000.0)
+@pytest.mark.parametrize("longer", [False, True])
+def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, longer):
+    """Nothing of it is read first: of the velocity, or of times that are too long already."""
 
     def edit(file):
-        if name == "one chunk":
-            replaced(file, V, file[V][()], chunks=(20, 3, 4), compression="gzip")
-        if name == "times":
-            shape = (400, *file[V].shape[1:])
+        if longer:
             replaced(file, "time", np.arange(400) / RATE)
-            replaced(file, V, np.zeros(shape, "f4"))
+            replaced(file, V, np.zeros((400, *file[V].shape[1:]), "f4"))
 
-    monkeypatch.undo() if name == "memory" else None
     path, read = edited(tmp_path, edit)
     monkeypatch.setattr(file_checks, "machine_memory", lambda: 1000.0)
     with pytest.raises(ValueError, match=r"a.h5:/.* takes .* GB; this machine has 1e-06 GB"):

@@ -12,7 +12,7 @@ import xarray
 import torchliner as tl
 from studies.resolved_cases import read_channel
 from torchliner import file_checks
-from torchliner.io.arrays import plane_from_array, read_array
+from torchliner.io.arrays import read_array
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.microphone_file import read_microphones
 from torchliner.io.signal_file import read_signal
@@ -188,15 +188,6 @@ def of(values, **about):
     return tl.VelocityPlane(values, sampling_rate=1e4, **about)
 
 
-@pytest.mark.parametrize("dims", [("time", "z", "x"), ("x", "time", "z"), ("z", "x", "time")])
-def test_axes_with_names_are_taken_by_name(dims):
-    """Whatever their order in the array."""
-    array = xarray.DataArray(V, dims=("time", "z", "x"), attrs={"units": "m/s"}).transpose(*dims)
-    assert torch.equal(of(array).velocity, torch.from_numpy(V).movedim(0, -1))
-    assert torch.equal(of(array[..., 0, :] if dims[1] == "z" else array, x=None).velocity,
-                       of(array[..., 0, :] if dims[1] == "z" else array).velocity)  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
@@ -226,8 +217,7 @@ def test_masked_velocities_are_missing():
     """They are nan, which educe refuses or leaves out, in all ways in."""
     masked = np.ma.masked_greater(V[:, 0].T, 1.0)
     wanted = torch.from_numpy(np.where(V[:, 0].T > 1.0, np.nan, V[:, 0].T))
-    for found in (of(masked), of(list(masked)),
-                  plane_from_array(masked, ["x", "time"], "m/s", 1e4)):  # fmt: skip
+    for found in (of(masked), of(list(masked))):
         assert torch.equal(found.velocity.isnan(), wanted.isnan())
         assert torch.equal(found.velocity.nan_to_num(), wanted.nan_to_num())
 

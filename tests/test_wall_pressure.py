@@ -76,7 +76,7 @@ def test_incident_and_reflected(side, rank, order):
     back, beta = wave(side, back=True)
     amplitude = 600 * np.exp(0.7j)
     line = line_of(100 * there + amplitude * back, side)
-    with pytest.warns(tl.DataWarning, match="of the energy of the strongest wave at worst"):
+    with pytest.warns(tl.DataWarning, match="of the energy of the strongest wave: the source may"):
         found = kumaresan_tufts(line, rank=rank, order=order)
     # Both waves are of one wall: the impedance alone could not tell which was taken.
     assert relative_error(found.wavenumber, alpha) < 1e-9
@@ -286,7 +286,7 @@ def test_single_precision_data():
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"order": 7}, "12 microphones are fewer than twice the order, 7; lower the order to 6"),
+        ({"order": 7}, "12 microphones are fewer than twice the order, 7; the most is 6"),
         ({"order": 0}, "fewer than twice the order, 0"),
         (
             {"rank": 7},
@@ -317,27 +317,12 @@ def test_whole_numbers_are_needed(options):
     assert numpy_s.choices["rank"] == 1
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_few_microphones_are_named(count):
-    """Neither rank nor order was given; both follow from the microphones."""
-    line = line_of(wave("upstream")[0]).select(range(count))
-    said = f"{count} microphones allow an order of 1, half of them, .* 2; use at least 4 micro"
-    with pytest.raises(ValueError, match=said):
-        kumaresan_tufts(line)
-    assert kumaresan_tufts(line, rank=1).order == 1
-
-
 def test_unequal_spacing_names_the_microphone():
     x = X.clone()
     x[7] += 1e-3
     with pytest.raises(ValueError, match=r"method needs equal spacing, but microphone 7 at x = "
                        r"85 mm is \+0\.9\d* mm off an even grid of 12 mm"):  # fmt: skip
         kumaresan_tufts(line_of(wave("upstream", x)[0], x=x))
-
-
-def test_unknown_side_is_asked_for():
-    with pytest.raises(ValueError, match="source_side is 'unknown'"):
-        kumaresan_tufts(line_of(wave("upstream")[0], side="unknown"))
 
 
 def test_a_source_on_the_wrong_side():
@@ -384,9 +369,9 @@ def test_results_are_checked():
         _ = found.mean
     with pytest.raises(ValueError, match="level is 95; it must be between 0 and 1"):
         found.interval(95)
-    with pytest.raises(ValueError, match=r"residual has shape \(2,\); \(3,\) is needed"):
+    with pytest.raises(ValueError, match=r"residual has shape \(2,\); \(draws, 3 frequency\) is needed"):
         dataclasses.replace(found, residual=found.residual[:2])
-    with pytest.raises(ValueError, match=r"wavenumber has shape \(3,\) for 1 frequencies"):
+    with pytest.raises(ValueError, match=r"impedance has shape \(3,\); \(draws, 1 frequency\)"):
         dataclasses.replace(found, frequency=FREQUENCY[:1])
     with pytest.raises(TypeError, match=r"impedance is torch\.float64"):
         dataclasses.replace(found, impedance=found.residual)

@@ -44,8 +44,6 @@ LINER_MODELS = {  # classes by the ``model`` of liner files, whose keys are thei
     "adjusted-sdof": "torchliner.liners.sdof:AdjustedSDoFLiner",
     "layered": "torchliner.liners.layered:LayeredLiner",
 }
-CURVE_SHAPES = ("law", "smooth")  # prior shapes of a curve over |v|
-REACTANCES = ("falling", "rising")  # over |v|
 SOURCE_SIDES = ("upstream", "downstream", "normal", "none", "unknown")
 VELOCITY_READINGS = ("as_measured", "conserved")
 
@@ -86,16 +84,7 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 }  # fmt: skip
 
 # Files. A new format is a file with the function and a row here.
-PLANE_LAYOUTS = {  # of `convert`: function of a path and of options by name to a plane; what it is
-    "array": ("torchliner.io.arrays:read_array_plane", "one variable, all stated here"),
-}
-ARRAY_ENDINGS = {  # functions of a path and the name of a variable or None, to an array
-    ".npy": "torchliner.io.arrays:read_npy",
-    ".mat": "torchliner.io.arrays:read_matlab",
-    ".h5": "torchliner.io.arrays:read_hdf5",
-    ".hdf5": "torchliner.io.arrays:read_hdf5",
-    ".nc": "torchliner.io.arrays:read_hdf5",
-}
+ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
 NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
 RESULT_WRITERS = {  # beside .h5 and .csv: objects of the class ResultWriter
     ".vtkhdf": "torchliner.io.vtkhdf_result:WRITER",
@@ -111,11 +100,11 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "openfoam-surfaces": "torchliner.io.openfoam_surfaces:FORMAT",
     "vtk": "torchliner.io.vtk_series:FORMAT",
     "vtkhdf": "torchliner.io.vtkhdf:FORMAT",
-    "matlab": "torchliner.io.array_planes:MATLAB_FORMAT",
-    "npy": "torchliner.io.array_planes:NPY_FORMAT",
+    "matlab": "torchliner.io.arrays:MATLAB_FORMAT",
+    "npy": "torchliner.io.arrays:NPY_FORMAT",
     "csv": "torchliner.io.csv_histories:FORMAT",
-    "zarr": "torchliner.io.xarray_plane:FORMAT",
-    "netcdf3": "torchliner.io.netcdf3:FORMAT",
+    "zarr": "torchliner.io.foreign:STORE",
+    "netcdf3": "torchliner.io.foreign:NETCDF3",
     "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it

@@ -174,7 +174,8 @@ def read_columns(
             raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {count}")
     cells = {c.name: [row[c.index] if c.index < len(row) else "" for row in rows] for c in columns}
     if padded:
-        cells = {name: _filled(texts) for name, texts in cells.items()}
+        filled = {name: max((i for i, text in enumerate(texts, 1) if text), default=0) for name, texts in cells.items()}
+        cells = {name: texts[: filled[name]] for name, texts in cells.items()}
     comma = _has_comma(cells, numbers, path)
     found = {}
     for column in columns:
@@ -254,27 +255,18 @@ def _has_comma(columns: Mapping[str, Sequence[str]], numbers: Sequence[int], pat
     return "," in seen
 
 
-def _filled(texts: list[str]) -> list[str]:
-    """The cells before the blank ones at the end."""
-    return texts[: max((i for i, text in enumerate(texts, 1) if text), default=0)]
-
-
 def _numbers(texts: Sequence[str]) -> Array:
     """Numbers; nan where there is none."""
-    if _is_plain("".join(texts)):
+    whole = "".join(texts)
+    if whole.isascii() and "_" not in whole:
         with suppress(ValueError):
             return np.array(texts, dtype=np.str_).astype(np.float64)
     return np.array([number_of(text) for text in texts])
 
 
-def _is_plain(text: str) -> bool:
-    """Whether it has no signs of numbers that Python reads alone: 1_000, and other scripts."""
-    return text.isascii() and "_" not in text
-
-
 def number_of(text: str) -> float:
-    """The number that a cell holds; nan where there is none."""
+    """The number that a cell holds; nan where there is none, or one that Python reads alone: 1_000, other scripts."""
     with suppress(ValueError):
-        if _is_plain(text):
+        if text.isascii() and "_" not in text:
             return float(text)
     return np.nan

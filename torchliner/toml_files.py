@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 import reprlib
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from torchliner.file_checks import read_bytes
 from torchliner.fluid import Fluid
@@ -28,6 +27,7 @@ class Strict(BaseModel):
 
 
 Table = TypeVar("Table", bound=Strict)
+Pair = Annotated[tuple[float, float], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)]
 
 
 class FluidTable(Strict):
@@ -139,7 +139,7 @@ def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables
         ValueError: mistakes, all of them listed, each mistyped key with the nearest valid one.
     """
     try:
-        return model.model_validate_json(json.dumps(content, default=str))  # strict, but for arrays, which are tuples
+        return model.model_validate(content)
     except ValidationError as error:
         found = error.errors()
         mistakes = [_explain(mistake, model, tables) for mistake in found[:MISTAKES]]
@@ -165,5 +165,6 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
         return f"{place}: {name} is {stated}" + (f"; it is one of {', '.join(known)}" if known else "")
     if mistake["type"] == "list_type" and isinstance(mistake["input"], Mapping):
         return f"{place}: write [[{place}]], with two brackets, for each of its tables"
-    message = mistake["msg"].removeprefix("Value error, ").replace("an object", "a table")
+    message = mistake["msg"].removeprefix("Value error, ")
+    message = message.replace("a valid dictionary or object to extract fields from", "a table")
     return f"{place} = {reprlib.repr(mistake['input'])}: {message[0].lower()}{message[1:]}"

@@ -11,6 +11,7 @@ import numpy as np
 from studies.resolved_liner import (
     complex_attribute,
     preset_of,
+    read_attribute,
     require_case,
     resolved_cases,
     resolved_fluid,
@@ -24,7 +25,6 @@ from torchliner.io.hdf5 import (
     is_there,
     open_file,
     place,
-    read_attribute,
     read_si,
     text_attribute,
 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from torchliner.checks import require_positive, tell
 from torchliner.fluid import Fluid
-from torchliner.io.hdf5 import is_there, open_file, read_attribute, read_si
+from torchliner.io.hdf5 import is_there, open_file, read_si
 from torchliner.liners.catalogue import load_liner
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import did_you_mean
@@ -28,6 +28,18 @@ GRIDS = {
 GEOMETRY = ("facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth",
             "cavity_hydraulic_radius", "cavity_porosity", "cell_pitch")  # fmt: skip
 SAME_GEOMETRY = 1e-3  # relative
+
+
+def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
+    """A number among the attributes.
+
+    Raises:
+        ValueError: there is none of this name, or it is no single finite number.
+    """
+    value = np.asarray(group.attrs.get(key, "missing"))
+    if value.size != 1 or value.dtype.kind not in "fiu" or not np.isfinite(value).all():
+        raise ValueError(f"{path}:{group.name}: attribute {key!r} is {value}; one finite number is needed")
+    return float(value.reshape(()))
 
 
 def resolved_cases(path: str | Path) -> dict[str, list[float]]:

@@ -10,6 +10,7 @@ from studies.resolved_cases import resolved_provenance, time_last
 from studies.resolved_liner import (
     complex_attribute,
     liner_of_group,
+    read_attribute,
     require_case,
     resolved_cases,
     resolved_fluid,
@@ -17,7 +18,7 @@ from studies.resolved_liner import (
 )
 from torchliner.checks import plain_number
 from torchliner.io.axes import read_times
-from torchliner.io.hdf5 import open_file, read_attribute, read_si
+from torchliner.io.hdf5 import open_file, read_si
 from torchliner.records import PressureRecord
 
 # The file's own impedances by the name a reader knows them under.

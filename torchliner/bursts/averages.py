@@ -142,7 +142,8 @@ def interval_of(
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
     parts = value, 0 * value if bias is None else bias, power, square, quantile, runs
-    flat = intervals.impedance_interval(*(part.flatten() for part in parts), conversion)
+    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
+    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
     return flat.map(lambda each: each.reshape(value.shape))
 
 

@@ -101,8 +101,8 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
         if unasked and left < DAMPED:
             text = f"the stated tone of {tone:g} Hz, of which {grid.method} reconstruction leaves {left:.3f}, is"
             notes = (f"{text} corrected: it drives |v| at all frequencies",)
-        own = dataclasses.replace(damping, **own)
-        signal = corrected_coherent_part(signal, own, noise=choices.correction == "tone-and-noise")
+        alone = dataclasses.replace(damping, **own)
+        signal = corrected_coherent_part(signal, alone, noise=choices.correction == "tone-and-noise")
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop),
         sampling_rate=grid.rate,

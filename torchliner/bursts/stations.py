@@ -108,14 +108,12 @@ def resolution(values: Tensor) -> float:
 
 @dataclass(frozen=True)
 class ComponentMoments:
-    """Mean and rms (m/s) and third moment (m3/s3) about the mean, plain and with transit times as weights."""
+    """Mean and rms, m/s, plain and with transit times as weights."""
 
     mean: float
     rms: float
-    third: float
     weighted_mean: float
     weighted_rms: float
-    weighted_third: float
 
     @property
     def velocity_bias(self) -> float:
@@ -144,7 +142,7 @@ class BurstMoments:
 
 
 def burst_moments(record: BurstRecord) -> BurstMoments:
-    r"""Means, rms values and third moments, and the statistics of arrival, of bursts in the order of time.
+    r"""Means, rms values and the statistics of arrival, of bursts in the order of time.
 
     A particle is the likelier to arrive the faster the flow, so the mean over bursts favours fast ones;
     :math:`\sum v_i\tau_i/\sum\tau_i` with the transit times gives back the mean over time.
@@ -155,8 +153,7 @@ def burst_moments(record: BurstRecord) -> BurstMoments:
         for weights in (torch.ones_like(values), record.weights):
             share = weights / weights.sum()
             mean = (share * values).sum()
-            rest = values - mean
-            found += [float(mean), float((share * rest**2).sum().sqrt()), float((share * rest**3).sum())]
+            found += [float(mean), float((share * (values - mean) ** 2).sum().sqrt())]
         components[name] = ComponentMoments(*found)
     steps = record.arrival_time.diff()
     duration, about = float(steps.sum()), (math.nan,) * 3

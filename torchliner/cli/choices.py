@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 from torchliner import names
-from torchliner.cli.options import NUMBER, Option, given, group
+from torchliner.cli.options import INDEX, NUMBER, Option, group
 from torchliner.cli.signatures import of
 
 SHOWN = "averaging phase drive mean interval wall_filter device dtype kernel window segment"  # by --help
@@ -36,16 +35,9 @@ EDUCED = choices()
 SELECTION = of("io.planes:read_plane", "start stop every region", group="part of the data")
 STATED = of(
     "io.plane_format:PlaneRequest",
-    "variable group axes velocity_units length_units sampling_rate normal wall_normal_component x z points holes "
+    "variable group axes velocity_units length_units sampling_rate normal row wall_normal_component x z points holes "
     "overlap",
     group="missing metadata",
+    row={"kind": INDEX},
 )
 READING = group("part of the data", *SELECTION, further=True) + group("missing metadata", *STATED, further=True)
-
-
-def reading(options: argparse.Namespace, declared: list[Option] = READING) -> dict[str, Any]:
-    """What the user said of the data, for ``read_plane``."""
-    found = given(options, declared)
-    if "axes" in found:
-        found["axes"] = found["axes"].split(",")
-    return found

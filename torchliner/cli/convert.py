@@ -5,36 +5,26 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
-from inspect import signature
-from typing import TYPE_CHECKING
 
 import torchliner as tl
 from torchliner.cli import options as opt
-from torchliner.cli.choices import SELECTION, STATED, reading
+from torchliner.cli.choices import SELECTION, STATED
 from torchliner.cli.files import show_results
 from torchliner.cli.messages import progress_bar
 from torchliner.cli.signatures import of
-from torchliner.names import ARRAY_ENDINGS, PLANE_LAYOUTS, resolve
-
-if TYPE_CHECKING:
-    from torchliner.records import VelocityPlane
 
 EXAMPLES = ("'run_*.nc' -o plane.h5 --normal y",)
-MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text) in PLANE_LAYOUTS.items())
 SCALING = "scaling (time scales by length over velocity)"
 ABOUT = [opt.Option("--height", "above the liner, m", opt.M), *opt.CASE]
-ARRAYS = of("io.arrays:plane_from_array", "towards_liner y row", group="arrays", row={"kind": opt.INDEX})
 OPTIONS = [
     opt.Option("source", "file or folder of any format of planes, or 'run_*.nc': restarts to join", opt.PATH),
     opt.output("write the plane", *opt.HDF5, required=True),
-    opt.Option("--layout", f"{MEANINGS}; default: what the file says", PLANE_LAYOUTS),
     opt.Option("--compress", "gzip: smaller, slower to read"),
     opt.Option("--compress-level", "of --compress: 1, quick, to 9, small; default 9", opt.INDEX),
     *of("io.plane_writer:write_plane", "memory"),
     *opt.PRINTING,
     *SELECTION,
     *STATED,
-    *ARRAYS,
     *opt.group("about the case (SI, of the plane as written; default: not stated)", *ABOUT),
     opt.Option("--scale-length", "of lengths; default 1", opt.NUMBER, default=1.0, group=SCALING),
     opt.Option("--scale-velocity", "of velocities; default 1", opt.NUMBER, default=1.0, group=SCALING),
@@ -50,7 +40,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.compress_level is not None and not options.compress:
         raise ValueError("--compress-level is of --compress; give that as well, or leave --compress-level out")
-    plane, facts = _read(options), opt.given(options, ABOUT)
+    plane = tl.read_plane(options.source, lazy=True, **opt.given(options, [*SELECTION, *STATED]))
+    facts = opt.given(options, ABOUT)
     if "incident_level" in facts:  # of the plane as written
         plane = replace(plane, incident_level=None)
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
@@ -74,28 +65,3 @@ def run(options: argparse.Namespace) -> int:
     speed = f"{size / 1e6:.3g} MB in {took:.2g} s, {size / 1e6 / max(took, 1e-3):.3g} MB/s"
     show_results(options, f"{words}; {speed}", found)
     return 0
-
-
-def _read(options: argparse.Namespace) -> VelocityPlane:
-    """By what the file says, or by a layout, which is stated or the only way to read it."""
-    from torchliner.io.plane_selection import select
-    from torchliner.io.planes import format_of, paths_of
-
-    layout = options.layout
-    if layout is None and (options.row is not None or options.y is not None):
-        layout = "array"
-    try:
-        for path in paths_of(options.source) if layout is None else ():
-            format_of(path)
-    except OSError:
-        if options.source.suffix.lower() not in ARRAY_ENDINGS:
-            raise
-        layout = "array"
-    if layout is None:
-        plane = tl.read_plane(options.source, lazy=True, **reading(options))
-        return select(plane, factor=-1.0) if options.towards_liner else plane
-    read = resolve(PLANE_LAYOUTS[layout][0])
-    part, stated = opt.given(options, SELECTION), opt.given(options, [*STATED, *ARRAYS])
-    if foreign := sorted(stated.keys() - signature(read).parameters):
-        raise ValueError(f"--layout {layout} takes no {opt.spelled(foreign)}; leave that or --layout out")
-    return select(read(options.source, **stated), **part)

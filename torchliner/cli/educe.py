@@ -32,7 +32,7 @@ OWN = [
     ),
     opt.Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", opt.FILE),
 ]
-OPTIONS = [*OWN, *CASE, opt.HASH, *opt.CLUSTER, *opt.PICTURES_OF, *opt.PRINTING, opt.STRICT, *EDUCED, *READING]
+OPTIONS = [*OWN, *CASE, *opt.CLUSTER, *opt.PICTURES_OF, *opt.PRINTING, opt.STRICT, *EDUCED, *READING]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -71,13 +71,11 @@ def run(options: argparse.Namespace) -> int:
 
 def finish(options: argparse.Namespace, found: list[ImpedanceMap], planes: list[Any], outputs: list[Path]) -> int:
     """Write, draw and print maps; the exit code."""
-    from torchliner.records.origin import with_choices, with_whole_hashes
+    from torchliner.records.origin import with_choices
     from torchliner.report.map_table import format_maps, plain_map
     from torchliner.report.pictures import draw_pictures
 
     found = [with_choices(each, command=options.typed) for each in found]
-    if options.hash:
-        found = [with_whole_hashes(each) for each in found]
     for path, result in zip(outputs, found, strict=False):
         result.write(path)
     if options.figure is not None:

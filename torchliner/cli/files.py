@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torchliner as tl
-from torchliner.cli.choices import reading
+from torchliner.cli.choices import READING
 from torchliner.cli.messages import print_json
-from torchliner.cli.options import spelled
+from torchliner.cli.options import given, spelled
 
 if TYPE_CHECKING:
     from torchliner.engine.moments import Moments
@@ -68,7 +68,7 @@ def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: boo
                 f"{path} holds moments of |v|; its time samples are gone, which this needs: name "
                 "the plane file that was reduced"
             )
-    return [tl.read_plane(path, lazy=lazy, **reading(options)) for path in paths]
+    return [tl.read_plane(path, lazy=lazy, **given(options, READING)) for path in paths]
 
 
 def seen_from_anywhere(options: argparse.Namespace, paths: Sequence[Path]) -> list[Path]:
@@ -84,7 +84,7 @@ def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Rec
     """
     from torchliner.io.moments_file import holds_moments
 
-    said = reading(options)
+    said = given(options, READING)
     facts = {"holes": tl.read_holes(said.pop("holes"))} if "holes" in said else {}
     found: list[Record] = []
     for path in paths:

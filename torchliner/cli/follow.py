@@ -8,7 +8,7 @@ from typing import Any
 
 import torchliner as tl
 from torchliner.cli import options as opt
-from torchliner.cli.choices import NO_GIVEN_PHASE, STATED, choices, reading
+from torchliner.cli.choices import NO_GIVEN_PHASE, STATED, choices
 from torchliner.cli.files import preset_named
 from torchliner.cli.messages import print_json
 
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
             raise ValueError(f"--{name} is {value:g}; it is above 0")
     if options.until is not None and options.no_intervals:
         raise ValueError("--until asks for the interval, which --no-intervals leaves out")
-    frames = Frames(options.plane, reading(options, READING))
+    frames = Frames(options.plane, opt.given(options, READING))
     liner = options.liner
     if liner is None:
         liner = preset_named(tl.read_plane(frames.files()[0], lazy=True, **frames.request).liner, options.plane)

@@ -29,8 +29,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report import study_figures as figures
     from torchliner.report.studies import format_heights, height_table
     from torchliner.report.study_table import plain_of, table_of
-    from torchliner.studies.heights import study_heights
-    from torchliner.studies.recommend import recommend_height
+    from torchliner.studies.heights import recommend_height, study_heights
 
     planes = read_records(options.planes, options)
     liner = only_liner(options.liner, planes, options.planes)

@@ -19,7 +19,7 @@ EXAMPLES = (
     "low.h5 high.h5 --free vena_contracta --free vena_contracta,mass_loss -o law.toml",
 )
 CHOICES = choices("drive mean missing allow_short")
-CURVE = of("studies.identify:identify", "rest freedom prior reactance", rest={"kind": opt.COMPLEX})
+CURVE = of("studies.identify:identify", "rest freedom", rest={"kind": opt.COMPLEX})
 REACH = opt.Option("--reach", "last |v| of the table that is written; default 1.25 times what runs saw", opt.MPS)
 OWN = [
     replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run"),

@@ -179,7 +179,6 @@ PRINTING = [
     Option("--quiet", "no progress bar, no warnings"),
 ]
 STRICT = Option("--strict", "exit code 1 where the level check fails for the answer")
-HASH = Option("--hash", "keep the SHA-256 of all of each input; default: of those above 32 MiB that of 32 blocks")
 WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav or .npy file"
 INCIDENT = [
     Option("--incident", f"{WAVES}; default: tones of --frequency", Kind("SIGNAL", part="named")),

@@ -34,7 +34,6 @@ OPTIONS = [
     opt.frequency("the tone of the file, or the lines of --incident"),
     opt.output("write the map", *opt.RESULT),
     replace(opt.output("write the reflected signal of every probe", *opt.HDF5), flag="--reflected"),
-    opt.HASH,
     opt.OF_LINER,
     *opt.PICTURES_OF,
     *opt.PRINTING,

@@ -64,8 +64,6 @@ NAMES = {
     "overlap": "OVERLAPS",
     "normal": "NORMALS",
     "window": "WINDOWS",
-    "prior": "CURVE_SHAPES",
-    "reactance": "REACTANCES",
     "condition": "CONDITIONS",
     "weights": "WEIGHTS",
     "far_end": "FAR_ENDS",

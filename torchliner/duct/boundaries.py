@@ -50,6 +50,8 @@ from torchliner.names import DIRECTIONS
 
 SINGULAR = 1e-6  # residual over right-hand side
 CHUNK = 64 * 2**20  # bytes of matrices solved at once
+GAIN, FED = 1.01, 2.0  # energy out, and out or absorbed, over that in
+PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
 
 
 class EndModes(NamedTuple):
@@ -202,6 +204,13 @@ class EnergyBalance(NamedTuple):
     def missing(self) -> Tensor:
         """1 - out - absorbed: to the mean flow, if negative from it; errors of the mesh; mode 1."""
         return 1 - self.out - self.absorbed
+
+    @property
+    def fed(self) -> Tensor:
+        """out + absorbed where more goes out than comes in past a wall that gives none: a wave grew; else 0."""
+        out, absorbed = self.out.detach(), self.absorbed.detach()
+        grown = ((out > GAIN) | (out + absorbed > FED)) & (absorbed > PASSIVE)
+        return torch.where(grown, out + absorbed, 0.0)
 
 
 def energy_balance(mesh: DuctMesh, basis: Basis, waves: Tensor, eta: Tensor, wall: Tensor) -> EnergyBalance:

@@ -25,6 +25,7 @@ a column.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -34,13 +35,9 @@ from torchliner.duct.flow_profiles import Array, MeanFlow
 from torchliner.duct.polynomials import Basis
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """The integrals across the duct, element by element; (E, n, n).
-
-    Args:
-        mass: of phi_i phi_j.  flow: of M phi_i phi_j.  shear: of dM/dy phi_i phi_j.
-    """
+class Rows(NamedTuple):
+    """The integrals across the duct, element by element, (E, n, n): of phi_i phi_j, of M phi_i phi_j and of
+    dM/dy phi_i phi_j."""
 
     mass: Tensor
     flow: Tensor
@@ -94,36 +91,25 @@ def element_matrices(width: float, basis: Basis, rows: Rows, flow: bool) -> tupl
     incoming = torch.cat([by_field(signs, enter, -2) for signs, enter, _, _ in kinds], -1)
     leaving = torch.cat([by_field(signs, leave, -2) for signs, _, leave, _ in kinds], -1)
     outgoing = torch.cat([by_field(signs, trace, -1) / sum(map(abs, signs)) for signs, _, _, trace in kinds], -2)
-    mass = _kron(rows.mass, along)
-    still, convected, x = (
-        torch.zeros_like(mass),
+    mass, convected, x = (
+        _kron(rows.mass, along),
         -_kron(rows.flow, basis.convection),
         -_kron(rows.mass, basis.convection),
     )
-    y = -_kron(basis.convection, along).expand_as(mass)
-    inside = [[convected, x, y], [x, convected, _kron(rows.shear, along)], [y, still, convected]]
-    masses = [[mass, still, still], [still, mass, still], [still, still, mass]]
-    return blocks_of(inside) + leaving @ outgoing, blocks_of(masses), incoming, outgoing
+    y, still = -_kron(basis.convection, along).expand_as(mass), torch.zeros_like(mass)
+    inside = _blocks([[convected, x, y], [x, convected, _kron(rows.shear, along)], [y, still, convected]])
+    masses = _blocks([[mass, still, still], [still, mass, still], [still, still, mass]])
+    return inside + leaving @ outgoing, masses, incoming, outgoing
 
 
 def _kron(across: Tensor, along: Tensor) -> Tensor:
     """Kronecker products of (E, a, b) or (a, b) with (c, d): (E, a c, b d)."""
     across = across if across.ndim == 3 else across[None]
-    product = across[:, :, None, :, None] * along[:, None, :]
-    return product.flatten(3).flatten(1, 2)
+    return (across[:, :, None, :, None] * along[:, None, :]).flatten(3).flatten(1, 2)
 
 
-def blocks_of(rows: list[list[Tensor]]) -> Tensor:
-    """One matrix of rows of blocks."""
+def _blocks(rows: list[list[Tensor]]) -> Tensor:
     return torch.cat([torch.cat(row, -1) for row in rows], -2)
-
-
-def diagonal_blocks(blocks: Tensor) -> Tensor:
-    """(..., E, a, b) as block-diagonal matrices (..., E a, E b)."""
-    *lead, count, a, b = blocks.shape
-    whole = blocks.new_zeros(*lead, count, a, count, b)
-    whole.diagonal(dim1=-4, dim2=-2).copy_(blocks.movedim(-3, -1))
-    return whole.reshape(*lead, count * a, count * b)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,43 +150,34 @@ class Column:
 
 def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> Column:
     """The column of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
-    n, points = basis.count, basis.count * len(rows.mass)
+    n, elements = basis.count, len(rows.mass)
+    points = n * elements
     steady, mass, incoming, outgoing = element_matrices(width, basis, rows, flow)
     system = 1j * k[:, None, None, None] * mass + steady
     interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
-    scattering = outgoing.to(system.dtype) @ interior
-    across = _by_kind(scattering, n)
+    scattering = outgoing.to(system.dtype) @ interior  # of each element, (F, E, kinds n, kinds n)
+    # The same as one matrix, by (kind, element, node).
+    split = scattering.unflatten(-1, (-1, n)).unflatten(-3, (-1, n)).movedim(1, -1)  # (F, kind, n, kind, n, E)
+    across = torch.diag_embed(split, dim1=2, dim2=5).flatten(4, 6).flatten(1, 3)
     sides = across.shape[-1] - 2 * points
     # Up into an element is up out of the one below, down into it is down out of the one above; at a wall they turn.
     up, down = torch.arange(2 * points, device=k.device).split(points)
-    source = sides + torch.cat([down[:n], up[:-n], down[n:], up[-n:]])
-    passed = across[:, source]
-    right = passed[..., :sides]
-    one = torch.eye(2 * points, dtype=across.dtype, device=k.device)
+    passed = across[:, sides + torch.cat([down[:n], up[:-n], down[n:], up[-n:]])]
+    right, one = passed[..., :sides], torch.eye(2 * points, dtype=across.dtype, device=k.device)
     if lined:
         passed[:, :n] = 0
         right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
     vertical = torch.linalg.solve(one - passed[..., sides:], right)
     # Element by element: what leaves one depends on its own edges alone.
-    split = vertical.unflatten(1, (2, len(rows.mass), n)).transpose(1, 2).flatten(2, 3)
     own = scattering.shape[-1] - 2 * n
-    out = (scattering[..., :own, own:] @ split).unflatten(2, (-1, n)).transpose(1, 2).flatten(1, 3)
+    parts = scattering[..., own:] @ vertical.unflatten(1, (2, elements, n)).transpose(1, 2).flatten(2, 3)
+    out = parts[..., :own, :].unflatten(2, (-1, n)).transpose(1, 2).flatten(1, 3)
     out[..., :sides] += across[:, :sides, :sides]
     if lined:
-        wall = scattering[:, 0, own + n :, own:] @ split[:, 0]
+        wall = parts[:, 0, own + n :]
         wall[..., :sides] += across[:, sides + points : sides + points + n, :sides]
         out = torch.cat([out, wall], 1)
-    along = sides - points
-    rest = out.shape[-2] - sides
-    parts = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
+    along, rest = sides - points, out.shape[-2] - sides
+    ports = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
     into = {"left": slice(0, along), "right": slice(along, sides), "wall": slice(sides, None)}
-    return Column(interior, vertical, parts, into, rest)
-
-
-def _by_kind(scattering: Tensor, n: int) -> Tensor:
-    """Scattering of each element (F, E, kinds n, kinds n) as one matrix, by (kind, element, node)."""
-    split = scattering.unflatten(-1, (-1, n)).unflatten(-3, (-1, n))  # (F, E, kind, n, kind, n)
-    count, elements, kinds = split.shape[:3]
-    whole = split.new_zeros(count, kinds, elements, n, kinds, elements, n)
-    whole.diagonal(dim1=2, dim2=5).copy_(split.movedim(1, -1))
-    return whole.reshape(count, kinds * elements * n, kinds * elements * n)
+    return Column(interior, vertical, ports, into, rest)

@@ -18,8 +18,6 @@ SLOWEST = 0.01  # k H: a wave 600 heights long
 RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
 GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H
 RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency
-GAIN, FED = 1.01, 2.0  # energy out, and out or absorbed, over that in
-PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
 
 
 def doubt_sound(
@@ -87,14 +85,14 @@ def doubt_gain(balance: EnergyBalance, frequency: Tensor) -> None:
     Warns:
         DataWarning: with the frequency and the ratio.
     """
-    out, absorbed = balance.out.detach(), balance.absorbed.detach()
-    grown = ((out > GAIN) | (out + absorbed > FED)) & (absorbed > PASSIVE)
-    if bool(grown.any()):
-        item = int(torch.where(grown, out + absorbed, 0 * out).argmax())
+    fed = balance.fed
+    if bool((fed > 0).any()):
+        item = int(fed.argmax())
+        out, absorbed = (float(part.flatten()[item]) for part in balance)
         tell(
-            f"at {float(frequency[item % len(frequency)]):g} Hz ({int(grown.sum())} of {grown.numel()} cases) "
-            f"{float(out.flatten()[item]):.3g} times the energy that comes in goes out and "
-            f"{float(absorbed.flatten()[item]):.3g} times is absorbed, though the wall is passive: a wave of the shear "
-            "layer grows along the liner, or the mesh does not resolve it; do not rely on this field",
+            f"at {float(frequency[item % len(frequency)]):g} Hz ({int((fed > 0).sum())} of {fed.numel()} cases) "
+            f"{out:.3g} times the energy that comes in goes out and {absorbed:.3g} times is absorbed, though the wall "
+            "is passive: a wave of the shear layer grows along the liner, or the mesh does not resolve it; do not rely "
+            "on this field",
             depth=3,
         )

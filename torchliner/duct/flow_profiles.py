@@ -25,7 +25,9 @@ AIR_VISCOSITY = 1.813e-5 / 1.204  # m2/s, 20 C
 
 
 class MeanFlow:
-    """A subsonic flow; a kind of flow states M and its slope at heights within the duct, and delta*.
+    """A subsonic flow: U/U_0 as an analytic shape over t, 1 at t = 1, with t the half heights from the nearer wall.
+
+    t may be complex, (...): that is how the slope is made. A table states M and its slope itself.
 
     Attributes:
         bulk_mach: mean of U over the height, divided by c.  duct_height: H, m.  sound_speed: c, m/s.
@@ -34,13 +36,23 @@ class MeanFlow:
     bulk_mach: float
     duct_height: float
     sound_speed: float
-    _mach: Callable[[Array], Array]
-    _slope: Callable[[Array], Array]
 
-    @property
-    def displacement_thickness(self) -> float:
-        """delta* at the wall y = 0, m."""
-        raise NotImplementedError
+    def __post_init__(self) -> None:
+        self._check()
+        if self.centreline_mach >= 1:
+            raise ValueError(
+                f"profile centreline Mach number is {self.centreline_mach:.4g} for bulk_mach {self.bulk_mach:g}; it "
+                "must be below 1"
+            )
+
+    def _check(self, *more: str) -> None:
+        for name in ("duct_height", "sound_speed", *more):
+            require_positive(f"profile {name}", getattr(self, name))
+        if not 0 <= self.bulk_mach < 1:
+            raise ValueError(
+                f"profile bulk_mach is {self.bulk_mach:g}; it must be at least 0 and below 1 (a Mach number, not m/s; "
+                "the flow runs along +x, so turn the duct round for the other direction)"
+            )
 
     def velocity(self, y: ArrayLike) -> Array:
         """U, m/s, at distances y from a wall, m, 0 to H, any shape.
@@ -58,36 +70,22 @@ class MeanFlow:
         """dM/dy at y (m), 1/m: the derivative of ``mach``, not a difference quotient."""
         return self._slope(self._inside(y))
 
+    @property
+    def centreline_mach(self) -> float:
+        """U_0/c, from the integral of the profile."""
+        return self.bulk_mach / self._bulk_share
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* at the wall y = 0, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
+        return self.duct_height / 2 * (1 - self._bulk_share)
+
     def _inside(self, y: ArrayLike) -> Array:
         heights = np.asarray(y, np.float64)
         outside = ~((heights >= 0) & (heights <= self.duct_height))
         if outside.any():
             raise ValueError(f"y = {heights[outside].flat[0]:g} m lies outside the duct, 0 to {self.duct_height:g} m")
         return heights
-
-    def _check(self, *more: str) -> None:
-        for name in ("duct_height", "sound_speed", *more):
-            require_positive(f"profile {name}", getattr(self, name))
-        if not 0 <= self.bulk_mach < 1:
-            raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}; it must be at least 0 and below 1 (a Mach number, not m/s; "
-                "the flow runs along +x, so turn the duct round for the other direction)"
-            )
-
-
-class SymmetricProfile(MeanFlow):
-    """U/U_0 as an analytic shape over t, the distance from the nearer wall in half heights; 1 at t = 1.
-
-    t may be complex, (...): that is how the slope is made.
-    """
-
-    def __post_init__(self) -> None:
-        self._check()
-        if self.centreline_mach >= 1:
-            raise ValueError(
-                f"profile centreline Mach number is {self.centreline_mach:.4g} for bulk_mach {self.bulk_mach:g}; it "
-                "must be below 1"
-            )
 
     def _shape(self, t: Any) -> Any:
         return np.ones_like(t)
@@ -96,16 +94,6 @@ class SymmetricProfile(MeanFlow):
     def _bulk_share(self) -> float:
         """Mean of the shape over t = 0..1."""
         return 1.0
-
-    @property
-    def centreline_mach(self) -> float:
-        """U_0/c, from the integral of the profile."""
-        return self.bulk_mach / self._bulk_share
-
-    @property
-    def displacement_thickness(self) -> float:
-        """delta* of either wall, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
-        return self.duct_height / 2 * (1 - self._bulk_share)
 
     def _depth(self, y: Array) -> Array:
         return np.minimum(y, self.duct_height - y) / (self.duct_height / 2)
@@ -120,7 +108,7 @@ class SymmetricProfile(MeanFlow):
 
 
 @dataclass(frozen=True)
-class UniformProfile(SymmetricProfile):
+class UniformProfile(MeanFlow):
     """One velocity from wall to wall, at the walls too, whose step there is left to the wall condition; 0 is no flow.
 
     Args:
@@ -144,7 +132,7 @@ class ParabolicProfile(UniformProfile):
 
 
 @dataclass(frozen=True)
-class TanhProfile(SymmetricProfile):
+class TanhProfile(MeanFlow):
     r"""Boundary layers of adjustable thickness, scaled to a bulk Mach number.
 
     :math:`U/U_0 = \tanh\frac{1-r}{d} + (1 - T)\left[\frac{1+T}{d} r + 1 + r\right](1-r)`, with
@@ -197,7 +185,7 @@ class TanhProfile(SymmetricProfile):
 
 
 @dataclass(frozen=True)
-class LawOfTheWallProfile(SymmetricProfile):
+class LawOfTheWallProfile(MeanFlow):
     r"""Fully developed turbulent flow between smooth walls, scaled to a bulk Mach number.
 
     .. math:: u^+ = \frac1\kappa \ln\left[1 + \kappa y^+ \frac{1 + r}{1 + r^2}\right]

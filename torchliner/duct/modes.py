@@ -78,8 +78,8 @@ class PridmoreBrown:
             nodes,
             (-1 + 0j) * widths[..., None] * integral_matrix(inner),
         )
-        mach, slope, nodes, integral = (torch.as_tensor(part, device=device) for part in found)
-        return cls(mach, slope, nodes, integral, profile.bulk_mach, myers)
+        mach, slope, eta, integral = (torch.as_tensor(part, device=device) for part in found)
+        return cls(mach, slope, eta, integral, profile.bulk_mach, myers)
 
     def solve(self, a: Tensor, kappa: Tensor, share: Any = 1.0) -> tuple[Tensor, Tensor]:
         """p and zeta over the nodes for each a and kappa, (M,): (M, K N) each; differentiable.

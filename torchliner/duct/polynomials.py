@@ -6,6 +6,7 @@ A function is its N values at the points; Legendre coefficients lead from them t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -43,7 +44,7 @@ def integral_matrix(points: Array) -> Array:
     return _values(legendre.legint(_coefficients(points), lbnd=-1, axis=0) / 2, points)
 
 
-def _values(coefficients: Array, places: ArrayLike) -> Array:
+def _values(coefficients: NDArray[Any], places: ArrayLike) -> Array:
     return legendre.legvander(2 * np.asarray(places, np.float64) - 1, len(coefficients) - 1) @ coefficients
 
 

@@ -69,7 +69,9 @@ class DuctSetup:
 
 
 def _pair(value: Any) -> Any:
-    """A number as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
+    """A number, or the two of a list, as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
+    if isinstance(value, list):
+        return tuple(value)
     if not isinstance(value, (int, float, complex, np.number)):
         return value
     z = complex(value)
@@ -87,7 +89,7 @@ class DuctTable(Strict):
     width: float | None = Field(None, gt=0, lt=10)
     start: float
     end: float
-    liner: list[tuple[float, float]] = Field(default_factory=list)
+    liner: list[Pair] = Field(default_factory=list)
 
 
 def _subsonic(value: Any) -> Any:

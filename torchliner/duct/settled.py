@@ -76,7 +76,7 @@ def solve_settled(
         else:
             if mesh is None:
                 _judge(field, moved, unknowns)
-    about = {"growth": growth, "growing": growing, "difference": moved, "finer_unknowns": unknowns}
+    about: dict[str, Any] = {"growth": growth, "growing": growing, "difference": moved, "finer_unknowns": unknowns}
     return replace(field, **about, notes=tuple(notes))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.conversions import spl_from_pressure_amplitude
@@ -39,9 +40,10 @@ def solved_line(setup: DuctSetup, field: DuctField, **known: Any) -> MicrophoneL
         notes = (*notes, several)
     walls = None
     if not callable(field.impedance):  # else Z varies along x
-        z = torch.as_tensor(np.asarray(torch.as_tensor(field.impedance).detach().cpu(), np.complex128))
-        walls = z.broadcast_to(len(field.frequency), len(case.liner))
-    one = walls is not None and walls.shape[1] == 1
+        z = field.impedance
+        exact = z.detach().cpu() if isinstance(z, Tensor) else torch.as_tensor(np.asarray(z, np.complex128))
+        walls = exact.to(torch.complex128).broadcast_to(len(field.frequency), len(case.liner))
+    first = None if walls is None or walls.shape[1] != 1 else walls[:, 0]
     return MicrophoneLine(
         places,
         field.wall_pressure(places, setup.wall).detach().movedim(-1, -2),
@@ -51,7 +53,7 @@ def solved_line(setup: DuctSetup, field: DuctField, **known: Any) -> MicrophoneL
         source_side=field.source,
         liner_start=start,
         liner_end=end,
-        wall_impedance=torch.where(torch.isfinite(walls), walls, complex(math.nan, math.nan))[:, 0] if one else None,
+        wall_impedance=None if first is None else torch.where(first.isfinite(), first, complex(math.nan, math.nan)),
         fluid=setup.fluid,
         title=f"{setup.name}, linearised Euler equations",
         provenance={

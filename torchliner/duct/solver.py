@@ -237,7 +237,7 @@ class DuctField(Reported):
     def rows(self) -> list[dict[str, float | None]]:
         """One a frequency, of a field without leading axes: reflection, transmission, energy, checks."""
         through = self.transmission.detach().abs()
-        columns = {
+        columns: dict[str, Any] = {
             "frequency (Hz)": self.frequency,
             "reflection": self.reflection.detach().abs(),
             "transmission": through,

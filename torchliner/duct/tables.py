@@ -60,43 +60,47 @@ class TabulatedProfile(MeanFlow):
                 f"velocity_table is {speeds.min():g} at y = {heights[speeds.argmin()]:g} m; it must be at least 0 (the "
                 "flow runs along +x, with no flow back)"
             )
-        half = self.duct_height / 2
-        if abs(heights[-1] - half) <= 2 * WHOLE * half:
-            heights = np.concatenate([heights, self.duct_height - heights[-2::-1]])
+        whole = self.duct_height
+        if abs(heights[-1] - whole / 2) <= WHOLE * whole:
+            heights = np.concatenate([heights, whole - heights[-2::-1]])
             speeds = np.concatenate([speeds, speeds[-2::-1]])
-        elif abs(heights[-1] - self.duct_height) > WHOLE * self.duct_height:
+        elif abs(heights[-1] - whole) > WHOLE * whole:
             raise ValueError(
-                f"y ends at {heights[-1]:g} m; it must end at the other wall, {self.duct_height:g} m, or, for a "
-                f"symmetric flow, on the centreline, {half:g} m"
+                f"y ends at {heights[-1]:g} m; it must end at the other wall, {whole:g} m, or, for a symmetric flow, "
+                f"on the centreline, {whole / 2:g} m"
             )
-        heights[-1] = self.duct_height
-        mean = float(PchipInterpolator(heights, speeds).integrate(0, heights[-1])) / heights[-1]
-        if self.bulk_mach is None:
-            object.__setattr__(self, "bulk_mach", mean / self.sound_speed)
-        elif mean == 0:
-            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {self.bulk_mach:g}")
-        machs = speeds * (self.bulk_mach / mean if mean else 0.0)
+        heights[-1] = whole
+        mean = float(PchipInterpolator(heights, speeds).integrate(0, whole)) / whole
+        bulk = mean / self.sound_speed if self.bulk_mach is None else self.bulk_mach
+        if bulk > 0 and mean == 0:
+            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {bulk:g}")
+        machs = speeds * (bulk / mean if mean else 0.0)
         if machs.max() >= 1:
             raise ValueError(
                 f"the table's largest Mach number is {machs.max():.4g} at y = {heights[machs.argmax()]:g} m; it must "
                 "be below 1"
             )
+        for name, value in (("y", heights), ("velocity_table", self.sound_speed * machs), ("bulk_mach", bulk)):
+            object.__setattr__(self, name, value)
         self._check()
-        object.__setattr__(self, "y", heights)
-        object.__setattr__(self, "velocity_table", self.sound_speed * machs)
 
     @property
-    def displacement_thickness(self) -> float:
-        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly, eq. (2.8).
+    def centreline_mach(self) -> float:
+        """U_0/c.
 
         Raises:
             ValueError: no flow on the centreline.
         """
-        half = self.duct_height / 2
-        centre = float(self._mach(half))
+        centre = float(self._mach(self.duct_height / 2))
         if centre == 0:
             raise ValueError("the velocity on the centreline is 0; it gives no displacement")
-        return half - float(self._mach.integrate(0, half)) / centre
+        return centre
+
+    @property
+    def displacement_thickness(self) -> float:
+        """delta* at y = 0, m: the integral of 1 - M/M(H/2) from 0 to H/2, of the cubics exactly, eq. (2.8)."""
+        half = self.duct_height / 2
+        return half - float(self._mach.integrate(0, half)) / self.centreline_mach
 
     @cached_property
     def _mach(self) -> PchipInterpolator:  # type: ignore[override]
@@ -189,7 +193,7 @@ def tabulated_wall(
         raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = found["resistance"], found["reactance"]
-    places = found.get("x", found.get("frequency"))
+    places = found["x" if "x" in found else "frequency"]
     try:
         between = impedance_along(places, walls)
     except ValueError as error:

@@ -18,7 +18,7 @@ Drive = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, t
 Rows = Callable[[int, int], Tensor]  # weights of samples begin .. end - 1, (R, t), float64
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
 
-ON_CPU, ON_DEVICE = 1 << 22, 1 << 26  # velocities that are worked on together
+ON_CPU, ON_DEVICE = 1 << 21, 1 << 26  # velocities that are worked on together
 FEWEST_ROWS = 64  # of a slab, but at the end of a block
 TILE = 1 << 11  # columns that go through all jobs while they are in the cache of a CPU
 FEW_COLUMNS = 1 << 8

@@ -14,43 +14,34 @@ from typing import Any
 import h5py
 import numpy as np
 
-from torchliner.io.axes import read_case, write_case
+from torchliner.io.axes import read_case
 from torchliner.io.burst_csv import write_burst_csv
 from torchliner.io.burst_format import BurstFormat, Place
-from torchliner.io.hdf5 import (
-    get_dataset,
-    is_there,
-    open_file,
-    parse_json,
-    place,
-    read_si,
-    read_texts,
-    to_json,
-    write_index,
-    write_texts,
-    write_variable,
-)
-from torchliner.io.plane_file import UNITS as PLANE_UNITS
-from torchliner.io.tables import FileKind, numbers, plain, read_variables, real, write_variables
+from torchliner.io.fields import fill
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, parse_json, place, to_json
+from torchliner.io.tables import FileKind, plain, read_variables, write_variables
 from torchliner.records import BurstRecord
+from torchliner.records.burst_record import UNITS
+from torchliner.records.declared import Variable, table_of, variables_of
 
 KIND = FileKind(
-    "torchliner bursts 1", "file of bursts", {"source_side": "unknown", "liner": ""},
-    (("Conventions", "CF-1.8"), ("featureType", "timeSeries")),
-    others=(".csv",),
-)  # fmt: skip
-ARRAYS = (
-    real("arrival_time", "s", ("burst",), optional=True),
-    real("transit_time", "s", ("burst",), optional=True),
-    real("wall_normal_velocity", "m/s", ("burst",), field="wall_normal", optional=True,
-         attributes={"positive": "away from the liner"}),
-    real("streamwise_velocity", "m/s", ("burst",), field="streamwise", optional=True),
-)  # fmt: skip
+    "torchliner bursts 1",
+    "file of bursts",
+    {"source_side": "unknown", "liner": ""},
+    {"Conventions": "CF-1.8", "featureType": "timeSeries"},
+    (".csv",),
+)
+ARRAYS = table_of(BurstRecord, *UNITS)
+NUMBERS = tuple(row for row in variables_of(BurstRecord) if not row.dims)
 PLACES = ("x", "y", "z")
-UNITS = {name: unit for name, unit in PLANE_UNITS.items() if name != "height"}
-NUMBERS = numbers(UNITS)
-SHARED = (*UNITS, *KIND.attributes, "fluid", "reference")  # one value for the whole file
 LISTS: dict[str, Any] = {"dropped": {}, "provenance": {}, "notes": []}  # per station, as JSON
+OF_STATION = (*UNITS, *PLACES, *LISTS, "title", "name")
+SHARED = [name for name in BurstRecord.__dataclass_fields__ if name not in OF_STATION]  # one value for the whole file
+STATIONS = (
+    Variable("burst_count", dims=("station",), attributes={"sample_dimension": "burst"}),
+    *(Variable(axis, "m", ("station",), optional=True) for axis in PLACES),
+    *(Variable(f"station_{name}", dims=("station",), kind="text", optional=True) for name in ("name", *LISTS)),
+)
 
 
 def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path) -> None:
@@ -73,9 +64,9 @@ def write_bursts(records: BurstRecord | Sequence[BurstRecord], path: str | Path)
         return
     _require_one_case(records)
     with KIND.created(path, records[0]) as file:
-        _write_stations(file, records)
-        _write_arrays(file, records)
-        write_case(file, records[0], NUMBERS)
+        write_variables(file, _stations(records), STATIONS)
+        write_variables(file, _joined(records), ARRAYS, compression="gzip", compression_opts=4, shuffle=True)
+        fill(file, records[0], unsaid=OF_STATION)
 
 
 def _require_one_case(records: Sequence[BurstRecord]) -> None:
@@ -89,34 +80,31 @@ def _require_one_case(records: Sequence[BurstRecord]) -> None:
                 )
 
 
-def _write_stations(file: h5py.File, records: Sequence[BurstRecord]) -> None:
-    write_index(file, "station", len(records))
-    counts = np.array([record.bursts for record in records])
-    write_variable(file, "burst_count", counts, "1", ("station",))
-    file["burst_count"].attrs["sample_dimension"] = "burst"
+def _stations(records: Sequence[BurstRecord]) -> SimpleNamespace:
+    """What each station has: its number of bursts, place, title and lists."""
+    found = SimpleNamespace(
+        burst_count=[record.bursts for record in records],
+        station_name=[record.title or record.name for record in records],
+        **{f"station_{key}": [to_json(getattr(record, key)) for record in records] for key in LISTS},
+    )
     for key in PLACES:
         values = [getattr(record, key) for record in records]
-        if any(value is not None for value in values):
-            known = np.array([np.nan if value is None else value for value in values])
-            write_variable(file, key, known, "m", ("station",))
-    write_texts(file, "station_name", [each.title or each.name for each in records], "station")
-    for key in LISTS:
-        texts = [to_json(getattr(record, key)) for record in records]
-        write_texts(file, f"station_{key}", texts, "station")
+        known = np.array([np.nan if value is None else value for value in values])
+        setattr(found, key, None if all(value is None for value in values) else known)
+    return found
 
 
-def _write_arrays(file: h5py.File, records: Sequence[BurstRecord]) -> None:
+def _joined(records: Sequence[BurstRecord]) -> SimpleNamespace:
     """The bursts of all stations, nan where a station lacks what another has."""
-    write_index(file, "burst", sum(record.bursts for record in records))
     joined = SimpleNamespace()
-    for row in ARRAYS:
-        parts = [getattr(record, row.field) for record in records]
-        filled = [np.full(record.bursts, np.nan) if part is None else plain(part)
-                  for record, part in zip(records, parts, strict=True)]  # fmt: skip
-        there = any(part is not None for part in parts)
-        setattr(joined, row.field, np.concatenate(filled) if there else None)
-    storage: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-    write_variables(file, joined, ARRAYS, **storage)
+    for key in UNITS:
+        parts = [getattr(record, key) for record in records]
+        filled = [
+            np.full(record.bursts, np.nan) if part is None else plain(part)
+            for record, part in zip(records, parts, strict=True)
+        ]
+        setattr(joined, key, None if all(part is None for part in parts) else np.concatenate(filled))
+    return joined
 
 
 def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstRecord]:
@@ -132,23 +120,21 @@ def read_burst_file(path: str | Path, only: int | None = None) -> list[BurstReco
     """
     path = Path(path)
     with open_file(path) as file:
-        ends, places = _layout(file, path)
-        counts = np.diff(ends, prepend=0)
-        get_dataset(file, "arrival_time", path)
+        counts, about = _layout(file, path)
+        ends, common = np.cumsum(counts), read_case(file, KIND, NUMBERS, path)
         for row in ARRAYS:
-            if is_there(file, row.names[0], path):
-                _require_length(file, row.names[0], int(ends[-1]), path)
-        common = read_case(file, KIND, NUMBERS, path)
-        texts = _texts(file, len(counts), path)
+            if not row.optional or is_there(file, row.names[0], path):
+                found = get_dataset(file, row.names[0], path).size
+                if found != ends[-1]:
+                    raise ValueError(
+                        f"{place(file, row.names[0], path)} has {found} values; /burst_count says {ends[-1]}"
+                    )
         records = []
         for i in range(len(counts)) if only is None else [only]:
-            part = slice(int(ends[i] - counts[i]), int(ends[i]))
             # A quantity that a station lacks is nan throughout.
-            own = read_variables(file, ARRAYS, path, part)
+            own = read_variables(file, ARRAYS, path, slice(int(ends[i] - counts[i]), int(ends[i])))
             own = {key: None if bool(v.isnan().all()) else v for key, v in own.items()}
-            own |= {k: None if np.isnan(v[i]) else float(v[i]) for k, v in places.items()}
-            own |= {key: lines[i] for key, lines in texts.items()}
-            records.append(BurstRecord(**own, **common, name=f"{path}, station {i}"))
+            records.append(BurstRecord(**own, **about[i], **common, name=f"{path}, station {i}"))
     return records
 
 
@@ -158,52 +144,28 @@ def station_places(path: str | Path) -> list[Place]:
     Raises:
         As ``read_burst_file``.
     """
-    path = Path(path)
     with open_file(path) as file:
-        ends, places = _layout(file, path)
-    columns = [places.get(key, np.full(len(ends), np.nan)) for key in PLACES]
-    known = [[None if np.isnan(v) else float(v) for v in row] for row in zip(*columns, strict=True)]
-    return [(x, y, z) for x, y, z in known]
+        return [(each["x"], each["y"], each["z"]) for each in _layout(file, Path(path))[1]]
 
 
-def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Where the bursts of each station end, and the stations' coordinates that are stated."""
+def _layout(file: h5py.File, path: Path) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """How many bursts each station has, and what is said of it."""
     KIND.require(file, path)
-    stated = read_si(file, "burst_count", "1", path).reshape(-1)
-    if len(stated) == 0 or not (np.isfinite(stated) & (stated >= 1) & (stated % 1 == 0)).all():
-        raise ValueError(f"{path}:/burst_count holds {stated.tolist()}; whole numbers, at least 1 a station")
-    counts = stated.astype(np.int64)
-    places = {}
-    for key in PLACES:
-        if is_there(file, key, path):
-            _require_length(file, key, len(counts), path)
-            places[key] = read_si(file, key, "m", path).reshape(-1)
-    return np.cumsum(counts), places
-
-
-def _require_length(file: h5py.File, name: str, count: int, path: Path) -> None:
-    found = get_dataset(file, name, path).size
-    if found != count:
-        raise ValueError(f"{place(file, name, path)} has {found} values; /burst_count says {count}")
-
-
-def _texts(file: h5py.File, count: int, path: Path) -> dict[str, list[Any]]:
-    """Title, dropped, provenance and notes of each station."""
-    found: dict[str, list[Any]] = {}
-    for key, empty in LISTS.items():
-        there = is_there(file, f"station_{key}", path)
-        lines = read_texts(file, f"station_{key}", path) if there else [""] * count
-        label = f"{path}:/station_{key}"
-        values = [parse_json(line, label) if line else empty for line in lines]
-        if any(type(value) is not type(empty) for value in values):
-            raise ValueError(f"{label} holds other JSON than {type(empty).__name__}s; repair it")
-        found[key] = [tuple(v) for v in values] if key == "notes" else values
-    if is_there(file, "station_name", path):
-        found["title"] = read_texts(file, "station_name", path)
-    for key, values in found.items():
-        if len(values) != count:
-            raise ValueError(f"{path}: {len(values)} stations have a {key}, /burst_count says {count}")
-    return found
+    found = read_variables(file, STATIONS, path)
+    counts = found["burst_count"].numpy()
+    if not (len(counts) and (np.isfinite(counts) & (counts >= 1) & (counts % 1 == 0)).all()):
+        raise ValueError(f"{path}:/burst_count holds {counts.tolist()}; whole numbers, at least 1 a station")
+    about: list[dict[str, Any]] = []
+    for i in range(len(counts)):
+        places = {key: float(found[key][i]) if key in found else np.nan for key in PLACES}
+        own: dict[str, Any] = {key: None if np.isnan(value) else value for key, value in places.items()}
+        for key, empty in LISTS.items():
+            text, label = found.get(f"station_{key}", [""] * len(counts))[i], f"{path}:/station_{key}"
+            own[key] = parse_json(text, label) if text else empty
+            if type(own[key]) is not type(empty):
+                raise ValueError(f"{label} holds other JSON than {type(empty).__name__}s; repair it")
+        about.append(own | {"notes": tuple(own["notes"]), "title": found.get("station_name", [""] * len(counts))[i]})
+    return counts.astype(np.int64), about
 
 
 FORMAT = BurstFormat(
@@ -212,3 +174,4 @@ FORMAT = BurstFormat(
     read=lambda path, number, *_: read_burst_file(path, number)[0],
     own_fields=True,
 )
+FILE = SimpleNamespace(write=write_bursts)

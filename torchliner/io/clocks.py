@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
-
 import numpy as np
 
 from torchliner.checks import require_positive
+from torchliner.file_checks import Unwritten
 
 UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
 SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
@@ -30,11 +29,7 @@ def clock_of(time: np.ndarray, name: str, stated: float | None, exact: float = 0
 
 
 def require_same_rate(found: float, stated: float | None, name: str, unit: str) -> None:
-    """A rate that the user states of times that have a unit must be theirs.
-
-    Raises:
-        ValueError: it is off by more than 1 %.
-    """
+    """A rate that the user states of times that have a unit must be theirs, to 1 %."""
     if stated is not None and abs(found - stated) > SAME_RATE * stated:
         raise ValueError(
             f"{name}: its times are at {found:.6g} Hz, sampling_rate states {stated:.6g} Hz; leave "
@@ -54,44 +49,35 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
     """
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    if len(time) < 2:
+        raise Unwritten(f"{name}: there is {len(time)} of them; at least two are needed")
     time = time.astype(np.float64)
     step = (time[-1] - time[0]) / (len(time) - 1)
-    if step <= 0:
-        raise ValueError(f"{name} does not increase: it runs from {time[0]:g} to {time[-1]:g} s; "
-                         "correct the times, or the order of the samples")  # fmt: skip
-    error = np.abs(time - (time[0] + step * np.arange(len(time))))
-    if error.max() > UNIFORMITY * step + min(exact, step / 4):
-        _say_what_is_uneven(time, name, step, error.max() / step)
-    return float(1 / step)
-
-
-def _say_what_is_uneven(time: np.ndarray, name: str, step: float, error: float) -> NoReturn:
-    """Frames out of order, missing, or times that waver."""
+    error = np.abs(time - (time[0] + step * np.arange(len(time)))).max()
+    if step > 0 and error <= UNIFORMITY * step + min(exact, step / 4):
+        return float(1 / step)
     steps = np.diff(time)
-    back = int(np.argmin(steps))
-    if steps[back] == 0 and steps.min() >= 0:
+    back, usual = int(np.argmin(steps)), float(np.median(steps))
+    if steps[back] == 0:
         raise ValueError(
             f"{name}: samples {back} and {back + 1} have the same time, {time[back]:.9g} s: times are written with too "
             "few digits; write more (OpenFOAM: timePrecision in controlDict)"
         )
-    if steps[back] <= 0:
+    if steps[back] < 0:
         raise ValueError(
-            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one "
-            f"before it at {time[back]:.9g} s; sort the frames, or give the runs as files of their "
-            "own, which are joined"
+            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, the one before it at "
+            f"{time[back]:.9g} s; sort the frames, or give the runs as files of their own, which are joined"
         )
-    usual = float(np.median(steps))
     lost = np.rint(steps / usual).astype(int) - 1
+    gap = int((lost > 0).argmax())
     if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
-        at = int(lost.argmax())
         raise ValueError(
-            f"{name} lacks {int(lost.sum())} frames, the first {lost[lost > 0][0]} after sample "
-            f"{int((lost > 0).argmax())} ({time[int((lost > 0).argmax())]:.9g} s), most after "
-            f"sample {at}; restore them, or keep one stretch between the gaps"
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[gap]} after sample {gap} ({time[gap]:.9g} s); "
+            "restore them, or keep one stretch between the gaps"
         )
     worst = int(np.abs(steps - step).argmax())
     raise ValueError(
-        f"{name} is not uniform: stamps are off by up to {error:.3g} sampling intervals "
+        f"{name} is not uniform: stamps are off by up to {error / step:.3g} sampling intervals "
         f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
         f"{step:.6g} s on average. Resample the data to uniform times first"
     )

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import torch
-from torch import Tensor
 
 from torchliner.io.whole_file import printable, written_whole
 
@@ -34,7 +33,7 @@ def rows_of(columns: Mapping[str, Any], shape: Sequence[int]) -> Rows:
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n") -> None:
-    """A CSV file with the headings of the first row, whole or not at all.
+    """A CSV file with the headings of all rows, whole or not at all.
 
     Args:
         rows: at least one.
@@ -49,9 +48,10 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str 
 def fill_csv(file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", end: str = "\r\n") -> None:
     """Into what is open, in memory too; arguments as for ``write_rows``."""
     writer = csv.writer(file, lineterminator=end)
-    writer.writerow(map(text_cell, rows[0]))
+    headings = dict.fromkeys(key for row in rows for key in row)
+    writer.writerow(map(text_cell, headings))
     for row in rows:
-        writer.writerow(_cell(row.get(key), number) for key in rows[0])
+        writer.writerow(_cell(row.get(key), number) for key in headings)
 
 
 def _cell(value: Any, number: str) -> Any:
@@ -70,8 +70,3 @@ def text_cell(text: str) -> str:
     except ValueError:
         return f"'{text}"
     return text
-
-
-def parts_of(values: Tensor, real: str, imaginary: str) -> dict[str, Tensor]:
-    """Two columns of a complex one."""
-    return {real: values.real, imaginary: values.imag}

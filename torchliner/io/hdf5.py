@@ -17,16 +17,13 @@ from torchliner.file_checks import naming, require_regular
 from torchliner.io.stored_values import read_values, require_stored
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
+LONGEST_TEXT = 60_000  # bytes
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
 
 
 @contextmanager
 def open_file(path: str | Path) -> Iterator[h5py.File]:
-    """An HDF5 file for reading; every error of the block names it.
-
-    Raises:
-        As ``hold_open``; ValueError: it is damaged.
-    """
+    """An HDF5 file for reading; every error of the block names it."""
     with naming(path), hold_open(path) as file:
         yield file
 
@@ -63,17 +60,12 @@ def _opened(path: Path, **settings: Any) -> h5py.File:
 
 
 def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
-    """Whether a group has an object of this name.
-
-    Raises:
-        ValueError: a link of this name leads nowhere.
-    """
+    """Whether a group has an object of this name; a link that leads nowhere is a ValueError."""
     link = group.get(key, getlink=True)
     if link is None:
         return False
     if not isinstance(link, h5py.HardLink) and group.get(key) is None:
-        target = ":".join(getattr(link, name) for name in ("filename", "path")
-                          if hasattr(link, name))  # fmt: skip
+        target = ":".join(getattr(link, name) for name in ("filename", "path") if hasattr(link, name))
         raise ValueError(
             f"{place(group, key, path)} is a link to {target}, which is not there; restore that or remove the link"
         )
@@ -81,11 +73,7 @@ def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
 
 
 def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
-    """A dataset by name.
-
-    Raises:
-        ValueError: it is missing, what is there is listed; or a link leads nowhere.
-    """
+    """A dataset by name; a ValueError lists what is there instead."""
     if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
         there = ", ".join(sorted(group)) or "nothing"
         where = "the file" if group.name == "/" else "the group"
@@ -94,11 +82,7 @@ def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
 
 
 def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
-    """A group by name.
-
-    Raises:
-        ValueError: as ``get_dataset``, ``require_names``.
-    """
+    """A group by name; errors as of ``get_dataset`` and ``require_names``."""
     if not is_there(file, key, path) or not isinstance(file[key], h5py.Group):
         raise ValueError(f"{place(file, key, path)} is no group; there are: {', '.join(file)}")
     require_names(file[key], path)
@@ -106,11 +90,7 @@ def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
 
 
 def require_names(group: h5py.Group, path: str | Path) -> None:
-    """Refuse a group whose damage hides some of its names: optional variables would be missed in silence.
-
-    Raises:
-        ValueError: it lists names that it does not find, or finds only unlisted.
-    """
+    """Refuse a group whose damage hides some of its names: optional variables would be missed in silence."""
     lost = [name for name in group if group.get(name, getlink=True) is None]
     if lost or len(set(group)) < len(group):
         raise ValueError(f"{path} is damaged: of the names that {group.name} lists {lost or 'some'} lead nowhere")
@@ -133,21 +113,6 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def read_attribute(group: h5py.Group, key: str, path: str | Path) -> float:
-    """A number among the attributes.
-
-    Raises:
-        ValueError: there is none of this name, or it is no single finite number.
-    """
-    if key not in group.attrs:
-        raise ValueError(f"{path}:{group.name} has no attribute {key!r}")
-    value = np.asarray(group.attrs[key])
-    if value.size != 1 or value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-        raise ValueError(f"{path}:{group.name}: attribute {key!r} is {group.attrs[key]!r}; one "
-                         "finite number is needed")  # fmt: skip
-    return float(value.reshape(()))
-
-
 def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path, stated: str | None = None) -> float:
     """Factor from the units of a dataset to an SI unit of the same quantity.
 
@@ -166,9 +131,14 @@ def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path, stated: 
 
 
 def read_si(
-    group: h5py.Group, key: str, unit: str, path: str | Path, part: slice | None = None,
-    stated: str | None = None, any_size: bool = False,
-) -> np.ndarray:  # fmt: skip
+    group: h5py.Group,
+    key: str,
+    unit: str,
+    path: str | Path,
+    part: slice | None = None,
+    stated: str | None = None,
+    any_size: bool = False,
+) -> np.ndarray:
     """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
 
     ``stated`` is as for ``factor_to``. float64 where the file has another unit than ``unit``.
@@ -195,17 +165,20 @@ def read_number(group: h5py.Group, key: str, unit: str, path: str | Path) -> flo
 
 
 def read_texts(group: h5py.Group, key: str, path: str | Path) -> list[str]:
-    """A list of texts along a dimension.
-
-    Raises:
-        ValueError: it is missing, was never written, or holds no texts.
-    """
+    """A list of texts along a dimension."""
     dataset, label = get_dataset(group, key, path), place(group, key, path)
     if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
-        raise ValueError(f"{label} is {dataset.dtype} of shape {dataset.shape}; a list of texts "
-                         "is needed")  # fmt: skip
+        raise ValueError(f"{label} is {dataset.dtype} of shape {dataset.shape}; a list of texts is needed")
     require_stored(dataset, label, path)
     return [str(text) for text in dataset.asstr(errors="replace")[()]]
+
+
+def set_texts(owner: Any, **texts: str) -> None:
+    """Attributes as texts of fixed length, which nco and Octave read; HDF5 has 64 kB for them, beyond it no choice."""
+    for key, text in texts.items():
+        stored = text.encode()
+        fixed = h5py.string_dtype("utf-8", max(1, len(stored)) if len(stored) < LONGEST_TEXT else None)
+        owner.attrs.create(key, stored, dtype=fixed)
 
 
 def write_variable(
@@ -216,32 +189,29 @@ def write_variable(
     A variable whose dimension bears its own name is that dimension's scale.
     """
     dataset = group.create_dataset(name, data=values, **storage)
-    if name in dims:
-        dataset.make_scale(name)
-    dataset.attrs["units"] = units
+    set_texts(dataset, units=units)
     attach_scales(dataset, group, dims)
     return dataset
 
 
 def attach_scales(dataset: h5py.Dataset, group: h5py.Group, dims: Sequence[str]) -> None:
-    """Name the axes of a dataset by dimension scales of its group."""
+    """Name the axes of a dataset by dimension scales of its group, of which it may be one."""
     for axis, dim in enumerate(dims):
-        if group[dim] != dataset:
+        if group[dim] == dataset:
+            dataset.make_scale(dim)
+        else:
             dataset.dims[axis].attach_scale(group[dim])
 
 
 def write_index(group: h5py.Group, name: str, count: int) -> None:
     """A dimension without coordinates: 0, 1, ..."""
     row = write_variable(group, name, np.arange(count), "1", (name,))
-    row.attrs["long_name"] = f"number of the {name.replace('_', ' ')}"
+    set_texts(row, long_name=f"number of the {name.replace('_', ' ')}")
 
 
 def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
     """A list of texts along a dimension, whose scale it is if it bears its name."""
-    dataset = group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype())
-    if name == dim:
-        dataset.make_scale(name)
-    attach_scales(dataset, group, (dim,))
+    attach_scales(group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,))
 
 
 def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) -> dict[str, Any]:
@@ -261,19 +231,14 @@ def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any
     if not text:
         return default
     found = parse_json(text, f"{path}: attribute {key!r}")
-    wanted = list if isinstance(default, tuple | list) else dict
-    if not isinstance(found, wanted):
-        kind = "a list" if wanted is list else "an object"
+    wanted, kind = (list, "a list") if isinstance(default, tuple | list) else (dict, "an object")
+    if isinstance(default, tuple | list | dict) and not isinstance(found, wanted):
         raise ValueError(f"{path}: attribute {key!r} is {text[:40]!r}; {kind} is needed")
     return found
 
 
 def parse_json(text: str, label: str) -> Any:
-    """JSON of a file.
-
-    Raises:
-        ValueError: it is none, or nested too deep.
-    """
+    """JSON of a file; a ValueError names what is none, or is nested too deep."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -289,7 +254,7 @@ def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
         parts = {"resistance": complex(value).real, "reactance": complex(value).imag}
         for part, amount in parts.items():
             row = write_variable(file, f"{stem}_{part}", amount, "1")
-            row.attrs.update(label=label, long_name=f"{part} from elsewhere, {label}")
+            set_texts(row, label=label, long_name=f"{part} from elsewhere, {label}")
 
 
 def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
@@ -300,8 +265,7 @@ def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
             stem = key.removesuffix("resistance")
             dataset = get_dataset(file, key, path)
             label = text_attribute(dataset, "label") or stem[10:-1].replace("_", " ")
-            parts = (read_number(file, stem + part, "1", path)
-                     for part in ("resistance", "reactance"))  # fmt: skip
+            parts = (read_number(file, stem + part, "1", path) for part in ("resistance", "reactance"))
             found[label] = complex(*parts)
             if not cmath.isfinite(found[label]):
                 raise ValueError(

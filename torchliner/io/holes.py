@@ -8,31 +8,19 @@ from typing import Any
 import h5py
 
 from torchliner.file_checks import naming
-from torchliner.io.hdf5 import is_there, write_index
-from torchliner.io.tables import described, read_variables, real, write_variables
+from torchliner.io.hdf5 import is_there
+from torchliner.io.tables import read_variables
+from torchliner.records.declared import Part, variables_of
 from torchliner.records.holes import Holes
 from torchliner.text_columns import read_lines, read_table
 
-HOLE = ("hole",)
-TABLE = described((
-    real("hole_x", "m", HOLE, field="x"),
-    real("hole_diameter", "m", HOLE, field="diameter"),
-    real("hole_z", "m", HOLE, field="z", optional=True),
-), {"x": "streamwise coordinate of the centre of a hole", "z": "spanwise coordinate, likewise",
-    "diameter": "diameter of a hole, or width of a slit along x"})  # fmt: skip
+TABLE = [row.within(Part("hole_")) for row in variables_of(Holes)]
 COLUMNS = {"x": "length", "diameter": "length", "z": "length"}
 EXAMPLE = "x [mm], z [mm], diameter [mm]; without z for slits, whose diameter is their width"
 
 
-def write_holes(file: h5py.Group, holes: Holes | None) -> None:
-    """The variables, where there are holes."""
-    if holes is not None:
-        write_index(file, *HOLE, len(holes))
-        write_variables(file, holes, TABLE)
-
-
 def stored_holes(file: h5py.Group, path: Path) -> Holes | None:
-    """What ``write_holes`` wrote; None where the file has none of it.
+    """What is in a file of ours; None where it has none of it.
 
     Raises:
         ValueError: a variable without the others, of another length or unit; as ``Holes``.

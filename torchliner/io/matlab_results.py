@@ -9,24 +9,28 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
-from torchliner.io.result_writers import ResultFile, ResultWriter, complex_names
+from torchliner.io.own_file import OwnFile, complex_names
+from torchliner.io.result_writers import ResultWriter
 from torchliner.io.whole_file import written_whole
 
 
-def write_matlab(file: ResultFile, record: Any, path: str | Path) -> None:
+def write_matlab(file: OwnFile, record: Any, path: str | Path) -> None:
     """One struct ``result`` (MATLAB v5), groups as structs within it, ``choices`` as JSON."""
     with file.in_memory(record) as (_, whole):
         found = _plain(whole)
     with written_whole(path, ".mat") as temporary:
         savemat(
-            str(temporary), {"result": found}, appendmat=False, long_field_names=True,
+            str(temporary),
+            {"result": found},
+            appendmat=False,
+            long_field_names=True,
             oned_as="column",
-        )  # fmt: skip
+        )
 
 
 def _plain(group: h5py.Group) -> dict[str, Any]:
     """Variables and texts of a group; a real and an imaginary part become one array."""
-    found: dict[str, Any] = {key: text for key, text in group.attrs.items() if isinstance(text, str)}
+    found: dict[str, Any] = {key: text.decode() for key, text in group.attrs.items() if isinstance(text, bytes)}
     for name, each in group.items():
         if isinstance(each, h5py.Group):
             found[name] = _plain(each)
@@ -34,7 +38,7 @@ def _plain(group: h5py.Group) -> dict[str, Any]:
             found[name] = np.array(each.asstr()[()], dtype=object)
         else:
             found[name] = each[()]
-    for name, real, imaginary in complex_names(found):
+    for name, (real, imaginary) in complex_names(found).items():
         found[name] = found.pop(real) + 1j * found.pop(imaginary)
     return found
 

@@ -1,6 +1,6 @@
 """Lines of microphones, one file each: HDF5 that is valid netCDF-4, or CSV (docs/wall_pressure.md).
 
-The pressure is complex, as two reals ``pressure_real`` and ``pressure_imag`` of dimensions (...,
+The pressure is complex, as two reals ``pressure_real`` and ``pressure_imaginary`` of dimensions (...,
 microphone, frequency); or it is a signal ``pressure`` (microphone, time) beside ``reference``
 (time), of which the reader keeps the tones that are coherent with the reference.
 """
@@ -14,79 +14,41 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.io.axes import find_time_axis, read_case, read_times, write_case
+from torchliner.io.axes import find_time_axis, read_case, read_times
 from torchliner.io.flow_noise import reject_flow_noise
-from torchliner.io.hdf5 import (
-    get_dataset,
-    is_there,
-    open_file,
-    place,
-    read_si,
-    text_attribute,
-    write_index,
-)
-from torchliner.io.microphone_csv import (
-    TEXT_ENDINGS,
-    UNITS,
-    read_microphone_csv,
-    write_microphone_csv,
-)
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si
+from torchliner.io.microphone_csv import TEXT_ENDINGS, read_microphone_csv, write_microphone_csv
+from torchliner.io.own_file import OwnFile
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.stored_values import read_values
-from torchliner.io.tables import FileKind, Variable, impedance, numbers, read_variables, real, write_variables
 from torchliner.records import MicrophoneLine, PressureRecord
+from torchliner.records.declared import variables_of
 
-KIND = FileKind(
-    "torchliner microphones 1", "line of microphones",
-    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
+
+class MicrophoneFile(OwnFile):
+    """CSV for a line without leading axes."""
+
+    def write(self, record: MicrophoneLine, path: str | Path) -> None:
+        """One file, by its ending."""
+        if Path(path).suffix.lower() in TEXT_ENDINGS:
+            write_microphone_csv(record, path)
+        else:
+            super().write(record, path)
+
+
+def _axes(line: MicrophoneLine) -> dict[str, tuple[str, ...]]:
+    return {"draws": tuple(f"draw_{axis}" if axis else "draw" for axis in range(line.pressure.ndim - 2))}
+
+
+FILE = MicrophoneFile(
+    "torchliner microphones 1",
+    "line of microphones",
+    record=MicrophoneLine,
+    axes=_axes,
+    unsaid=("name",),
+    attributes={"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
     others=TEXT_ENDINGS,
-)  # fmt: skip
-DUCT = (real("x", "m", ("microphone",)), *numbers(UNITS))
-FREQUENCY = (real("frequency", "Hz", ("frequency",)),)
-AMPLITUDES = (
-    Variable("pressure", ("pressure_real", "pressure_imag"), "Pa",
-             ("draws", "microphone", "frequency"),
-             attributes={"amplitude": "peak, exp(+j omega t)"}),
-    real("coherence", "1", ("microphone", "frequency"), optional=True),
-    impedance("wall_impedance", "wall_", ("frequency",), optional=True),
-)  # fmt: skip
-
-
-def write_microphones(line: MicrophoneLine, path: str | Path) -> None:
-    """Write a line; the old file, if any, is replaced only when the new one is whole.
-
-    Args:
-        line: record.
-        path: .h5 or .nc; .csv for a line without leading axes.
-    """
-    if Path(path).suffix.lower() in TEXT_ENDINGS:
-        write_microphone_csv(line, path)
-        return
-    with KIND.created(path, line) as file:
-        fill_microphones(file, line)
-
-
-def fill_microphones(group: h5py.Group, line: MicrophoneLine) -> None:
-    """A line into an open file or a group of one."""
-    KIND.write_head(group, line)
-    write_index(group, "microphone", line.microphones)
-    write_case(group, line, DUCT)
-    write_variables(group, line, FREQUENCY)
-    draws = []
-    for axis, count in enumerate(line.pressure.shape[:-2]):
-        draws.append("draw" if axis == 0 else f"draw_{axis}")
-        write_index(group, draws[-1], count)
-    write_variables(group, line, AMPLITUDES, {"draws": draws})
-
-
-def microphones_of(group: h5py.Group, path: Path, name: str) -> MicrophoneLine:
-    """The amplitudes that ``fill_microphones`` wrote into a group of a file."""
-    KIND.require(group, path)
-    case = read_case(group, KIND, DUCT, path)
-    case["title"] = text_attribute(group, "title") or ""  # the file's name is another's
-    if "duct_height" not in case:
-        get_dataset(group, "duct_height", path)
-    return MicrophoneLine(**case, **read_variables(group, FREQUENCY + AMPLITUDES, path), name=name)
+)
 
 
 def read_microphones(
@@ -119,15 +81,20 @@ def read_microphones(
         return _selected(read_microphone_csv(path, **about), frequency, signals)
     with open_file(path) as file:
         if "schema" in file.attrs:
-            KIND.require(file, path)
-        head = {**read_case(file, KIND, DUCT, path), "name": str(path)}
-        if "duct_height" not in head | about:
-            get_dataset(file, "duct_height", path)  # says what is there instead
-        amplitudes = is_there(file, AMPLITUDES[0].names[0], path)
-        if amplitudes or is_there(file, "frequency", path):
-            head |= read_variables(file, FREQUENCY, path)
+            FILE.require(file, path)
+        amplitudes = is_there(file, "pressure_real", path)
+        table = [
+            row
+            for row in variables_of(MicrophoneLine)
+            if row.field not in about
+            and (
+                amplitudes
+                or not {"draws", "frequency"} & {*row.dims}
+                or (row.field == "frequency" and is_there(file, "frequency", path))
+            )
+        ]
+        head = {**read_case(file, FILE, table, path), "name": str(path)}
         if amplitudes:
-            head |= read_variables(file, AMPLITUDES, path)
             return _selected(MicrophoneLine(**{**head, **about}), frequency, signals)
         if frequency is not None:
             head["frequency"] = frequency
@@ -171,8 +138,10 @@ def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: 
         torch.from_numpy(np.ascontiguousarray(signals)),
         torch.from_numpy(reference.astype(np.float64).reshape(-1)),
         torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
-        rate, name=str(path), **options,
-    )  # fmt: skip
+        rate,
+        name=str(path),
+        **options,
+    )
     report = {
         "segments": found.segments,
         "lowest_coherence": float(found.coherence.min()),

@@ -18,49 +18,46 @@ from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.engine.nodes import Chebyshev, Nodes, nodes_of
 from torchliner.engine.survey import Survey, gram_of
-from torchliner.io.axes import read_case, read_coordinate, write_case, write_coordinates
-from torchliner.io.hdf5 import open_file, place, text_attribute, write_index
-from torchliner.io.holes import stored_holes, write_holes
-from torchliner.io.plane_file import NUMBERS
-from torchliner.io.tables import FileKind, Sizes, Table, numbers, read_variables, real, write_variables
+from torchliner.io.axes import read_case, read_coordinate
+from torchliner.io.fields import attach_places, fill, line_axes
+from torchliner.io.hdf5 import open_file, place, text_attribute
+from torchliner.io.holes import stored_holes
+from torchliner.io.plane_file import KIND as PLANE_KIND
+from torchliner.io.tables import FileKind, Sizes, Table, read_variables, write_variables
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.records.declared import Variable, variables_of
 
 STEM = "torchliner moments "
-OF_PLANE = {"title": "", "source_side": "unknown", "liner": "", "provenance": {}}  # attributes
 OWN: dict[str, Any] = {"velocity": {}, "blocks": {}, "nodes": {}, "locked": {}, "settings": {}, "notes": ()}
-KIND = FileKind(f"{STEM}1", "record of moments", OF_PLANE | OWN)
+KIND = FileKind(f"{STEM}1", "record of moments", OWN)
+UNSAID = ("velocity", "streamwise", "sampling_rate", "name", "area")  # of the plane
+ABOUT = tuple(row for row in variables_of(VelocityPlane) if not row.dims)
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 SLACK = 1e-6  # relative, of the number of samples
-ABOUT = NUMBERS + numbers({"start": "s"})
 POINT, BLOCK, SUMS = ("point",), ("block", "point"), ("block", "turn_row", "node")
-AREA = (real("area", "m2", POINT, optional=True),)
-LINES = (real("line_frequency", "Hz", ("line",), field="lines"),)
-TURNS = (real("turn_frequency", "Hz", ("turn",), field="turns", optional=True),)
+CELLS = tuple(variables_of(Cells))
+AREA = (Variable("area", "m2", POINT, optional=True),)
+LINES = (Variable("lines", "Hz", ("line",), name="line_frequency"),)
+TURNS = (Variable("turns", "Hz", ("turn",), name="turn_frequency", optional=True),)
 SURVEY = (
-    real("line_sums", "m/s", ("block", "row", "point"), field="sums", any_size=True),
-    real("square_sums", "m2/s2", BLOCK, field="squares", any_size=True),
-    real("peaks", "m/s", BLOCK),
+    Variable("sums", "m/s", ("block", "row", "point"), name="line_sums", wide=True),
+    Variable("squares", "m2/s2", BLOCK, name="square_sums", wide=True),
+    Variable("peaks", "m/s", BLOCK),
 )
-CELLS = (
-    real("cell_of_probe", "1", POINT, field="labels"),
-    real("cell_x", "m", ("cell",), field="x"),
-    real("cell_z", "m", ("cell",), field="z"),
-    real("cell_weight", "1", ("cell",), field="weight", optional=True),
-)
-USED = (real("used", "1", POINT, flag=True),)
+USED = (Variable("used", "1", POINT, "flag"),)
 LOCKED = (
-    real("taken", "m/s", ("harmonic_row", "point")),
-    real("scale", "1", POINT, optional=True),
-    real("share", "1", ("harmonic", "cell")),
+    Variable("taken", "m/s", ("harmonic_row", "point")),
+    Variable("scale", "1", POINT, optional=True),
+    Variable("share", "1", ("harmonic", "cell")),
 )
 SQUARES = "square of cells"
 COLUMNS = {"admittance": "point", "velocity": "cell", "phase-locked": "point"}
 TABLES: dict[str, Table] = {
-    SQUARES: (real("cell_square_sums", "m2/s2", ("block", "cell"), field="values", any_size=True),),
+    SQUARES: (Variable("values", "m2/s2", ("block", "cell"), name="cell_square_sums", wide=True),),
     **{
-        name: (real(f"{name.replace('-', '_')}_sums", "1", (*SUMS, columns), field="values"),)
+        name: (Variable("values", "1", (*SUMS, columns), name=f"{name.replace('-', '_')}_sums"),)
         for name, columns in COLUMNS.items()
     },
 }
@@ -75,50 +72,26 @@ def write_moments(known: Moments, path: str | Path) -> None:
     if known.projected is not None:
         raise ValueError(f"{path}: moments of one liner at {known.projected.tolist()} Hz have no file; use tl.moments")
     plane, seen, locked = known.plane, known.survey, known.locked
-    blocks, kind = seen.blocks, str(plane.velocity.dtype).removeprefix("torch.")
+    kind = str(plane.velocity.dtype).removeprefix("torch.")
     head = SimpleNamespace(
-        **{key: getattr(plane, key) for key in OF_PLANE},
         velocity={"shape": list(plane.velocity.shape), "precision": kind},
-        blocks={**vars(blocks), "harmonics": seen.harmonics},
+        blocks={**vars(seen.blocks), "harmonics": seen.harmonics},
         nodes={} if known.nodes is None else known.nodes.describe(),
         locked={} if locked is None else {"known": locked.known},
         settings={**known.settings, "cell_pitch": known.cell_pitch},
         notes=known.notes,
     )
-    sizes = _sizes(plane.probes, blocks, known.nodes, seen.lines, seen.harmonics, known.turns)
     with KIND.created(path, head) as file:
-        write_coordinates(file, plane.probe_shape, plane.x, plane.z)
-        write_case(file, plane, ABOUT)
-        write_holes(file, plane.holes)
-        for name, (size,) in {**sizes, "cell": (known.cells.count,)}.items():
-            write_index(file, name, size)
+        fill(file, plane, axes=line_axes(plane), unsaid=UNSAID)
         write_variables(file, plane, AREA)
         write_variables(file, seen, (*LINES, *SURVEY))
         write_variables(file, known.cells, CELLS)
-        write_variables(file, known, USED)
-        if len(known.turns):
-            write_index(file, "turn", len(known.turns))
-            write_variables(file, known, TURNS)
-        if locked is not None:
-            write_variables(file, locked, LOCKED)
+        write_variables(file, known, (*USED, *(TURNS if len(known.turns) else ())))
+        write_variables(file, SimpleNamespace() if locked is None else locked, () if locked is None else LOCKED)
         for name, sums in known.sums.items():
             values = sums[:, 0, 0] if name == SQUARES else sums
             write_variables(file, SimpleNamespace(values=values), TABLES[name])
-
-
-def _sizes(probes: int, blocks: Blocks, nodes: Nodes | None, lines: Tensor, harmonics: int, turns: Tensor) -> Sizes:
-    """Lengths of the dimensions."""
-    sizes = {
-        "point": probes,
-        "block": blocks.count,
-        "line": len(lines),
-        "row": 1 + 2 * len(lines),
-        "harmonic": 1 + harmonics,
-        "harmonic_row": 1 + 2 * harmonics,
-        "turn_row": 1 + 2 * len(turns),
-        **({} if nodes is None else {"node": nodes.count}),
-    }
-    return {name: (size,) for name, size in sizes.items()}
+        attach_places(file)
 
 
 def holds_moments(path: str | Path) -> bool:
@@ -142,13 +115,12 @@ def read_moments(path: str | Path) -> Moments:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        about = {"start": 0.0, **read_case(file, KIND, ABOUT, path)}
-        said = {key: about.pop(key) for key in OWN}
+        about, said = read_case(file, PLANE_KIND, ABOUT, path), KIND.read_head(file, path)
+        found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
+        lines, turns = found["lines"], found["turns"]
         with _attribute("velocity", path):
             shape = tuple(int(n) for n in said["velocity"]["shape"])
             velocity = ReducedVelocity(shape, PRECISIONS[said["velocity"]["precision"]], str(path))
-        found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
-        lines, turns = found["lines"], found["turns"]
         with _attribute("blocks", path):
             blocks, harmonics = _blocks_of(said["blocks"], shape[-1], len(lines))
         with _attribute("nodes", path):
@@ -160,17 +132,14 @@ def read_moments(path: str | Path) -> Moments:
                 raise ValueError(f"{settings} are not {', '.join(SETTINGS)}")
             if (settings["drive"] == "rms") != (nodes is None):
                 raise ValueError(f"drive {settings['drive']!r} does not go with nodes {said['nodes']}")
-        plane = VelocityPlane(
-            velocity,
-            sampling_rate=blocks.sampling_rate,
-            name=str(path),
-            x=read_coordinate(file, "x", shape[:-1], path),
-            z=read_coordinate(file, "z", shape[:-1], path),
-            holes=stored_holes(file, path),
-            **read_variables(file, AREA, path),
-            **about,
-        )
-        sizes = _sizes(plane.probes, blocks, nodes, lines, harmonics, turns)
+        about |= {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
+        about |= read_variables(file, AREA, path)
+        about |= {"sampling_rate": blocks.sampling_rate, "name": str(path), "holes": stored_holes(file, path)}
+        plane = VelocityPlane(velocity, **about)
+        count = {"point": plane.probes, "block": blocks.count, "line": len(lines)}
+        count |= {"row": 1 + 2 * len(lines), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
+        count |= {"turn_row": 1 + 2 * len(turns)} | ({} if nodes is None else {"node": nodes.count})
+        sizes: Sizes = {name: (size,) for name, size in count.items()}
         survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram_of(blocks, lines))
         cells, used = _read_cells(file, path, sizes)
         locked = None
@@ -185,12 +154,13 @@ def read_moments(path: str | Path) -> Moments:
             sums[name] = values[:, None, None] if name == SQUARES else values
             if name != SQUARES:
                 _require_sums(values, nodes, survey.lengths, place(file, TABLES[name][0].names[0], path))
+    membership = Membership.of(cells.labels, cells.count, survey.sums.device)
     return Moments(
         plane=plane,
         settings=settings,
         cell_pitch=pitch,
         cells=cells,
-        membership=Membership.of(cells.labels, cells.count, survey.sums.device),
+        membership=membership,
         used=used,
         survey=survey,
         locked=locked,

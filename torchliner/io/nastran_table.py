@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.io.result_writers import ResultFile, ResultWriter
+from torchliner.io.own_file import OwnFile
+from torchliner.io.result_writers import ResultWriter
 from torchliner.io.solver_table import about, over_frequency
 from torchliner.io.whole_file import written_whole
 
@@ -17,7 +18,7 @@ NUMBERS = {"resistance": 1, "reactance": 2}  # of the tables
 LONGEST = 70  # characters of a comment: a line has 72 to 80
 
 
-def write_nastran(_: ResultFile, record: Any, path: str | Path) -> None:
+def write_nastran(_: OwnFile, record: Any, path: str | Path) -> None:
     """TABLED1 1 is R(f), 2 is X(f) of the whole liner, in units of rho c.
 
     Raises:

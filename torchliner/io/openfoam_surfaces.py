@@ -15,7 +15,7 @@ from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.point_layout import SAME, named
 from torchliner.io.surface_frames import Frame, FrameArray, Surface, plane_of_frames, read_whole
-from torchliner.io.text_rows import SPACES, last_digit, number_of, parse_rows, parse_vectors
+from torchliner.io.text_rows import SPACES, last_digit, number_of, parse_rows
 from torchliner.io.vtk_frames import vtk_parser
 from torchliner.records import VelocityPlane
 
@@ -121,23 +121,24 @@ def parse_raw(path: Path, first: Path | None = None, points: np.ndarray | None =
     head = RAW.match(text)
     if head is None:
         raise ValueError(f"{path} begins with {text[:30]!r}, not '# U FACE_DATA N'")
-    count, rows, label = int(head[3]), text[head.end() :], f"{path}"
+    count, rows = int(head[3]), text[head.end() :].translate(SPACES)
     width = len(rows.partition(b"\n")[0].split())
     if width not in (4, 6):
-        raise ValueError(f"{label}: rows have {width} numbers; x y z and one or three values are "
-                         "needed")  # fmt: skip
+        raise ValueError(f"{path}: rows have {width} numbers; x y z and one or three values are needed")
 
-    def surface() -> Surface:
-        return Surface(parse_vectors(rows, count, width, None, label)[:, :3])
+    def found() -> np.ndarray:
+        table = parse_rows(rows, width, str(path))
+        if len(table) != count:
+            raise ValueError(f"{path}: {len(table)} rows; {count} are needed")
+        return table
 
     def values(axis: int) -> np.ndarray:
-        columns = (0, 1, 2, 3 + axis)
-        found = parse_rows(rows.translate(SPACES), count, width, columns, label, np.float64)
-        return found[:, 3] if points is None else found[same_places(found, points, path, first), 3]
+        table = found()
+        return table[:, 3 + axis] if points is None else table[same_places(table, points, path, first), 3 + axis]
 
     # Its points are centres already where values lie on faces.
     array = FrameArray(False, count, width - 3, values)
-    return Frame(surface, {head[1].decode(): array})
+    return Frame(lambda: Surface(found()[:, :3]), {head[1].decode(): array})
 
 
 def same_places(rows: np.ndarray, points: np.ndarray, path: Path, first: Path | None) -> Any:

@@ -1,48 +1,48 @@
-"""One plane, one file: HDF5 that is valid netCDF-4 at once (docs/formats.md).
+"""One plane, one file: HDF5 that is valid netCDF-4 at once (docs/formats.md); and planes of all that is like it.
 
-Dimensions (time, z, x), (time, x) or (time, probe); others are read as they are (``cf``). Numbers
-beside the velocity are scalar variables with CF units.
+Dimensions (time, z, x), (time, x) or (time, probe); others are read as they are (``plane_layout``). Numbers beside the
+velocity are scalar variables or attributes with CF units.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
-from dataclasses import replace
+import re
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import h5py
-
-from torchliner.io.axes import (
-    FLUID,
-    FLUID_UNITS,
-    float_factor,
-    read_case,
-    read_clock,
-)
-from torchliner.io.cf import VELOCITY, find_velocity, sign_of
-from torchliner.io.cf_axes import find_axes, find_coordinates
-from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si, text_attribute
-from torchliner.io.hdf5_velocity import H5Velocity
-from torchliner.io.holes import stored_holes
+from torchliner.file_checks import naming
+from torchliner.fluid import Fluid
+from torchliner.io.axes import FLUID_UNITS
+from torchliner.io.field_velocity import Opener, velocity_of
+from torchliner.io.hdf5 import hold_open, open_file
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.tables import FileKind, Variable, numbers, read_variables
+from torchliner.io.plane_layout import VELOCITY, find_coordinates, find_layout, find_times, find_velocity, sign_of
+from torchliner.io.tables import FileKind
+from torchliner.io.variables import Field, fields_of_hdf5, read_times
 from torchliner.records import VelocityPlane
+from torchliner.records.declared import variables_of
+from torchliner.records.holes import Holes
 from torchliner.units import SI_QUANTITY, si_factor
 
 KIND = FileKind(
-    "torchliner plane 1", "velocity plane",
+    "torchliner plane 1",
+    "velocity plane",
     {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
-)  # fmt: skip
+)
 STREAMWISE, AREA = "streamwise_velocity", "area"
+HOLES = ("hole_x", "hole_z", "hole_diameter")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-UNITS = {"height": "m", "frequency": "Hz", "incident_level": "dB", "mach": "1",
-         "displacement_thickness": "m"}  # fmt: skip
-NUMBERS = numbers(UNITS)
+UNITS = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
 STATED = UNITS | FLUID_UNITS
 SAME = 1e-6  # relative: an attribute as text, and the variable of its name
+REMEDIES = {
+    "torchliner pressure": "; use torchliner insitu",
+    "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
+    "name the plane that was reduced (educe takes moments)",
+}
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -55,115 +55,109 @@ def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
 
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
-        ValueError: a dataset is missing, has a wrong shape or no or wrong units, or time is not
-            uniform; the message names FILE:/dataset.
+        ValueError: as ``to_plane``.
     """
     path = Path(path)
     with open_file(path) as file:
-        return plane_from(file, path, request, H5Velocity)
+        return to_plane(fields_of_hdf5(file, path), file.attrs, path, request, partial(hold_open, path))
 
 
 FORMAT = PlaneFormat(
-    "HDF5 or netCDF-4", recognises, open_plane,
-    ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal"),
-)  # fmt: skip
+    "HDF5 or netCDF-4",
+    recognises,
+    open_plane,
+    ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "row"),
+)
 
 
-def plane_from(
-    file: h5py.File, path: Path, request: PlaneRequest,
-    stored: Callable[[Path, str, tuple[int, ...], float], Any],
-) -> VelocityPlane:  # fmt: skip
-    """What a file says, as HDF5 or put into its terms.
+def to_plane(
+    fields: Mapping[str, Field], attributes: Mapping[str, Any], path: Path, request: PlaneRequest, opens: Opener
+) -> VelocityPlane:
+    """The one way from the variables of a file or dataset to a plane.
 
     Args:
-        file, path: what is read, and how messages call it.
+        fields, attributes: of the file, by name.
+        path: how messages call it.
         request: what the user states.
-        stored: velocity from the path, its name, the axes as of ``cf.Axes`` and a factor.
+        opens: the file again, by whoever reads the velocity.
+    Raises:
+        ValueError: a variable is missing, was never written, has a wrong shape or no or wrong units, or time is not
+            uniform; the message names FILE:/variable.
     """
-    schema = text_attribute(file, "schema") or ""
-    if not is_there(file, VELOCITY, path) and schema.startswith("torchliner "):
-        remedies = {
-            "torchliner pressure": "; use torchliner insitu",
-            "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
-                                  "name the plane that was reduced (educe takes moments)",
-        }  # fmt: skip
+    head = Field(None, path, "/", attributes)
+    schema = head.text("schema") or ""
+    if f"/{VELOCITY}" not in fields and schema.startswith("torchliner "):
         raise ValueError(
-            f"{path} is no velocity plane but a file of schema {schema!r}" + remedies.get(schema.rpartition(" ")[0], "")
+            f"{path} is no velocity plane but a file of schema {schema!r}{REMEDIES.get(schema.rpartition(' ')[0], '')}"
         )
-    where, _, key = find_velocity(file, request, path).rpartition("/")
-    group = file[where or "/"]
-    label, dataset = place(group, key, path), get_dataset(group, key, path)
-    factor = float_factor(group, key, "m/s", path, request.velocity_units)
-    axes = find_axes(group, key, request, path)
-    rate, _, first = (request.sampling_rate, 0, 0.0) if axes.time is None else read_clock(
-        axes.time.parent, path, axes.time.name.split("/")[-1], request.sampling_rate)  # fmt: skip
-    if rate is None:
-        raise ValueError(f"{label} has no times; give sampling_rate=..., in Hz")
-    stream = None
-    if key == VELOCITY and is_there(group, STREAMWISE, path):
-        if get_dataset(group, STREAMWISE, path).shape != dataset.shape:
-            raise ValueError(
-                f"{path}:/{STREAMWISE} has shape {group[STREAMWISE].shape}, /{VELOCITY} "
-                f"{dataset.shape}; they share probes and times"
-            )
-        stream = stored(path, f"{where}/{STREAMWISE}", axes.order,
-                        float_factor(group, STREAMWISE, "m/s", path))  # fmt: skip
-    # Elsewhere a field may bear the name of one of our numbers: density over time and place.
-    ours = key == VELOCITY
-    case = read_case(file, KIND, _single(file, ours), path, ours)
-    if group.name != "/":
-        case |= read_variables(group, _single(group, ours), path)
-    case = _with_attributes(case, group, dataset, path)
-    return VelocityPlane(
-        stored(path, f"{where}/{key}", axes.order, sign_of(dataset, key, request, label) * factor),
-        sampling_rate=rate,
-        start=first,
-        streamwise=stream,
-        area=read_si(group, AREA, "m2", path) if ours and is_there(group, AREA, path) else None,
-        holes=stored_holes(group, path) if ours else None,
-        name=label,
-        **find_coordinates(group, axes, request, path, strict=ours),
-        **case,
+    velocity = find_velocity(fields, request, path)
+    lead, ours = velocity.name.rpartition("/")[0], velocity.short == VELOCITY
+    factor = velocity.signal_factor("m/s", request.velocity_units)
+    times = find_times(velocity, fields)
+    rate, samples, first, clock = (
+        (request.sampling_rate, None, 0.0, None) if times is None else read_times(times, request.sampling_rate)
     )
+    layout = find_layout(velocity, fields, request, samples)
+    if rate is None:
+        raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
+    # Elsewhere a field may bear the name of one of our numbers: density over time and place.
+    own = {name: fields.get(f"{lead}/{name}") if ours else None for name in (STREAMWISE, AREA, *HOLES)}
+    stream, area = own.pop(STREAMWISE), own.pop(AREA)
+    holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items() if each is not None}
+    case = find_coordinates(velocity, layout, fields, request, strict=ours) | _case(fields, head, velocity, lead, ours)
+    row = request.row or 0
+    part = {} if layout.taken is None else {layout.taken: slice(row, row + 1)}
+    sign = sign_of(velocity, request, ours and schema.startswith("torchliner "))
+    with naming(path):
+        return VelocityPlane(
+            velocity_of(velocity, opens, layout.order, sign * factor, clock, part),
+            sampling_rate=rate,
+            start=first,
+            streamwise=stream and velocity_of(stream, opens, layout.order, stream.signal_factor("m/s")),
+            area=area and area.si("m2"),
+            holes=Holes(**holes) if holes else None,
+            name=velocity.label,
+            reference=_references(fields),
+            **case,
+        )
 
 
-def _single(group: h5py.Group, ours: bool) -> list[Variable]:
-    """The numbers of the case that a group has; all of them in a file of ours."""
-    return [row for row in NUMBERS if ours or getattr(group.get(row.names[0]), "size", 0) == 1]
-
-
-def _with_attributes(case: dict[str, Any], group: h5py.Group, dataset: h5py.Dataset, path: Path) -> dict[str, Any]:
-    """Also the numbers that stand as attributes, and the gas that the velocity's group states.
+def _case(fields: Mapping[str, Field], head: Field, velocity: Field, lead: str, ours: bool) -> dict[str, Any]:
+    """Attributes of the file; numbers of the case and the gas: variables, or attributes of file and velocity, in SI
+    units or with a unit, "1.4 kHz".
 
     Raises:
-        ValueError: as ``_attributes``; attribute and variable differ; no gas is like that.
+        ValueError: as ``Field.number``; an attribute is no number, or differs from the variable of its name.
     """
-    gas: dict[str, Any] = {}
-    for each in (group.file, group):
-        rows = [row for row in FLUID if getattr(each.get(row.names[0]), "size", 0) == 1]
-        gas |= read_variables(each, rows, path)
-    known = case | gas
-    for name, (number, words) in _attributes(group.file, dataset, path).items():
-        if not math.isclose(known.setdefault(name, number), number, rel_tol=SAME):
-            raise ValueError(f"{words} is {number:.9g} {STATED[name]}, the variable {name} is "
-                             f"{known[name]:.9g}; correct one of them")  # fmt: skip
-    gas = {name: known.pop(name) for name in FLUID_UNITS if name in known}
-    return known | {"fluid": replace(case["fluid"], **gas)}
+    found: dict[str, Any] = KIND.read_head(head, head.path)  # type: ignore[arg-type]  # it has attributes
+    found["title"] = found["title"] or head.path.stem
+    for name, unit in STATED.items():
+        for where in dict.fromkeys(("", lead)):
+            each = fields.get(f"{where}/{name}")
+            if each is not None and (ours or each.size == 1):
+                found[name] = each.number(unit)
+        for owner in (head, velocity):
+            words, *units = (owner.text(name) or "").split(maxsplit=1) or [""]
+            if not words:
+                continue
+            label = f"{owner.label}: attribute {name!r}"
+            try:
+                number = float(words)
+            except ValueError:
+                raise ValueError(f"{label} is {owner.text(name)!r}; a number is needed, with its unit") from None
+            number *= si_factor(SI_QUANTITY[unit], units[0] if units else unit, label)
+            if not math.isclose(found.setdefault(name, number), number, rel_tol=SAME):
+                raise ValueError(f"{label} is {number:.9g} {unit}, {name} is {found[name]:.9g} elsewhere; correct one")
+    return found | {"fluid": Fluid(**{name: found.pop(name) for name in FLUID_UNITS if name in found})}
 
 
-def _attributes(file: h5py.File, dataset: h5py.Dataset, path: Path) -> dict[str, tuple[float, str]]:
-    """Numbers of the case that stand as attributes, in SI units or with a unit, "1.4 kHz"; and how
-    messages call them."""
+def _references(fields: Mapping[str, Field]) -> dict[str, complex]:
+    """Impedances known from elsewhere, by name."""
     found = {}
-    for owner, (name, unit) in itertools.product((file, dataset), STATED.items()):
-        text = text_attribute(owner, name)
-        if text is None or not (parts := text.split(maxsplit=1)):
-            continue
-        label = f"{path}:{owner.name}: attribute {name!r}"
-        try:
-            number = float(parts[0])
-        except ValueError:
-            raise ValueError(f"{label} is {text!r}; a number is needed, with its unit") from None
-        number *= si_factor(SI_QUANTITY[unit], parts[1] if parts[1:] else unit, label)
-        found[name] = number, label
+    for name, each in fields.items():
+        if named := re.fullmatch(r"/reference_(.*)_resistance", name):
+            other = fields.get(name.replace("_resistance", "_reactance"))
+            if other is None:
+                raise ValueError(f"{each.label.replace('_resistance', '_reactance')} is missing")
+            found[each.text("label") or named[1].replace("_", " ")] = complex(each.number("1"), other.number("1"))
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from torch import Tensor
 from torchliner.file_checks import require_memory
 from torchliner.records.holes import Holes
 from torchliner.records.slabs import slab_bounds
+
+Clock = tuple[str, Fraction]  # epoch and calendar of times, and the first of them after that, s
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,7 @@ class PlaneRequest:
         sampling_rate: Hz, where the file has no times.
         normal: wall-normal direction of vectors and points: "x", "y" or "z", with "-" where the
             liner lies on the positive side (the velocity is then turned away from it).
+        row: which of several heights along an axis of the velocity is taken, from 0.
         wall_normal_component: one value a point, whatever its name, is the velocity along the wall normal.
         x: coordinates along the duct: FILE or FILE:VARIABLE, or an array.
         z: coordinates across the duct, as ``x``.
@@ -47,6 +51,7 @@ class PlaneRequest:
     length_units: str | None = None
     sampling_rate: float | None = None
     normal: str | None = None
+    row: int | None = None
     wall_normal_component: bool | None = None
     x: Any = None
     z: Any = None
@@ -54,17 +59,23 @@ class PlaneRequest:
     holes: Holes | str | Path | None = None
     overlap: str | None = None
 
+    @property
+    def axis_names(self) -> list[str] | None:
+        """Those of ``axes``, which may be one text with commas."""
+        axes = self.axes.split(",") if isinstance(self.axes, str) else self.axes
+        return None if axes is None else [str(axis).strip() for axis in axes]
+
 
 @dataclass(frozen=True)
 class PlaneFormat:
-    """One row of the table of formats, ``io.planes.FORMATS``.
+    """One row of the table of formats, ``names.PLANE_FORMATS``.
 
     Args:
         name: as messages and ``torchliner info`` call it.
         recognises: whether a file or folder is of this format, from its path and its first 4096
             bytes (empty of a folder); by content, not by name; quick, never raises.
         open: the plane of a path, or of the series that the path stands for, with its velocity
-            left in the files (``FrameVelocity`` or another ``StoredVelocity``).
+            left in the files (a ``records.StoredVelocity``).
         takes: fields of ``PlaneRequest`` that mean something here; others given are refused.
     """
 
@@ -107,39 +118,46 @@ class Stored:
 
 @dataclass
 class FrameVelocity(Stored):
-    """Velocity that a format reads by slabs; a ``records.StoredVelocity``.
+    """Velocity that a format reads by slabs.
 
     Args:
         source: values of samples begin .. end - 1, (t, ...), as they stand in the file; picklable,
-            so that workers read on their own.
+            so that workers read on their own. It may have ``fill(begin, end, out)`` into (t, P).
         shape: (..., T).
         label: FILE:/variable, for messages.
         factor: to m/s.
         dtype: of what is read.
         tile_rows: samples that are best read together.  tile_bytes: of a compressed tile.
+        clock: epoch of the times, where they have one.
     """
 
-    source: Callable[[int, int], np.ndarray]
+    source: Any
     shape: tuple[int, ...]
     label: str
     factor: float = 1.0
     dtype: torch.dtype = torch.float32
     tile_rows: int = 1
     tile_bytes: int = field(default=0, repr=False)
+    clock: Clock | None = None
 
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
-        """Samples begin .. end - 1 of every probe, m/s, (t, P); in ``out`` if one is given.
+        """As ``Stored.read``.
 
         Raises:
             OSError: the file cannot be read there.
         """
         end = min(end, self.shape[-1])
         out = self.rows(begin, end, out)
+        into = out.numpy()
         try:
+            if hasattr(self.source, "fill"):
+                self.source.fill(begin, end, into)
+                return out if self.factor == 1 else out.mul_(self.factor)
             values = np.asarray(self.source(begin, end))
+        except FileNotFoundError:
+            raise
         except (OSError, RuntimeError) as error:
             raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
-        into = out.numpy()
         np.multiply(values.reshape(into.shape), self.factor, out=into, casting="same_kind")
         return out
 

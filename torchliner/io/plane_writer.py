@@ -6,25 +6,32 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import torch
 
-from torchliner.io.axes import write_case, write_coordinates, write_times
-from torchliner.io.cf import VELOCITY
-from torchliner.io.hdf5 import attach_scales, tiles, write_variable
-from torchliner.io.holes import write_holes
-from torchliner.io.plane_file import AREA, KIND, NUMBERS, STREAMWISE
+from torchliner.io.fields import fill, line_axes, write_times
+from torchliner.io.hdf5 import attach_scales, set_texts, tiles
+from torchliner.io.plane_file import KIND
+from torchliner.io.tables import write_dimensions, write_row
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.records import VelocityPlane
+from torchliner.records.declared import Variable, table_of
 from torchliner.records.slabs import SLAB_ROWS, bounds_of, bytes_of, read_ahead, rows_per_slab
 
 COMPRESSED_ROWS = 256  # samples of a compressed tile
 NARROW = 1 << 20  # values of a slab of few probes
 FINEST = 9  # level of gzip
 OVERHEAD = 1 << 20  # bytes of HDF5's own indices
+UNSAID = ("velocity", "streamwise", "sampling_rate", "start", "name")  # of a plane: signals, times and the file's name
+SIGNALS = (
+    Variable("velocity", "m/s", name="wall_normal_velocity", attributes={"positive": "away from the liner"}),
+    Variable("streamwise", "m/s", name="streamwise_velocity"),
+)
+(AREA,) = table_of(VelocityPlane, "area")
 
 
 def write_plane(
@@ -51,12 +58,11 @@ def write_plane(
     if not 0 <= level <= FINEST:
         raise ValueError(f"compress is {compress}; gzip has levels 1 to {FINEST}")
     limit = None if memory is None else bytes_of(memory)
-    fields = {VELOCITY: plane.velocity} | ({} if plane.streamwise is None else {STREAMWISE: plane.streamwise})
+    fields = {row.names[0]: value for row in SIGNALS if (value := getattr(plane, row.field)) is not None}
     bounds = {name: _bounds(plane, value, limit) for name, value in fields.items()}
     with h5py.File.in_memory() as file:
-        file.attrs.update(KIND.constants)
-        KIND.write_head(file, plane)
-        _describe(file, plane, list(fields), level)
+        set_texts(file, **KIND.constants, schema=KIND.schema)
+        _describe(file, plane, level)
         file.flush()
         image = file.id.get_file_image()
     with written_whole(path, *HDF5) as temporary:
@@ -71,23 +77,22 @@ def write_plane(
                         progress(slab.nbytes)
 
 
-def _describe(file: h5py.File, plane: VelocityPlane, fields: list[str], level: int) -> None:
+def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:
     """All but the values of the velocities."""
     write_times(file, plane)
-    dims = write_coordinates(file, plane.probe_shape, plane.x, plane.z)
-    shape = (plane.samples, *(len(file[dim]) for dim in dims))
+    axes = line_axes(plane)
+    fill(file, plane, axes=axes, unsaid=(*UNSAID, "area"))
+    dims, shape = ("time", *axes["probes"]), (plane.samples, *plane.probe_shape)
     kind = np.dtype(np.float32 if plane.velocity.dtype == torch.float32 else np.float64)
-    storage = tiles(shape, COMPRESSED_ROWS, level=level) if level else {}
-    for name in fields:
-        dataset = file.create_dataset(name, shape, kind, **storage)
-        dataset.attrs["units"] = "m/s"
-        attach_scales(dataset, file, ("time", *dims))
+    for row in SIGNALS:
+        if getattr(plane, row.field) is not None:
+            write_dimensions(file, row, dims, shape)
+            storage = tiles(shape, COMPRESSED_ROWS, level=level) if level else {}
+            dataset = file.create_dataset(row.names[0], shape, kind, **storage)
+            set_texts(dataset, units=row.unit, **row.attributes)
+            attach_scales(dataset, file, dims)
     if plane.area is not None:
-        shares = plane.area.reshape(shape[1:]).cpu().numpy()
-        write_variable(file, AREA, shares, "m2", dims).attrs["long_name"] = "area of each probe"
-    file[VELOCITY].attrs["positive"] = "away from the liner"
-    write_case(file, plane, NUMBERS)
-    write_holes(file, plane.holes)
+        write_row(file, AREA, plane.area.reshape(shape[1:]), axes)
 
 
 def _reserve(path: Path, image: bytes, size: int) -> None:
@@ -117,3 +122,6 @@ def _bounds(plane: VelocityPlane, value: Any, memory: int | None) -> list[tuple[
     most = rows_per_slab(plane.probes, value.dtype.itemsize, memory, most=longest, tile=tile_bytes)
     step = next((n for n in (math.lcm(tile, COMPRESSED_ROWS), tile, COMPRESSED_ROWS) if n <= most), 1)
     return bounds_of(plane.samples, most - most % step)
+
+
+FILE = SimpleNamespace(write=write_plane)

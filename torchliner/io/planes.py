@@ -6,13 +6,13 @@ import glob
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from torchliner.file_checks import require_regular
 from torchliner.io.arrays import read_array
-from torchliner.io.axes import CLOCK
 from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import JOINED, join_planes
@@ -52,7 +52,7 @@ def read_plane(
         region: probes with x, or x and z, in there, m: "0:0.1" or "0:0.1,-0.01:0.01", or a pair
             (low, high) of each, None for no limit.
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
-            variable, group, axes, velocity_units, length_units, sampling_rate, normal,
+            variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
             wall_normal_component, x, z, points, holes, overlap.
     Raises:
         FileNotFoundError, OSError: missing, truncated, unreadable, of no format that is known; a
@@ -70,14 +70,12 @@ def read_plane(
             raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, known)}")
     request = PlaneRequest(**stated)
     planes: list[VelocityPlane] = []
-    clocks: list[tuple[str, Fraction] | None] = []
     seen: set[str] = set()  # files of series, of which any file stands for all
     for each in paths_of(path):
         if os.path.abspath(each) not in seen:
-            CLOCK.set(None)
             planes.append(open_plane(each, request))
-            clocks.append(CLOCK.get())
             seen.update(os.path.abspath(frame) for frame in frames_of(planes[-1].velocity))
+    clocks = [getattr(each.velocity, "clock", None) for each in planes]
     plane = select(join_planes(planes, clocks, request.overlap or "refuse"), start, stop, every, region)
     return plane if lazy else plane.load()
 
@@ -100,11 +98,8 @@ def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
     matched = sorted(glob.glob(text, recursive=True))
     if not matched:
         folder = Path(text).parent
-        there = sorted(p.name for p in folder.iterdir())[:5] if folder.is_dir() else []
-        raise FileNotFoundError(
-            f"{text}: no file matches; {folder} "
-            + (f"holds {', '.join(there)} ..." if there else "is empty or not there")
-        )
+        there = ", ".join(sorted(os.listdir(folder))[:5]) if folder.is_dir() else "nothing"
+        raise FileNotFoundError(f"{text}: no file matches; {folder} holds {there} ...")
     return [Path(each) for each in matched]
 
 
@@ -128,23 +123,10 @@ def format_of(path: str | Path) -> PlaneFormat:
     for each in formats:
         if each.recognises(path, head):
             return each
-    raise OSError(
-        f"{path} {_looks_like(path, head)}; it is of no format of planes that is known: "
-        f"{', '.join(each.name for each in formats)}"
-    )
-
-
-def _looks_like(path: Path, head: bytes) -> str:
-    """What a file that nobody recognises begins with."""
+    looks = f"begins with {head[:20]!r}" if head else "is empty"
     if path.is_dir():
-        names = sorted(each.name for each in path.iterdir())
-        return f"is a folder of {len(names)} files ({', '.join(names[:3])} ...)" if names else (
-            "is an empty folder")  # fmt: skip
-    if not head:
-        return "is empty"
-    if b"\0" in head:
-        return f"is binary and begins with {head[:8]!r}"
-    return f"is text that begins with {head.splitlines()[0][:60].decode(errors='replace')!r}"
+        looks = f"is a folder of {', '.join(sorted(os.listdir(path))[:3]) or 'nothing'} ..."
+    raise OSError(f"{path} {looks}; it is of no format of planes that is known: {', '.join(f.name for f in formats)}")
 
 
 def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
@@ -155,8 +137,7 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
         take.
     """
     found = format_of(path)
-    given = [each.name for each in fields(request) if getattr(request, each.name) is not None]
-    own = [name for name in COORDINATES if name in given and name not in found.takes]
+    given = {each.name: value for each in fields(request) if (value := getattr(request, each.name)) is not None}
     for name in given:
         if name not in (*found.takes, *ANY):
             raise ValueError(f"{path} is {found.name}, which says {name} itself or has none: leave out {name}=...")
@@ -166,27 +147,24 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     kept = dict(plane.provenance)
     earlier = {key: kept.pop(key) for key in OF_READING if key in kept}
     kept |= {"earlier": earlier} if earlier else {}
-    said = {name: _in_words(getattr(request, name)) for name in given}
+    kept |= {"stated": {name: _in_words(value) for name, value in given.items()}} if given else {}
     about: dict[str, Any] = {
-        "provenance": kept | ({"stated": said} if said else {})
-    } | {
-        name: stated_coordinate(getattr(request, name), request.length_units, name) for name in own
-    }  # fmt: skip
+        name: stated_coordinate(given[name], request.length_units, name) for name in COORDINATES if name in given
+    }
     if (holes := request.holes) is not None:
         about["holes"] = read_holes(holes) if isinstance(holes, str | os.PathLike) else holes
-    return replace(plane, **about)
+    return replace(plane, provenance=kept, **about)
 
 
 def _in_words(value: Any) -> Any:
     """For the provenance; None for arrays."""
-    if isinstance(value, str | os.PathLike):
+    if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if isinstance(value, Sequence) and all(isinstance(each, str) for each in value):
-        return list(value)
-    return value if isinstance(value, int | float) else None
+    words = isinstance(value, Sequence) and all(isinstance(each, str) for each in value)
+    return value if words or isinstance(value, int | float) else None
 
 
-def stated_coordinate(where: Any, unit: str | None, name: str) -> Any:
+def stated_coordinate(where: Any, unit: str | None, name: str) -> np.ndarray:
     """Coordinates, m, from an array or FILE or FILE:VARIABLE.
 
     Raises:
@@ -196,4 +174,4 @@ def stated_coordinate(where: Any, unit: str | None, name: str) -> Any:
     if isinstance(where, str | os.PathLike):
         file, _, inside = os.fspath(where).partition(":")
         where = read_array(file, inside or None)
-    return factor * where if hasattr(where, "shape") else [factor * each for each in where]
+    return factor * np.asarray(where, float)

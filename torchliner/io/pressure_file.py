@@ -11,105 +11,76 @@ from typing import Any
 
 import h5py
 
-from torchliner.io.axes import (
-    read_case,
-    read_clock,
-    read_coordinate,
-    read_signal,
-    write_case,
-    write_coordinates,
-    write_times,
-)
-from torchliner.io.hdf5 import (
-    get_dataset,
-    is_there,
-    open_file,
-    place,
-    tiles,
-    write_index,
-    write_variable,
-)
+from torchliner.io.axes import read_case, read_clock, read_coordinate, read_signal
+from torchliner.io.fields import fill, line_axes, write_times
+from torchliner.io.hdf5 import get_dataset, is_there, place, tiles
+from torchliner.io.own_file import OwnFile
 from torchliner.io.stored_values import read_values
-from torchliner.io.tables import FileKind, Variable, numbers, real, write_variables
+from torchliner.io.tables import write_row
 from torchliner.records import PressureRecord
+from torchliner.records.declared import table_of, variables_of
+from torchliner.records.pressure_record import SIGNALS
 
-KIND = FileKind("torchliner pressure 1", "pressure record", {"title": "", "provenance": {}})
 COMPRESSED_ROWS = 2048
-SIGNALS = (
-    Variable("facesheet", ("facesheet_pressure",), "Pa", ("time", "facesheet"), optional=True),
-    Variable("backplate", ("backplate_pressure",), "Pa", ("time", "backplate"), optional=True),
-    Variable("microphones", ("microphone_pressure",), "Pa", ("time", "microphone"), optional=True),
-    real("microphone_velocity", "m/s", ("time", "microphone"), optional=True,
-         attributes={"positive": "away from the liner"}),
-)  # fmt: skip
-PLACES = (real("microphone_y", "m", ("microphone",), optional=True),)
-NUMBERS = numbers(
-    {"cavity_depth": "m", "cavity_porosity": "1", "cavity_hydraulic_radius": "m",
-     "cell_pitch": "m", "microphone_mach": "1", "frequency": "Hz", "incident_level": "dB",
-     "mach": "1"}
-)  # fmt: skip
+SIGNAL_TABLE = table_of(PressureRecord, *SIGNALS)
+FACTS = tuple(
+    row for row in variables_of(PressureRecord) if row.field == "microphone_y" or not (row.dims or row.field == "start")
+)
 
 
-def write_pressure(record: PressureRecord, path: str | Path) -> None:
-    """Write a record; the old file, if any, is replaced only when the new one is whole.
+class PressureFile(OwnFile):
+    """Signals are compressed in tiles; times stand for rate and start."""
 
-    Raises:
-        ValueError: a single sample: a file's sampling rate is that of its times.
-    """
-    with KIND.created(path, record) as file:
-        write_times(file, record)
-        axes = _write_probes(file, record)
-        for signal in SIGNALS:
-            values = getattr(record, signal.field)
+    def fill(self, group: h5py.Group, record: PressureRecord) -> None:
+        """Into an open file.
+
+        Raises:
+            ValueError: a single sample: a file's sampling rate is that of its times.
+        """
+        self.write_head(group, record)
+        write_times(group, record)
+        fill(group, record, axes=_axes(record), unsaid=(*SIGNALS, *self.unsaid, "probe_cell"))
+        for row in SIGNAL_TABLE:
+            values = getattr(record, row.field)
             if values is not None:
                 shape = (values.shape[-1], *values.shape[:-1])
-                write_variables(file, record, [signal], axes, **tiles(shape, COMPRESSED_ROWS))
-        write_case(file, record, NUMBERS)
-
-
-def _write_probes(file: h5py.File, record: PressureRecord) -> dict[str, tuple[str, ...]]:
-    """Dimensions and coordinates; returns the dimensions of facesheet and backplate."""
-    axes: dict[str, tuple[str, ...]] = {}
-    if record.facesheet is not None:
-        probes = write_coordinates(file, record.probe_shape, record.x, record.z)
-        axes = {"facesheet": probes, "backplate": probes}
-        if record.backplate.ndim == 1:
-            axes["backplate"] = ()
-        elif record.backplate.shape != record.facesheet.shape:
-            write_index(file, "cell", len(record.backplate))
-            axes["backplate"] = ("cell",)
+                write_row(group, row, values, _axes(record), **tiles(shape, COMPRESSED_ROWS))
         if record.probe_cell is not None:
-            labels = record.probe_cell.numpy().reshape(record.probe_shape)
-            write_variable(file, "probe_cell", labels, "1", probes)
-    if record.microphones is not None:
-        write_index(file, "microphone", len(record.microphones))
-        write_variables(file, record, PLACES)
-    return axes
+            (row,) = table_of(PressureRecord, "probe_cell")
+            write_row(group, row, record.probe_cell.reshape(record.probe_shape), _axes(record))
 
-
-def read_pressure(path: str | Path) -> PressureRecord:
-    """Read a record written by ``PressureRecord.write`` or by anyone who follows the schema.
-
-    Raises:
-        FileNotFoundError, OSError: missing, truncated, not HDF5.
-        ValueError: a dataset is missing, has a wrong shape, another time base, or no or wrong
-            units; a number is out of range. The message names FILE:/dataset.
-    """
-    path = Path(path)
-    with open_file(path) as file:
-        if "schema" in file.attrs:
-            KIND.require(file, path)
-        there = [signal for signal in SIGNALS if is_there(file, signal.names[0], path)]
+    def taken(self, group: h5py.File, path: str | Path, **known: Any) -> PressureRecord:
+        """From an open file, also of anyone who follows the schema."""
+        path = Path(path)
+        if "schema" in group.attrs:
+            self.require(group, path)
+        there = [row for row in SIGNAL_TABLE if is_there(group, row.names[0], path)]
         if not there:
-            get_dataset(file, "facesheet_pressure", path)  # says what is there instead
-        rate, samples, start = read_clock(file, path)
-        fields: dict[str, Any] = {
-            signal.field: read_signal(file, signal.names[0], signal.unit, samples, path) for signal in there
-        }
+            get_dataset(group, "facesheet_pressure", path)  # says what is there instead
+        rate, samples, start = read_clock(group, path)
+        fields: dict[str, Any] = {row.field: read_signal(group, row.names[0], row.unit, samples, path) for row in there}
         shape = fields["facesheet"].shape[:-1] if "facesheet" in fields else ()
-        fields |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
-        fields |= read_case(file, KIND, PLACES + NUMBERS, path)
-        if is_there(file, "probe_cell", path):
-            cells = get_dataset(file, "probe_cell", path)
-            fields["probe_cell"] = read_values(cells, place(file, "probe_cell", path), path)
+        fields |= {key: read_coordinate(group, key, shape, path) for key in ("x", "z")}
+        fields |= read_case(group, self, FACTS, path)
+        if is_there(group, "probe_cell", path):
+            fields["probe_cell"] = read_values(group["probe_cell"], place(group, "probe_cell", path), path)
         return PressureRecord(**fields, sampling_rate=rate, start=start, name=str(path))
+
+
+def _axes(record: PressureRecord) -> dict[str, tuple[str, ...]]:
+    """Of facesheet and backplate."""
+    axes = line_axes(record)
+    probes = axes["probes"]
+    if record.backplate is None or record.backplate.shape == record.facesheet.shape:
+        return {**axes, "facesheet": probes, "backplate": probes}
+    return {**axes, "facesheet": probes, "backplate": ("cell",) if record.backplate.ndim == 2 else ()}
+
+
+FILE = PressureFile(
+    "torchliner pressure 1",
+    "pressure record",
+    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
+    record=PressureRecord,
+    unsaid=("sampling_rate", "start", "name"),
+)
+read_pressure, write_pressure = FILE.read, FILE.write

@@ -12,11 +12,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.io.axes import write_times
-from torchliner.io.hdf5 import attach_scales, write_index, write_variable
-from torchliner.io.tables import FileKind
+from torchliner.io.fields import write_times
+from torchliner.io.hdf5 import attach_scales, set_texts, write_index
+from torchliner.io.tables import FileKind, write_variables
 from torchliner.records import VelocityPlane
+from torchliner.records.declared import Variable
 
+TABLE = (Variable("incident", dims=("time",)), *(Variable(axis, "m", ("probe",), optional=True) for axis in "xz"))
 KIND = FileKind("torchliner reflected 1", "reflected signal", {"title": "", "choices": {}})
 
 
@@ -37,12 +39,10 @@ def reflected_file(
     with KIND.created(path, SimpleNamespace(title=plane.title, choices=choices)) as file:
         write_times(file, plane)
         write_index(file, "probe", plane.probes)
-        for name, values in zip(("x", "z"), plane.probe_coordinates(), strict=True):
-            if values is not None:
-                write_variable(file, name, values.numpy(), "m", ("probe",))
-        write_variable(file, "incident", incident.numpy(), "1", ("time",))
+        places = dict(zip("xz", plane.probe_coordinates(), strict=True))
+        write_variables(file, SimpleNamespace(incident=incident, **places), TABLE)
         data = file.create_dataset("reflected", (plane.samples, plane.probes), np.float32)
-        data.attrs["units"] = "1"
+        set_texts(data, units="1")
         attach_scales(data, file, ("time", "probe"))
 
         def store(signal: Tensor, begin: int) -> None:

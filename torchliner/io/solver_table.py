@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.io.result_writers import ResultFile, ResultWriter
+from torchliner.io.own_file import OwnFile
+from torchliner.io.result_writers import ResultWriter
 from torchliner.io.whole_file import printable, written_whole
 
 
-def write_solver_table(_: ResultFile, record: Any, path: str | Path) -> None:
+def write_solver_table(_: OwnFile, record: Any, path: str | Path) -> None:
     """f, R, X of the whole liner, a line each, after comments that begin with ``%``.
 
     Raises:

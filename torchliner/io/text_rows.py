@@ -1,193 +1,152 @@
-"""Long files of numbers as text: an index of their rows, and blocks of rows read by it."""
+"""Rows of numbers in text, read once: into memory, or into a temporary file where they do not fit."""
 
 from __future__ import annotations
 
 import io
 import math
 import re
+import tempfile
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.file_checks import Unwritten, require_memory, require_regular
+from torchliner.file_checks import Unwritten, machine_memory, require_memory, require_regular
 
-BLOCK = 1 << 24  # bytes looked through at a time
+BLOCK = 1 << 24  # bytes parsed at a time
 TOKEN = 64  # bytes of the longest first number
 SPACES = bytes.maketrans(b"(){}\t\r,;", b" " * 8)
 COMMAS = bytes.maketrans(b"(){}\t\r,;", b" " * 6 + b". ")  # decimal commas
 SAMPLE = 1 << 16  # bytes of rows that the decimal mark is looked for in
-EXPONENT = rb"([eE][+-]?\d+)?"
-COMMA_CELL = re.compile(rb"[+-]?(\d+(,\d+)?%b|nan|inf)" % EXPONENT, re.IGNORECASE)
+BOM = b"\xef\xbb\xbf"
+NUMERIC = re.compile(rb"[+-]?(\.?\d|(nan|inf)\b)", re.IGNORECASE)  # how a number begins
+COMMA_CELL = re.compile(rb"[+-]?(\d+(,\d+)?([eE][+-]?\d+)?|nan|inf)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class TextRows:
-    """Where rows of numbers stand in one or several files.
+class Rows:
+    """Some columns of a file; a source of ``FrameVelocity``.
 
     Args:
-        paths: files.
-        file, begin, end, line: of each row: which file, its bytes, its number there; (T,).
-        first: its first number, float64, (T,).
-        rounding: one in the last digit of the first numbers, at worst.
-        heading: lines before the rows.
-        marks: what becomes a blank, or a point, before numbers are read.
+        time: the column of times, float64, (T,).
+        rounding: one in its last digit, at worst.
+        values: the others, (T, C).
     """
 
-    paths: tuple[Path, ...]
-    file: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-    line: np.ndarray
-    first: np.ndarray
+    time: np.ndarray
     rounding: float
-    heading: tuple[str, ...] = field(repr=False)
-    marks: bytes = field(default=SPACES, repr=False)
+    values: np.ndarray = field(repr=False)
 
-    def __len__(self) -> int:
-        return len(self.first)
-
-    @property
-    def width(self) -> int:
-        """Numbers in the first row."""
-        size = int(self.end[0] - self.begin[0])
-        return len(bytes_at(self.paths[self.file[0]], int(self.begin[0]), size).translate(self.marks).split())
-
-    def part(self, rows: Any) -> TextRows:
-        """Some of the rows, by a slice or an array."""
-        names = ("file", "begin", "end", "line", "first")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-    def numbers(self, begin: int, end: int, width: int, columns: Sequence[int], kind: Any = np.float32) -> np.ndarray:
-        """Some columns of rows begin .. end - 1, and all rows tested for their length.
-
-        Raises:
-            ValueError: a row has not ``width`` numbers, or what is needed of it is none.
-            OSError: a file is shorter than it was.
-        """
-        parts = []
-        apart = self.begin[begin + 1 : end] != self.end[begin : end - 1]
-        # Text is many times larger than its numbers: little of it at a time.
-        block = np.cumsum(self.end[begin:end] - self.begin[begin:end]) // BLOCK
-        cuts = np.flatnonzero(apart | (np.diff(self.file[begin:end]) != 0) | (np.diff(block) != 0))
-        edges = [begin, *(cuts + begin + 1), end]
-        for low, high in pairwise(edges):
-            path, place = self.paths[self.file[low]], int(self.begin[low])
-            with path.open("rb", buffering=0) as file:
-                file.seek(place)
-                size = int(self.end[high - 1]) - place
-                text = file.read(size)
-            if len(text) < size:
-                raise OSError(f"{path} has become shorter: line {self.line[low]} is not there")
-            label = f"{path}, from line {self.line[low]}"
-            parts.append(parse_rows(text.translate(self.marks), high - low, width, columns, label, kind))
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    def __call__(self, begin: int, end: int) -> np.ndarray:
+        """Values of rows begin .. end - 1."""
+        return self.values[begin:end]
 
 
-def parse_rows(
-    text: bytes, rows: int, width: int, columns: Sequence[int], label: str, kind: Any = np.float32
-) -> np.ndarray:
-    """Columns of blank-separated numbers, (rows, columns).
-
-    Raises:
-        ValueError: rows have not ``width`` numbers each, or what is needed of them is none.
-    """
-    solid = np.frombuffer(text, np.uint8) > 32
-    count = int(np.count_nonzero(solid[1:] > solid[:-1])) + int(solid[:1].sum())
-    if count != rows * width:
-        raise ValueError(f"{label}: {count} numbers in {rows} rows; {width} in each are needed")
-    wanted = list(columns)
-    last = [] if width - 1 in wanted else [width - 1]  # so that no row is shorter
-    try:
-        found = np.loadtxt(
-            io.BytesIO(text), kind, usecols=wanted + last, ndmin=2,
-            comments=None, encoding="latin-1",
-        )  # fmt: skip
-    except ValueError as error:
-        raise ValueError(f"{label}: {error}; {width} numbers in each row are needed") from error
-    if len(found) != rows:
-        raise ValueError(f"{label}: {len(found)} rows; {rows} are needed")
-    return found[:, : len(wanted)]
-
-
-def parse_vectors(text: bytes, count: int, width: int, axis: int | None, label: str) -> np.ndarray:
-    """Component ``axis`` of ``count`` vectors, float32, (N,), or all of them, float64, (N, width),
-    however their numbers stand in lines."""
-    flat = text.translate(SPACES).replace(b"\n", b" ")
-    columns = range(count * width) if axis is None else range(axis, count * width, width)
-    kind = np.float64 if axis is None else np.float32
-    found = parse_rows(flat, 1, count * width, columns, label, kind)[0]
-    return found.reshape(count, width) if axis is None else found
-
-
-def index_rows(path: Path, whole: bool = False) -> TextRows:
-    """Rows that begin with a number; remarks behind '#' are passed over.
+@dataclass(frozen=True)
+class TextFile:
+    """What stands before the rows of a file.
 
     Args:
-        path: text.
-        whole: nobody writes to it any more: its last line needs no end.
+        path: file.
+        heading: its lines.
+        begin: byte of the first row.
+        marks: what becomes a blank, or a point, before numbers are read.
+        width: numbers in the first row.
+    """
+
+    path: Path
+    heading: tuple[str, ...]
+    begin: int
+    marks: bytes
+    width: int
+
+    def rows(self, time: int, columns: Sequence[int], kind: Any = np.float32, whole: bool = False) -> Rows:
+        """Columns of all rows; lines behind '#' are passed over.
+
+        Args:
+            time: column of the times.
+            columns: of the values.
+            kind: dtype of these.
+            whole: nobody writes to the file any more: its last line needs no end.
+        Raises:
+            ValueError: a row has another width, or a cell is no number.
+        Warns:
+            DataWarning: the last line has no end, as where a run was broken off: it is left out.
+        """
+        times, digits, line, rest = [np.empty(0)], 0, len(self.heading) + 1, b""
+        small = self.path.stat().st_size < machine_memory() / 4
+        store: Any = io.BytesIO() if small else tempfile.TemporaryFile()  # noqa: SIM115  # the values keep it
+        with self.path.open("rb") as file:
+            file.seek(self.begin)
+            while block := file.read(BLOCK):
+                block = rest + block
+                end = len(block) if whole and len(block) < BLOCK else block.rfind(b"\n") + 1
+                text, rest = block[:end].translate(self.marks), block[end:]
+                found = parse_rows(text, self.width, f"{self.path}, from line {line}")
+                words = [w[time] for each in text.split(b"\n") if (w := each.split(None, time + 1)) and each[0] != 35]
+                digits = max([digits, *(number_of(word)[1] for word in words)])
+                times.append(found[:, time].copy())
+                store.write(found[:, list(columns)].astype(kind).tobytes())
+                line += block.count(b"\n")
+        stamps, shape = np.concatenate(times), (-1, len(columns))
+        if rest.strip():
+            tell(
+                f"{self.path}: the last line, {line}, has no end, as where a run was broken off or goes on; it is left "
+                f"out, {len(stamps)} rows remain",
+                depth=2,
+            )
+        if not len(stamps):
+            raise Unwritten(f"{self.path} holds no row of numbers that is whole")
+        held = np.frombuffer(store.getbuffer(), kind) if small else np.memmap(store, kind, "r")
+        return Rows(stamps, last_digit(stamps, digits), held.reshape(shape))
+
+
+def open_text(path: Path) -> TextFile:
+    """A file of rows; these begin with the first line that begins like a number.
+
     Raises:
         FileNotFoundError, OSError: no such file, a folder.
-        ValueError: no rows; a line below the first row that begins with something else.
-    Warns:
-        DataWarning: the last line has no end, as where a run was broken off: it is left out.
+        ValueError: no rows.
     """
     require_regular(path)
-    rows: list[tuple[int, int, int]] = []
     heading: list[str] = []
-    first: list[float] = []
-    digits, number, start = 0, 0, 0
-    with path.open("rb", buffering=0) as file:
-        size = path.stat().st_size
-        for offset in range(0, size, BLOCK):
-            file.seek(offset)
-            block = file.read(BLOCK + TOKEN)
-            ends = np.flatnonzero(np.frombuffer(block[:BLOCK], np.uint8) == 10) + 1
-            if whole and offset + BLOCK >= size and not block.endswith(b"\n"):
-                ends = np.append(ends, len(block))
-            for end in ends.tolist():
-                number += 1
-                line, begin, start = start, start, offset + end
-                head = block[line - offset : end][:TOKEN] if line >= offset else bytes_at(path, line)
-                word = head.translate(SPACES).split(None, 1)[:1]
-                value, exact = number_of(word[0]) if word else (None, 0)
-                if value is not None:
-                    rows.append((begin, start, number))
-                    first.append(value)
-                    digits = max(digits, exact)
-                elif not rows:
-                    require_memory(start - begin, f"{path}, line {number},")
-                    heading.append(_decoded(bytes_at(path, begin, start - begin)))
-                elif word and not word[0].startswith(b"#"):
-                    raise ValueError(
-                        f"{path}, line {number} begins with {word[0][:20].decode('latin-1')!r}; a "
-                        "row begins with a number"
-                    )
-    if not rows:
-        bare = [line for line in heading if line and not line.startswith("#")]
-        raise (Unwritten if len(bare) < 2 else ValueError)(f"{path} holds no row of numbers that is whole")
-    if start < size and bytes_at(path, start, size - start).strip():
-        tell(
-            f"{path}: the last line, {number + 1}, has no end, as where a run was broken off or "
-            f"goes on; it is left out, {len(rows)} rows remain",
-            depth=2,
-        )
-    end = next((e for _, e, _ in reversed(rows) if e - rows[0][0] <= SAMPLE), rows[0][1])
-    marks = COMMAS if _has_decimal_commas(bytes_at(path, rows[0][0], end - rows[0][0])) else SPACES
-    time = np.array(first)
-    if marks == COMMAS:
-        time = np.array([number_of(bytes_at(path, b, TOKEN).translate(COMMAS).split(None, 1)[0])[0]
-                         for b, *_ in rows], float)  # fmt: skip
-    begins, ends, lines = np.array(rows, np.int64).T
-    return TextRows(
-        (path,), np.zeros(len(rows), np.int64), begins, ends, lines, time,
-        last_digit(time, digits), tuple(heading), marks,
-    )  # fmt: skip
+    begin = 0
+    with path.open("rb") as file:
+        for line in file:
+            require_memory(16 * len(line), f"{path}, line {len(heading) + 1},")
+            mark = len(BOM) if not begin and line.startswith(BOM) else 0
+            words = line[mark:].translate(SPACES).split(None, 1)
+            if words and NUMERIC.match(words[0]):
+                sample = line[mark:] + file.read(SAMPLE)
+                marks = COMMAS if _has_decimal_commas(sample[: sample.rfind(b"\n") + 1]) else SPACES
+                return TextFile(path, tuple(heading), begin + mark, marks, len(line[mark:].translate(marks).split()))
+            begin += len(line)
+            heading.append(_decoded(line))
+    bare = [line for line in heading if line and not line.startswith("#")]
+    raise (Unwritten if len(bare) < 2 else ValueError)(f"{path} holds no row of numbers that is whole")
+
+
+def parse_rows(text: bytes, width: int, label: str) -> np.ndarray:
+    """Rows of ``width`` numbers parted by blanks, (T, width).
+
+    Raises:
+        ValueError: a row has others, or a cell is no number.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of no rows, which may be remarks
+            found = np.loadtxt(io.BytesIO(text), ndmin=2, comments="#", encoding="latin-1")
+    except ValueError as error:
+        said = str(error).partition("; use")[0].rstrip(".")
+        raise ValueError(f"{label}: {said}; {width} numbers a row are needed, and '#' before a remark") from error
+    if len(found) and found.shape[1] != width:
+        raise ValueError(f"{label}: rows have {found.shape[1]} numbers; {width} are needed")
+    return found if len(found) else np.empty((0, width))
 
 
 def _has_decimal_commas(text: bytes) -> bool:

@@ -9,14 +9,15 @@ import h5py
 import numpy as np
 
 from torchliner.file_names import frequency_ends
-from torchliner.io.result_writers import ResultFile, ResultWriter
+from torchliner.io.own_file import OwnFile
+from torchliner.io.result_writers import ResultWriter
 from torchliner.io.whole_file import written_whole
 
 UNIFORM = 1e-6  # of a spacing, that places of an image may be off
 Fields = dict[str, np.ndarray]
 
 
-def write_vtkhdf(file: ResultFile, record: Any, path: str | Path) -> None:
+def write_vtkhdf(file: OwnFile, record: Any, path: str | Path) -> None:
     """The rows of the CSV at their places: an image where x and z are uniform, else points,
     with quadrilaterals between them where rows and columns form a grid.
 
@@ -26,11 +27,11 @@ def write_vtkhdf(file: ResultFile, record: Any, path: str | Path) -> None:
     Raises:
         ValueError: no place has a coordinate.
     """
-    rows = [row for row in file.default_rows(record) if row.get("place", "point") == "point"]
+    rows = file.rows(record, next(iter(file.places)))
     frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
     height = getattr(record, "height", None) or 0.0
-    places = np.array([[row.get(f"{axis} (m)", height) for axis in "xyz"]
-                       for row in rows[:: len(frequencies)]], dtype=np.float64)  # fmt: skip
+    unknown = {"x (m)": np.nan, "y (m)": height, "z (m)": np.nan}
+    places = np.array([[row.get(axis, unknown[axis]) for axis in unknown] for row in rows[:: len(frequencies)]])
     WRITER.require(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
     places = np.nan_to_num(places)
     fields: Fields = {}
@@ -73,10 +74,7 @@ def _spacing(values: np.ndarray) -> float:
     return float(steps.mean()) if even else 0.0
 
 
-def _image(
-    root: h5py.Group, places: np.ndarray, size: tuple[int, int], spacing: list[float],
-    fields: Fields,
-) -> None:  # fmt: skip
+def _image(root: h5py.Group, places: np.ndarray, size: tuple[int, int], spacing: list[float], fields: Fields) -> None:
     columns, lines = size
     root.attrs["Type"] = np.bytes_("ImageData")
     root.attrs["WholeExtent"] = (0, columns - 1, 0, 0, 0, lines - 1)

@@ -21,13 +21,13 @@ from torchliner.liners.plates import Layer
 from torchliner.liners.python_file import read_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
-from torchliner.toml_files import FluidTable, Strict, preset_or_file, validated
+from torchliner.toml_files import FluidTable, Pair, Strict, preset_or_file, validated
 
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 ABOUT = {"name": (str, ""), "description": (str, ""), "source": (str, "")}
 IN_FILE = {  # how fields that are no parameters stand in a file, by type
     Fluid: Annotated[FluidTable, AfterValidator(FluidTable.build)],
-    complex | Tensor: Annotated[tuple[float, float], AfterValidator(lambda pair: complex(*pair))],
+    complex | Tensor: Annotated[Pair, AfterValidator(lambda pair: complex(*pair))],
 }
 
 
@@ -84,10 +84,8 @@ def _described(about: Mapping[str, Any]) -> LinerModel:
     found = _build(about, Path(str(about.get("name", "liner"))))
     differ = [key for key, value in found.describe().items() if value != about.get(key)]
     if differ:
-        raise ValueError(
-            f"the description of liner {about.get('name')!r} lacks {', '.join(differ)}; "
-            "describe() of a model, and so a map, states them"
-        )
+        lost = f"the description of liner {about.get('name')!r} lacks {', '.join(differ)}"
+        raise ValueError(f"{lost}; describe() of a model, and so a map, states them")
     return found
 
 

@@ -59,10 +59,8 @@ class CellLiner(LinerModel):
         if self.flow_facing_porosity is not None or porosity is not None:
             self.settle(surface_porosity=plain_number(self.open_area()))
         if self.cell_pitch is not None and (self.hole_diameter or 0.0) > self.cell_pitch:
-            raise ValueError(
-                f"{self.label}: orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, "
-                f"{self.cell_pitch:g} m; both are in metres"
-            )
+            size = f"orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, {self.cell_pitch:g} m"
+            raise ValueError(f"{self.label}: {size}; both are in metres")
 
     @property
     def front(self) -> Sheet:

@@ -49,9 +49,8 @@ class Perforate(Plate):
         length = plain_number(self.thickness + self.ends())
         if length <= 0:
             raise ValueError(
-                f"{self.label}: thickness {plain_number(self.thickness):g} m and end corrections are {length:.3g} m "
-                f"together at porosity {plain_number(self.porosity):g}; eq. (2.2b) holds to 0.77, take law 'melling' "
-                "above"
+                f"{self.label}: thickness and end corrections are {length:.3g} m together at porosity "
+                f"{plain_number(self.porosity):g}; eq. (2.2b) holds to 0.77, take law 'melling' above"
             )
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
@@ -160,9 +159,9 @@ class Goodrich(GrazedPlate):
         super().__post_init__()
         found = plain_number(self.discharge())
         if found > 1:
+            text = f"this thickness over diameter and porosity make a discharge coefficient of {found:.3g}"
             raise ValueError(
-                f"{self.label}: the correlation gives a discharge coefficient of {found:.3g} for this thickness over "
-                "diameter and porosity; it holds to 1, law 'two-parameter' takes a stated one"
+                f"{self.label}: {text}; the correlation holds to 1, law 'two-parameter' takes a stated one"
             )
 
     def discharge(self) -> Any:

@@ -39,15 +39,9 @@ class Cavity(Layer):
     """
 
     kind = "cavity"
-
     depth: Depth
     hydraulic_radius: Depth
     porosity: Share = 1.0
-
-    @property
-    def label(self) -> str:
-        """For messages."""
-        return self.kind
 
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
         """See ``Layer``: both columns of the module's formula over cosh(g h)."""

@@ -104,9 +104,7 @@ def as_liner(liner: Any) -> LinerModel:
     if isinstance(liner, LinerModel):
         return liner
     if not hasattr(liner, "impedance"):
-        raise TypeError(
-            f"liner is {liner!r}, without impedance(frequency, speed); presets and files are read by load_liner"
-        )
+        raise TypeError(f"liner is {liner!r}, without impedance(frequency, speed); load_liner reads presets and files")
     made: LinerModel = type(type(liner).__name__, (LinerModel,), {})()
     made.settle(**{name: getattr(liner, name) for name in STATED if hasattr(liner, name)})
     if hasattr(liner, "orifice_diameter"):
@@ -123,10 +121,8 @@ def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict
     """
     numbers = liner.numbers()
     if not numbers:
-        raise TypeError(
-            f"liner is {type(liner).__name__}, whose numbers() names no parameter to vary; a model of your own states "
-            "them by the types of its fields (CONTRIBUTING.md)"
-        )
+        what = f"{type(liner).__name__}, whose numbers() names no parameter to vary"
+        raise TypeError(f"liner is {what}; your own model states them by the types of its fields (CONTRIBUTING.md)")
     found: dict[str, Number] = {}
     for name in numbers if names is None else names:
         if name not in liner.groups:

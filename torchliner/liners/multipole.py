@@ -132,14 +132,10 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
     if bool(wrong.any()):
         raise ValueError(f"impedance is nan, inf or -1 at {float(f[wrong][0]):g} Hz; leave that frequency out")
     if not 1 <= count <= MOST_POLES or len(f) <= count:
-        raise ValueError(
-            f"{count} poles are asked for, and Z is known at {len(f)} frequencies; take 1 to {MOST_POLES} poles, fewer "
-            "than frequencies, or educe at more of them"
-        )
+        asked = f"{count} poles are asked for, and Z is known at {len(f)} frequencies"
+        raise ValueError(f"{asked}; take 1 to {MOST_POLES} poles, fewer than frequencies")
     if bool((z.real < 0).all()):
-        raise ValueError(
-            "the resistance is negative at every frequency; Z is meant for exp(+j omega t), v into the liner"
-        )
+        raise ValueError("the resistance is negative at every frequency; v is into the liner, exp(+j omega t)")
     wanted = reflection_from_impedance(z).numpy() - 1
     unit = 2 * math.pi * math.sqrt(float(f[0]) * float(f[-1]))  # rad/s, in which poles are of order 1
     s = 2j * np.pi * f.numpy() / unit

@@ -39,6 +39,11 @@ class Layer(Declared):
 
     kind: ClassVar[str]
 
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return f"layer {self.kind!r}"
+
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
         """Admittance v/p above it, and velocity below it over that above.
 
@@ -54,11 +59,6 @@ class Layer(Declared):
 
 class Sheet(Layer):
     """A layer that takes no room, under a law: a frozen dataclass of keywords, with a row in ``laws.LAWS``."""
-
-    @property
-    def label(self) -> str:
-        """For messages."""
-        return f"sheet {self.kind!r}"
 
     @property
     def flow_resistance(self) -> float:
@@ -113,10 +113,8 @@ class GrazedPlate(Plate):
         super().__post_init__()
         mach = plain_number(self.mach)
         if mach > 0 and plain_number(self.displacement_thickness) == 0:
-            raise ValueError(
-                f"{self.label}: mach is {mach:g} and displacement_thickness is 0 m; state it, 1e-3 to 5e-3 m in most "
-                "ducts: the added resistance falls with it"
-            )
+            both = f"mach is {mach:g} and displacement_thickness is 0 m"
+            raise ValueError(f"{self.label}: {both}; state it, 1e-3 to 5e-3 m in most ducts")
 
     def grazing(self) -> Any:
         """``goodrich_resistance``."""

@@ -123,10 +123,8 @@ class FlowSDoFLiner(SDoFLiner):
             return self.replace(mach=mach)
         stated = plain_number(self.mach)
         if abs(stated - mach) > SAME_MACH:
-            raise ValueError(
-                f"{self.label} states mach {stated:g}, and the data {mach:g}; leave mach out of the liner, "
-                "which then takes that of the data"
-            )
+            both = f"states mach {stated:g}, and the data {mach:g}"
+            raise ValueError(f"{self.label} {both}; leave mach out of the liner, which then takes that of the data")
         return self
 
     @classmethod

@@ -174,10 +174,8 @@ def with_in_situ(
         if (key := (*result.frequency.tolist(), result.level)) not in made:
             made[key] = in_situ(record, result.frequency, interval=result.level)
         if abs(record.duration / plane.duration - 1) > SAME_DURATION:
-            tell(
-                f"{record.name} lasts {1e3 * record.duration:.4g} ms, {plane.name} "
-                f"{1e3 * plane.duration:.4g} ms: the two impedances are of different times"
-            )
+            own, other = (f"{each.name} lasts {1e3 * each.duration:.4g} ms" for each in (record, plane))
+            tell(f"{own}, {other}: the two impedances are of different times")
     return [result.with_alongside(made[(*result.frequency.tolist(), result.level)]) for result in maps]
 
 
@@ -192,10 +190,7 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
     gamma = 1j * omega / record.fluid.sound_speed
     if losses == "viscothermal":
         if record.cavity_hydraulic_radius is None:
-            raise ValueError(
-                f"{record.name}: cavity_hydraulic_radius is missing; losses='viscothermal' needs it (m; half the side "
-                "of a square cavity)"
-            )
+            raise ValueError(f"{record.name}: cavity_hydraulic_radius (m) is missing; losses='viscothermal' needs it")
         radius = torch.tensor(record.cavity_hydraulic_radius, dtype=torch.float64)
         gamma = cavity_propagation(omega, radius, record.fluid)
     ratio, turns = torch.sinh(gamma * record.cavity_depth), gamma.imag * record.cavity_depth / torch.pi
@@ -205,9 +200,8 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
         node = f"a velocity node of the cavity's mouth, {f * max(order, 1) / turn:.6g} Hz"
         if order and abs(value) < NODE:
             raise ValueError(
-                f"{record.name}: sin(kH) is {abs(value):.2g} at {f:g} Hz: there is, with a cavity of "
-                f"{1e3 * record.cavity_depth:g} mm {node} (n c/(2H), n = {order}), and Dean's formula divides by "
-                "sin(kH); take a frequency further off"
+                f"{record.name}: sin(kH), by which Dean's formula divides, is {abs(value):.2g} at {f:g} Hz: a cavity "
+                f"of {1e3 * record.cavity_depth:g} mm has {node}; take a frequency further off"
             )
         gain = abs(math.pi * turn / math.tan(math.pi * turn))
         if gain > LARGE_GAIN:
@@ -241,15 +235,14 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     row_of = {record.probes: torch.arange(record.probes), cells.count: cells.labels, 1: torch.zeros_like(cells.labels)}
     if rows not in row_of:
         raise ValueError(
-            f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells and {record.probes} "
-            "facesheet probes; give one for all, one per cell or one per probe, and the cells by cell_pitch or "
-            "probe_cell"
+            f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells (cell_pitch, probe_cell) and "
+            f"{record.probes} facesheet probes; give one row for all, one per cell or one per probe"
         )
     first = [int((cells.labels == cell).nonzero()[0]) for cell in range(cells.count)]
     if 1 < rows == cells.count and record.probe_cell is None and first != sorted(first):
         tell(
-            f"{record.name}: the rows of the backplate are taken as the cells in rising z, then x, in which order "
-            "the facesheet probes do not come; state probe_cell if the backplate is in the probes' order"
+            f"{record.name}: the rows of the backplate are taken as the cells in rising z, then x, but the probes are "
+            "in another order; state probe_cell if the backplate is in theirs"
         )
     return cells, torch.where(none, -1, row_of[rows])
 
@@ -269,19 +262,13 @@ def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> t
 
 def _notes(record: PressureRecord, frequency: Tensor, coherence: Tensor, segments: int) -> list[Note]:
     """Pressures that do not belong together; above c/(2 pitch) a cavity that carries more than the plane wave."""
-    notes, low = [], coherence < LOW_COHERENCE
+    found, low = {}, coherence < LOW_COHERENCE
     if bool(low.any()):
-        text = (
-            f"{record.name}: the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at "
-            f"worst, below {LOW_COHERENCE:g} in {int(low.sum())} of {low.numel()} values ({segments} segments): there "
-            "is turbulence, or no sound"
+        found["low-coherence"] = (
+            f"the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at worst, below "
+            f"{LOW_COHERENCE:g} in {int(low.sum())} of {low.numel()} values ({segments} segments): turbulence, no sound"
         )
-        notes.append(Note("low-coherence", text))
-    limit = record.fluid.sound_speed / (2 * (record.cell_pitch or math.inf))
-    if record.cell_pitch is not None and float(frequency.max()) >= limit:
-        text = (
-            f"{record.name}: above {limit:.4g} Hz a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, "
-            "carries transverse waves; Dean's formula knows the plane one alone"
-        )
-        notes.append(Note("cavity-modes", text))
-    return notes
+    if record.cell_pitch and float(frequency.max()) >= (limit := record.fluid.sound_speed / (2 * record.cell_pitch)):
+        wide = f"a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, carries transverse waves"
+        found["cavity-modes"] = f"above {limit:.4g} Hz {wide}; Dean's formula knows the plane one alone"
+    return [Note(code, f"{record.name}: {text}") for code, text in found.items()]

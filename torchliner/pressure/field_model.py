@@ -20,7 +20,6 @@ from torch import Tensor
 from torchliner.checks import DataWarning
 from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.case import other_side
-from torchliner.duct.doubts import FED, GAIN, PASSIVE
 from torchliner.duct.solver import DuctField, DuctSolver
 from torchliner.forward_mode import dual_level
 
@@ -121,10 +120,7 @@ class FieldModel:
         """Energy out and absorbed over that coming in from the source, (B, F); 0 where the wave of no shear layer feeds
         it."""
         with torch.no_grad():
-            balance = self.fields(place)[0].energy
-        total = balance.out + balance.absorbed
-        fed = (balance.out > GAIN) | (total > FED)
-        return torch.where(fed & (balance.absorbed > PASSIVE), total, 0.0)
+            return self.fields(place)[0].energy.fed
 
     def heard(self, place: Tensor, amplitude: Tensor, along: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What walls (B, F, P) and amplitudes (B, F, K) make.

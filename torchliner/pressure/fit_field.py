@@ -35,7 +35,7 @@ from torchliner.pressure.microphone_errors import (
 )
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.records.wall_eduction import fine_places
+from torchliner.records.drawn_impedance import fine_places
 from torchliner.version import __version__
 
 SAME = 1e-6  # relative, and m, of what line and case both state
@@ -149,10 +149,7 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
         ValueError: no duct is stated.
     """
     if duct is None:
-        raise ValueError(
-            "a fit of the field needs the duct: state --duct with a preset or a .toml file (torchliner duct solve NAME "
-            "--copy FILE writes one to edit)"
-        )
+        raise ValueError("a fit of the field needs the duct: state --duct with a preset or a .toml file")
     setup = load_duct(duct, frequency=line.frequency.tolist())
     return fit_field(line, DuctSolver(setup.case, setup.frequency), wall=setup.wall, **options)
 
@@ -179,19 +176,15 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
     if count <= unknowns:
         wrong.append(f"{count} microphones are too few for {unknowns} complex unknowns (impedances, amplitudes)")
     if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
-        wrong.append(
-            f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz; build the "
-            "solver for those of the line"
-        )
+        frequencies = f"{line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz"
+        wrong.append(f"frequencies are {frequencies}; build the solver for those of the line")
     if outside := line.x[(line.x < case.start) | (line.x > case.end)].tolist():
         wrong.append(f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m")
     for what in ("end_reflection", "source_reflection"):
         # Reflections of a case are those of its source's end and of the other.
         if far_end == "stated" and side != case.source and bool(torch.as_tensor(getattr(case, what)).any()):
-            wrong.append(
-                f"the {what} of the duct is stated for a source {case.source}, the line has its source {side}; state "
-                "the duct for that source, or leave the far end to the fit (far_end='fitted')"
-            )
+            sides = f"is stated for a source {case.source}, the line has its source {side}"
+            wrong.append(f"the {what} of the duct {sides}; state it for that one, or take far_end='fitted'")
     if wrong:
         raise ValueError(f"{line.name}: {'; '.join(wrong)}")
 

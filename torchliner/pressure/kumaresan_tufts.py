@@ -72,10 +72,8 @@ def kumaresan_tufts(
     rank = whole_number("rank", rank)
     length = seen.line.microphones // 2 if order is None else whole_number("order", order)
     if order is None and rank > length > 0:
-        raise ValueError(
-            f"{line.name}: {seen.line.microphones} microphones allow an order of {length}, half of them, below the "
-            f"rank, {rank}; use at least {2 * rank} microphones, or keep fewer waves (rank)"
-        )
+        count = f"{seen.line.microphones} microphones allow an order of {length}, half of them, below the rank, {rank}"
+        raise ValueError(f"{line.name}: {count}; use at least {2 * rank} microphones, or keep fewer waves (rank)")
 
     def waves_of(pressure: Tensor) -> Waves:
         found = find_exponentials(pressure.movedim(-2, -1), rank, length)
@@ -125,9 +123,7 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     """
     samples = signal.shape[-1]
     if order < 1 or samples < 2 * order:
-        raise ValueError(
-            f"{samples} microphones are fewer than twice the order, {order}; lower the order to {samples // 2} or below"
-        )
+        raise ValueError(f"{samples} microphones are fewer than twice the order, {order}; the most is {samples // 2}")
     if not 1 <= rank <= order:
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}")
     signal = signal.to(torch.complex128)

@@ -57,12 +57,11 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
     level, phase = (most(used, poor) for used in result.used_errors)
     said = {
         "aliasing": f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of "
-        "a rigid duct's wave, and wavenumbers may be off by 2 pi/spacing",
+        "a rigid duct's wave; wavenumbers may be off by 2 pi/spacing",
         "no-wave": f"no wave runs away from a source {result.source_side}; they are nan",
-        "source-side": f"the wave that runs away from a source {result.source_side} holds "
-        f"{least(result.energy_share, where['source-side']):.2g} of the energy of the strongest wave at worst, less "
-        f"than {LEAST_SHARE:g}: the source may be on the other side (source_side), or phases be those of "
-        "exp(-j omega t)",
+        "source-side": f"the wave that runs away from a source {result.source_side} has at worst "
+        f"{least(result.energy_share, where['source-side']):.2g} of the energy of the strongest wave: the source may "
+        "be on the other side (source_side), or phases be those of exp(-j omega t)",
         "conjugated-phases": "the strongest wave grows where its phase runs to: the phases look conjugated; "
         "exp(+j omega t) is needed",
         "rigid-wall": f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall "
@@ -71,8 +70,8 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
         "gains energy at the wall, or is not the one assumed",
         "model-misfit": f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
         f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
-        f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}). There are other waves, or the microphones "
-        f"err by {level:.2g} dB and {phase:.2g} degrees, which draws take: compare ranks, margins and methods",
+        f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}): other waves, or errors of {level:.2g} dB "
+        f"and {phase:.2g} degrees, which draws take; compare ranks, margins and methods",
     }
     found = [*duct_notes(result.line), *_lost_draws(result), *noted(result, where, said, size)]
     if choices.get("unsettled"):
@@ -107,16 +106,15 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
     said = {
         "unsettled": "the fit did not settle; Z is the best one met",
         "model-misfit": f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones "
-        f"(limit {limit**0.5:.3g}): duct, flow, far end or the microphones' wall ({result.choices['wall']}) are not "
-        "those of the measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors "
-        f"are {level:.2g} dB and {phase:.2g} degrees, which error bars take",
+        f"(limit {limit**0.5:.3g}): duct, flow, far end or wall ({result.choices['wall']}) are not those of the "
+        "measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors are "
+        f"{level:.2g} dB and {phase:.2g} degrees, which error bars take",
         "rigid-wall": "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
         "near-rigid-wall": "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
         "active-wall": f"the resistance is {least(resistance, where['active-wall']):.3g}, below 0",
         "active-end": f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets",
         "growing-wave": f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the "
-        "energy that comes in: a wave of its shear layer grows along the liner, and Z leans on the profile of the "
-        "flow; compare other profiles",
+        "energy that comes in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
     }
     return (*noted(result, where, said), *_lost_draws(result))
 
@@ -130,11 +128,9 @@ def duct_notes(line: MicrophoneLine) -> Notes:
         limit = cut_on_frequency(UniformProfile(abs(line.stated_mach), float(size), float(line.fluid.sound_speed)))
         above = line.frequency[line.frequency >= limit]
         if len(above):
-            text = (
-                f"{line.name}: from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher "
-                f"mode: {len(above)} of {len(line.frequency)} frequencies from {float(above.min()):g} Hz on"
-            )
-            notes.append(Note("higher-modes", text))
+            text = f"from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher mode"
+            share = f"{len(above)} of {len(line.frequency)} frequencies from {float(above.min()):g} Hz on"
+            notes.append(Note("higher-modes", f"{line.name}: {text}: {share}"))
     return tuple(notes)
 
 

@@ -141,12 +141,9 @@ def decompose_waves(
     bias = residual * condition
     poor = int(bias.argmax())
     if float(bias[poor]) > BIAS:
-        text = (
-            f"{record.name}: {name}: two plane waves leave {100 * float(residual[poor]):.2g} % of the signals at "
-            f"{float(tones.frequency[poor]):g} Hz; there is more (vortices, turbulence), and R may be off by "
-            f"{float(bias[poor]):.2g}"
-        )
-        notes.append(Note("other-waves", text))
+        share = f"{100 * float(residual[poor]):.2g} % of the signals at {float(tones.frequency[poor]):g} Hz"
+        text = f"{share}; there is more (vortices, turbulence), and R may be off by {float(bias[poor]):.2g}"
+        notes.append(Note("other-waves", f"{record.name}: {name}: two plane waves leave {text}"))
     if record.facesheet is None:  # else the in situ method says it
         notes += tones.few_blocks_notes(name, bounds)
     tell([str(note) for note in notes])
@@ -193,15 +190,12 @@ def sort_waves(
     if microphones is None:
         if edge is None:
             raise ValueError(
-                f"{line.name} does not say where its liner is; name the microphones of the rigid duct or give "
-                "liner_start and liner_end"
+                f"{line.name} does not say where its liner is; give liner_start and liner_end, or microphones"
             )
         microphones = ((edge - line.x) * seen.sign > 0).nonzero()[:, 0].tolist()
         if len(microphones) < 2:
-            raise ValueError(
-                f"{line.name}: {len(microphones)} microphones stand before the liner, seen from a source "
-                f"{seen.source_side}; two are needed to sort the waves"
-            )
+            before = f"{len(microphones)} microphones stand before the liner, seen from a source {seen.source_side}"
+            raise ValueError(f"{line.name}: {before}; two are needed to sort the waves")
     some = line.select(microphones)
     place = next(x for x in (at, edge, float(some.x[-1 if seen.sign == 1 else 0])) if x is not None)
     if not math.isfinite(place):
@@ -268,10 +262,8 @@ def split_waves(
         half = sound_speed * (1 - mach**2) / (2 * float(frequency[worst]))
         span = float(places.max() - places.min())
         raise ValueError(
-            f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz (condition number "
-            f"{float(condition[worst]):.2g}): their spacing is {span / half:.4g} times half a wavelength, "
-            f"{1e3 * half:.4g} mm, and a whole number of these, or 0, tells the two waves not apart; take another "
-            "frequency or another pair"
+            f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz: their spacing is "
+            f"{span / half:.4g} times half a wavelength, {1e3 * half:.4g} mm; take another frequency or another pair"
         )
     right = measured.movedim(-1, -2)  # (..., F, equations)
     _, waves, left = solve_linear(rows, right)

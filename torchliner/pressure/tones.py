@@ -88,17 +88,12 @@ class Tones:
             raise ValueError(f"interval is {level:g}; it is a level between 0 and 1 (95 % is 0.95)")
         wanted = stated_frequency(frequency, record.frequency, record.name, record.sampling_rate)
         if not 0 <= start < record.duration:
-            raise ValueError(
-                f"start is {start:g} s; it must be at least 0 and leave something of {record.name}, which lasts "
-                f"{record.duration:g} s"
-            )
+            raise ValueError(f"start is {start:g} s; {record.name} lasts {record.duration:g} s")
         lowest = float(wanted.min())
         periods = lowest * (record.duration - start)
         if periods < FEWEST_PERIODS * (1 - 1e-6) and not allow_short:
-            raise ValueError(
-                f"{record.name} holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
-                "allow_short=True if that is meant"
-            )
+            few = f"holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}"
+            raise ValueError(f"{record.name} {few}; allow_short=True takes them")
         return cls(record, wanted, window, segment, start, level)
 
     @property
@@ -150,11 +145,9 @@ class Tones:
         record, default 0, 1, ..."""
         quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0].tolist()
         if quiet:
-            raise ValueError(
-                f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz in {len(quiet)} of "
-                f"{len(signal)} signals, the first is {quiet[0] if numbers is None else numbers[quiet[0]]}; leave it "
-                "out"
-            )
+            which = f"in {len(quiet)} of {len(signal)} signals, first {numbers[quiet[0]] if numbers else quiet[0]}"
+            where = f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz"
+            raise ValueError(f"{where} {which}; leave it out")
 
     def intervals(
         self, each: Sequence[tuple[Parts, dict[str, tuple[Tensor, Conversion]]]]

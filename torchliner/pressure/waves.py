@@ -51,9 +51,7 @@ def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSourc
     """
     side = line.source_side if source_side is None else source_side
     if side not in SOURCES:
-        raise ValueError(
-            f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream': the array is read from the source"
-        )
+        raise ValueError(f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream'")
     if side == "downstream":
         return FromSource(line, -1, (line.x[-1] - line.x).flip(0), line.pressure.flip(-2), -line.stated_mach)
     return FromSource(line, 1, line.x - line.x[0], line.pressure, line.stated_mach)
@@ -138,8 +136,8 @@ def educe_waves(
     result = record_of(pressure)
     if not bool(torch.isfinite(result.wavenumber).any()):
         raise RuntimeError(
-            f"{line.name}: none of the waves found runs away from a source {seen.source_side}; the source may be on "
-            "the other side, or the phases of the other sign (exp(+j omega t) is needed)"
+            f"{line.name}: none of the waves found runs away from a source {seen.source_side}; it may be on the other "
+            "side, or the phases of the other sign (exp(+j omega t) is needed)"
         )
     if spare > 0 and pressure.ndim == 2:
         # Slopes of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions,

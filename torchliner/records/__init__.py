@@ -2,6 +2,7 @@
 
 from torchliner.records.averaged import Educed
 from torchliner.records.burst_record import BurstRecord
+from torchliner.records.field_fit import FieldFit
 from torchliner.records.holes import Holes
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
@@ -12,7 +13,7 @@ from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.reference_channel import ReferenceChannel
 from torchliner.records.uncertainty import Interval, PointUncertainty
 from torchliner.records.velocity_plane import StoredVelocity, VelocityPlane
-from torchliner.records.wall_eduction import FieldFit, WallEduction
+from torchliner.records.wall_eduction import WallEduction
 
 __all__ = [
     "BurstRecord",

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import ClassVar
 
 from torch import Tensor
 
 from torchliner.conversions import absorption_from_reflection, admittance_from_reflection, impedance_from_reflection
+from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.uncertainty import Interval
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Educed:
-    """Z of probes, cells or the whole liner under one averaging, normalised by rho c.
+    """Z of probes, cells or the whole liner under one averaging, normalised by rho c, (..., F).
 
     Args:
-        reflection: R, complex128, (..., F); nan where a probe was left out.
         interval: because the record is finite; None where none was asked for or none can be had.
     """
 
-    reflection: Tensor
-    interval: Interval | None = None
+    reflection: Tensor = var(kind="complex", text="reflection coefficient")
+    interval: Interval | None = part(default=None)
+
+    DERIVED: ClassVar = (Variable("impedance", name="{}"), Variable("absorption", text="absorption coefficient"))
 
     @property
     def impedance(self) -> Tensor:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchliner.records.declared import var
 from torchliner.records.probes import AtProbes
 
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
@@ -23,10 +24,10 @@ class Cells:
         weight: share of its probes that a cell has, above 0 to 1, (C,); None: all the same.
     """
 
-    labels: Tensor
-    x: Tensor
-    z: Tensor
-    weight: Tensor | None = None
+    labels: Tensor = var("point", name="cell_of_probe", text="cell of each probe, -1 for none")
+    x: Tensor = var("cell", unit="m", name="cell_x", text="streamwise coordinate of the centre of a cell")
+    z: Tensor = var("cell", unit="m", name="cell_z", text="spanwise coordinate of the centre of a cell")
+    weight: Tensor | None = var("cell", name="cell_weight", text="share of its probes that a cell has", default=None)
 
     @property
     def count(self) -> int:
@@ -39,8 +40,7 @@ class Cells:
         A cell of which nothing is left knows no velocity: counted at 0 it would be a liner at rest.
         """
         inside = self.labels >= 0
-        of, left = (torch.bincount(self.labels[which], minlength=self.count)
-                    for which in (inside, inside & used))  # fmt: skip
+        of, left = (torch.bincount(self.labels[which], minlength=self.count) for which in (inside, inside & used))
         there = left > 0
         number = torch.where(there, there.to(torch.int64).cumsum(0) - 1, -1)
         labels = torch.where(inside & used, number[self.labels.clamp(min=0)], -1)

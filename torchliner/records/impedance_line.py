@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import KW_ONLY
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -15,18 +15,11 @@ from torchliner.conversions import (
     reflection_from_admittance,
     spl_from_pressure_amplitude,
 )
-from torchliner.fluid import Fluid
-from torchliner.records.level_check import LevelCheck, words_of
-from torchliner.records.notes import Note
+from torchliner.records.case import Found
+from torchliner.records.declared import Variable, part, record, require_shapes, var
+from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
-from torchliner.records.summaries import (
-    Facts,
-    Summarised,
-    frequency_words,
-    heading_of,
-    impedance_facts,
-    shape_words,
-)
+from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
 from torchliner.records.uncertainty import Interval
 
 
@@ -36,103 +29,92 @@ def mean_over_segments(values: Tensor, counts: Tensor) -> Tensor:
     return torch.where(there, values, 0).sum(1) / counts[:, None]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LineAverage:
     """One impedance for all stations that count, eq. (5.2), and three different widths of it.
 
-    Args:
-        impedance: closed form: 1 over the mean of 1/Z over segments and stations, (F,).
-        monte_carlo, monte_carlo_spread: mean and standard deviation (resistance and reactance) of
-            the paper's draws, one segment a station, (F,). The spread shrinks as one over the root
-            of the number of stations: it is neither how Z differs along the line nor how well
-            ``impedance`` is known.
-        spatial_spread: standard deviation of the stations' Z, (F,): how Z differs along the line.
-        interval: statistical, because records are finite; None without any.
-        stations: how many count.
+    The spread of the paper's draws, one segment a station, shrinks as one over the root of the number of stations: it
+    is neither how Z differs along the line nor how well ``impedance`` is known, which the interval says.
     """
 
-    impedance: Tensor
-    monte_carlo: Tensor
-    monte_carlo_spread: Tensor
-    spatial_spread: Tensor
-    interval: Interval | None
-    stations: int
+    impedance: Tensor = var("frequency", name="{}", wide=True, text="1 over the mean of 1/Z, (5.2)")
+    monte_carlo: Tensor = var("frequency", name="monte_carlo_{}", wide=True, text="mean of the draws of (5.2)")
+    monte_carlo_spread: Tensor = var(
+        "frequency", name="monte_carlo_spread_{}", wide=True, text="standard deviation over the draws of (5.2)"
+    )
+    spatial_spread: Tensor = var(
+        "frequency", name="spatial_spread_{}", wide=True, text="standard deviation over the stations"
+    )
+    interval: Interval | None = part("", "frequency", text="segments resampled, stations independent")
+    stations: int = var(text="stations that count")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ImpedanceLine(DrawnAtFrequency, Result, Summarised):
+SEGMENT, STATION = ("station", "segment", "frequency"), ("station", "frequency")
+
+
+@record
+class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
     """Impedance of every segment of every station, with averages and all choices.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S
-    segments at most, F frequencies.
+    segments at most, F frequencies; nan beyond a station's segments. Phases are those at time 0 of the arrivals, or
+    relative to the reference channel.
 
     Args:
-        frequency: Hz, (F,).
-        reflection: R of each segment, complex128, (N, S, F); nan beyond a station's segments.
-        segment_start: of each segment, s on the clock of the arrivals, (N, S); nan likewise.
-        x, y, z: of the stations, m, (N,); nan where unknown.
-        mean_velocity, velocity_rms: m/s, (N,): of the bursts that count, positive away from the
-            liner, weighted by transit time where it was recorded.
-        velocity_amplitude: complex peak amplitude of v into the liner, m/s, (N, F): phase at time 0
-            of the arrivals, or relative to the reference channel.
-        coherence: squared coherence of v with a steady tone, or with the reference, (N, F).
-        attenuation: factor of the reconstruction on a tone, complex, (N, F).
-        corrected: whether that factor was taken off, bool, (N, F).
-        phase_held: share of the segments where the phase rule held, (N, F).
-        rate, grid_rate: arrivals a second; Hz of the uniform grid, (N,).
-        longest_gap: between arrivals, s, (N,).
-        received, bursts: bursts in the file, and of those that count, int64, (N,).
-        used: whether a station counts in averages, bool, (N,).
-        wall: stations that count there with admittance 0, bool, (N, F); None without a wall filter.
         interval: statistical, of the mean over segments (5.1), (N, F); None without any.
-        names, flags, dropped, station_notes: of each station: title; warnings about the bursts;
-            bursts left out, by reason; warnings about the eduction.
+        flags, dropped, station_notes: of each station: warnings about the bursts; bursts left out, by reason; warnings
+            about the eduction.
         average: over the stations; None before they are joined.
-        goodrich, reference, fluid, ...: as in a map.
-        level_check: of the average and of each station, as in a map; None where it is not checked.
     """
 
-    frequency: Tensor
-    reflection: Tensor
-    segment_start: Tensor
-    x: Tensor
-    y: Tensor
-    z: Tensor
-    mean_velocity: Tensor
-    velocity_rms: Tensor
-    velocity_amplitude: Tensor
-    coherence: Tensor
-    attenuation: Tensor
-    corrected: Tensor
-    phase_held: Tensor
-    rate: Tensor
-    grid_rate: Tensor
-    longest_gap: Tensor
-    received: Tensor
-    bursts: Tensor
-    used: Tensor
-    wall: Tensor | None
-    interval: Interval | None
-    names: tuple[str, ...]
-    flags: tuple[tuple[str, ...], ...]
-    dropped: tuple[Mapping[str, int], ...]
-    station_notes: tuple[tuple[str, ...], ...]
-    average: LineAverage | None = None
-    fluid: Fluid = field(default_factory=Fluid)
-    reference: Mapping[str, complex] = field(default_factory=dict)
-    mach: float | None = None
-    incident_level: float | None = None
-    source_side: str = "unknown"
-    goodrich: Tensor | None = None
-    title: str = ""
-    choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[Note, ...] = ()
-    level_check: LevelCheck | None = None
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    reflection: Tensor = var(
+        *SEGMENT, kind="complex", name="segment_reflection", text="reflection coefficient of a segment"
+    )
+    segment_start: Tensor = var("station", "segment", unit="s", text="time at which a segment begins")
+    x: Tensor = var("station", unit="m", text="streamwise coordinate, nan where unknown")
+    y: Tensor = var("station", unit="m", text="distance from the liner, likewise")
+    z: Tensor = var("station", unit="m", text="spanwise coordinate, likewise")
+    mean_velocity: Tensor = var("station", unit="m/s", text="mean of v, positive away from the liner, by transit times")
+    velocity_rms: Tensor = var("station", unit="m/s", text="rms of v about its mean, likewise")
+    velocity_amplitude: Tensor = var(*STATION, unit="m/s", kind="complex", text="peak amplitude of v into the liner")
+    coherence: Tensor = var(*STATION, text="squared coherence of v with the tone or the reference")
+    attenuation: Tensor = var(*STATION, kind="complex", text="factor by which the grid attenuates the tone")
+    corrected: Tensor = var(*STATION, kind="flag", text="whether that was taken off")
+    phase_held: Tensor = var(*STATION, text="share of the segments in which the phase rule was used")
+    rate: Tensor = var("station", unit="1/s", text="arrivals a second")
+    grid_rate: Tensor = var("station", unit="Hz", text="sampling rate of the uniform grid")
+    longest_gap: Tensor = var("station", unit="s", text="longest time without a burst")
+    received: Tensor = var("station", text="bursts in the file")
+    bursts: Tensor = var("station", text="bursts that count")
+    used: Tensor = var("station", kind="flag", text="whether a station counts in averages")
+    wall: Tensor | None = var(
+        *STATION, kind="flag", text="whether a station counts there as wall, of admittance 0", default=None
+    )
+    interval: Interval | None = part("", *STATION, text="moving blocks over segments", default=None)
+    names: tuple[str, ...] = var("station", kind="text", name="station_name", text="title of the station", default=())
+    flags: tuple[tuple[str, ...], ...] = ()
+    dropped: tuple[Mapping[str, int], ...] = ()
+    station_notes: tuple[tuple[str, ...], ...] = ()
+    average: LineAverage | None = part("line_", text="of the line", default=None)
+    _: KW_ONLY
+    level_check: LevelCheck | None = part(places=("station",), default=None)
 
-    @property
-    def level_check_words(self) -> str:
-        """What the average is compared with, or why it is not."""
-        return words_of(self.level_check, self.choices)
+    DERIVED: ClassVar = (
+        Variable("segment_impedance", dims=SEGMENT, name="segment_{}", text="of each segment"),
+        Variable("impedance", dims=STATION, name="{}", text="mean over the segments, (5.1)"),
+        Variable("segment_spread", dims=STATION, name="segment_spread_{}", text="standard deviation over the segments"),
+        Variable("admittance", dims=STATION, kind="complex", text="mean of 1/Z over the segments"),
+        Variable("inferred_incident_level", "dB", STATION, text="of the wave that gives the coherent v, re 20 uPa rms"),
+    )
+    FILE: ClassVar = "torchliner.io.line_file:FILE"
+    PLOT: ClassVar = "torchliner.report.line_figures:draw_lines"
+
+    def __post_init__(self) -> None:
+        require_shapes(self, "line")
+        for label in ("flags", "dropped", "station_notes"):
+            if len(getattr(self, label)) != self.stations:
+                raise ValueError(f"{label} has {len(getattr(self, label))} values for {self.stations} stations")
 
     @property
     def answer(self) -> Tensor:

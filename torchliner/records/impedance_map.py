@@ -3,95 +3,90 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import KW_ONLY, replace
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.fluid import Fluid
-from torchliner.names import resolve
+from torchliner.names import AVERAGINGS, resolve
 from torchliner.records.averaged import Educed
+from torchliner.records.case import Found
+from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.holes import Holes
-from torchliner.records.level_check import LevelCheck, words_of
-from torchliner.records.notes import Note
+from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
-from torchliner.records.summaries import (
-    Facts,
-    Summarised,
-    frequency_words,
-    heading_of,
-    impedance_facts,
-    shape_words,
-)
+from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
+
+FULL = ("probes", "frequency")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
+@record
+class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
     """Educed impedance of every probe, cell and the whole liner, with all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. ``probes``, ``cells`` and ``liner`` hold
-    an ``Educed`` for each averaging: ``found.liner["phase-locked"].impedance`` with ``.low`` and ``.high``.
+    an ``Educed`` for each averaging: ``found.liner["phase-locked"].impedance`` with ``.low`` and ``.high``. Axes:
+    ``probes`` are those of the plane, F frequencies, C cells; ``columns`` are the x of a (z, x) plane.
 
     Args:
-        frequency: Hz, (F,).
-        probes: by averaging, on the probe axes of the plane, (..., F); nan where excluded. Averaging ``velocity`` has
-            no probes.
+        probes: by averaging, (..., F); nan where excluded. Averaging ``velocity`` has no probes.
         cells: by averaging, (C, F).
         liner: by averaging, (F,).
         along_x: by averaging, the admittance averaged over z, (X, F), of (z, x) planes.
         averaging: which of them ``answer`` quotes.
-        mean_velocity, velocity_rms: m/s, (...): time mean, and rms of the rest, of v as stored (positive away from
-            the liner).
-        velocity_amplitude: complex peak amplitude of v into the liner at f, m/s, (..., F).
-        coherence: squared coherence of v with a steady tone at f over the blocks of the record, (..., F). As
-            ``velocity_amplitude`` nan where it was not measured: beside the tone, where many frequencies are asked for.
-        phase_rule: per probe and frequency, whether the phase rule was used: False where ``self-consistent`` fell back
-            to ``averaged``.
-        cell_x, cell_z: centres of whole cells, m, (C,).
-        cell_weight: share of its probes that each cell has, in averages over cells, (C,); None: all the same.
-        wall: probes that counted as wall, admittance 0, in averages over probes, bool, (..., F); None without filter.
-        x, z, height, fluid, reference, holes, ...: as in the plane.
-        choices: every option and what followed from it.
-        notes: warnings.
-        level_check: whether Z and the phase-locked velocity give the pressure that is known; None where that is not
-            checked, see ``level_check_words``.
         alongside: what other methods found for the same case, such as ``in_situ``.
     """
 
-    frequency: Tensor
-    probes: Mapping[str, Educed]
-    cells: Mapping[str, Educed]
-    liner: Mapping[str, Educed]
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    probes: Mapping[str, Educed] = part("", *FULL, text="at each probe", by="names")
+    cells: Mapping[str, Educed] = part("cell_", "averaging", "cell", "frequency", text="of each cell", by="averagings")
+    liner: Mapping[str, Educed] = part("liner_", "averaging", "frequency", text="of the whole liner", by="averagings")
     averaging: str
-    mean_velocity: Tensor
-    velocity_rms: Tensor
-    velocity_amplitude: Tensor
-    coherence: Tensor
-    phase_rule: Tensor
-    cell_x: Tensor
-    cell_z: Tensor
-    along_x: Mapping[str, Educed] = field(default_factory=dict)
-    cell_weight: Tensor | None = None
-    wall: Tensor | None = None
-    x: Tensor | None = None
-    z: Tensor | None = None
-    height: float | None = None
-    fluid: Fluid = field(default_factory=Fluid)
-    reference: Mapping[str, complex] = field(default_factory=dict)
-    mach: float | None = None
-    incident_level: float | None = None
-    source_side: str = "unknown"
-    goodrich: Tensor | None = None
-    title: str = ""
-    choices: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[Note, ...] = ()
-    level_check: LevelCheck | None = None
-    alongside: tuple[PointImpedances, ...] = ()
-    holes: Holes | None = None
+    mean_velocity: Tensor = var("probes", unit="m/s", text="time mean of v, positive away from the liner")
+    velocity_rms: Tensor = var("probes", unit="m/s", text="rms of v about its mean")
+    velocity_amplitude: Tensor = var(*FULL, unit="m/s", kind="complex", text="peak amplitude of v into the liner")
+    coherence: Tensor = var(*FULL, text="squared coherence of v with the tone over the blocks, nan where not measured")
+    phase_rule: Tensor = var(
+        *FULL, kind="flag", name="phase_rule_used", text="whether the phase rule was used: it may fall back to averaged"
+    )
+    cell_x: Tensor = var("cell", unit="m", text="streamwise coordinate of the centre of a cell")
+    cell_z: Tensor = var("cell", unit="m", text="spanwise coordinate of the centre of a cell")
+    along_x: Mapping[str, Educed] = part(
+        "along_x_", "columns", "frequency", text="averaged over z", by="names", default_factory=dict
+    )
+    cell_weight: Tensor | None = var(
+        "cell", text="share of its probes that a cell has; None: all the same", default=None
+    )
+    wall: Tensor | None = var(
+        *FULL, kind="flag", default=None, text="whether a probe counts as wall, of admittance 0, in averages"
+    )
+    x: Tensor | None = var("columns", unit="m", text="streamwise coordinate", default=None)
+    z: Tensor | None = var("rows", unit="m", text="spanwise coordinate", default=None)
+    height: float | None = var(unit="m", text="distance of the plane from the liner", default=None)
+    alongside: tuple[PointImpedances, ...] = part("alongside_", by="groups", default=())
+    holes: Holes | None = part("hole_", default=None)
+    _: KW_ONLY
+    level_check: LevelCheck | None = part(places=("cell",), default=None)
+
+    DERIVED: ClassVar = (
+        Variable("averagings", dims=("averaging",), kind="text", name="averaging", text="averaging over the probes"),
+        Variable("answer", dims=("frequency",), name="answer_{}", text="in the averaging chosen"),
+        Variable("liner_spread", dims=("frequency",), name="liner_spread_{}", text="deviation over positions"),
+        Variable("inferred_incident_level", "dB", FULL, text="of the wave that gives the coherent v, re 20 uPa rms"),
+    )
+    FILE: ClassVar = "torchliner.io.map_file:FILE"
+    PLOT: ClassVar = "torchliner.report.figures:draw_map"
+
+    def __post_init__(self) -> None:
+        if not {self.averaging} <= {*self.liner} <= {*AVERAGINGS}:
+            raise ValueError(
+                f"averaging holds {[*self.liner]}, of which {self.averaging!r} was chosen; "
+                f"{', '.join(AVERAGINGS)} are known"
+            )
 
     @property
     def averagings(self) -> tuple[str, ...]:
@@ -167,11 +162,6 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised):
         if len(flat) < 2:
             return torch.zeros(len(self.frequency), dtype=torch.complex128)
         return torch.complex(flat.real.std(0), flat.imag.std(0))
-
-    @property
-    def level_check_words(self) -> str:
-        """What the whole plane is compared with, or why it is not."""
-        return words_of(self.level_check, self.choices)
 
     def time_domain(
         self, poles: int = 8, *, band: tuple[float, float] | None = None, averaging: str | None = None

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
+
+from torchliner.records.declared import part, record, var
 
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
 DEGREES_PER_DB = math.degrees(math.log(10) / 20)  # of equal weight in a complex ratio: 6.6
@@ -16,21 +17,19 @@ FACTS = ("averaging", "known", "kind", "limit", "uncertainty", "confidence")  # 
 PASSES, INCONCLUSIVE, FAILS = "passes", "inconclusive", "fails"
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Gap:
-    """Implied over known pressure, with statistical bounds; float64 tensors of one shape.
+    """Implied over known pressure; float64 tensors of one shape.
 
-    Args:
-        level, level_low, level_high: dB; nan where nothing is known, bounds also without intervals.
-        phase, phase_low, phase_high: degrees, likewise; nan where the known has no phase.
+    nan where nothing is known: bounds also without intervals, the phase also where what is known has none.
     """
 
-    level: Tensor
-    level_low: Tensor
-    level_high: Tensor
-    phase: Tensor
-    phase_low: Tensor
-    phase_high: Tensor
+    level: Tensor = var(unit="dB", name="level_gap", wide=True, text="implied over known pressure,")
+    level_low: Tensor = var(unit="dB", name="level_gap_low", wide=True, text="lower bound of the level gap")
+    level_high: Tensor = var(unit="dB", name="level_gap_high", wide=True, text="upper bound of the level gap")
+    phase: Tensor = var(unit="degree", name="phase_gap", wide=True, text="implied less known phase,")
+    phase_low: Tensor = var(unit="degree", name="phase_gap_low", wide=True, text="lower bound of the phase gap")
+    phase_high: Tensor = var(unit="degree", name="phase_gap_high", wide=True, text="upper bound of the phase gap")
 
     def at(self, *place: int) -> dict[str, float | None]:
         """Plain values of one place, None for what is not known."""
@@ -63,33 +62,31 @@ def _verdict(value: float, low: float, high: float, limit: float) -> str:
     return FAILS if low > limit or high < -limit else INCONCLUSIVE
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LevelCheck:
     """How far an impedance and the velocity it belongs to are off a pressure that is known.
 
     Args:
-        averagings: O of them.
         averaging: that of the answer, by which the whole is judged.
         known: what the pressure is, and which formula it is compared by, in words.
         kind: ``incident`` or ``wall``.
-        pressure_level: of what is known, at the wall, dB re 20 uPa rms, (F,); nan where unknown.
         limit: dB beyond which the check fails, the stated uncertainty of the level included.
         uncertainty: of the level, as stated, dB.
         confidence: of the statistical bounds, 0 to 1; None without any.
-        liner: of the whole plane, (O, F).
-        cells: (O, C, F).
     """
 
-    averagings: tuple[str, ...]
+    averagings: tuple[str, ...] = var("averaging", kind="text", name="averaging", text="averaging over the probes")
     averaging: str
     known: str
     kind: str
-    pressure_level: Tensor
+    pressure_level: Tensor = var(
+        "frequency", unit="dB", name="known_pressure_level", text="of the known pressure at the wall, nan where unknown"
+    )
     limit: float
     uncertainty: float
     confidence: float | None
-    liner: Gap
-    cells: Gap
+    liner: Gap = part("", "averaging", "frequency", text="of the whole")
+    cells: Gap = part("place_", "averaging", "places", "frequency", text="of each place")
 
     def verdict(self, averaging: str, index: int = 0) -> str:
         """Of the whole plane at one frequency: see ``Gap.verdict``."""
@@ -132,10 +129,11 @@ class LevelCheck:
             return f"{start}; the record is too short to tell: take a longer one"
         others = [each for each in self.averagings if self.verdict(each, index) == PASSES]
         tried = (
-            f"{' and '.join(others)} passes: take it" if others else
-            "no averaging passes: take another height, calibrate the model (calibrate "
+            f"{' and '.join(others)} passes: take it"
+            if others
+            else "no averaging passes: take another height, calibrate the model (calibrate "
             "--level-check), check the level"
-        )  # fmt: skip
+        )
         if abs(off) <= self.limit:
             excluded = "The size is right, so it is the reactance of the model that is wrong"
         else:
@@ -149,16 +147,22 @@ class LevelCheck:
         """For JSON."""
         rows = [
             {
-                "averaging": averaging, "frequency": f, "verdict": self.verdict(averaging, i),
-                **self.liner.at(o, i), "sentence": self.sentence(averaging, f, i),
+                "averaging": averaging,
+                "frequency": f,
+                "verdict": self.verdict(averaging, i),
+                **self.liner.at(o, i),
+                "sentence": self.sentence(averaging, f, i),
                 "cells": [self.cells.at(o, c, i) for c in range(self.cells.level.shape[1])],
             }
-            for o, averaging in enumerate(self.averagings) for i, f in enumerate(frequency)
-        ]  # fmt: skip
+            for o, averaging in enumerate(self.averagings)
+            for i, f in enumerate(frequency)
+        ]
         return {
             **{name: getattr(self, name) for name in FACTS},
-            "pressure_level": self.pressure_level.tolist(), "failed": self.failed, "rows": rows,
-        }  # fmt: skip
+            "pressure_level": self.pressure_level.tolist(),
+            "failed": self.failed,
+            "rows": rows,
+        }
 
 
 def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, replace
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -17,43 +17,33 @@ from torchliner.checks import (
     plain_array,
     plain_number,
     real_tensor,
-    require_choice,
     require_positive,
+    require_positive_where_stated,
     tell,
 )
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
-from torchliner.fluid import Fluid
-from torchliner.names import SOURCE_SIDES
+from torchliner.records.case import LOUDEST, Case
+from torchliner.records.declared import record, require_shapes, var
 from torchliner.records.outlets import Written
 from torchliner.records.probes import finite_places
-from torchliner.records.unit_checks import LOUDEST, require_pressures, unit_warnings
+from torchliner.records.unit_checks import require_pressures, unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 QUIETEST = 1.0  # dB
 
+DRAWN = ("draws", "microphone", "frequency")
 
-@dataclass(frozen=True, eq=False)
-class MicrophoneLine(Written):
-    r"""Complex pressure amplitudes of tones along a straight duct with a lined wall.
+
+@record
+class MicrophoneLine(Written, Case):
+    r"""Complex PEAK amplitudes p of tones :math:`Re(p e^{j\omega t})` along a straight duct with a lined wall.
+
+    N microphones, F frequencies; leading axes of the pressure are cases of one line, as draws. A Mach number that is
+    not stated is taken for 0 by no method. Where the sound comes from is ``unknown`` until it is needed.
 
     Args:
-        x: places along the flow, m, increasing, (N,).
-        pressure: complex PEAK amplitude p in Pa of :math:`Re(p e^{j\omega t})`, (..., N, F);
-            (..., N) for a single frequency. Leading axes are cases of one line, as draws.
-        frequency: Hz, (F,).
-        duct_height: H, m, from the liner to the opposite wall.
-        mach: bulk Mach number of the flow along +x, 0 to 1; None where it is not stated, which no
-            method takes for 0.
-        source_side: where the sound comes from, ``upstream`` (from smaller x) or ``downstream``;
-            ``unknown`` until it is needed.
-        duct_width: m, across; only for the cut-on of spanwise modes.  liner_start, liner_end: x of the liner's ends, m.
-        wall_impedance: Z of the liner where it is known, as in a duct that was solved, normalised, (F,); nan at
-            frequencies where it is not, or where the wall is rigid.
-        coherence: squared, with the reference channel, 0 to 1, (N, F), if one was recorded.
-        fluid: gas of the data.  liner: its name.  reference: other impedances of the case, normalised, by name.
-        title, provenance: where the data come from.  notes: warnings, with numbers.
-        name: how messages call it (a file's name).
+        notes: warnings, with numbers.
     Raises:
         TypeError: the pressure is not complex, as levels in dB are not.
         ValueError: fewer than two microphones, places that do not increase, shapes that disagree,
@@ -61,24 +51,22 @@ class MicrophoneLine(Written):
             frequency, mach outside 0 to 1, a length out of range.
     """
 
-    x: Any
-    pressure: Any
-    frequency: Any
-    duct_height: float = field(kw_only=True)
-    mach: float | None = field(default=None, kw_only=True)
-    source_side: str = field(default="unknown", kw_only=True)
-    duct_width: float | None = field(default=None, kw_only=True)
-    liner_start: float | None = field(default=None, kw_only=True)
-    liner_end: float | None = field(default=None, kw_only=True)
-    wall_impedance: Any = field(default=None, kw_only=True)
-    coherence: Any = field(default=None, kw_only=True)
-    fluid: Fluid = field(default_factory=Fluid, kw_only=True)
-    liner: str = field(default="", kw_only=True)
-    reference: Mapping[str, complex] = field(default_factory=dict, kw_only=True)
-    title: str = field(default="", kw_only=True)
-    provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
-    notes: tuple[str, ...] = field(default=(), kw_only=True)
-    name: str = field(default="microphones", kw_only=True)
+    x: Any = var("microphone", unit="m", text="places along the flow, increasing")
+    pressure: Any = var(*DRAWN, unit="Pa", kind="complex", text="peak amplitude", amplitude="peak, exp(+j omega t)")
+    frequency: Any = var("frequency", unit="Hz", text="frequency of the tone")
+    _: KW_ONLY
+    duct_height: float = var(unit="m", text="from the liner to the opposite wall")
+    duct_width: float | None = var(unit="m", text="across; only for the cut-on of spanwise modes", default=None)
+    liner_start: float | None = var(unit="m", text="x of the liner's end upstream", default=None)
+    liner_end: float | None = var(unit="m", text="x of the liner's end downstream", default=None)
+    wall_impedance: Any = var(
+        "frequency", name="wall_{}", default=None, text="of the liner; nan where unknown, or rigid"
+    )
+    coherence: Any = var("microphone", "frequency", text="squared, with the reference channel", default=None)
+    notes: tuple[str, ...] = ()
+    name: str = "microphones"
+
+    FILE: ClassVar = "torchliner.io.microphone_file:FILE"
 
     def __post_init__(self) -> None:
         make_plain(self, tensors=True)
@@ -87,20 +75,14 @@ class MicrophoneLine(Written):
         self._check_places()
         self._check_pressure(len(frequency))
         require_positive(f"{self.name}: duct_height (m)", self.duct_height)
-        if self.duct_width is not None:
-            require_positive(f"{self.name}: duct_width (m)", self.duct_width)
-        if self.mach is not None and not 0 <= plain_number(self.mach) < 1:
-            raise ValueError(
-                f"{self.name}: mach is {plain_number(self.mach):g}; it must be at least 0 (count x "
-                "along the flow) and below 1 (a Mach number, not m/s)"
-            )
-        require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
+        require_positive_where_stated(self, "duct_width")
+        self._check_case()
         start, end = self.liner_start, self.liner_end
         if (start is None) != (end is None):
             raise ValueError(f"{self.name}: liner_start and liner_end go together; give both")
-        if start is not None and end is not None and not start < end:
+        if start is not None and end is not None and not -math.inf < start < end < math.inf:
             raise ValueError(
-                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; its start must be below its end"
+                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; both are finite, start < end"
             )
 
     @classmethod
@@ -123,29 +105,18 @@ class MicrophoneLine(Written):
         name = about.get("name", "microphones")
         if levels.shape != phases.shape:
             raise ValueError(
-                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; one "
-                "of each belongs to every microphone and frequency"
+                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; give the same"
             )
         if levels.numel() and float(levels.max()) > LOUDEST:
-            raise ValueError(
-                f"{name}: a level is {float(levels.max()):g} dB, above {LOUDEST:g} dB, where the "
-                "rms pressure is one atmosphere; SPL in dB re 20 uPa rms is needed"
-            )
+            loud = f"{float(levels.max()):g} dB, above {LOUDEST:g} dB, where the rms pressure is one atmosphere"
+            raise ValueError(f"{name}: a level is {loud}; SPL in dB re 20 uPa rms is needed")
         if levels.numel() and float(levels.min()) < QUIETEST:
-            raise ValueError(
-                f"{name}: a level is {float(levels.min()):g} dB, below {QUIETEST:g} dB, which no "
-                "microphone measures; leave out the values that are missing"
-            )
+            quiet = f"{float(levels.min()):g} dB, below {QUIETEST:g} dB, which no microphone measures"
+            raise ValueError(f"{name}: a level is {quiet}; leave out the values that are missing")
         require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
-        size = pressure_amplitude_from_spl(levels)
-        line = cls(x, torch.polar(size, torch.deg2rad(phases)), frequency, **about)
-        notes = unit_warnings(
-            name,
-            levels,
-            phases.reshape(line.pressure.shape),
-            line.frequency / line.fluid.sound_speed,
-            float(line.x[-1] - line.x[0]),
-        )
+        line = cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
+        phases, span = phases.reshape(line.pressure.shape), float(line.x[-1] - line.x[0])
+        notes = unit_warnings(name, levels, phases, line.frequency / line.fluid.sound_speed, span)
         tell(notes)
         return replace(line, notes=line.notes + notes)
 
@@ -171,18 +142,15 @@ class MicrophoneLine(Written):
                 f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "
                 "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
             )
-        count = len(self.x)
-        if frequencies == 1 and pressure.shape[-1:] == (count,):
+        if frequencies == 1 and pressure.shape[-1:] == self.x.shape:
             pressure = pressure[..., None]
-        if pressure.ndim < 2 or pressure.shape[-2:] != (count, frequencies):
-            raise ValueError(
-                f"{self.name}: pressure has shape {tuple(pressure.shape)}; {count} microphones and "
-                f"{frequencies} frequencies need (..., {count}, {frequencies})"
-            )
-        for what, bad in (
-            ("is not finite", ~torch.isfinite(pressure)),
-            ("is zero, which has no level", pressure == 0),
-        ):
+        object.__setattr__(self, "pressure", pressure)
+        if self.wall_impedance is not None:
+            object.__setattr__(self, "wall_impedance", torch.as_tensor(self.wall_impedance, dtype=torch.complex128))
+        if self.coherence is not None:
+            object.__setattr__(self, "coherence", real_tensor(self.coherence))
+        require_shapes(self, self.name)
+        for what, bad in (("is not finite", ~torch.isfinite(pressure)), ("is zero, which has no level", pressure == 0)):
             if bool(bad.any()):
                 place = bad.nonzero()[0].tolist()
                 raise ValueError(
@@ -191,19 +159,6 @@ class MicrophoneLine(Written):
                     f"{float(self.frequency[place[-1]]):g} Hz; leave that microphone out"
                 )
         require_pressures(pressure, self.frequency, self.name)
-        object.__setattr__(self, "pressure", pressure)
-        if self.wall_impedance is not None:
-            known = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
-            if known.shape != (frequencies,):
-                raise ValueError(f"{self.name}: wall_impedance has shape {tuple(known.shape)}, not ({frequencies},)")
-            object.__setattr__(self, "wall_impedance", known)
-        if self.coherence is not None:
-            coherence = real_tensor(self.coherence)
-            if coherence.shape != (count, frequencies):
-                raise ValueError(
-                    f"{self.name}: coherence has shape {tuple(coherence.shape)}; ({count}, {frequencies}) is needed"
-                )
-            object.__setattr__(self, "coherence", coherence)
 
     @property
     def microphones(self) -> int:
@@ -218,10 +173,8 @@ class MicrophoneLine(Written):
             ValueError: none is stated.
         """
         if self.mach is None:
-            raise ValueError(
-                f"{self.name} states no Mach number; give it (mach = ... in the file, mach=, "
-                "--mach): 0 says that there is no flow"
-            )
+            how = "(mach = ... in the file, mach=, --mach): 0 says that there is no flow"
+            raise ValueError(f"{self.name} states no Mach number; give it {how}")
         return plain_number(self.mach)
 
     @property
@@ -314,17 +267,12 @@ class MicrophoneLine(Written):
             ValueError: a margin below 0 or not finite; fewer than two microphones are left.
         """
         if not 0 <= margin < math.inf:
-            raise ValueError(
-                f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0, "
-                "the distance that microphones keep from the liner's ends"
-            )
+            raise ValueError(f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0")
         if self.liner_start is None or self.liner_end is None:
             return self
         inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)
         if int(inside.sum()) < 2:
-            raise ValueError(
-                f"{self.name}: {int(inside.sum())} microphones lie over the liner, "
-                f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of "
-                f"{1e3 * margin:g} mm; at least two are needed"
-            )
+            liner = f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of {1e3 * margin:g} mm"
+            count = f"{int(inside.sum())} microphones lie over the liner"
+            raise ValueError(f"{self.name}: {count}, {liner}; at least two are needed")
         return self.select(inside.nonzero()[:, 0])

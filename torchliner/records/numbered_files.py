@@ -31,8 +31,7 @@ def numbered_series(folder: Path, endings: Collection[str]) -> Series:
 
 def _by_name(pattern: re.Pattern[str], files: Iterable[Path]) -> Series:
     """Files by what stands before their number, sorted by it."""
-    rows = [(part[1], Decimal(part[2]), each)
-            for each in files if (part := pattern.fullmatch(each.stem)) is not None]  # fmt: skip
+    rows = [(part[1], Decimal(part[2]), each) for each in files if (part := pattern.fullmatch(each.stem)) is not None]
     found: Series = {}
     for name, number, each in sorted(rows):
         found.setdefault(name, {})[each] = number

@@ -1,9 +1,9 @@
-"""Where a result comes from: its input files with sizes and hashes, and what computed it.
+"""Where a result comes from: its input files with sizes and fingerprints, and what computed it.
 
-A large file is not read a second time for its hash: of it the size and some blocks are hashed,
-which costs the same few hundredths of a second for 0.1 and for 100 GB. Another simulation, another
-conversion and a longer record change every block; an edit of a few samples between the blocks goes
-unseen, and so the kind of the hash stands beside it (``with_whole_hashes`` makes the other kind).
+The fingerprint is the SHA-256 of a file up to 32 MiB. Of a larger one, of a folder and of a series of files it is that
+of names, sizes and 32 blocks of 1 MiB, which costs the same few hundredths of a second for 0.1 and for 100 GB. Another
+simulation, another conversion and a longer record change every block; an edit of a few samples between the blocks goes
+unseen.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -27,15 +27,9 @@ from torchliner.records.numbered_files import numbered_series
 from torchliner.version import __version__
 
 BLOCK, BLOCKS = 1 << 20, 32
-WHOLE, BLOCKWISE = "sha256", f"sha256 of {BLOCKS} blocks"
-KINDS = {  # in words
-    WHOLE: "SHA-256",
-    BLOCKWISE: f"SHA-256 of size and {BLOCKS} blocks of 1 MiB spread over the content",
-}
 NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")
 SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
 MOST_FILES = 20_000  # of a folder that is looked through to see whether it is still the same
-MOST_READ = 1 << 32  # bytes that are read to see whether they are still the same
 State = tuple[tuple[str, int, int], ...]  # of files: name, bytes, time of change
 Result = TypeVar("Result", bound=Any)
 
@@ -61,22 +55,23 @@ def named_file(name: str) -> Path | None:
     return Path(text) if os.path.isfile(text) or (inside and os.path.isdir(text)) else None
 
 
-def input_file(what: str, path: str | Path, kind: str | None = None) -> dict[str, Any]:
-    """What is stored of an input: what it is, its name as given, bytes, and a hash with its kind.
+def input_file(what: str, path: str | Path) -> dict[str, Any]:
+    """What is stored of an input: what it is, its name as given, bytes, and its fingerprint.
 
     Args:
         what: velocity, moments, liner ...
         path: of a file, of a folder, or of a file that stands for a series.
-        kind: one of ``KINDS``; default that of the whole file up to 32 MiB, else of blocks.
     Raises:
         OSError: it cannot be read.
     """
     state = _state(Path(path))
-    size = _size(state)
-    if kind is None:
-        kind = WHOLE if len(state) == 1 and size <= BLOCKS * BLOCK else BLOCKWISE
-    return {"what": what, "name": str(path), "bytes": size, "kind": kind,
-            "hash": _hash(state, kind)}  # fmt: skip
+    return {"what": what, "name": str(path), "bytes": _size(state), "hash": _hash(state)}
+
+
+def described(stored: Mapping[str, Any]) -> str:
+    """An input in words."""
+    blocks = f" of sizes and {BLOCKS} blocks" if stored["bytes"] > BLOCKS * BLOCK else ""
+    return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256{blocks}: {stored['hash']}"
 
 
 def _state(path: Path) -> State:
@@ -93,20 +88,17 @@ def _size(state: State) -> int:
 
 
 @functools.lru_cache(maxsize=64)
-def _hash(state: State, kind: str) -> str:
+def _hash(state: State) -> str:
     """Of files in their present state: several maps of one file hash it once."""
-    if kind == WHOLE and len(state) == 1:
+    total = _size(state)
+    if len(state) == 1 and total <= BLOCKS * BLOCK:
         with open(state[0][0], "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     found = hashlib.sha256()
     for name, size, _ in state:
         found.update(f"{os.path.basename(name) if len(state) > 1 else ''} {size}\n".encode())
-    total = _size(state)
     last = max(0, total - BLOCK)
-    # All of it where the whole is asked for.
-    starts = range(0, total, BLOCK) if kind == WHOLE else sorted(
-        {last * i // (BLOCKS - 1) for i in range(BLOCKS)})  # fmt: skip
-    for start in starts:
+    for start in sorted({last * i // (BLOCKS - 1) for i in range(BLOCKS)}):
         for piece in _read(state, start, min(start + BLOCK, total)):
             found.update(piece)
     return found.hexdigest()
@@ -134,21 +126,19 @@ def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str,
     files = [(what, path) for what, name in named if (path := named_file(str(name))) is not None]
     return {
         "inputs": [input_file(what, path) for what, path in dict.fromkeys(files)],
-        "versions": {"torchliner": __version__, "torch": torch.__version__,
-                     "numpy": np.__version__, "python": platform.python_version()},
+        "versions": {
+            "torchliner": __version__,
+            "torch": torch.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
         **{key: value for key, value in more.items() if value is not None},
-    }  # fmt: skip
+    }
 
 
 def with_choices(result: Result, **more: Any) -> Result:
     """The same with further facts of where it comes from."""
     return replace(result, choices={**result.choices, **more})
-
-
-def with_whole_hashes(result: Result) -> Result:
-    """The same with the SHA-256 of the whole of each input, which reads them once more."""
-    inputs = [input_file(each["what"], each["name"], WHOLE) for each in result.choices["inputs"]]
-    return with_choices(result, inputs=inputs)
 
 
 class Standing(NamedTuple):
@@ -164,7 +154,7 @@ class Standing(NamedTuple):
 
 
 def standing(stored: Mapping[str, Any]) -> Standing:
-    """Of an input that a result holds, by the kind of hash that is stored.
+    """Of an input that a result holds.
 
     A result may name any file, and a page is handed on: no present hash is told, and no folder of
     more than ``MOST_FILES`` files is searched.
@@ -173,21 +163,12 @@ def standing(stored: Mapping[str, Any]) -> Standing:
     try:
         if not (os.path.isfile(name) or os.path.isdir(name)):
             return Standing("not there now")
-        if os.path.isdir(name):
-            for count, _ in enumerate(Path(name).rglob("*")):
-                if count == MOST_FILES:
-                    return Standing(f"not compared, more than {MOST_FILES} files")
-        return _compared(stored, name)
+        if os.path.isdir(name) and len([*islice(Path(name).rglob("*"), MOST_FILES + 1)]) > MOST_FILES:
+            return Standing(f"not compared, more than {MOST_FILES} files")
+        now = input_file(stored["what"], name)
     except OSError as error:
         return Standing(f"not compared: {error.strerror or error}")
-
-
-def _compared(stored: Mapping[str, Any], name: str) -> Standing:
-    kind, size = stored["kind"], _size(_state(Path(name)))
-    if size != stored["bytes"]:
-        return Standing(f"another file now, of {size:,} bytes", True)
-    if kind not in KINDS or (kind == WHOLE and size > MOST_READ):
-        return Standing(f"of the same size now; not compared, {size / 1e9:.3g} GB")
-    if input_file(stored["what"], name, kind)["hash"] == stored["hash"]:
-        return Standing("unchanged")
-    return Standing("another file of the same size now", True)
+    if now["bytes"] != stored["bytes"]:
+        return Standing(f"another file now, of {now['bytes']:,} bytes", True)
+    same = now["hash"] == stored["hash"]
+    return Standing("unchanged" if same else "another file of the same size now", not same)

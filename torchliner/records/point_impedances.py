@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import field
+from typing import Any, ClassVar
 
 from torch import Tensor
 
-from torchliner.checks import index_of_frequency, require_complex
+from torchliner.checks import index_of_frequency
+from torchliner.records.declared import part, record, require_shapes, var
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
 from torchliner.records.uncertainty import PointUncertainty
 
+CELL = ("cell", "frequency")
 
-@dataclass(frozen=True, eq=False)
+
+@record
 class PointImpedances(Result):
     """What stands beside an educed map: impedances by a method that replays nothing.
 
-    All impedances are normalised by rho c, exp(+j omega t), v into the liner.
+    All impedances are normalised by rho c, exp(+j omega t), v into the liner; nan where a point belongs to no cell.
 
     Args:
         name: of the method, for legends and tables.
-        frequency: Hz, (F,).
-        cell_x, cell_z: centres of the cells, m, (C,); nan where unknown.
-        cell_impedance: 1 / mean of the admittance over the points of a cell, complex, (C, F).
-        cell_impedance_pressure_first: pressure averaged over the cell, then divided, (C, F).
-        liner_impedance, liner_impedance_pressure_first: the same over the whole surface, (F,).
-        coherence: squared, of the two pressures, mean over a cell's points, (C, F); nan if unknown.
-        point_x, point_z: m, (P,); nan where unknown.
-        point_impedance: (P, F); nan where a point belongs to no cell.
         choices: every option.
         notes: warnings, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
@@ -39,42 +34,33 @@ class PointImpedances(Result):
     """
 
     name: str
-    frequency: Tensor
-    cell_x: Tensor
-    cell_z: Tensor
-    cell_impedance: Tensor
-    cell_impedance_pressure_first: Tensor
-    liner_impedance: Tensor
-    liner_impedance_pressure_first: Tensor
-    coherence: Tensor
-    point_x: Tensor
-    point_z: Tensor
-    point_impedance: Tensor
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    cell_x: Tensor = var("cell", unit="m", text="streamwise coordinate of a cell, nan where unknown")
+    cell_z: Tensor = var("cell", unit="m", text="spanwise coordinate of a cell, likewise")
+    cell_impedance: Tensor = var(
+        *CELL, name="cell_{}", wide=True, text="of each cell, from the admittance averaged over points"
+    )
+    cell_impedance_pressure_first: Tensor = var(
+        *CELL, name="cell_{}_pressure_first", wide=True, text="of each cell, pressure averaged first"
+    )
+    liner_impedance: Tensor = var(
+        "frequency", name="liner_{}", wide=True, text="of the whole surface, from the admittance averaged over points"
+    )
+    liner_impedance_pressure_first: Tensor = var(
+        "frequency", name="liner_{}_pressure_first", wide=True, text="of the whole surface, pressure averaged first"
+    )
+    coherence: Tensor = var(*CELL, text="squared coherence of the two pressures, mean over the points of a cell")
+    point_x: Tensor = var("point", unit="m", text="streamwise coordinate of a point, nan where unknown")
+    point_z: Tensor = var("point", unit="m", text="spanwise coordinate of a point, likewise")
+    point_impedance: Tensor = var("point", "frequency", name="point_{}", wide=True, text="at each point")
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
-    uncertainty: PointUncertainty | None = None
+    uncertainty: PointUncertainty | None = part(default=None)
+
+    FILE: ClassVar = "torchliner.io.point_file:FILE"
 
     def __post_init__(self) -> None:
-        cells, points, count = len(self.cell_x), len(self.point_x), len(self.frequency)
-        wanted = {
-            "cell_z": (cells,),
-            "cell_impedance": (cells, count),
-            "cell_impedance_pressure_first": (cells, count),
-            "liner_impedance": (count,),
-            "liner_impedance_pressure_first": (count,),
-            "coherence": (cells, count),
-            "point_z": (points,),
-            "point_impedance": (points, count),
-        }
-        for label, shape in wanted.items():
-            value = getattr(self, label)
-            if "impedance" in label:
-                require_complex(f"{self.name}: {label}", value)
-            if tuple(value.shape) != shape:
-                raise ValueError(
-                    f"{self.name}: {label} has shape {tuple(value.shape)}; {cells} cells, {points} "
-                    f"points and {count} frequencies need {shape}"
-                )
+        require_shapes(self, self.name)
 
     @property
     def answer(self) -> Tensor:

@@ -2,23 +2,50 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import KW_ONLY
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_array, real_tensor
+from torchliner.checks import plain_array, real_tensor, require_positive
+from torchliner.records.case import OfOneTone
+from torchliner.records.declared import record, var
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 
-class AtProbes:
-    """What follows from samples, rate and the shape and coordinates of the probe axes."""
+@record
+class AtProbes(OfOneTone):
+    """Uniform samples at probes, and the coordinates of these.
 
+    Args:
+        sampling_rate: Hz.
+    """
+
+    _: KW_ONLY
     sampling_rate: float
-    x: Any
-    z: Any
+    start: float = var(unit="s", text="time of the first sample on the clock of the data", default=0.0)
+    x: Any = var("columns", unit="m", default=None, text="streamwise coordinate, of each column or probe")
+    z: Any = var("rows", unit="m", text="spanwise coordinate, of each row or probe", default=None)
+
+    def _check_case(self) -> None:
+        super()._check_case()
+        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        if not math.isfinite(self.start):
+            raise ValueError(f"{self.name}: start is {self.start:g} s; it must be finite")
+        for label in ("x", "z"):
+            if getattr(self, label) is not None:
+                values = finite_places(getattr(self, label), label, self.name)
+                shape = self.probe_shape
+                wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
+                if len(values) != wanted:
+                    raise ValueError(
+                        f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need {wanted}"
+                    )
+                object.__setattr__(self, label, values)
 
     @property
     def samples(self) -> int:
@@ -124,20 +151,4 @@ def finite_places(value: Any, label: str, name: str) -> Tensor:
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")
     require_plausible(values.numpy(), "length", f"{name}: {label}")
-    return values
-
-
-def checked_coordinate(value: Any, label: str, probe_shape: tuple[int, ...], name: str) -> Tensor | None:
-    """x or z as float64: one value per column (row) of a (z, x) plane, else one per probe.
-
-    Raises:
-        ValueError: a wrong number of values, or values that are not finite.
-    """
-    if value is None:
-        return None
-    values = finite_places(value, label, name)
-    probes = int(np.prod(probe_shape, dtype=np.int64))
-    wanted = probes if len(probe_shape) < 2 else probe_shape[-1] if label == "x" else probe_shape[0]
-    if len(values) != wanted:
-        raise ValueError(f"{name}: {label} has {len(values)} values; probes of shape {probe_shape} need {wanted}")
     return values

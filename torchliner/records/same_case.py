@@ -43,9 +43,12 @@ def require_same_run(plane: Any, record: Any) -> None:
         ValueError: it does; what differs is named.
     """
     require_same_case(
-        plane, record, ("frequency", "incident_level", "mach"),
-        "name the pressure record of the same run", where_stated=True,
-    )  # fmt: skip
+        plane,
+        record,
+        ("frequency", "incident_level", "mach"),
+        "name the pressure record of the same run",
+        where_stated=True,
+    )
 
 
 def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
@@ -56,8 +59,7 @@ def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
     """
     both = f"{first.name} and {other.name} cannot be joined"
     if other.probe_shape != first.probe_shape:
-        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and "
-                         f"{other.probe_shape}")  # fmt: skip
+        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")
     for name in ("x", "z"):
         mine, theirs = getattr(first, name), getattr(other, name)
         if (mine is None) != (theirs is None):

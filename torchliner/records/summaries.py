@@ -51,8 +51,7 @@ def shape_words(shape: tuple[int, ...], noun: str) -> str:
 def frequency_words(frequency: Tensor) -> str:
     """'1400 Hz', or how many from where to where."""
     low, high = float(frequency.min()), float(frequency.max())
-    return f"{low:g} Hz" if len(frequency) == 1 else (
-        f"{len(frequency)} frequencies, {low:g} to {high:g} Hz")  # fmt: skip
+    return f"{low:g} Hz" if len(frequency) == 1 else (f"{len(frequency)} frequencies, {low:g} to {high:g} Hz")
 
 
 def impedance_facts(frequency: Tensor, impedance: Tensor, interval: Any = None, level: float | None = None) -> Facts:
@@ -62,8 +61,7 @@ def impedance_facts(frequency: Tensor, impedance: Tensor, interval: Any = None, 
         text = f"Z = {z:.3f}"
         if interval is not None and level is not None:
             low, high = interval.bounds(i)
-            text += (f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}, "
-                     f"X {low.imag:.3f} to {high.imag:.3f}")  # fmt: skip
+            text += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}, X {low.imag:.3f} to {high.imag:.3f}"
         found.append((f"{f:g} Hz", text))
     return found
 
@@ -83,9 +81,10 @@ def case_facts(plane: Any) -> Facts:
     """What is stated of a plane: liner, source, flow, reference impedances."""
     level, mach = plane.incident_level, plane.mach
     found = [
-        ("liner", plane.liner), ("source", plane.source_side),
+        ("liner", plane.liner),
+        ("source", plane.source_side),
         ("incident level", "" if level is None else f"{level:g} dB"),
         ("Mach", "" if mach is None else f"{mach:g}"),
         *((f"Z {name}", f"{complex(value):.3f}") for name, value in plane.reference.items()),
-    ]  # fmt: skip
+    ]
     return [(name, text) for name, text in found if text]

@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.records.declared import part, record, var
 
-@dataclass(frozen=True, eq=False)
+STATISTICAL = "statistical (blocks of the record)"
+
+
+@record
 class Interval:
-    """Statistical interval of an impedance, resistance and reactance each by itself.
+    """Statistical interval of an impedance: real parts are of its resistance, imaginary parts of its reactance.
 
-    Args:
-        low, high: bounds, complex128, of one shape: the real parts bound the resistance, the
-            imaginary parts the reactance.
-        standard_error: of resistance (real part) and reactance (imaginary part).
-        runs: number of independent runs of the record behind it, real, of the same shape.
-        bias: what a mean of admittances of probes is off in the mean, because the admittance of
-            a short record is not linear in it; to second order, complex. The bounds are without
-            it, the value is not. 0 for single probes.
+    The bias is that of a mean of admittances of probes, of which that of a short record is not linear in v; to second
+    order, 0 for single probes. The bounds are without it, the value is not.
     """
 
-    low: Tensor
-    high: Tensor
-    standard_error: Tensor
-    runs: Tensor
-    bias: Tensor
+    low: Tensor = var(name="{}_low", wide=True, text=f"lower bound, {STATISTICAL},")
+    high: Tensor = var(name="{}_high", wide=True, text=f"upper bound, {STATISTICAL},")
+    standard_error: Tensor = var(name="{}_standard_error", wide=True, text="standard error")
+    runs: Tensor = var(name="interval_runs", wide=True, text="number of independent runs of the record")
+    bias: Tensor = var(name="{}_bias", wide=True, text="bias, taken off the bounds alone,")
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Interval:
         """The same with every field put through a function."""
@@ -50,18 +48,16 @@ class Interval:
         return cls(*(torch.cat([getattr(part, name) for part in parts], axis) for name in names))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PointUncertainty:
     """Statistical intervals of ``PointImpedances``, in both orders of averaging.
 
     Args:
-        cells, cells_pressure_first: (C, F).
-        liner, liner_pressure_first: (F,).
         settings: level, what was resampled, blocks.
     """
 
-    cells: Interval
-    cells_pressure_first: Interval
-    liner: Interval
-    liner_pressure_first: Interval
+    cells: Interval = part("cell_", "cell", "frequency", text="of each cell")
+    cells_pressure_first: Interval = part("cell_pressure_first_", "cell", "frequency", text="of each cell, likewise")
+    liner: Interval = part("liner_", "frequency", text="of the whole surface")
+    liner_pressure_first: Interval = part("liner_pressure_first_", "frequency", text="of the whole surface, likewise")
     settings: Mapping[str, Any] = field(default_factory=dict)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records.case import LOUDEST, QUIETEST
 
 LOWEST_TONE = 20.0  # Hz: below, no liner is tuned and no ear hears
 LOWEST_RATE = 500.0  # Hz
@@ -17,35 +18,12 @@ LONGEST, HIGHEST, THICKEST = 20.0, 0.05, 0.1
 # m: probes this far apart, over so long a plane, see no cell of a liner.
 APART, LONG = 0.05, 1.0
 SAMPLES = (4.0, 1e5)  # of a period: fewer show no velocity, more are no measurement of a tone
-LOUDEST = 194.0  # dB: one atmosphere rms
-QUIETEST = -126.0  # dB: its last digit in double precision
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
 TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 # Over half a wavelength even a standing wave turns by pi, so that in degrees the steps from
 # microphone to microphone add up to some 57 times those in radians.
 WHOLE = math.pi
 NEAR = 4.0  # by which the steps, taken as radians, may miss a plane wave's
-
-
-def require_flow_and_level(record: Any) -> None:
-    """Refuse a bulk Mach number outside 0 to 1, and an incident level above one atmosphere or below
-    its last digit.
-
-    Raises:
-        ValueError: also what is not finite.
-    """
-    name, mach, level = record.name, record.mach, record.incident_level
-    if mach is not None and not 0 <= mach < 1:
-        raise ValueError(
-            f"{name}: mach is {mach:g}; it must be at least 0 (count x along the flow) and below 1 "
-            "(a Mach number, not m/s)"
-        )
-    if level is not None and not QUIETEST <= level <= LOUDEST:
-        raise ValueError(
-            f"{name}: incident_level is {level:g} dB; it must be at least {QUIETEST:g} dB, the "
-            f"last digit of one atmosphere in double precision, and at most {LOUDEST:g} dB, where "
-            "the rms pressure is one atmosphere; SPL in dB re 20 uPa rms is needed"
-        )
 
 
 def require_pressures(pressure: Tensor, frequency: Tensor, name: str) -> None:
@@ -58,8 +36,7 @@ def require_pressures(pressure: Tensor, frequency: Tensor, name: str) -> None:
         ValueError: with the level, the frequency and the limit.
     """
     loudest = spl_from_pressure_amplitude(pressure.detach().to(torch.complex128)).amax(-2)
-    for bad, limit in ((loudest > LOUDEST, f"above {LOUDEST:g}"),
-                       (loudest < QUIETEST, f"below {QUIETEST:g}")):  # fmt: skip
+    for bad, limit in ((loudest > LOUDEST, f"above {LOUDEST:g}"), (loudest < QUIETEST, f"below {QUIETEST:g}")):
         if bool(bad.any()):
             place = bad.nonzero()[0].tolist()
             raise ValueError(
@@ -76,8 +53,11 @@ def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
         plane: a ``VelocityPlane``.
         frequency: the lowest that is asked for, Hz; None if none is.
     """
-    spans = [(f"{key} spans", float(values.max() - values.min()), LONGEST, "m", "mm")
-             for key in ("x", "z") if (values := getattr(plane, key)) is not None]  # fmt: skip
+    spans = [
+        (f"{key} spans", float(values.max() - values.min()), LONGEST, "m", "mm")
+        for key in ("x", "z")
+        if (values := getattr(plane, key)) is not None
+    ]
     found = [
         f"{what} {value:.4g} {unit}, above {limit:g} {unit}; are these {other}?"
         for what, value, limit, unit, other in (
@@ -92,11 +72,10 @@ def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
         for what, value, limit, unit, other in (
             ("the frequency is", frequency or LOWEST_TONE, LOWEST_TONE, "Hz", "kHz"),
             ("the sampling rate is", plane.sampling_rate, LOWEST_RATE, "Hz", "kHz"),
-            ("the incident level is", plane.incident_level or LIKE_PASCALS, LIKE_PASCALS, "dB",
-             "pascals"),
+            ("the incident level is", plane.incident_level or LIKE_PASCALS, LIKE_PASCALS, "dB", "pascals"),
         )
         if value < limit
-    ]  # fmt: skip
+    ]
     apart, span = _steps_of(plane.x)
     if apart > APART and LONG < span <= LONGEST:
         found.append(f"x runs in steps of {apart:.4g} m over {span:.4g} m; are these mm?")

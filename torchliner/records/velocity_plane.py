@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import KW_ONLY, field, replace
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from torch import Tensor
 
@@ -18,14 +17,13 @@ from torchliner.checks import (
     stated_frequency,
     tell,
 )
-from torchliner.fluid import Fluid
-from torchliner.names import SOURCE_SIDES
+from torchliner.names import resolve
+from torchliner.records.declared import part, record, var
 from torchliner.records.holes import Holes, require_holes_on_plane
-from torchliner.records.outlets import Drawn, outlet
-from torchliner.records.probes import AtProbes, checked_coordinate, signal_tensor
+from torchliner.records.outlets import Drawn
+from torchliner.records.probes import AtProbes, signal_tensor
 from torchliner.records.slabs import Reader
 from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
-from torchliner.records.unit_checks import require_flow_and_level
 
 
 @runtime_checkable
@@ -37,28 +35,15 @@ class StoredVelocity(Reader, Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class VelocityPlane(Drawn, AtProbes, Summarised):
+@record
+class VelocityPlane(Drawn, Summarised, AtProbes):
     """Wall-normal velocity at many probes, uniformly sampled in time.
 
     Args:
         velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
             with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
-        sampling_rate: Hz.
-        start: time of the first sample on the clock of the data, s.
-        height: distance of the plane from the liner, m.
-        x, z: coordinates, m: one value per column (row) of a (z, x) plane, else one per probe.
-        area: m2 that each probe stands for, in the order of the probes, (P,); None: unknown.
-        holes: where those of the liner below are, for figures; None: unknown.
         streamwise: streamwise velocity, m/s, on the same probes and times.
-        fluid: gas of the data.
-        frequency: tone, Hz.  incident_level: nominal SPL, dB.  mach: bulk Mach number.
-        source_side: where the sound comes from, one of ``SOURCE_SIDES``.
-        displacement_thickness: delta*, m, for the Goodrich comparison.
-        liner: name of the liner below, if one is known; "hard wall" is a liner too.
-        reference: independent impedances of the same case, normalised, by name ("true", "in situ").
-        title, provenance: where the data come from.
-        name: how messages call it (for files: FILE:/dataset).
+        holes: where those of the liner below are, for figures; None: unknown.
     Raises:
         TypeError: velocity is not real floating point.
         ValueError: shapes disagree, the plane is empty, a scalar is out of range, a hole lies
@@ -66,72 +51,46 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
     """
 
     velocity: Any
-    sampling_rate: float = field(kw_only=True)
-    start: float = field(default=0.0, kw_only=True)
-    height: float | None = field(default=None, kw_only=True)
-    x: Any = field(default=None, kw_only=True)
-    z: Any = field(default=None, kw_only=True)
-    area: Any = field(default=None, kw_only=True)
-    holes: Holes | None = field(default=None, kw_only=True)
-    streamwise: Any = field(default=None, kw_only=True)
-    fluid: Fluid = field(default_factory=Fluid, kw_only=True)
-    frequency: float | None = field(default=None, kw_only=True)
-    incident_level: float | None = field(default=None, kw_only=True)
-    mach: float | None = field(default=None, kw_only=True)
-    source_side: str = field(default="unknown", kw_only=True)
-    displacement_thickness: float | None = field(default=None, kw_only=True)
-    liner: str = field(default="", kw_only=True)
-    reference: Mapping[str, complex] = field(default_factory=dict, kw_only=True)
-    title: str = field(default="", kw_only=True)
-    provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
-    name: str = field(default="velocity", kw_only=True)
+    _: KW_ONLY
+    height: float | None = var(unit="m", text="distance of the plane from the liner", default=None)
+    area: Any = var("probes", unit="m2", text="area of each probe, in their order", default=None)
+    holes: Holes | None = part("hole_", default=None)
+    streamwise: Any = field(default=None)
+    name: str = "velocity"
+
+    FILE: ClassVar = "torchliner.io.plane_writer:FILE"
+    PLOT: ClassVar = "torchliner.report.figures:draw_velocity"
 
     def __post_init__(self) -> None:
         make_plain(self)
         self._take_named(self.velocity)
         for label in ("velocity", "streamwise"):
             value = getattr(self, label)
-            if value is not None:
-                object.__setattr__(self, label, _velocity_tensor(value, label, self.name))
-        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
-        if not math.isfinite(self.start):
-            raise ValueError(f"{self.name}: start is {self.start:g} s; it must be finite")
-        if 0 in self.velocity.shape or len(self.velocity.shape) == 0:
+            if value is not None and (isinstance(value, Tensor) or not isinstance(value, StoredVelocity)):
+                object.__setattr__(self, label, signal_tensor(value, label, self.name, "m/s"))
+        if 0 in self.velocity.shape or not 0 < len(self.velocity.shape) <= 3:
             raise ValueError(
-                f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least "
-                "one probe and one sample, time last"
-            )
-        if len(self.velocity.shape) > 3:
-            raise ValueError(
-                f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; probe axes are "
-                "(z, x), (x) or (probe); flatten others to (probe) and give x and z per probe"
+                f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least one probe and one "
+                "sample, time last, with probe axes (z, x), (x) or (probe): flatten others to (probe) and give x and z "
+                "per probe"
             )
         if self.streamwise is not None and self.streamwise.shape != self.velocity.shape:
             raise ValueError(
                 f"{self.name}: streamwise has shape {tuple(self.streamwise.shape)}, velocity "
                 f"{tuple(self.velocity.shape)}; they share probes and times"
             )
-        for label in ("x", "z"):
-            value = checked_coordinate(getattr(self, label), label, self.probe_shape, self.name)
-            object.__setattr__(self, label, value)
+        self._check_case()
+        require_positive_where_stated(self, "height")
         if self.area is not None:
             area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
             if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):
-                raise ValueError(f"{self.name}: area has {len(area)} values from "
-                                 f"{float(area.min()):g} m2; {self.probes} of at least 0 are "
-                                 "needed")  # fmt: skip
+                raise ValueError(
+                    f"{self.name}: area has {len(area)} values from {float(area.min()):g} m2; {self.probes} of at "
+                    "least 0 are needed"
+                )
             object.__setattr__(self, "area", area)
         if self.holes is not None:
             require_holes_on_plane(self.holes, self.x, self.z, self.name)
-        require_positive_where_stated(self, "height", "frequency")
-        require_flow_and_level(self)
-        thickness = self.displacement_thickness
-        if thickness is not None and not 0 <= thickness < math.inf:
-            raise ValueError(
-                f"{self.name}: displacement_thickness is {thickness:g} m; it must be finite and at least 0"
-            )
-        if self.source_side not in SOURCE_SIDES:
-            raise ValueError(f"{self.name}: source_side is {self.source_side!r}; one of {SOURCE_SIDES}")
 
     @classmethod
     def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
@@ -145,7 +104,7 @@ class VelocityPlane(Drawn, AtProbes, Summarised):
             TypeError: neither a DataArray nor a Dataset.
             ValueError: as ``read_plane``; no velocity fits, or several do.
         """
-        plane: VelocityPlane = outlet(cls, "from_xarray")(data, **stated)
+        plane: VelocityPlane = resolve("torchliner.io.foreign:from_xarray")(data, **stated)
         return plane
 
     def _take_named(self, velocity: Any) -> None:
@@ -235,10 +194,8 @@ def scaled_numbers(plane: VelocityPlane, length: float, velocity: float) -> dict
     require_positive("velocity scale", velocity)
     per_time = velocity / length
     factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
-    factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time,
-                "start": 1 / per_time}  # fmt: skip
-    found = {name: value * factor for name, factor in factors.items()
-             if (value := getattr(plane, name)) is not None}  # fmt: skip
+    factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time, "start": 1 / per_time}
+    found = {name: value * factor for name, factor in factors.items() if (value := getattr(plane, name)) is not None}
     if velocity != 1 and plane.incident_level is not None:
         tell(
             f"{plane.name}: incident_level, {plane.incident_level:g} dB, is that of the velocities "
@@ -246,9 +203,3 @@ def scaled_numbers(plane: VelocityPlane, length: float, velocity: float) -> dict
         )
         found["incident_level"] = None
     return found
-
-
-def _velocity_tensor(value: Any, label: str, name: str) -> Any:
-    if not isinstance(value, Tensor) and isinstance(value, StoredVelocity):
-        return value
-    return signal_tensor(value, label, name, "m/s")

@@ -16,6 +16,7 @@ from torchliner.studies.sensitivities import Sensitivities, correlation_of
 
 SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
 MOST = 0.05, 0.95  # shares of a plane's weight between which its speeds are stated
+JUDGED = "averaging,height,name,judged,limit,passed"
 COMBINED = "combined"  # the row of the sum of a budget
 
 
@@ -63,7 +64,7 @@ def models_table(found: Study) -> Table:
     shown = "model" + (",frequency" if len({row.frequency for row in found.rows}) > 1 else "") + ",impedance"
     shown += "" if found.level is None else ",interval"
     shown += "".join(f",averagings.{name}" for name in found.rows[0].averagings if name != found.averaging)
-    shown += ",level_check,verdict" if if_known(found.rows, "level_check") else ""
+    shown += if_known(found.rows, "level_check")
     return table_of(found.rows, shown + "".join(f",distance.{name}" for name in found.references) + ",model_error")
 
 
@@ -226,7 +227,6 @@ def format_identification(found: Study) -> str:
     seen = f"seen: |v| of about {slowest:.3g} to {fastest:.3g} m/s"
     if fit.law.frequencies:
         seen += f"; the data determine {fit.determined:.1f} of {len(fit.values)} parameters"
-        seen += f"; lines of the table add {fit.table_error:.1e} to R"
     parts = [
         candidate_table(found).as_text(),
         f"chosen, for it predicts best what it has not seen: {fit.law.label}",
@@ -250,7 +250,7 @@ def height_table(study: Study) -> Table:
 
 def format_heights(study: Study, found: Study) -> str:
     """Rows, facts, and which height."""
-    facts, first = study.facts, study.first_decay
+    facts, sound = study.facts, "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
     shown = "height" + "".join(f",impedance.{name}" for name in facts[0].impedance)
     shown += "".join(f",level_check.{name}" for name in facts[0].level_check)
     shown += ",coherence,velocity_rms,modulation,between,streamwise_modulation,jet_velocity,jet_height"
@@ -258,12 +258,16 @@ def format_heights(study: Study, found: Study) -> str:
         f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard deviation of R and X "
         "over windows",
         height_table(study).as_text(),
-        f"\nwhole plane\n{table_of(facts, shown).as_text()}",
+        f"\nwhole plane\n{table_of(facts, shown + if_known(facts, 'drift')).as_text()}",
     ]
-    if first is not None:
-        lines.append(
-            f"first harmonic of v_rms: exp(-y/l), l = {1e3 * first.length:.3g} mm (sound: "
-            f"{1e3 * study.pitch / (2 * math.pi):.3g} mm); heights stray from it by a factor {first.scatter:.3g}"
-        )
-    lines += ["", *found.reasons, *(f"not judged: {line}" for line in found.unknown)]
+    for name, words in (("decay", "cell-periodic modulation"), ("first_decay", "first harmonic of v_rms")):
+        if study[name] is not None:
+            length, scatter = 1e3 * study[name].length, study[name].scatter
+            lines.append(
+                f"{words}: exp(-y/l), l = {length:.3g} mm{sound}; heights stray from it by a factor {scatter:.3g}"
+            )
+    lines += [f"\nlevel check in dB, all else a share of 1\n{table_of(found.rows, JUDGED).as_text()}\n"]
+    for name, height in found.heights.items():
+        where = "no height of these qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest"
+        lines.append(f"{name}: {where} where it holds")
     return "\n".join([*lines, *format_references(study.reference, "not used above: ")])

@@ -20,7 +20,6 @@ from torchliner.report.figure import (
     V_RMS,
     Figure,
     draw_band,
-    draw_curve,
     entry,
     finish,
     head_panel,
@@ -30,7 +29,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.numbers import impedance_over_frequency, part_of
+from torchliner.report.numbers import part_of
 from torchliner.report.studies import COMBINED
 from torchliner.studies.laws import impedance_at
 from torchliner.studies.rows import Row, Study
@@ -39,21 +38,6 @@ STYLES = ("-", "--", ":", "-.") * 99
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 DRAWN = 200  # speeds of a picture
 MOST_LENGTHS = 5  # curves a reader can tell apart
-SIGNS = {
-    "facesheet_thickness": "thickness $L_p$",
-    "orifice_diameter": "diameter $d$",
-    "porosity": r"porosity $\phi_p$",
-    "cavity_depth": "depth $H_c$",
-    "cavity_hydraulic_radius": "hydraulic radius $r_c$",
-    "cavity_porosity": r"cavity porosity $\phi_c$",
-    "open_area_fraction": r"open area $\alpha$",
-    "vena_contracta": "vena contracta $C_{vc}$",
-    "velocity_gain": "velocity gain",
-    "offset_resistance": "offset, Re",
-    "offset_reactance": "offset, Im",
-    "temperature": "temperature $T$",
-    "pressure": "pressure $p$",
-}
 
 
 def _name_lines(axis: Any, names: Sequence[str], shown: bool) -> None:
@@ -92,13 +76,19 @@ def draw_models(found: Study, path: str | Path | None = None) -> Figure:
     rows = found.rows[::-1]
     bars = "" if found.level is None else f"; bands: {100 * found.level:g} % statistical interval"
     title = f", averaging {found.averaging}{bars}"
-    if len(found.maps) < len(rows):
+    names = list(dict.fromkeys(row.model for row in found.rows))
+    if len(names) < len(rows):
         figure, panels = impedance_panels(3.0, r"$f$ (kHz)")
         tone = next((row.frequency for row in rows if row.distance), None)
         for axis, part in panels:
-            for i, (name, each) in enumerate(found.maps.items()):
-                curve = impedance_over_frequency(each)
-                draw_curve(axis, curve, part, COLOURS[i], 1e-3, linestyle=STYLES[i], label=name)
+            for i, name in enumerate(names):
+                mine = found.of(model=name)
+                lines = [1e-3 * row.frequency for row in mine]
+                if found.level is not None:
+                    low, high = ([part_of(row[end], part) for row in mine] for end in ("low", "high"))
+                    draw_band(axis, lines, low, high, COLOURS[i])
+                values = [part_of(row.impedance, part) for row in mine]
+                axis.plot(lines, values, color=COLOURS[i], linestyle=STYLES[i], label=name)
             for i, (name, value) in enumerate(found.references.items() if tone else ()):
                 style: Any = {"color": "k", "markersize": 7, "markerfacecolor": "none", "zorder": 4}
                 axis.plot(1e-3 * (tone or 0), part_of(value, part), MARKERS[i], label=name, **style)
@@ -136,7 +126,7 @@ def draw_contributions(rows: Sequence[Row], title: str, path: str | Path | None 
         axis.set_xlim(left=0)
         per = "1 % of $p$" if total is None else "one $u(p)$"
         axis.set_xlabel(rf"$|\Delta {sign}|$ for {per}, $10^{{-3}}\rho c$")
-        axis.set_yticks(range(len(kept)), [SIGNS.get(r["parameter"], r["parameter"]) for r in kept] * (sign == "R"))
+        axis.set_yticks(range(len(kept)), [row["parameter"].replace("_", " ") for row in kept] if sign == "R" else [])
         axis.tick_params(axis="y", length=0)
     handles = [axes[0, 0].barh([0], [0], color=colour) for colour in COLOURS[:2]]
     labels = ["grows with $p$", "falls with $p$"]
@@ -218,17 +208,6 @@ def draw_identification(found: Study, path: str | Path | None = None) -> Figure:
     return finish(figure, path, f"{at:g} Hz", legend=5)
 
 
-def length_label(length: float, pitch: float | None) -> str:
-    """'1/4 cell', '2 cells' or millimetres."""
-    for share in (1 / 8, 1 / 4, 1 / 2) if pitch else ():
-        if abs(length / (pitch or 1) - share) < 0.02 * share:
-            return f"1/{1 / share:g} cell"
-    cells = round(length / pitch) if pitch else 0
-    if cells and abs(length / (pitch or 1) - cells) < 0.01 * cells:
-        return "1 cell" if cells == 1 else f"{cells} cells"
-    return f"{1e3 * length:.3g} mm"
-
-
 @styled
 def draw_heights(study: Study, path: str | Path | None = None) -> Figure:
     """R and X over height: admittance over probes, and velocity averaged over several lengths."""
@@ -248,7 +227,7 @@ def draw_heights(study: Study, path: str | Path | None = None) -> Figure:
             shifted = [h + 0.02 * (i - len(lengths) / 2) for h in heights]
             values, spread = ([part_of(row[name], part) for row in rows] for name in ("velocity", "velocity_spread"))
             style: Any = {"marker": MARKERS[i], "color": COLOURS[i], "capsize": 2, "elinewidth": 0.7}
-            label = f"velocity over {length_label(length, study.pitch)}"
+            label = f"velocity over {1e3 * length:.3g} mm"
             axis.errorbar(shifted, values, spread, markerfacecolor="white", label=label, **style)
         if "true" in study.reference:
             axis.axhline(part_of(study.reference["true"], part), label="reference", **REFERENCES[0])

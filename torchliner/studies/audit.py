@@ -14,10 +14,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, require_choice, require_positive, tell
-from torchliner.conversions import impedance_from_reflection
+from torchliner.checks import FEWEST_PERIODS, require_choice, tell
 from torchliner.engine.kernels import BAND, response_at
-from torchliner.engine.moments import Moments, projection_of
+from torchliner.engine.moments import Moments
+from torchliner.engine.nodes import response
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.readings import porosity_readings, velocity_readings
@@ -75,7 +75,7 @@ def audit(
     if len(several) > 1:
         planes_by_height([plane_of(each) for each in several])
     record, model, plane = several[0], as_liner(liner), plane_of(several[0])
-    stated, window = _choices(record, averaging, choices)
+    stated = _choices(record, averaging, choices)
     if len(plane.asked(frequency)) != 1:
         raise ValueError(f"an audit has one frequency; {len(plane.asked(frequency))} are given")
     quiet, skipped = dataclasses.replace(stated, interval=None), dict[str, str]()
@@ -89,7 +89,7 @@ def audit(
         raise ValueError(
             f"{plane.name}: the base has no admittance: every probe counts as wall; lower or leave out wall_filter"
         )
-    base = Base(source, float(source.frequency[0]), averaging, quiet, window, skipped)
+    base = Base(source, float(source.frequency[0]), averaging, quiet, skipped)
     variants = [base.variant(*labels, liner=other) for labels, other in others.items()]
     for factor, make in FACTORS.items():
         try:
@@ -126,35 +126,30 @@ def audit(
     )
 
 
-def _choices(record: Records, averaging: str, choices: dict[str, Any]) -> tuple[Choices, float | None]:
-    """Choices of the base, and the averaging length of ``running-rms``, be it of the base or of a variant."""
+def _choices(record: Records, averaging: str, choices: dict[str, Any]) -> Choices:
+    """Those of the base; refuses one that an audit varies itself, or that the moments do not hold."""
     require_choice("averaging", averaging, AVERAGINGS)
     if choices.get("phase") is not None:
         raise ValueError(
             "phase cannot be chosen for an audit: its base is the phase averaged, and the other rules are among what "
             "it varies"
         )
-    window = choices.get("running_window")
-    if window is not None:
-        require_positive("running_window", window)
-    own = window if choices.get("drive") == "running-rms" else None
-    chosen = Choices(**{**choices, "phase": "averaged", "running_window": own})
+    chosen = Choices(**choices)
     if isinstance(record, Moments):
         chosen = dataclasses.replace(chosen, averaging=record.settings["averaging"])
         require_choice(f"averaging of moments reduced with {chosen.averaging!r}:", averaging, chosen.averagings)
-    return chosen, window
+    return chosen
 
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What is varied: a plane, by choices without an interval, which no row has; ``running_window`` (s) is that of
-    ``running-rms``, of the base or not; ``skipped`` gets factors that cannot be varied, and why."""
+    """What is varied: a plane, by choices without an interval, which no row has; ``skipped`` gets factors that cannot
+    be varied, and why."""
 
     source: Source
     frequency: float
     averaging: str
     chosen: Choices
-    running_window: float | None
     skipped: dict[str, str]
 
     def variant(self, factor: str, name: str, averaging: str | None = None, **about: Any) -> Variant:
@@ -188,17 +183,6 @@ def _other_liners(model: LinerModel, skipped: dict[str, str]) -> dict[tuple[str,
     return found
 
 
-class KernelLiner(LinerModel):
-    """A liner as its kernels answer, made at the very |v| that is asked for; ``how``: rate, kind and band, Hz."""
-
-    def __init__(self, liner: LinerModel, *how: Any) -> None:
-        self.liner, self.how = liner, how
-
-    def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
-        """Z, (F, V), of frequencies (F, 1) in Hz and speeds (V,) in m/s."""
-        return impedance_from_reflection(response_at(self.liner, frequency[:, 0], speed, *self.how).T)
-
-
 def _kernels(base: Base) -> Iterator[Variant]:
     source, liner = base.source, base.source.liner
     reach = liner.frequency_range or (-math.inf, math.inf)
@@ -206,8 +190,10 @@ def _kernels(base: Base) -> Iterator[Variant]:
     if source.known.nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
     for kind, words in KERNELS.items():
-        kernels = KernelLiner(liner, source.plane.sampling_rate, kind, band)
-        yield base.variant("kernel", kind + words, moments=_of_liner(source.known, kernels, source.frequency))
+        found = response_at(
+            liner, source.frequency, source.known.nodes.speeds, source.plane.sampling_rate, kind, band
+        ).T
+        yield base.variant("kernel", kind + words, moments=_projected(source.known, found, source.frequency))
 
 
 def _halves(base: Base) -> Iterator[Variant]:
@@ -249,7 +235,9 @@ def _phase_rules(base: Base) -> Iterator[Variant]:
             "the moments were reduced without the rows of phase rules; reduce the plane again with "
             "phase='self-consistent'"
         )
-    of_one, least = _of_liner(known, source.liner, source.frequency), base.chosen.minimum_coherence
+    of_one, least = known, base.chosen.minimum_coherence
+    if known.nodes is not None:  # many phases are quicker asked of R of one liner
+        of_one = _projected(known, response(source.liner, source.frequency, known.nodes.speeds), source.frequency)
     for name in PHASES:
         if name == "given":
             yield from _stated_phases(base, of_one)
@@ -278,13 +266,12 @@ def _stated_phases(base: Base, known: Moments) -> Iterator[Variant]:
         yield at(max(values, key=values.__getitem__), f"largest {letter}")
 
 
-def _of_liner(known: Moments, liner: LinerModel, frequency: Tensor) -> Moments:
-    """Moments of R of one liner at some frequencies, Hz, (F,): many phases are quicker asked of them."""
-    projection = None if known.nodes is None else projection_of(known.nodes, liner, frequency)
-    if projection is None:
-        return known
-    count = projection.shape[1]
-    sums = {name: projection.to(each) @ each for name, each in known.sums.items() if each.shape[2] == count}
+def _projected(known: Moments, reflection: Tensor, frequency: Tensor) -> Moments:
+    """Moments of one R(f, |v|) at some frequencies, Hz, (F,), from its values at the speeds of the nodes, (F, K)."""
+    assert known.nodes is not None
+    c = known.nodes.coefficients(reflection)
+    rows = torch.stack([c.real, c.imag], 1).flatten(0, 1)
+    sums = {name: rows.to(each) @ each for name, each in known.sums.items() if each.shape[2] == rows.shape[1]}
     return dataclasses.replace(known, sums=sums, projected=frequency)
 
 
@@ -292,8 +279,7 @@ def _other_speeds(base: Base) -> Iterator[Variant]:
     """Other drives and means; the rms is known from the survey, for the others the samples are read."""
     for name in ("rms", *(name for name in DRIVES if name != "rms")):
         if name != base.chosen.drive:
-            window = base.running_window if name == "running-rms" else None
-            yield base.variant("drive", name, choices={"drive": name, "running_window": window})
+            yield base.variant("drive", name, choices={"drive": name, "running_window": None})
         base.source.samples()
     for name in MEANS:
         if name != base.chosen.mean:

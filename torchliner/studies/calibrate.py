@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,9 +15,8 @@ from torchliner.liners.model import Liner, named_numbers
 from torchliner.records import VelocityPlane
 from torchliner.studies.fit import Fit, fit_law
 from torchliner.studies.laws import parameter_law
-from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import choices_of_fit, held, planes_and_liners, read_run
-from torchliner.studies.solve import drawn_impedances, knots_for
+from torchliner.studies.solve import Posterior, drawn_impedances, knots_for, sample_posterior
 from torchliner.velocity.review import texts
 
 FEWEST_EFFECTIVE = 100.0
@@ -120,42 +118,28 @@ def _posterior(fit: Fit, draws: int, seed: int) -> tuple[Posterior | None, list[
 
 def warnings_of(fit: Fit) -> list[str]:
     """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
-    notes, law, error = [], fit.law, fit.model_error
-    for name in () if law.frequencies else fit.on_bound:
-        low, value, high = (float(each[law.names.index(name)]) for each in (law.low, fit.values, law.high))
-        which, at = ("lower", low) if value - low < high - value else ("upper", high)
-        unit = fit.runs[0].liner.numbers()[name].unit
-        notes.append(
-            f"{name} ends on its {which} bound, {at:.6g}{'' if unit == '1' else f' {unit}'}: the data ask for more "
-            "than the bounds allow, and its uncertainty means little; widen the bound if that is physical, else "
-            "free another parameter"
-        )
-    if law.frequencies and fit.on_bound:
-        notes.append(
-            f"{len(fit.on_bound)} of {len(fit.values)} parameters of the curve end at a factor of "
-            f"{math.exp(float(law.high[0])):.0f} of the prior shape: the references ask for a step or the other "
-            "direction; see reactance, or state more noise"
-        )
+    law, numbers = fit.law, fit.runs[0].liner.numbers() if not fit.law.frequencies else {}
+    notes = [
+        f"{name} ends on its bound, {fit.numbers[name]:.4g} {numbers[name].unit.replace('1', '')}".rstrip()
+        + ": the data ask for more than the bounds allow, and its uncertainty means little; widen the bound if that is "
+        "physical, else free another parameter"
+        for name in fit.on_bound
+        if name in numbers
+    ]
     for group in fit.unseen:
         what = f"tell {' and '.join(group)} apart" if len(group) > 1 else f"see {group[0]}"
         notes.append(
-            f"the data do not {what} within the bounds; fix one, give a prior, or add data at another frequency or "
-            "level"
+            f"the data do not {what} within the bounds; fix one, give a prior, or add data at another frequency"
         )
-    if fit.stated and fit.freedom and fit.misfit > FAR * (1 + 2 / fit.freedom) ** 0.5:
-        notes.append(
-            f"{law.label}: the misfit is {fit.misfit:.3g} times the stated noise: no such law gives all references "
-            "(or it is far from its prior); predictions to first order are widened by that factor, a posterior, "
-            "which knows the noise alone, is too narrow"
-        )
-    if not fit.stated and fit.freedom == 0:
-        notes.append(
-            f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: no residual says how "
-            "uncertain they are; state noise"
-        )
-    if error > LARGEST_MODEL_ERROR:
-        notes.append(
-            f"R of {law.label} is known to {error:.2g} only (limit {LARGEST_MODEL_ERROR:g}) between the speeds at "
-            "which a fit reads it; compare with educe of that liner"
-        )
-    return notes
+    doubts = {
+        f"{len(fit.on_bound)} of {len(fit.values)} parameters of the curve end at a factor of 400 of the prior shape: "
+        "the references ask for a step or the other direction; state more noise": law.frequencies and fit.on_bound,
+        f"{law.label}: the misfit is {fit.misfit:.3g} times the stated noise: no such law gives all references (or it "
+        "is far from its prior); predictions to first order are widened by that factor, a posterior, which knows the "
+        "noise alone, is too narrow": fit.stated and fit.freedom and fit.misfit > FAR * (1 + 2 / fit.freedom) ** 0.5,
+        f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: no residual says how uncertain "
+        "they are; state noise": not fit.stated and fit.freedom == 0,
+        f"R of {law.label} is known to {fit.model_error:.2g} only (limit {LARGEST_MODEL_ERROR:g}) between the speeds "
+        "at which a fit reads it; compare with educe of that liner": fit.model_error > LARGEST_MODEL_ERROR,
+    }
+    return notes + [text for text, holds in doubts.items() if holds]

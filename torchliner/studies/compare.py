@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -22,10 +21,9 @@ ROUNDED = 1e-6  # relative, of float32
 def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Study:
     """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
 
-    The errors of independent records are independent, so squares of half-widths add. Those of one run are not (the
-    same file of velocity; else mean and rms of v that agree at all probes to 1e-4 of the rms; two heights: one case in
-    the provenance and one rate, before samples were left out), and by how much is not in a map: half-widths add, which
-    no correlation exceeds.
+    The errors of independent records are independent, so squares of half-widths add. Those of one run are not (one case
+    in the provenance, or mean and rms of v that agree at all probes to 1e-4 of the rms), and by how much is not in a
+    map: half-widths add, which no correlation exceeds.
 
     Args:
         first, second: of the same cells and frequencies, in any order of these.
@@ -126,11 +124,9 @@ def _require_alike(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
 
 
 def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
-    """By their files and what they state, or by their velocities."""
-    if _files(first) & _files(second):
-        return True
-    stated = [_case(each) for each in (first, second)]
-    if stated[0][0] is not None and stated[0] == stated[1]:
+    """By the case that they state, or by their velocities."""
+    cases = [dict(each.choices.get("data") or {}).get("case") for each in (first, second)]
+    if cases[0] is not None and cases[0] == cases[1]:
         return True
     if first.mean_velocity.shape != second.mean_velocity.shape:
         return False
@@ -141,16 +137,3 @@ def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
     known = torch.stack([*means, *rms]).isfinite().all(0)
     near = SAME_RECORD * rms[0] + ROUNDED * means[0].abs()
     return bool(known.any()) and all(bool(((one - other).abs() <= near)[known].all()) for one, other in (means, rms))
-
-
-def _files(one: ImpedanceMap) -> set[tuple[str, str]]:
-    """Hashes of the files of velocity, with the place within that the record was read from."""
-    place = str(one.choices.get("source", "")).partition(":/")[2]
-    return {(each["hash"], place) for each in one.choices.get("inputs") or [] if each["what"] == "velocity"}
-
-
-def _case(one: ImpedanceMap) -> tuple[Any, float | None]:
-    """The case that is stated, and the rate at which its samples were stored, Hz."""
-    data, rate = dict(one.choices.get("data") or {}), one.choices.get("sampling_rate")
-    every = dict(data.get("selected") or {}).get("every", 1)
-    return data.get("case"), None if rate is None else round(rate * every, 6)

@@ -20,11 +20,10 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedance_at
-from torchliner.studies.posterior import Posterior
 from torchliner.studies.rows import Row
 from torchliner.studies.runs import NEPER, Run, read_run
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
-from torchliner.studies.solve import curves_at_nodes, drawn_impedances, impedances, solve, weights_of
+from torchliner.studies.solve import Posterior, curves_at_nodes, drawn_impedances, impedances, solve, weights_of
 from torchliner.studies.variants import Records
 from torchliner.velocity.choices import Choices
 
@@ -43,23 +42,17 @@ class Fit:
     """The best place in the box of the bounds, how sure it is, and what it predicts; SI throughout.
 
     Args:
-        law, runs: what was fitted to what.
-        choices: by which planes are read.
+        law, runs, choices: what was fitted to what, and how planes are read.
         knots: of splines, by whose weights speeds count as seen.
         stated: whether the noise is known; else the residual stands for it.
-        values: best, (n,).
-        residuals, jacobian: there, of the data and then of the prior, (m,) and (m, n).
-        data, freedom: numbers that the runs are held to, priors apart; these and priors less parameters.
+        values, residuals, jacobian: best, (n,); there, of the data and then of the prior, (m,) and (m, n).
+        data, freedom: numbers that the runs are held to; these and priors less parameters.
         scale: variance of a residual: 1, or that of the residuals; nan without a degree of freedom.
-        on_bound: parameters that end on a bound.
-        unseen: parameters of directions that the data do not determine, or less than the bounds do; none of a curve.
+        on_bound, unseen: parameters that end on a bound, and those of directions that the data do not determine.
         singular_values: of the Jacobian over the noise, in units of the box, of a curve of the spread of its prior.
-        determined: how many parameters the data determine: without a prior all.
-        misfit: rms of what is left of the data over the noise, by degrees of freedom.
-        covariance: Gauss-Newton, (n, n); huge along what the data do not see.
-        widened: the same, widened where the misfit is above stated noise; 0 on a bound.
-        posterior: draws; None without, or where the noise is unknown.
-        notes: warnings, with numbers.
+        determined, misfit: how many parameters the data determine; rms of what is left of them over the noise.
+        covariance, widened: Gauss-Newton, (n, n); and where the misfit is above stated noise by that, 0 on a bound.
+        posterior, notes: draws, None where the noise is unknown; warnings, with numbers.
     """
 
     law: Law
@@ -106,15 +99,8 @@ class Fit:
         return self.table() if self.law.frequencies else self.runs[0].liner.with_numbers(self.numbers)
 
     def table(self, reach: float = 0.0) -> TabulatedLiner:
-        """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs.
-
-        Args:
-            reach: m/s, of the last speed, where that is more: there R goes on along its tangent, X stays.
-        Raises:
-            TypeError: parameters were found, not a curve.
-        Warns:
-            DataWarning: it reaches beyond what data support.
-        """
+        """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs, or to ``reach``,
+        m/s, if that is more; TypeError where parameters were found."""
         if not self.law.frequencies:
             raise TypeError(f"parameters were found ({self.law.label}), not a curve; take the liner")
         top, first = self.knots.top, self.runs[0].liner
@@ -124,19 +110,9 @@ class Fit:
                 f"({top:.4g} m/s): R goes on along its tangent there and X stays, which no data support"
             )
         speed = torch.linspace(0, max(MARGIN * top, reach) ** 0.5, ROWS, dtype=torch.float64).square()
-        name = f"{getattr(first, 'name', type(first).__name__)} identified"
-        return TabulatedLiner(self.law.frequencies, self._curves(speed), speed, first.cell_pitch, name)
-
-    @functools.cached_property
-    def table_error(self) -> float:
-        """Largest error in R of the table's lines between its speeds, up to the runs' |v|."""
-        speed = torch.linspace(0, self.knots.top**0.5, 4 * ROWS, dtype=torch.float64).square()
-        drawn = self.table().impedance(torch.tensor(self.law.frequencies)[:, None], speed)
-        return float(reflection_from_impedance(torch.stack([self._curves(speed), drawn])).diff(dim=0).abs().max())
-
-    def _curves(self, speed: Tensor) -> Tensor:
-        lines = torch.tensor(self.law.frequencies, dtype=torch.float64)
-        return self.law.curve(self.values, self.runs[0].in_flow, lines, speed)
+        lines, name = torch.tensor(self.law.frequencies, dtype=torch.float64), f"{first.name} identified"
+        values = self.law.curve(self.values, self.runs[0].in_flow, lines, speed)
+        return TabulatedLiner(self.law.frequencies, values, speed, first.cell_pitch, name)
 
     @functools.cached_property
     def rows(self) -> list[Row]:
@@ -244,7 +220,7 @@ class Fit:
         Raises:
             ValueError: a frequency that no run had, for a curve.
         Warns:
-            DataWarning: more than 10 % of its weight lies at speeds beyond those that the runs saw.
+            DataWarning: more than 10 % of the weight is outside.
         """
         base = self.runs[0].liner if liner is None else as_liner(liner)
         if isinstance(self.runs[0].liner, FlowSDoFLiner):
@@ -252,11 +228,9 @@ class Fit:
         run = read_run(plane, base, frequency, self.choices, any_curve=bool(self.law.frequencies))
         true = run.plane.reference.get(reference)
         if true is not None:
-            tone = run.frequency[0] if run.plane.frequency is None else run.plane.frequency
-            wanted = [
-                true if abs(f / tone - 1) < SAME_FREQUENCY else complex(math.nan, math.nan) for f in run.frequency
-            ]
-            run = dataclasses.replace(run, wanted=torch.tensor(wanted, dtype=torch.complex128))
+            at_tone = (run.frequency / (run.plane.frequency or run.frequency) - 1).abs() < SAME_FREQUENCY
+            value, unknown = torch.tensor([complex(true), complex(math.nan, math.nan)], dtype=torch.complex128)
+            run = dataclasses.replace(run, wanted=torch.where(at_tone, value, unknown))
         rows = self.rows_of(run, noise)
         tell(self.beyond(run.plane.name, max(row.outside for row in rows)))
         return rows

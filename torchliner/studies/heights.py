@@ -1,7 +1,8 @@
-"""Z against the height of the plane and the length the velocity is averaged over, and what else speaks of a height."""
+"""Which height? Z against height and the length the velocity is averaged over, and what else speaks of a height."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning, plain_number, require_positive, stated_frequency, tell
+from torchliner.checks import DataWarning, plain_number, require_positive, tell
 from torchliner.conversions import impedance_from_admittance, mean_impedance
 from torchliner.duct.flow_profiles import Array, TanhProfile
 from torchliner.engine.moments import Moments
@@ -28,6 +29,7 @@ from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import time_moments
 
+DRIFT = 25.0 + 30.0j  # per m of height, eq. (A1), for sound at grazing incidence
 CELL_SHARES = (1 / 8, 1 / 4, 1 / 2)
 UNKNOWN = complex(math.nan, math.nan)
 
@@ -59,7 +61,7 @@ def study_heights(
         duct_height, shear: H, m, and shear of the ``TanhProfile`` that the jets stand in; default those of figure 22.
         reference_phase: rad, for ``phase="given"``.
         progress: called with 1 per plane.
-        choices: see ``torchliner.velocity.choices.Choices``. A ``wall_filter`` acts on the averages over probes.
+        choices: as for ``educe``. A ``wall_filter`` acts on the averages over probes.
     Returns:
         title, frequency (Hz), pitch (L_c, m, or None), lengths (m, rising), source_side, averaging, choices, notes;
         reference (independent impedances, for comparison alone); decay, first_decay: ``Decay`` of the cell-periodic
@@ -76,7 +78,7 @@ def study_heights(
         mean_modulation (of v_0, over the mean of v'_rms), streamwise_modulation (of u'_rms); None without a whole cell,
         or without u; jet_velocity, jet_height (m/s and m, eqs (A3) and (A2), with |Z| in the averaging of the answer;
         None where something is unknown); impedance (of the whole plane by averaging); level_check (dB by averaging;
-        empty where it was not checked), level_limit (dB).
+        empty where it was not checked), level_limit (dB); drift (of grazing sound by eq. (A1); None of other sound).
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies, or lengths that do not fit.
     Warns:
@@ -85,7 +87,11 @@ def study_heights(
     """
     model, records = as_liner(liner), {id(plane_of(each)): each for each in planes}
     ordered = planes_by_height([plane_of(each) for each in planes])
-    wanted = _one_frequency(ordered, frequency)
+    if frequency is None and len(tones := {plane.frequency for plane in ordered}) > 1:
+        raise ValueError(f"the planes state different frequencies, {sorted(map(str, tones))}; give one")
+    (wanted, *more) = ordered[0].asked(frequency).tolist()
+    if more:
+        raise ValueError(f"heights are compared at one frequency; {1 + len(more)} are given")
     pitch = model.cell_pitch if cell_pitch is None else cell_pitch
     if pitch is not None:
         require_positive("cell_pitch (m)", pitch)
@@ -107,10 +113,7 @@ def study_heights(
         known += found[:1]
         facts.append(Row(_facts(plane, seen, found), **_jet(plane, seen, model, (duct_height, shear), notes)))
         if source.reading is None:
-            notes.append(
-                f"{plane.name} holds moments: the averaged velocity is known of its cells alone, not over averaging "
-                "lengths; name the plane that was reduced"
-            )
+            notes.append(f"{plane.name} holds moments: velocity is known of its cells alone, not over other lengths")
         if progress is not None:
             progress(1)
     tell(dict.fromkeys(notes))
@@ -130,16 +133,6 @@ def study_heights(
         choices=dict(maps[0].choices),
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def _one_frequency(planes: Sequence[VelocityPlane], frequency: float | None) -> float:
-    stated = {plane.frequency for plane in planes}
-    if frequency is None and len(stated) > 1:
-        raise ValueError(f"the planes state different frequencies, {sorted(map(str, stated))}; give one")
-    values = stated_frequency(frequency, planes[0].frequency, planes[0].name)
-    if len(values) != 1:
-        raise ValueError(f"heights are compared at one frequency; {len(values)} are given")
-    return float(values[0])
 
 
 def _lengths(asked: Sequence[float] | None, grids: Sequence[Grid], pitch: float | None) -> list[float]:
@@ -210,6 +203,7 @@ def _facts(plane: VelocityPlane, seen: ImpedanceMap, found: list[Modulation]) ->
         impedance={name: complex(each.impedance[0]) for name, each in seen.liner.items()},
         level_check={name: level for name, level in levels.items() if math.isfinite(level)},
         level_limit=math.nan if check is None else check.limit,
+        drift=DRIFT * (plane.height or 0.0) if plane.source_side in ("upstream", "downstream") else None,
     )
 
 
@@ -246,30 +240,85 @@ def _jet(
 ) -> Row:
     """jet_velocity and jet_height; ``notes`` gets why one of them is not known."""
     found, z = Row(jet_velocity=None, jet_height=None), complex(seen.answer[0])
-    stated = {
-        "level of the sound": plane.incident_level,
-        "Mach number": plane.mach,
-        "porosity": liner.surface_porosity,
-        "hole diameter": liner.hole_diameter,
-    }
-    level, mach, porosity, diameter = stated.values()
-    reason = ""
-    if plane.liner == "hard wall":
-        reason = "there are no holes in a hard wall"
-    elif level is None or mach is None or porosity is None or diameter is None:
-        reason = f"{' and '.join(name for name, value in stated.items() if value is None)} not stated"
-    elif not 0 < abs(z) < math.inf:
-        reason = f"the impedance is {z}"
-    else:
+    level, mach, porosity, diameter = plane.incident_level, plane.mach, liner.surface_porosity, liner.hole_diameter
+    try:
+        if plane.liner == "hard wall" or level is None or porosity is None or not 0 < abs(z) < math.inf:
+            raise ValueError("it takes holes, the level of the sound, a porosity and an impedance")
         found["jet_velocity"] = jet_velocity(level, plain_number(porosity), z, plane.fluid)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: ``study_heights`` has warned
-                profile = TanhProfile(mach, *duct, float(plane.fluid.sound_speed)) if mach else None
-            if profile is None:
-                raise ValueError("without a mean flow A.2 sets no limit to a jet")
-            found["jet_height"] = float(penetration_height(found.jet_velocity, diameter, profile))
-        except ValueError as error:
-            reason = str(error)
-    notes += [f"no jet height: {reason}"] if reason else []
+        if not mach or diameter is None:
+            raise ValueError("it takes a Mach number and a hole diameter")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: ``study_heights`` has warned
+            profile = TanhProfile(mach, *duct, float(plane.fluid.sound_speed))
+        found["jet_height"] = float(penetration_height(found.jet_velocity, diameter, profile))
+    except ValueError as error:
+        notes.append(f"no jet height: {error}")
     return found
+
+
+def recommend_height(
+    study: Study, modulation: float = 0.1, averagings: float = 0.1, change: float = 0.1, turbulence: float = 0.1
+) -> Study:
+    """For each averaging, the lowest height where what it rests on holds. No reference impedance is used.
+
+    Where the level check was made it decides alone. Else Z of that averaging must have settled, so that the highest
+    plane, which has no next one, never qualifies, and besides:
+
+    - ``velocity`` needs a velocity in step with the tone: turbulence averages out of it, and the resistance that it
+      makes with it. Cell-periodic modulation does not matter to it: what passes the cell passes the holes.
+    - ``phase-locked`` needs no more;
+    - ``admittance`` must agree with ``velocity`` where v is in step (else a probe sees a jet and not the cell), and
+      needs little cell-periodic modulation where it is not.
+
+    None of this says that Z is right.
+
+    Args:
+        study: of ``study_heights``.
+        modulation, averagings, change, turbulence: limits, a choice of this program (the paper gives none): rms of the
+            cell-periodic part of v'_rms over its mean; |Z, admittance - Z, velocity| over the latter's |Z|; change of Z
+            to the next height, over |Z|; share of v'^2 at the tone's frequency that keeps no step with it.
+    Returns:
+        heights (m, by averaging; None where no height qualifies), height (that of the averaging of the answer), and
+        ``rows``, every height and averaging against what that averaging needs, lowest first: height, averaging, name
+        (``level check``, or of a limit), value (dB, or a share of 1; None where it could not be judged), limit, passed.
+    Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
+    """
+    limits = {"modulation": modulation, "averagings": averagings, "change": change, "turbulence": turbulence}
+    for name, limit in limits.items():
+        require_positive(f"limit on {name}", limit)
+    rows, facts = list[Row](), study.facts
+    for averaging in facts[0].impedance:
+        for here, above in itertools.zip_longest(facts, facts[1:]):
+            gap, values = here.level_check.get(averaging), dict[str, float | None]()
+            if gap is not None:
+                values["level check"] = abs(gap)
+            else:
+                values["change"] = above and _relative(above.impedance[averaging], here.impedance[averaging])
+                if averaging == "velocity":
+                    values["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
+                elif averaging == "admittance" and here.coherence >= 1 - turbulence:
+                    values["averagings"] = _relative(here.impedance["admittance"], here.impedance["velocity"])
+                elif averaging == "admittance":
+                    values["modulation"] = here.modulation
+            for name, value in values.items():
+                about = {"height": here.height, "averaging": averaging, "name": name, "value": value}
+                limit = here.level_limit if name == "level check" else limits[name]
+                rows.append(Row(about, limit=limit, passed=value is not None and value <= limit))
+    heights = {
+        averaging: next(
+            (
+                one.height
+                for one in facts
+                if all(row.passed for row in rows if (row.height, row.averaging) == (one.height, averaging))
+            ),
+            None,
+        )
+        for averaging in facts[0].impedance
+    }
+    return Study(height=heights[study.averaging], heights=heights, rows=rows)
+
+
+def _relative(found: complex, wanted: complex) -> float:
+    """|found - wanted| over |wanted|; infinite where one of them is."""
+    known = abs(found) < math.inf and 0 < abs(wanted) < math.inf
+    return abs(found - wanted) / abs(wanted) if known else math.inf

@@ -16,7 +16,6 @@ import torch
 from torchliner.checks import SAME_FREQUENCY, require_choice, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, LinerModel
-from torchliner.names import CURVE_SHAPES, REACTANCES
 from torchliner.records import VelocityPlane
 from torchliner.studies.calibrate import warnings_of
 from torchliner.studies.fit import fit_law, with_flow
@@ -50,8 +49,6 @@ def identify(
     noise: Any = None,
     rest: complex | None = None,
     freedom: float | None = None,
-    prior: str = "law",
-    reactance: str = "falling",
     frequency: Any = None,
     **choices: Any,
 ) -> Study:
@@ -72,9 +69,6 @@ def identify(
             free within factors of e and X within 0.5.
         freedom: standard deviation, from rest to the last knot, of the logarithm of the ratio of the curve's steps to
             those of its prior shape; default the best of ``FREEDOMS``.
-        prior: shape of the curve where nothing is known, one of ``names.CURVE_SHAPES``: the liner's own "law", or
-            "smooth", in proportion to |v|.
-        reactance: "falling" over |v|, as where mass is lost, or "rising".
     Returns:
         fit (of the law that predicts runs it has not seen best, to all runs), rows (each plane and frequency, as
         ``Fit.predict`` of a fit to the other runs gives it; fitted: Z by the fit to all), notes, candidates (all laws,
@@ -93,8 +87,6 @@ def identify(
     """
     several, given = planes_and_liners(planes, liners)
     chosen = choices_of_fit(averaging, choices)
-    require_choice("prior shape", prior, CURVE_SHAPES)
-    require_choice("direction of the reactance", reactance, REACTANCES)
     facts = [plane_of(each) for each in several]
     names = _groups(facts, groups, CURVE in models)
     made = {id(each): with_flow(each) for each in given}  # planes of one liner share one object, which a fit asks once
@@ -115,7 +107,7 @@ def identify(
             if not lines or f > lines[-1] * (1 + SAME_FREQUENCY):
                 lines.append(f)
         for walk in FREEDOMS if freedom is None else (freedom,):
-            about = (knots, prior, reactance, walk, rest)
+            about = (knots, walk, rest)
             laws.append(curve_law([CurveShape(runs[0].in_flow, f, *about) for f in lines]))
     candidates = sorted((candidate_of(law, runs, chosen, knots) for law in laws), key=lambda c: (c.lowest < 0, c.error))
     if candidates[0].lowest < 0:

@@ -5,7 +5,7 @@ steps, up to a speed below which nearly all of the data lie; sums of the last of
 rise from 0 to 1, so that
 
 .. math:: R = R_0 e^{q_0} + \sum_j \delta_j e^{q_j} I_j, \qquad
-          X = X_0 + x_0 \mp \sum_j \delta'_j e^{q'_j} I_j
+          X = X_0 + x_0 + \sum_j \delta'_j e^{q'_j} I_j
 
 is monotone, and R above 0, for all q: no bound has to hold them there. The steps :math:`\delta` are those of a prior
 shape, so that q = 0 is that shape and equal q the same shape times a factor. The logarithm of the ratio to the prior
@@ -28,15 +28,13 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY, require_choice
 from torchliner.liners.model import LinerModel, named_numbers
 from torchliner.liners.response import complex_tensor, impedance_of
-from torchliner.names import CURVE_SHAPES, REACTANCES
 
 ORDER = 3  # cubic
 PARTS = 18  # steps in sqrt |v|, from rest to the last knot
 FLOOR = 0.1  # of the mean step: the least step of a prior shape, so that a factor can act on it
+STEP = 0.5 / PARTS  # of X of a prior shape that does not change
 LEAST_RESISTANCE = 0.01  # at rest, of a prior shape without losses
-SMOOTH = 1.0 - 0.5j  # change of Z from rest to the largest |v|, of the prior shape "smooth"
 REST = (1.0, 0.5)  # spread of the logarithm of R, and of X, at rest, where none is stated
-SIGNS = dict(zip(REACTANCES, (-1.0, 1.0), strict=True))
 LEVEL = 1.0  # standard deviation of the mean logarithm of the ratio to the prior shape
 BOUNDS = 6.0  # of all parameters of a curve: factors of 1/400 to 400
 STILL = torch.zeros(1, dtype=torch.float64)
@@ -56,13 +54,11 @@ class Law:
     """What can be fitted.
 
     Args:
-        label: of tables.
-        names: of the n parameters.
+        label, names: of tables, and of the n parameters.
         low, high, start: bounds, and where the search begins, (n,).
         curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         centre, prior: residuals of the prior are ``prior @ (values - centre)``, (n,) and (r, n).
-        tolerance: of the search, relative.
-        frequencies: Hz, of curves, which hold there alone.
+        tolerance, frequencies: of the search, relative; Hz, of curves, which hold there alone.
     """
 
     label: str
@@ -105,13 +101,12 @@ def parameter_law(
     for name, number in numbers.items():
         low, high = pairs[name]
         unit = "" if number.unit == "1" else f" {number.unit}"
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first")
+        least = "at least" if number.low_included else "above"
         refused = low == number.low == 0 and not number.low_included
-        if low < number.low or refused or high > number.high:
+        if not max(low, number.low) == low < high == min(high, number.high) or refused or math.isinf(high - low):
             raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}{unit}; it is "
-                f"{'at least' if number.low_included else 'above'} {number.low:g} and at most {number.high:g}{unit}"
+                f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first, and it is "
+                f"{least} {number.low:g} and at most {number.high:g}{unit}"
             )
     for name, (mean, spread) in known.items():
         require_choice("parameter of a prior", name, numbers)
@@ -133,12 +128,7 @@ def parameter_law(
 
 @dataclass(frozen=True)
 class Knots:
-    """Where the splines of all curves of a fit stand.
-
-    Args:
-        top: m/s, the last knot.
-        parts: equal steps in sqrt |v|.
-    """
+    """Where the splines of all curves of a fit stand: up to ``top``, m/s, in equal steps of sqrt |v|."""
 
     top: float
     parts: int = PARTS
@@ -183,35 +173,26 @@ class CurveShape:
     """Curves at one frequency; their parameters are q_0, x_0, q, q'.
 
     Args:
-        base: liner whose Z at rest, and whose law if that is the prior shape, is kept where nothing is known; another
-            liner's curve differs by its Z at rest.
-        frequency: Hz.
-        knots: of the splines.
-        shape: prior shape, one of ``names.CURVE_SHAPES``: the "law", or "smooth", in proportion to |v|.
-        direction: of the reactance, one of ``SIGNS``.
-        freedom: of the walk over |v|.
-        rest: standard uncertainty u(R) + j u(X) at rest; None for ``REST``.
+        base: liner whose law is the prior shape, which is kept where nothing is known, and says whether the reactance
+            falls or rises over |v|; another liner's curve differs by its Z at rest.
+        frequency, knots: Hz; of the splines.
+        freedom, rest: of the walk over |v|; standard uncertainty u(R) + j u(X) at rest, None for ``REST``.
     """
 
     base: LinerModel
     frequency: float
     knots: Knots
-    shape: str
-    direction: str
     freedom: float
     rest: complex | None = None
 
     @functools.cached_property
     def _shape(self) -> tuple[float, float, Tensor, Tensor]:
-        """R and X at rest, and the steps of both, above 0."""
-        at, speeds = torch.tensor(self.frequency, dtype=torch.float64), self.knots.speeds
-        values = impedance_at(self.base, at, STILL) + SMOOTH * speeds / speeds[-1]
-        if self.shape == CURVE_SHAPES[0]:
-            values = impedance_at(self.base, at, speeds)
-        steps = values.diff()[1:]
+        """R and X at rest, and the steps of both: of R above 0, of X of one sign."""
+        values = impedance_at(self.base, torch.tensor(self.frequency, dtype=torch.float64), self.knots.speeds)
+        steps, sign = values.diff()[1:], 1.0 if values[-1].imag > values[0].imag else -1.0
         resistance = max(float(values[0].real), LEAST_RESISTANCE)
-        falling = SIGNS[self.direction] * steps.imag[:-1]
-        return resistance, float(values[0].imag), _above_floor(steps.real), _above_floor(falling)
+        across = sign * _above_floor(sign * steps.imag[:-1])
+        return resistance, float(values[0].imag), _above_floor(steps.real), across
 
     @property
     def count(self) -> int:
@@ -235,7 +216,7 @@ class CurveShape:
         resistance, reactance, up, across = self._shape
         first, second, q, x = parameters.split([1, 1, len(up), len(across)], -1)
         real = resistance * first.exp() + (up * q.exp()) @ rising[0].T
-        return torch.complex(real, reactance + second + SIGNS[self.direction] * ((across * x.exp()) @ rising[1].T))
+        return torch.complex(real, reactance + second + (across * x.exp()) @ rising[1].T)
 
 
 def curve_law(shapes: Sequence[CurveShape]) -> Law:
@@ -267,11 +248,7 @@ def curve_law(shapes: Sequence[CurveShape]) -> Law:
 
 
 def place_of(known: Sequence[float], frequency: float) -> int:
-    """Where a frequency, Hz, is among those at which curves are known.
-
-    Raises:
-        ValueError: it is not.
-    """
+    """Where a frequency, Hz, is among those at which curves are known; ValueError if it is not."""
     for i, each in enumerate(known):
         if abs(each / frequency - 1) < SAME_FREQUENCY:
             return i
@@ -284,4 +261,4 @@ def place_of(known: Sequence[float], frequency: float) -> int:
 def _above_floor(steps: Tensor) -> Tensor:
     """Those of the wrong direction, and of parts that do not change, are small."""
     mean = float(steps.abs().mean())
-    return steps.clamp(min=FLOOR * mean if mean > 0 else -SMOOTH.imag * FLOOR / PARTS)
+    return steps.clamp(min=FLOOR * mean if mean > 0 else STEP * FLOOR)

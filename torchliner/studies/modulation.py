@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,41 +90,29 @@ def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation
     return Modulation(float(found[0]), tuple(sizes[:count].tolist()), between, cells)
 
 
-@dataclass(frozen=True)
-class Decay:
-    """a exp(-y/l) fitted to an amplitude over height.
-
-    Args:
-        amplitude: a, at y = 0.
-        rate: 1/l, 1/m; negative where the amplitude grows with height.
-        scatter: factor by which the heights stray from the fit, rms; 1 for a perfect one.
-    """
+class Decay(NamedTuple):
+    """a exp(-y/l): amplitude a at y = 0, length l (m; negative where the amplitude grows with height), and the factor
+    by which the heights stray from it (rms; 1 for none)."""
 
     amplitude: float
-    rate: float
+    length: float
     scatter: float
 
     @property
     def follows(self) -> bool:
         """Whether the amplitude falls, and strays from the fit by less than a factor 1.3."""
-        return self.rate > 0 and self.scatter <= MOST_SCATTER
-
-    @property
-    def length(self) -> float:
-        """l, m; negative where the amplitude grows."""
-        return 1 / self.rate if self.rate else math.inf
+        return self.length > 0 and self.scatter <= MOST_SCATTER
 
     def at(self, height: ArrayLike) -> Array:
         """The fitted amplitude at a height, m."""
-        return self.amplitude * np.exp(-self.rate * np.asarray(height, np.float64))
+        return self.amplitude * np.exp(-np.asarray(height, np.float64) / self.length)
 
 
 def fit_decay(heights: Sequence[float], amplitudes: Sequence[float]) -> Decay | None:
-    """Least squares of ln(amplitude) over height, m, (N,) both; None with fewer than three heights or an amplitude not
-    above 0."""
+    """Least squares of ln(amplitude) over height, m; None with fewer than three heights or an amplitude not above 0."""
     if len(heights) < FEWEST_HEIGHTS or not all(a > 0 for a in amplitudes):
         return None
     places, logs = np.asarray(heights), np.log(amplitudes)
-    slope, start = np.polyfit(places, logs, 1)
+    slope, start = np.polyfit(places, logs, 1).tolist()
     stray = float(np.sqrt(np.mean((logs - slope * places - start) ** 2)))
-    return Decay(math.exp(float(start)), -float(slope), math.exp(stray))
+    return Decay(math.exp(start), -1 / slope if slope else math.inf, math.exp(stray))

@@ -45,18 +45,13 @@ class Run:
     """One plane, and what its impedance is held to.
 
     Args:
-        known: moments of the plane.
-        averaging: of the impedance.
-        frequency: Hz, (F,).
+        known, averaging, frequency: moments of the plane, and of what in them at which lines, Hz, (F,).
         liner: of the plane, whose parameters are varied.
-        weights: W, complex128, (C, K) for C columns.
-        share: of each column in the mean admittance, complex128, (C,).
-        notes: warnings so far.
-        group: label of the run: planes of one run share one reference.
+        weights, share: W, complex128, (C, K) for C columns; of each in the mean admittance, (C,).
+        notes, group: warnings so far; label of the run: planes of one run share one reference.
         wanted: reference impedance, (F,); nan where a level alone is known, empty where nothing is.
         noise: u(R) + j u(X), (F,); of a level u of level (nepers) and phase (rad).
-        ratio: implied over known pressure, from Z (F,); None with references.
-        has_phase: whether the phase of that is known.
+        ratio, has_phase: implied over known pressure, from Z (F,), None with references; whether its phase is known.
     """
 
     known: Moments
@@ -132,31 +127,23 @@ class Run:
 
 
 def choices_of_fit(averaging: str, choices: dict[str, Any]) -> Choices:
-    """All choices, float64 by default.
-
-    Raises:
-        ValueError: what a sum over node speeds does not know: another phase rule, the rms of the record, or walls.
-    """
+    """All choices, float64 by default; refuses what a sum over node speeds does not know."""
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
-    if chosen.phase != "averaged" or chosen.drive == "rms":
-        raise ValueError(
-            f"a fit takes phase 'averaged' and another drive than 'rms', not {chosen.phase!r} and {chosen.drive!r}; "
-            "leave them out"
-        )
-    if chosen.wall_filter is not None:
-        raise ValueError(
-            f"wall_filter is {chosen.wall_filter:g}, and a fit takes all probes for liner: leave it out, and read a "
-            "region without the walls"
-        )
+    for name, known in (
+        ("phase", chosen.phase == "averaged"),
+        ("drive", chosen.drive != "rms"),
+        ("wall_filter", chosen.wall_filter is None),
+    ):
+        if not known:
+            raise ValueError(
+                f"{name} is {getattr(chosen, name)!r}, and a fit takes phase 'averaged', another drive than 'rms' and "
+                "all probes for liner: leave it out, and read a region without walls"
+            )
     return chosen
 
 
 def planes_and_liners(planes: Any, liners: Any) -> tuple[list[Records], list[LinerModel]]:
-    """Several planes and the liner of each; one liner is one object, which a fit asks once.
-
-    Raises:
-        ValueError: not one liner, nor one a plane.
-    """
+    """Several planes and the liner of each; one liner is one object, which a fit asks once."""
     several = [planes] if isinstance(planes, Records) else list(planes)
     given = list(liners) if isinstance(liners, list | tuple) else [liners] * len(several)
     if not several or len(given) != len(several):

@@ -29,7 +29,7 @@ from torchliner.studies.rows import Row
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import Case, KnownPressure, known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
@@ -130,10 +130,16 @@ class Source:
 
     def level_of(self, impedance: Tensor) -> list[float | None]:
         """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; None if none is."""
-        if self._ratio is None:
+        pressure = self._pressure
+        if isinstance(pressure, str):
             return [None] * len(impedance)
-        found = (20 * self._ratio(impedance).abs().log10()).tolist()
-        return [level if math.isfinite(level) else None for level in found]
+        ratio = ratio_of_pressures(self.known, self._case, pressure)(impedance)
+        return [level if math.isfinite(level) else None for level in (20 * ratio.abs().log10()).tolist()]
+
+    @property
+    def level_words(self) -> str:
+        """What the level is checked against, or why it is not."""
+        return self._pressure if isinstance(self._pressure, str) else self._pressure.words
 
     def moments_of(self, variants: Sequence[Variant]) -> list[Moments]:
         """Moments that each variant asks, as ``evaluate`` reads them."""
@@ -148,11 +154,13 @@ class Source:
         return [each.moments or made.get(id(each), self.known) for each in variants]
 
     @functools.cached_property
-    def _ratio(self) -> Callable[[Tensor], Tensor] | None:
+    def _case(self) -> Case:
         known = self.known
-        case = Case(known.plane, self.frequency, known.cells, known.cell_pitch, known.survey.blocks)
-        pressure = known_pressure(case)
-        return None if isinstance(pressure, str) else ratio_of_pressures(known, case, pressure)
+        return Case(known.plane, self.frequency, known.cells, known.cell_pitch, known.survey.blocks)
+
+    @functools.cached_property
+    def _pressure(self) -> KnownPressure | str:
+        return known_pressure(self._case)
 
     def _is_read(self, variant: Variant) -> bool:
         chosen = variant.chosen

@@ -28,11 +28,11 @@ from torchliner.report.page.of_wall import page_of_duct, page_of_wall
 from torchliner.report.page.render import ENDING, Page, require_report
 
 RESULTS: tuple[tuple[FileKind, Callable[[Path], Any]], ...] = (
-    (map_file.KIND, map_file.read_map),
-    (line_file.KIND, line_file.read_line),
-    (point_file.KIND, point_file.read_points),
-    (wall_file.KIND, wall_file.read_wall),
-    (microphone_file.KIND, microphone_file.read_microphones),
+    (map_file.FILE, map_file.read_map),
+    (line_file.FILE, line_file.read_line),
+    (point_file.FILE, point_file.read_points),
+    (wall_file.FILE, wall_file.read_wall),
+    (microphone_file.FILE, microphone_file.read_microphones),
 )
 PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
     ImpedanceMap: page_of_map,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.records.notes import Note
-from torchliner.records.origin import KINDS, input_file, standing
+from torchliner.records.origin import described, input_file, standing
 from torchliner.report.page.blocks import Block, Bullets, Code, Facts, Grid, Section, Text, shown
 from torchliner.report.table import Column, Table
 from torchliner.report.typesetting import typeset
@@ -24,7 +24,7 @@ FOOTER = (
     "the velocity into the liner."
 )
 FIRST = ("null-test", "level-check", "model-misfit")  # what makes Z another quantity, whatever its size
-INPUT = {"what": str, "name": str, "bytes": int, "kind": str, "hash": str}  # of one that is stored
+INPUT = {"what": str, "name": str, "bytes": int, "hash": str}  # of one that is stored
 APART = ("inputs", "version", "versions", "command")  # choices that stand under provenance
 PACKAGES = ("torch", "numpy", "scipy", "h5py")
 MOST_LISTED = 8  # numbers in a cell
@@ -125,8 +125,8 @@ def changed(*results: Any) -> list[Note]:
 def origin(results: Sequence[Any], path: Path | None) -> Section:
     """Inputs with their hashes then and now, the file itself, the command, versions."""
     held, choices = inputs_of(*results), results[0].choices
-    facts = [(shown(each["what"]), f"{_described(each)}; {standing(each).words}") for each in held]
-    facts.append(("result", "in memory" if path is None else _described(input_file("result", path))))
+    facts = [(shown(each["what"]), f"{shown(described(each))}; {standing(each).words}") for each in held]
+    facts.append(("result", "in memory" if path is None else shown(described(input_file("result", path)))))
     made = choices.get("versions")
     made = dict(made) if isinstance(made, Mapping) else {"torchliner": choices.get("version")}
     here = {"torchliner": __version__, "python": platform.python_version()}
@@ -140,11 +140,6 @@ def origin(results: Sequence[Any], path: Path | None) -> Section:
     told: list[Block] = [Code("command", shown(line)) for line in lines]
     told = told or [Text("Done in Python: no command is kept, the choices are above.")]
     return Section("origin", "Inputs and provenance", [Facts(facts), *told])
-
-
-def _described(each: Mapping[str, Any]) -> str:
-    kind = KINDS.get(each["kind"], each["kind"])
-    return shown(f"{each['name']}, {each['bytes']:,} bytes; {kind}: {each['hash']}")
 
 
 def citation() -> Section:

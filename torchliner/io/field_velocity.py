@@ -1,0 +1,110 @@
+"""Velocity of one variable that stays where it lies and is read by slabs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from torchliner.file_checks import naming, require_memory
+from torchliner.io.plane_format import Clock, FrameVelocity, exact_type
+from torchliner.io.stored_values import PLAIN, Packing, require_numbers, require_stored
+from torchliner.io.variables import Field
+
+Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables of a file by name
+
+
+@dataclass
+class Slabs:
+    """Samples of a variable, as a source of ``FrameVelocity``.
+
+    Args:
+        path: of the file.
+        key: of the variable.
+        opens: the file, by whoever reads it.
+        order: axes as of ``plane_layout.Layout``.
+        part: of the variable by axis, where not all of it is read.
+        packing: how the values are stored.
+        size: bytes of the file when it was opened; 0 of what is no file.
+    """
+
+    path: Path
+    key: str
+    opens: Opener
+    order: tuple[int, ...]
+    part: dict[int, slice]
+    packing: Packing
+    size: int
+    _held: Any = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Handles do not travel to other processes; each opens its own."""
+        return {**self.__dict__, "_held": None}
+
+    def fill(self, begin: int, end: int, out: np.ndarray) -> None:
+        """Samples begin .. end - 1 into (t, P).
+
+        Raises:
+            OSError: the file has become shorter since it was opened.
+        """
+        self._require_whole()  # where a map of it would end the process
+        with naming(self.path):
+            self._held = self._held or self.opens()
+            array = self._held[self.key]
+        time, plain = self.order[0], self.packing == PLAIN and [*self.order] == sorted(self.order) and not self.part
+        if plain and time == 0 and isinstance(array, h5py.Dataset):
+            array.read_direct(out.reshape(-1, *array.shape[1:]), source_sel=np.s_[begin:end])
+        else:
+            part = self.part | {time: slice(begin, end)}
+            stored = np.asarray(array[tuple(part.get(i, slice(None)) for i in range(len(array.shape)))])
+            single = tuple(i for i in range(stored.ndim) if i not in self.order)
+            stored = stored.transpose(*self.order, *single).reshape(out.shape)
+            np.copyto(out, self.packing.unpack(stored.astype(stored.dtype.newbyteorder("="), copy=False), out.dtype))
+        self._require_whole()  # where HDF5 fills in zeros and says nothing
+
+    def _require_whole(self) -> None:
+        if self.size and self.path.exists() and (now := self.path.stat().st_size) < self.size:
+            raise OSError(f"the file shrank from {self.size} to {now} bytes; nothing of it can be used")
+
+
+def velocity_of(
+    each: Field,
+    opens: Opener,
+    order: tuple[int, ...],
+    factor: float,
+    clock: Clock | None = None,
+    part: dict[int, slice] | None = None,
+) -> FrameVelocity:
+    """The velocity of a variable, m/s by a factor; arguments as of ``Slabs`` and ``FrameVelocity``.
+
+    Raises:
+        ValueError: as ``require_stored`` and ``packing_of``; a sample that does not fit into memory.
+    """
+    require_numbers(each.array, each.label)
+    if isinstance(each.array, h5py.Dataset):
+        require_stored(each.array, each.label, each.path)
+        chunks = each.array.chunks
+    else:
+        sizes = getattr(each.array, "encoding", {}).get("preferred_chunks") or {}
+        chunks = tuple(int(sizes[dim]) for dim in each.array.dims) if sizes else None
+    kind, shape = exact_type(each.array.dtype), (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
+    require_memory(
+        2 * kind.itemsize * math.prod(shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,"
+    )
+    size = each.path.stat().st_size if each.path.is_file() else 0
+    return FrameVelocity(
+        Slabs(each.path, each.name.lstrip("/"), opens, order, part or {}, each.packing, size),
+        shape,
+        each.label,
+        factor,
+        kind,
+        # Rows of a tile hold together; a whole probe where time runs fastest.
+        tile_rows=chunks[order[0]] if chunks else 1 if order[0] == 0 else shape[-1],
+        tile_bytes=math.prod(chunks or (0,)) * each.array.dtype.itemsize,
+        clock=clock,
+    )

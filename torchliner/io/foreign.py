@@ -1,0 +1,167 @@
+"""Planes from netCDF-3, read where it lies; zarr stores; datasets of xarray, in memory or opened lazily."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import netcdf_file
+
+from torchliner.file_checks import DAMAGE, naming
+from torchliner.io.plane_file import FORMAT as HDF5
+from torchliner.io.plane_file import to_plane
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.point_layout import require_velocity
+from torchliner.io.stored_values import PLAIN, Packing
+from torchliner.io.variables import Field, fields_of_xarray
+from torchliner.records import VelocityPlane
+
+# What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.
+FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
+ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
+PACKED = {"scale_factor", "add_offset"}
+# As it is stored, and read when it is asked for.
+RAW: dict[str, Any] = dict.fromkeys(
+    ("decode_times", "decode_timedelta", "decode_coords", "mask_and_scale", "consolidated"), False
+)
+
+
+def open_classic(path: Path) -> Any:
+    """A netCDF-3 file, mapped.
+
+    Raises:
+        OSError: it ends before its values do.
+    """
+    try:
+        file: Any = netcdf_file(path, "r", mmap=True)
+    except (ValueError, TypeError, *DAMAGE) as error:
+        raise OSError(
+            f"{path} is truncated, or its header is damaged: what that names goes beyond the end of the file; copy or "
+            "write it again"
+        ) from error
+    file._mm_buf = None  # the arrays hold the map, of which closing would warn
+    return file
+
+
+def _classic_arrays(path: Path) -> dict[str, np.ndarray]:
+    return {name: each.data for name, each in open_classic(path).variables.items()}
+
+
+def open_netcdf3(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a netCDF-3 file; as ``open_classic`` and ``to_plane``."""
+    with naming(path):
+        file, fields = open_classic(path), {}
+        for name, each in file.variables.items():
+            attrs: dict[str, Any] = dict(each._attributes)
+            kind = each.data.dtype.str[1:]
+            if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
+                attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
+            dims = tuple(f"/{dim}" for dim in each.dimensions)
+            fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, dims)
+        return to_plane(fields, file._attributes, path, request, partial(_classic_arrays, path))
+
+
+def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
+    """A plane from a DataArray or Dataset; what is lazy there is read by slabs.
+
+    Args:
+        data: with dimensions, coordinates and units as CF has them, docs/formats.md.
+        stated: what they do not say, fields of ``PlaneRequest``; and fields of ``VelocityPlane``,
+            SI, which outweigh those of ``data``.
+    Raises:
+        TypeError: neither a DataArray nor a Dataset.
+        ValueError: as ``to_plane``.
+    """
+    request = PlaneRequest(**{key: stated.pop(key) for key in (*HDF5.takes, "wall_normal_component") if key in stated})
+    if not hasattr(data, "data_vars") and hasattr(data, "dims") and hasattr(data, "coords"):
+        name = str(data.name or "velocity")
+        data, request = data.rename(name).to_dataset(), replace(request, variable=name)
+    if not hasattr(data, "data_vars"):
+        raise TypeError(
+            f"a DataArray or Dataset of xarray is needed, not {type(data).__name__}; of a table "
+            "of pandas: VelocityPlane.from_xarray(table.set_index(['time', 'x']).to_xarray(), "
+            "variable=..., velocity_units=..., length_units=..., sampling_rate=...)"
+        )
+    path = Path(data.encoding.get("source") or "xarray")
+    plane = to_plane(fields_of_xarray(data, path), data.attrs, path, request, partial(getattr, data, "variables"))
+    require_velocity(plane.name, request)
+    plane = replace(plane, **stated) if stated else plane
+    lazy = data.chunks or any("source" in each.encoding for each in data.variables.values())
+    return plane if lazy else plane.load()
+
+
+def open_store(path: Path, group: str | None) -> Any:
+    """The dataset of a zarr store, as it is stored.
+
+    Raises:
+        ImportError: xarray or zarr is not installed.
+    """
+    try:
+        import xarray
+        import zarr  # noqa: F401
+    except ImportError as error:
+        raise ImportError(f'{path} is a zarr store; xarray is needed: pip install "torchliner[xarray]"') from error
+    return xarray.open_dataset(path, engine="zarr", group=group, chunks=None, **RAW)
+
+
+def _stored_variables(path: Path, group: str | None) -> Any:
+    return open_store(path, group).variables
+
+
+def require_written(path: Path, group: str | None, name: str, packing: Packing = PLAIN) -> None:
+    """Refuse an array of a store whose chunks are not all there, and would read as numbers.
+
+    Args:
+        path, group, name: of it.
+        packing: how it is stored; a fill value that it marks as missing is no number.
+    Raises:
+        ValueError: some are not; one single value may be the fill value, which zarr leaves out.
+    """
+    import zarr
+
+    folder = path / (group or "").strip("/") / name
+    array = zarr.open_array(folder, mode="r")
+    fill = 0 if array.fill_value is None else array.fill_value
+    if array.size < 2 or np.isnan(packing.unpack(np.full(1, fill), np.float64)).all():
+        return
+    # ``nchunks_initialized`` takes the square of their number.
+    there = sum(each.is_file() and not each.name.startswith((".z", "zarr.json")) for each in folder.rglob("*"))
+    wanted = math.prod(-(-n // c) for n, c in zip(array.shape, array.shards or array.chunks, strict=True))
+    if there < wanted:
+        raise ValueError(
+            f"{path}:/{name}: {wanted - there} of {wanted} chunks were never written and would read as {fill}, as "
+            "after a run that was broken off. Cut the record to what is there, or write the rest; if they are "
+            f"{fill} indeed, which zarr leaves out, write them with write_empty_chunks=True"
+        )
+
+
+def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a zarr store; as ``open_store``, ``to_plane`` and ``require_written``."""
+    data = open_store(path, request.group)
+    with naming(path):
+        if not (path / ZARR[0]).is_file():
+            # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
+            for each in data.variables.values():
+                if each.attrs.get("_FillValue") == 0 and not PACKED & set(each.attrs):
+                    del each.attrs["_FillValue"]
+        for name in set(data.dims) & set(data.variables):
+            require_written(path, request.group, str(name))
+        opens = partial(_stored_variables, path, request.group)
+        plane = to_plane(fields_of_xarray(data, path), data.attrs, path, replace(request, group=None), opens)
+        require_written(path, request.group, plane.velocity.source.key, plane.velocity.source.packing)
+    return plane
+
+
+NETCDF3 = PlaneFormat(
+    "netCDF-3",
+    lambda _, head: head[:4] in (b"CDF\1", b"CDF\2"),  # the version, 2 with large offsets
+    open_netcdf3,
+    tuple(each for each in HDF5.takes if each != "group"),
+)
+STORE = PlaneFormat(
+    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_zarr, HDF5.takes
+)

@@ -1,0 +1,274 @@
+"""Variables of files and datasets, whether h5py, scipy or xarray holds them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from torchliner.checks import tell
+from torchliner.file_checks import Unwritten
+from torchliner.io.clocks import UNIFORMITY, require_same_rate, uniform_rate
+from torchliner.io.hdf5 import is_there, text_attribute
+from torchliner.io.plane_format import Clock
+from torchliner.io.stored_values import Packing, fill_of, packing_of, read_values, require_numbers
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
+
+# How netCDF-4 says that a dimension has a length and no coordinates.
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One variable where it lies.
+
+    Args:
+        array: has ``shape``, ``dtype`` and parts by index, as a dataset of h5py, a variable of scipy or xarray.
+        path: of the file, for messages.
+        name: with its groups, /group/name.
+        attrs: attributes.
+        dims: name of each axis with its groups, "" where it has none; None: as HDF5 says.
+    """
+
+    array: Any
+    path: Path
+    name: str
+    attrs: Mapping[str, Any]
+    dims: tuple[str, ...] | None = None
+
+    @property
+    def label(self) -> str:
+        """FILE:/variable."""
+        return f"{self.path}:{self.name}" if self.name else f"{self.path}"
+
+    @property
+    def short(self) -> str:
+        """Name without groups."""
+        return self.name.rpartition("/")[2]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of the axes; () also of what HDF5 calls empty."""
+        return tuple(int(n) for n in self.array.shape or ())
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return math.prod(self.shape)
+
+    @property
+    def bare(self) -> bool:
+        """Whether it stands for the length of a dimension alone."""
+        return "units" not in self.attrs and (self.text("NAME") or "").startswith(NO_VARIABLE)
+
+    def text(self, key: str) -> str | None:
+        """An attribute as text; None if there is none."""
+        return text_attribute(self, key)
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the dimensions, "" where there is none.
+
+        Raises:
+            ValueError: an axis has a dimension scale that is no longer in the file.
+        """
+        if self.dims is not None:
+            return self.dims
+        names = []
+        for axis, dim in enumerate(self.array.dims):
+            scale = dim[0] if len(dim) else None
+            if len(dim) and (scale is None or scale.name is None):
+                raise ValueError(
+                    f"{self.label}: the dimension scale of axis {axis} is no longer in the file; write it "
+                    "again, or detach it from the axis"
+                )
+            names.append(dim.label if scale is None else scale.name)
+        return tuple(names)
+
+    @property
+    def packing(self) -> Packing:
+        """How the values are stored."""
+        fill = fill_of(self.array) if isinstance(self.array, h5py.Dataset) else None
+        return packing_of(dict(self.attrs), self.array.dtype, self.label, fill)
+
+    def values(self) -> np.ndarray:
+        """All values as they are meant; as ``read_values``."""
+        if isinstance(self.array, h5py.Dataset):
+            return read_values(self.array, self.label, self.path)
+        require_numbers(self.array, self.label)
+        stored = np.asarray(self.array[()])
+        return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
+
+    def factor(self, unit: str, stated: str | None = None) -> float:
+        """Factor to an SI unit; ``stated``: units, by the user, if the file has none.
+
+        Raises:
+            ValueError: no unit of this quantity, or another than stated.
+        """
+        found, quantity = self.text("units"), SI_QUANTITY[unit]
+        factor = si_factor(quantity, stated if found is None else found, self.label)
+        if stated is not None and si_factor(quantity, stated, "the stated unit") != factor:
+            raise ValueError(f"{self.label} is in {found} by its own words, not in {stated}; correct one")
+        return factor
+
+    def si(self, unit: str, stated: str | None = None) -> np.ndarray:
+        """All values in an SI unit, float64 where the file has another; such as a measurement may have."""
+        factor, values = self.factor(unit, stated), self.values()
+        values = values if factor == 1 else values.astype(np.float64) * factor
+        require_plausible(values, SI_QUANTITY[unit], self.label)
+        return values
+
+    def number(self, unit: str) -> float:
+        """One number in an SI unit; an array of one counts."""
+        if self.size != 1 or self.array.shape is None:
+            raise ValueError(f"{self.label} has shape {self.shape}; one number is needed")
+        return float(self.si(unit).reshape(()))
+
+    def signal_factor(self, unit: str, stated: str | None = None) -> float:
+        """As ``factor``, of a signal: integers count where ``scale_factor`` or the user says what they stand for."""
+        kind = self.array.dtype.kind
+        if kind != "f" and (kind not in "iu" or ("scale_factor" not in self.attrs and stated is None)):
+            raise ValueError(f"{self.label} is {self.array.dtype}; floating-point {unit} are needed")
+        return self.factor(unit, stated)
+
+
+def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
+    """A dataset of HDF5."""
+    dataset = group[key]
+    return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs)
+
+
+def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
+    """All datasets of a file by name, but those that stand for the length of a dimension alone.
+
+    Raises:
+        ValueError: a link leads nowhere.
+    """
+    found: dict[str, Field] = {}
+    seen: set[h5py.Group] = set()
+
+    def look(group: h5py.Group) -> None:
+        seen.add(group)
+        for key in group:
+            if not is_there(group, key, path):
+                continue
+            if isinstance(group[key], h5py.Dataset):
+                each = field_of(group, key, path)
+                if not each.bare:
+                    found[each.name] = each
+            elif isinstance(group[key], h5py.Group) and group[key] not in seen:
+                look(group[key])
+
+    look(file)
+    return found
+
+
+def fields_of_xarray(data: Any, path: Path) -> dict[str, Field]:
+    """All variables of a Dataset by name, dates as ns since 1970."""
+    found = {}
+    for name, each in data.variables.items():
+        attrs = {key: value for key, value in each.attrs.items() if value is not None}
+        if each.dtype.kind in "mM":
+            attrs["units"] = "ns" if each.dtype.kind == "m" else "ns since 1970-01-01"
+            each = each.astype(f"{each.dtype.kind}8[ns]").astype("i8")
+        found[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
+    return found
+
+
+def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
+    """Sampling rate, Hz, number of samples, time of the first, s, and the epoch that they count from.
+
+    Args:
+        field: times.
+        stated: sampling rate, Hz, where the times have no units, or as they have it.
+    Raises:
+        ValueError: the times are not finite, not uniform, or of another rate than stated.
+    Warns:
+        DataWarning: they are rounded so that they tell the rate badly.
+    """
+    name, shape = field.label, field.shape
+    if len(shape) != 1 or shape[0] < 2:
+        raise Unwritten(f"{name} has shape {shape}; a list of at least two times is needed")
+    unit, _, epoch = (field.text("units") or "").partition(" since ")
+    counted = stated is not None and not unit  # whatever they count, evenly
+    counts = field.values()
+    if epoch or counted:
+        # Dates are far from their epoch; what counts is how far they are from each other.
+        factor = si_factor("time", unit, name) if epoch else 1.0
+        time, first = factor * (counts - counts[0]).astype(np.float64), factor * float(counts[0])
+    else:
+        counts = time = field.si("s")
+        factor, first = 1.0, float(time[0])
+    # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
+    kind = field.array.dtype
+    exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
+    rate = uniform_rate(time, name, exact)
+    if stated is None and exact * rate > UNIFORMITY:
+        tell(
+            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, "
+            f"{rate:.9g} Hz, is known to {exact / (time[-1] - time[0]):.1g} of itself; count times "
+            "from a nearer origin, or in float64, or, of a plane, state sampling_rate=..."
+        )
+    since = Fraction(counts[0].item()) * Fraction(str(factor)) if epoch else Fraction(0)
+    clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since) if epoch else None
+    if stated is not None and counted:
+        return stated, len(time), first * rate / stated, clock
+    require_same_rate(rate, stated, name, unit)
+    if stated is not None and abs(stated / rate - 1) * (time[-1] - time[0]) <= 2 * exact:
+        rate = stated  # the stamps cannot tell the two apart
+    return rate, len(time), first, clock
+
+
+def time_axis(field: Field, samples: int) -> int:
+    """0 or -1, from the dimension 'time' or from the lengths.
+
+    Raises:
+        ValueError: neither axis fits the times, or both do.
+    """
+    name, shape = field.label, field.shape
+    if len(shape) not in (1, 2, 3):
+        raise ValueError(f"{name} has shape {shape}; (time, z, x) or (time, probe) is needed")
+    axes = [axis.rpartition("/")[2] for axis in field.axes]
+    if axes.count("time") == 1:
+        axis = axes.index("time")
+    elif len(shape) > 1 and shape[0] == shape[-1] == samples:
+        raise ValueError(
+            f"{name} has shape {shape}: first and last axis both fit the {samples} times. Attach the "
+            "dimension scale 'time' to the right one"
+        )
+    else:
+        axis = 0 if shape[0] == samples else len(shape) - 1
+    if shape[axis] != samples or axis not in (0, len(shape) - 1):
+        raise ValueError(f"{name} has shape {shape}, but there are {samples} times; time is its first or last axis")
+    if [each for each in axes if each in ("z", "x")] == ["x", "z"]:
+        raise ValueError(f"{name} has dimensions {tuple(axes)}; z comes before x: transpose it")
+    return 0 if axis == 0 else -1
+
+
+def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
+    """Places of ``count`` probes, m; None where they number them alone, or stand for a length.
+
+    Raises:
+        ValueError: another number of values; values that are not finite; no unit of length, ``stated`` if the file
+            has none; units of 1 for what is no index.
+    """
+    if field.bare:
+        return None
+    if field.text("units") == "1":
+        index = field.values()
+        if np.array_equal(index, np.arange(index.size)):
+            return None
+        raise ValueError(f"{field.label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'")
+    values = field.si("m", stated).reshape(-1)
+    if len(values) != count:
+        raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{field.label} holds values that are not finite")
+    return values

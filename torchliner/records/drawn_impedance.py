@@ -1,0 +1,198 @@
+"""What draws of the measurement error say of an impedance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import torch
+from scipy.special import ndtri, stdtrit
+from torch import Tensor
+
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.names import resolve
+from torchliner.records.declared import record, var
+from torchliner.records.microphone_line import MicrophoneLine
+from torchliner.records.notes import Note
+from torchliner.records.outlets import Reported, Written
+
+FINE = 201  # places of a level along the microphones
+
+
+EACH = ("draws", "frequency")
+
+
+@record
+class DrawnImpedance(Written, Reported):
+    """Statistics over ``draws``, which all eductions from microphones share.
+
+    nan where nothing was found or is known.
+
+    Args:
+        method: for tables and legends.
+        x: microphones that were used, m, (N,).
+        source_side: ``upstream`` or ``downstream``.
+        draws: the same eduction over draws of the microphones' errors, (D, ..., F); None without.
+        choices: every option; ``level_error`` and ``phase_error`` are the errors that were assumed.
+        notes: warnings, with numbers.
+        line: microphones that were used; None where the method does not keep them, which files and pages need.
+    """
+
+    _: KW_ONLY
+    method: str
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    x: Tensor
+    impedance: Tensor = var(*EACH, name="{}", text="v into the liner")
+    residual: Tensor = var(*EACH, text="rms of what is left over that of the pressures")
+    source_side: str
+    draws: DrawnImpedance | None = None
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[Note | str, ...] = ()
+    line: MicrophoneLine | None = None
+    covariance: Tensor | None = var(
+        *EACH, "part", "with_part", wide=True, default=None, text="covariance of resistance and reactance"
+    )
+    freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
+    misfit: Tensor | None = var(
+        *EACH, default=None, text="squared residual over that of the assumed errors, 1 where all is right"
+    )
+
+    FILE: ClassVar = "torchliner.io.wall_file:FILE"
+
+    @property
+    def source_line(self) -> MicrophoneLine:
+        """``line``, of one case, for files and pages.
+
+        Raises:
+            ValueError: none was kept; it has leading axes, as lines of draws do.
+        """
+        if self.line is None:
+            raise ValueError(
+                f"{self.method}: the line of microphones was not kept; a file or a page of an eduction needs it"
+            )
+        if self.impedance.ndim != 1:
+            raise ValueError(
+                f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a "
+                "page of an eduction has one"
+            )
+        return self.line
+
+    def write(self, path: str | Path, *others: DrawnImpedance) -> None:
+        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take.
+
+        Args:
+            path: of the file.
+            others: eductions that go along, as of the source on the other side, in this order.
+        Raises:
+            ValueError: another ending; an eduction without its line, or of several lines.
+        """
+        resolve(self.FILE).write(self, path, *others)
+
+    def report(self, path: str | Path, *others: DrawnImpedance) -> None:
+        """Write one self-contained HTML page, ``others`` beside it; as ``Reported.report``."""
+        resolve(self.PAGE)(self, path, *others)
+
+    def fitted_along(self) -> tuple[Tensor, Tensor]:
+        """Places along the microphones, m, (X,), and the fitted pressure, Pa, (..., X, F)."""
+        raise NotImplementedError
+
+    def level_along(self) -> tuple[Tensor, Tensor]:
+        """Places along the microphones, m, (X,), and the fitted SPL, dB, (..., X, F)."""
+        places, pressure = self.fitted_along()
+        return places, spl_from_pressure_amplitude(pressure)
+
+    @property
+    def error_scale(self) -> Tensor:
+        """Of the errors used over those assumed, (..., F): the root of the misfit where that is above
+        ``choices["largest_misfit"]``, else 1."""
+        if self.misfit is None:
+            return torch.ones_like(self.impedance.real)
+        return torch.where(self.misfit > self.choices.get("largest_misfit", 1.0), self.misfit, 1.0).sqrt()
+
+    @property
+    def used_errors(self) -> tuple[Tensor, Tensor]:
+        """Standard deviations in level, dB, and in phase, degrees, that the draws have, (..., F)."""
+        level, phase = (self.choices.get(name, torch.nan) for name in ("level_error", "phase_error"))
+        return level * self.error_scale, phase * self.error_scale
+
+    @property
+    def estimated(self) -> Tensor:
+        """Where ``covariance`` comes from residuals, not from errors that were stated, (..., F)."""
+        return torch.ones_like(self.impedance.real, dtype=torch.bool)
+
+    @property
+    def mean(self) -> Tensor:
+        """Mean impedance of the draws that have one, (..., F)."""
+        return _mean(self._drawn())
+
+    @property
+    def standard_deviation(self) -> Tensor:
+        """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
+        return deviation(self._drawn())
+
+    @property
+    def failed(self) -> Tensor:
+        """How many draws have no impedance, (..., F)."""
+        return (~torch.isfinite(self._drawn())).sum(0)
+
+    @property
+    def standard_error(self) -> Tensor:
+        """Of resistance (real part) and reactance (imaginary part), (..., F); without draws.
+
+        Raises:
+            ValueError: no covariance is known.
+        """
+        if self.covariance is None:
+            raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")
+        spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
+        return torch.complex(spread[..., 0], spread[..., 1])
+
+    def interval(self, level: float = 0.95) -> tuple[Tensor, Tensor]:
+        """Bounds of a statistical interval: real parts bound R, imaginary parts X.
+
+        The middle ``level`` of the draws; without draws Student's interval, or the normal one of
+        stated errors, to first order.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
+        if self.draws is None:
+            share = (1 + level) / 2
+            student = float(ndtri(share) if self.freedom is None else stdtrit(self.freedom, share))
+            away = torch.where(self.estimated, student, float(ndtri(share))) * self.standard_error
+            return self.impedance - away, self.impedance + away
+        drawn = self._drawn()
+        return tuple(
+            torch.complex(*(_quantile(part, share) for part in (drawn.real, drawn.imag)))
+            for share in ((1 - level) / 2, (1 + level) / 2)
+        )  # type: ignore[return-value]
+
+    def _drawn(self) -> Tensor:
+        if self.draws is None:
+            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
+        return self.draws.impedance
+
+
+def _mean(values: Tensor) -> Tensor:
+    good = torch.isfinite(values)
+    return torch.where(good, values, 0).sum(0) / good.sum(0)
+
+
+def _quantile(values: Tensor, share: float) -> Tensor:
+    finite = torch.where(torch.isfinite(values), values, torch.nan)
+    return torch.nanquantile(finite, share, dim=0)
+
+
+def deviation(values: Tensor) -> Tensor:
+    """Standard deviation over the first axis, real and imaginary parts each by itself; what is not
+    finite is left out, and of fewer than two there is none (nan)."""
+    good = torch.isfinite(values)
+    off = torch.where(good, values - _mean(values), 0)
+    count = torch.where(good.sum(0) > 1, good.sum(0) - 1, torch.nan)
+    return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))
+
+
+def fine_places(x: Tensor) -> Tensor:
+    """Places from the first microphone to the last, m, (FINE,)."""
+    return torch.linspace(float(x[0]), float(x[-1]), FINE, dtype=torch.float64)
