@@ -144,8 +144,8 @@ JSON = {
         plane, liner, "noise:300:3500", levels=50
     ).answer,
     "compare-models y2.5mm.h5 --liner polito --liner onera": lambda plane, liner: [
-        each.answer for each in tl.compare_models(
-            plane, {"polito": liner, "onera": tl.load_liner("onera")}).maps.values()],
+        row.impedance for row in tl.compare_models(plane, {"polito": liner, "onera": tl.load_liner("onera")}).rows
+    ],
     "liner polito --frequency 900:1100:100 --speed 2": lambda plane, liner: [
         complex(liner.impedance(f, 2.0)) for f in (900.0, 1000.0, 1100.0)],
 }  # fmt: skip

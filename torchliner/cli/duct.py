@@ -87,22 +87,18 @@ def run(options: argparse.Namespace) -> int:
     """The task named after ``duct``."""
     from torchliner.duct.presets import duct_names, duct_text
 
-    solve, presets = options.task == "solve", ", ".join(duct_names())
+    solve = options.task == "solve"
+    copy = options.copy if solve else None
+    if copy is None and options.duct is not None:
+        return (_solve if solve else _modes)(options, _setup(options))
     changed = {*opt.given(options, [*DUCT[1:], *(SOLVE if solve else MODES)])} - {"copy", "json", "quiet", "count"}
-    if solve and options.copy is not None:
-        if options.duct not in duct_names():
-            raise ValueError(f"--copy writes a preset, one of {presets}; {options.duct!r} is none")
-        if changed:
-            raise ValueError(f"--copy writes the preset as it stands: leave out {opt.spelled(sorted(changed))}")
-        write_copy(duct_text(options.duct), options.copy)
-        print(f"{options.copy}: preset {options.duct}")
-        return 0
-    if options.duct is None:
-        if changed:
-            raise ValueError(f"a duct is needed with {opt.spelled(sorted(changed))}; presets: {presets}")
-        print(f"presets: {presets}")
-        return 0
-    return (_solve if solve else _modes)(options, _setup(options))
+    if changed:
+        what = "--copy writes the preset as it stands" if copy is not None else "the list of presets has no options"
+        raise ValueError(f"{what}: leave {opt.spelled(sorted(changed))} out, or name a duct to solve")
+    if copy is not None:
+        write_copy(duct_text(options.duct or ""), copy)
+    print(f"{copy}: preset {options.duct}" if copy is not None else "presets: " + ", ".join(duct_names()))
+    return 0
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
