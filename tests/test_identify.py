@@ -510,7 +510,6 @@ def test_command_compares_parameters(tmp_path, capsys):
     [
         (["--free", "mass_loss,mass_loss"], "names mass_loss twice"),
         (["--free", "mass_loss", "-o", "a.csv"], "a law at every frequency and not a table"),
-        (["--rest", "x"], "--rest 'x' cannot be read"),
         (["--reach", "9"], "--reach is of the table that is written; name --output"),
         (["--reach", "9", "-o", "a.toml", "--free", "mass_loss"], "--reach: of a curve; fit one"),
         (["--free", "mass_loss", "--freedom", "1"], "--freedom: of a curve; fit one too, with --f"),

@@ -181,7 +181,6 @@ def test_a_rigid_wall_in_the_table(tmp_path, capsys):
         (["--duct", "b2a", "--order", "3"], "--order is no option of --method field"),
         (["--duct", "b2a", "--margin", "3"], "--margin is no option of --method field"),
         (["--duct", "b2a", "--draws", "1"], "draws is 1; 0 for none, or at least 2"),
-        (["--duct", "b2a", "--start", "two"], "--start 'two' cannot be read; write 2.33-0.30j"),
         (["--duct", "b2a", "--start", "-1"], "start is (-1+0j); an impedance other than -1"),
         (["--duct", "b2a", "--level-error", "0"], "level_error (dB) is 0; it must be finite and at least 0.0001"),
     ],

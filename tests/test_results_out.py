@@ -18,8 +18,9 @@ from test_moments_file import same_bits
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, main
+from torchliner.cli.options import RESULT
 from torchliner.io.vtkhdf_result import _grid
-from torchliner.names import RESULT_ENDINGS, RESULT_WRITERS
+from torchliner.names import RESULT_WRITERS
 from torchliner.records import Gap, LevelCheck
 from torchliner.records.averaged import Educed
 
@@ -151,7 +152,7 @@ def test_intervals_of_a_level_check_of_any_width_come_back(tmp_path):
 
 def test_every_ending_is_written_and_others_are_refused(tmp_path):
     for ending in (".h5", ".hdf5", ".nc", ".csv", *RESULT_WRITERS):
-        assert ending in RESULT_ENDINGS.replace(".h5", ".h5.hdf5")
+        assert ending in RESULT
         made().write(tmp_path / f"m{ending.upper()}")
         assert (tmp_path / f"m{ending.upper()}").stat().st_size > 0
     with pytest.raises(ValueError, match=r"m.vtk ends in '.vtk'; .*\.csv, \.vtkhdf, .*\.txt$"):

@@ -382,7 +382,7 @@ PAIR = ["--tolerance", "porosity=1 %", "--tolerance", "temperature=1 K"]
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "names a parameter twice"),
+        (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "--tolerance names porosity twice"),
         (["--correlation", "porosity,orifice_diameter=0.5"], "is one of tolerances; state them"),
         (["--limits", "standard"], "--limits is one of tolerances; state them"),
         (
@@ -391,7 +391,7 @@ PAIR = ["--tolerance", "porosity=1 %", "--tolerance", "temperature=1 K"]
         ),
         (
             [*PAIR, "--correlation", "porosity,temperature=x"],
-            "'porosity,temperature=x' cannot be r",
+            "porosity,temperature=x'] cannot be r",
         ),
         (["-o", "rows.h5"], "must be one of .csv"),
         (["--figure", "bars.xyz"], "must be one of .png"),

@@ -93,7 +93,6 @@ RESULT_WRITERS = {  # beside .h5 and .csv: functions of an OwnFile, a record and
     ".dat": "torchliner.io.nastran_table:write_nastran",
     ".txt": "torchliner.io.solver_table:write_solver_table",
 }
-RESULT_ENDINGS = f".h5/.nc, .csv, {', '.join(RESULT_WRITERS)}"  # in words
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
     "powerflow": "torchliner.io.powerflow:FORMAT",
     "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",

@@ -3,64 +3,45 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
-from torchliner.cli.choice_options import EDUCED, choice_options, chosen_from
+import torchliner as tl
+from torchliner.cli import options as opt
+from torchliner.cli.choices import EDUCED, READING
 from torchliner.cli.files import planes_of, read_records, show_results
-from torchliner.cli.options import frequency_option, progress_bar, shared
-from torchliner.cli.plane_options import plane_options
+from torchliner.cli.messages import progress_bar
+from torchliner.cli.signatures import of
 
-OPTIONS = (
-    {
-        "": {
-            "plane PLANE": "file of a plane, or what torchliner reduce made of it",
-            "--liner LINER": {
-                "action": "append",
-                "default": [],
-                "help": "a model, preset, .toml, .csv or .py file; required twice or more",
-            },
-            **frequency_option("the tone of the file"),
-            "--cell-pitch M": "side of the cells, m, for all models; default: that of the moments, "
-            "else of the preset that the file names, else of the models",
-            "--figure PICTURE": "draw R and X of all models with their intervals",
-        }
-        | shared("--output", "--json", "--quiet")
-    }
-    | choice_options(EDUCED)
-    | plane_options()
-)
+EXAMPLES = ("plane.h5 --liner onera --liner mine.toml --figure models.png",)
+OWN = [
+    replace(opt.ONE_PLANE, text="file of a plane, or what torchliner reduce made of it"),
+    opt.Option("--liner", "a model, preset, .toml, .csv or .py file; required twice or more", opt.LINER, many=True),
+    opt.TONE,
+    *of("studies.compare_models:compare_models", "cell_pitch"),
+    *opt.figure("draw R and X of all models with their intervals"),
+]
+OPTIONS = [*OWN, opt.ROWS, *opt.PRINTING, *EDUCED, *READING]
 
 
 def run(options: argparse.Namespace) -> int:
     """Print a row a model, the nearest to what is known first."""
-    from torchliner.liners.catalogue import load_liner
     from torchliner.report.studies import format_models, models_table
     from torchliner.report.study_figures import draw_models
     from torchliner.report.study_table import plain_of
-    from torchliner.studies.compare_models import compare_models
 
     twice = next((name for name in options.liner if options.liner.count(name) > 1), None)
     if twice is not None:
         raise ValueError(f"--liner {twice} is given twice; name each model once")
     stems = [Path(name).stem for name in options.liner]
     names = stems if len(set(stems)) == len(stems) else options.liner
-    liners = {name: load_liner(liner) for name, liner in zip(names, options.liner, strict=True)}
+    liners = {name: tl.load_liner(liner) for name, liner in zip(names, options.liner, strict=True)}
     (record,) = read_records([options.plane], options)
-    total = 2 * planes_of([record])[0].samples
-    with progress_bar(total, options.plane.name, options) as step:
-        found = compare_models(
-            record,
-            liners,
-            options.frequency,
-            cell_pitch=options.cell_pitch,
-            progress=step,
-            **chosen_from(options, EDUCED),
-        )
+    chosen = opt.given(options, EDUCED) | {"cell_pitch": options.cell_pitch}
+    with progress_bar(2 * planes_of([record])[0].samples, options.plane.name, options) as step:
+        found = tl.compare_models(record, liners, options.frequency, progress=step, **chosen)
     show_results(
-        options,
-        lambda: format_models(found),
-        lambda: plain_of(found),
-        output=models_table(found).write_csv,
-        figure=lambda path: draw_models(found, path),
-    )
+        options, format_models(found), plain_of(found),
+        output=models_table(found).write_csv, figure=lambda path: draw_models(found, path),
+    )  # fmt: skip
     return 0

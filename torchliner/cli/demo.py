@@ -7,13 +7,13 @@ import shlex
 from importlib import resources
 from importlib.util import find_spec
 
+from torchliner.cli import options as opt
+
 PLANES = ("slit_n130_y0.5mm.h5", "slit_n130_y2.5mm.h5")
-OPTIONS = {
-    "": {
-        "--folder FOLDER": "write maps, and pictures where matplotlib is there, into this folder; "
-                           "default: print the table alone",
-    },
-}  # fmt: skip
+EXAMPLES = ("",)
+OPTIONS = [
+    opt.Option("--folder", "write maps and, with matplotlib, pictures here; default: the table alone", opt.FOLDER)
+]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -27,8 +27,8 @@ def run(options: argparse.Namespace) -> int:
             words += ["-o", str(options.folder / "map.h5")]
             if find_spec("matplotlib") is not None:
                 words += ["--figure", str(options.folder)]
-        print("A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that "
-              f"resolves its holes.\n$ torchliner {shlex.join(words)}\n", flush=True)  # fmt: skip
+        about = "A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that resolves its holes."
+        print(f"{about}\n$ torchliner {shlex.join(words)}\n", flush=True)
         code = main([*words, "--quiet"])
     if options.folder is not None and code == 0:
         print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {options.folder}")

@@ -6,38 +6,32 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
-from torchliner.cli.choice_options import NO_GIVEN_PHASE, choice_options, chosen_from
+import torchliner as tl
+from torchliner.cli import options as opt
+from torchliner.cli.choices import NO_GIVEN_PHASE, STATED, choices
 from torchliner.cli.files import preset_named
-from torchliner.cli.options import frequency_option, number, print_json, shared
-from torchliner.cli.plane_options import plane_options, reading
-from torchliner.names import AVERAGINGS
+from torchliner.cli.messages import print_json
 
-CHOICES = ("phase", "averaging", "interval", "no_intervals", "dtype")
-AVERAGING = {"--averaging": (list(AVERAGINGS)[:2], "over cells; default admittance")}
-FILES: dict[str, Any] = {
-    "plane PLANE": "plane file that grows, or folder into which files come, read in the order of their names",
-    "--until HALF_WIDTH": {"type": number, "help": "of the interval of Z that ends it, over rho c; default: none"},
-    "--every S": {"type": number, "default": 5.0, "help": "between two looks, s; default 5"},
-    "--idle S": {
-        "type": number,
-        "default": 600.0,
-        "help": "without new samples, after which it ends, s; default 600",
-    },
-    "--output FILE": "write the moments so far as .h5/.nc, at the end, on Ctrl-C and on SIGTERM",
-}
-OPTIONS = {
-    "": FILES | shared("--liner", "--json", "--quiet") | frequency_option("the tone of the file"),
-    **choice_options(CHOICES, NO_GIVEN_PHASE | AVERAGING),
-    **plane_options(selection=False),
-}
+EXAMPLES = ("plane.h5 --until 0.05",)
+CHOICES = [
+    opt.averaging("admittance", "admittance", "velocity"),
+    *choices("phase interval no_intervals dtype", phase=NO_GIVEN_PHASE),
+]
+READING = opt.group("missing metadata", *STATED, further=True)
+OWN = [
+    opt.Option("plane", "plane file that grows, or folder into which files come, in the order of names", opt.PLANE),
+    opt.Option("--until", "half-width of the interval of Z, over rho c, that ends it; default: none", opt.NUMBER),
+    opt.Option("--every", "between two looks, s; default 5", opt.S, default=5.0),
+    opt.Option("--idle", "without new samples, after which it ends, s; default 600", opt.S, default=600.0),
+    opt.output("write the moments so far, at the end, on Ctrl-C and on SIGTERM,", *opt.HDF5),
+]
+OPTIONS = [*OWN, opt.OF_LINER, *opt.PRINTING, opt.TONE, *CHOICES, *READING]
 HEADING = "samples    record s  f Hz      Z               half-width  needed s  until then"
 
 
 def run(options: argparse.Namespace) -> int:
     """A row each time samples have come; 1 if the half-width was not reached."""
     from torchliner.campaign.follow import Following, Frames, follow
-    from torchliner.io.planes import read_plane
-    from torchliner.liners.catalogue import load_liner
 
     for name in ("every", "idle", "until"):
         value = getattr(options, name)
@@ -45,12 +39,12 @@ def run(options: argparse.Namespace) -> int:
             raise ValueError(f"--{name} is {value:g}; it is above 0")
     if options.until is not None and options.no_intervals:
         raise ValueError("--until asks for the interval, which --no-intervals leaves out")
-    frames = Frames(options.plane, reading(options, selection=False))
+    frames = Frames(options.plane, opt.given(options, READING))
     liner = options.liner
     if liner is None:
-        liner = preset_named(read_plane(frames.files()[0], lazy=True, **frames.request).liner, options.plane)
-    choices = chosen_from(options, CHOICES)
-    following = Following(frames, load_liner(liner), options.frequency, until=options.until, **choices)
+        liner = preset_named(tl.read_plane(frames.files()[0], lazy=True, **frames.request).liner, options.plane)
+    chosen = opt.given(options, CHOICES)
+    following = Following(frames, tl.load_liner(liner), options.frequency, until=options.until, **chosen)
     if not options.json:
         print(HEADING, flush=True)
 
@@ -78,8 +72,6 @@ def _line(row: Any) -> str:
         if left >= 5 * seconds:
             later = f"{left / seconds:.3g} {unit}"
     z = f"{row.impedance.real:.3f}{row.impedance.imag:+.3f}j"
-    known = (f"{v:.3g}" if v == v else "-" for v in (width, needed))
-    cells = zip(
-        (9, 8, 8, 14, 10, 8), (row.samples, f"{row.duration:.4g}", f"{row.frequency:.1f}", z, *known), strict=True
-    )
-    return "  ".join([*(f"{text:<{size}}" for size, text in cells), later])
+    known = [f"{v:.3g}" if v == v else "-" for v in (width, needed)]
+    head = f"{row.samples:<9}  {row.duration:<8.4g}  {row.frequency:<8.1f}  {z:<14}"
+    return f"{head}  {known[0]:<10}  {known[1]:<8}  {later}"

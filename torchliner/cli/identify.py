@@ -3,81 +3,78 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.calibrate import bounds_given, predicted_rows, references_given, source_of
-from torchliner.cli.choice_options import choice_options, chosen_from
+import torchliner as tl
+from torchliner.cli import options as opt
+from torchliner.cli.calibrate import PREDICT, REFERENCE, bounds_given, predicted_rows, references_given, write_law
+from torchliner.cli.choices import READING, choices
 from torchliner.cli.files import only_liner, read_records, show_results, write_text
-from torchliner.cli.options import averaging_option, complex_number, shared, spelled, stated
-from torchliner.cli.plane_options import plane_options
+from torchliner.cli.signatures import of
 
-CHOICES = ("drive", "mean", "missing", "allow_short")
-
-OPTIONS = (
-    {
-        "": {
-            "planes PLANE ...": "plane files, or moments, of several runs; planes of one case are one run",
-            "--reference Z ...": {
-                "help": "name of an impedance in the files, 'in-situ' (Dean's method, see --pressure), "
-                "'level-check' (the stated level alone), or one value each; default true"
-            },
-            "--pressure PATH ...": "pressure records of the runs, for --reference in-situ or level-check, "
-            "one a plane in their order; default: what the planes hold",
-            "--fit MODEL": "'curve', fitted beside what is free; default where nothing is free",
-            "--free NAMES": {
-                "action": "append",
-                "default": [],
-                "help": "a model: parameters of the liner's law, with commas between, each with its "
-                "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: none",
-            },
-            "--noise U": "standard uncertainty of R and X of the references, of levels dB; default 2 %% of |Z|, 0.2 dB",
-            "--rest U+Uj": "standard uncertainty of R and X of the liner at rest, e.g. 0.01+0.01j; default: not known",
-            "--freedom FACTOR": "standard deviation of the logarithm of the ratio of the curve to the "
-            "prior shape over |v|; default the best of 0.1, 0.3, 1, 3",
-            "--predict PLANE ...": {"default": [], "help": "to predict; default: none"},
-            "--reach M/S": "last |v| of the table that is written; default 1.25 times what runs saw",
-            "--output FILE": "write the liner as .csv (a table) or .toml",
-            "--figure PICTURE": "draw curve and speeds there",
-        }
-        | averaging_option("phase-locked")
-        | shared("--liner", "--frequency", "--json", "--quiet"),
-    }
-    | choice_options(CHOICES)
-    | plane_options()
+EXAMPLES = (
+    "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",
+    "low.h5 high.h5 --free vena_contracta --free vena_contracta,mass_loss -o law.toml",
 )
+CHOICES = choices("drive mean missing allow_short")
+CURVE = of("studies.identify:identify", "rest freedom", rest={"kind": opt.COMPLEX})
+REACH = opt.Option("--reach", "last |v| of the table that is written; default 1.25 times what runs saw", opt.MPS)
+OWN = [
+    replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run"),
+    REFERENCE,
+    opt.Option("--pressure", "records for --reference in-situ or level-check, one a plane", opt.PATH, nargs="+"),
+    opt.Option("--fit", "'curve', beside what is free; default where nothing is free", opt.Kind("MODEL")),
+    opt.Option(
+        "--free",
+        "a model: parameters of the liner's law, with commas between, each with its bounds (NAME=LOW:HIGH, SI) or "
+        "usual ones; several times to compare; default: none",
+        opt.Kind("NAMES"),
+        many=True,
+    ),
+    opt.Option(
+        "--noise",
+        "standard uncertainty of R and X of the references, of levels dB; default 2 % of |Z|, 0.2 dB",
+        opt.NUMBER,
+    ),
+    *CURVE,
+    PREDICT,
+    REACH,
+    opt.output("write the liner, a table as .csv,", ".csv", ".toml"),
+    *opt.figure("draw curve and speeds there"),
+    opt.averaging("phase-locked"),
+]
+OPTIONS = [*OWN, opt.OF_LINER, opt.TONE, *opt.PRINTING, *CHOICES, *READING]
 
 
 def run(options: argparse.Namespace) -> int:
     """Print what was found and what it predicts; 1 if a parameter is on a bound or unseen, or a
     prediction leaves the speeds of the runs."""
-    from torchliner.io.pressure_file import read_pressure
     from torchliner.report import studies as report
     from torchliner.report.study_figures import draw_identification
     from torchliner.studies.fit import OUTSIDE, with_flow
-    from torchliner.studies.identify import identify
 
     if options.reach is not None and options.output is None:
         raise ValueError("--reach is of the table that is written; name --output as well")
-    given = stated(options, ("rest", "freedom", "reach"))
-    if given and options.free and options.fit is None:
-        raise ValueError(f"{spelled(given)}: of a curve; fit one too, with --fit curve, or leave this out")
+    curve = opt.given(options, CURVE)
+    if (of_curve := curve | opt.given(options, [REACH])) and options.free and options.fit is None:
+        raise ValueError(f"{opt.spelled(of_curve)}: of a curve; fit one too, with --fit curve, or leave this out")
     paths = [*options.planes, *options.predict]
     both = read_records(paths, options)
     liner = only_liner(options.liner, both, paths)
     models: list[Any] = [bounds_given(text.split(","), with_flow(liner)) for text in options.free]
-    found = identify(
+    found = tl.identify(
         both[: len(options.planes)],
         liner,
-        references_given(options.reference or ["true"]),
+        references_given(options.reference),
         models=[*models, *([options.fit or "curve"] if options.fit or not models else [])],
         averaging=options.averaging,
-        pressure=[read_pressure(path) for path in options.pressure or ()] or None,
+        pressure=[tl.read_pressure(path) for path in options.pressure or ()] or None,
         noise=options.noise,
-        freedom=options.freedom,
         frequency=options.frequency,
-        rest=None if options.rest is None else complex_number(options.rest, "--rest"),
-        **chosen_from(options, CHOICES),
+        **curve,
+        **opt.given(options, CHOICES),
     )
     fit = found.fit
     rows = predicted_rows(fit, both[len(options.planes) :], liner, options, noise=0.0)
@@ -93,27 +90,24 @@ def run(options: argparse.Namespace) -> int:
     }
     show_results(
         options,
-        lambda: report.format_identification(found) + table,
-        lambda: plain,
+        report.format_identification(found) + table,
+        plain,
         output=lambda path: _write(fit, path, options),
         figure=lambda path: draw_identification(found, path),
     )
-    doubtful = fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)
-    return int(bool(doubtful))
+    return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
 
 
 def _write(fit: Any, path: Path, options: argparse.Namespace) -> None:
     """A table as .csv, or a .toml that names one beside it; a law as .toml."""
     from torchliner.io.csv_rows import write_rows
-    from torchliner.liners.catalogue import liner_text
 
     if not fit.law.frequencies:
         if path.suffix.lower() == ".csv":
             raise ValueError(
                 f"{path}: {fit.law.label} were found, a law at every frequency and not a table; write it as .toml"
             )
-        liner = fit.liner.replace(name=f"{fit.runs[0].liner.name} identified")
-        write_text(liner_text(liner, f"identified by torchliner: {source_of(fit, options)}"), path)
+        write_law(fit, f"{fit.runs[0].liner.name} identified", "identified", options)
         return
     table = fit.table(options.reach or 0.0)
     rows = [

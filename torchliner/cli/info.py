@@ -5,34 +5,33 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+import torchliner as tl
+from torchliner.cli import options as opt
+from torchliner.cli.choices import READING
 from torchliner.cli.files import planes_of, read_planes, read_records, show_results
-from torchliner.cli.options import shared
-from torchliner.cli.plane_options import plane_options
 
-OPTIONS = {
-    "": shared("plane", "--json", "--quiet") | {"--figure PICTURE": "draw v0, v', u' along x there"}
-} | plane_options()
+EXAMPLES = ("plane.h5",)
+OPTIONS = [opt.ONE_PLANE, *opt.PRINTING, *opt.figure("draw v0, v', u' along x there"), *READING]
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
     from torchliner.io.planes import format_of, paths_of
-    from torchliner.records import VelocityPlane
     from torchliner.report.figures import draw_velocity
     from torchliner.report.inspection import inspect_moments, inspect_plane
 
     # Of moments there is nothing to draw: the plane is asked for.
-    (plane,) = (
-        read_records([options.plane], options) if options.figure is None else read_planes([options.plane], options)
-    )
-    read = isinstance(plane, VelocityPlane)
-    about = {"format": ", ".join({format_of(each).name: 0 for each in paths_of(options.plane)})}
-    found = inspect_plane(plane) if isinstance(plane, VelocityPlane) else inspect_moments(plane)
-    found.facts.update(about if read else {})
+    read: Any = read_records if options.figure is None else read_planes
+    (plane,) = read([options.plane], options)
+    if isinstance(plane, tl.VelocityPlane):
+        found = inspect_plane(plane)
+        found.facts["format"] = ", ".join({format_of(each).name: 0 for each in paths_of(options.plane)})
+    else:
+        found = inspect_moments(plane)
     show_results(
         options,
-        lambda: _text(found),
-        lambda: {"facts": found.facts, "failures": found.failures, "missing": found.missing},
+        _text(found),
+        {"facts": found.facts, "failures": found.failures, "missing": found.missing},
         figure=lambda path: draw_velocity(planes_of([plane]), path),
     )
     return 1 if found.failures else 0
@@ -40,7 +39,5 @@ def run(options: argparse.Namespace) -> int:
 
 def _text(found: Any) -> str:
     facts = found.facts | ({"not stated": ", ".join(found.missing)} if found.missing else {})
-    lines = [f"{key:34s} {value:.6g}" if isinstance(value, float) else f"{key:34s} {value}"
-             for key, value in facts.items()]  # fmt: skip
-    failures = [f"check failed: {failure}" for failure in found.failures]
-    return "\n".join([*lines, *(failures or ["all checks passed"])])
+    lines = [f"{key:34s} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in facts.items()]
+    return "\n".join([*lines, *([f"check failed: {each}" for each in found.failures] or ["all checks passed"])])

@@ -7,58 +7,50 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import torchliner as tl
+from torchliner.cli import options as opt
 from torchliner.cli.files import show_results, write_copy
-from torchliner.cli.options import frequency_option, shared
 
+EXAMPLES = ("onera --frequency 500:3000:500", "onera --copy mine.toml")
 FREQUENCIES = [500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0]
-SPEEDS = {"default": [0.0, 1.0, 3.0, 5.0], "help": "|v|, m/s; default 0 1 3 5"}
-OPTIONS = {
-    "": {
-        "liners [LINER ...]": "presets, .toml, .csv or .py files; without: list the presets",
-        **frequency_option(" ".join(f"{f:g}" for f in FREQUENCIES), value=FREQUENCIES),
-        "--speed M/S ...": SPEEDS,
-        "--figure PICTURE": "draw Z over frequency there; of several liners the linear Z",
-    }
-    | shared("--copy", "--json", "--quiet")
-}
+OPTIONS = [
+    opt.Option("liners", "presets, .toml, .csv or .py files; without: list the presets", opt.LINER, nargs="*"),
+    opt.frequency(" ".join(f"{f:g}" for f in FREQUENCIES), values=FREQUENCIES),
+    opt.Option("--speed", "|v|, m/s; default 0 1 3 5", opt.MPS, nargs="+", default=[0.0, 1.0, 3.0, 5.0]),
+    *opt.figure("draw Z over frequency there; of several liners the linear Z"),
+    opt.COPY,
+    *opt.PRINTING,
+]
 
 
 def run(options: argparse.Namespace) -> int:
     """Print geometry, resonance, table; draw."""
-    from torchliner.liners import catalogue
+    from torchliner.liners.catalogue import preset_text
 
     if not options.liners:
-        print("presets: " + ", ".join(catalogue.preset_names()))
+        print("presets: " + ", ".join(tl.preset_names()))
         return 0
     if options.copy is not None and len(options.liners) != 1:
         raise ValueError("--copy writes one preset; name one")
-    liners = {name: catalogue.load_liner(name) for name in options.liners}
+    liners = {name: tl.load_liner(name) for name in options.liners}
     if options.copy is not None:
-        write_copy(catalogue.preset_text(options.liners[0]), options.copy)
+        write_copy(preset_text(options.liners[0]), options.copy)
     found: list[dict[str, Any]] = []
     for liner in liners.values():
-        frequency = [f for f in options.frequency if _inside(liner, f)]
         table = [
             {"frequency": f, "speed": v, "impedance": complex(liner.impedance(f, v))}
-            for f in frequency
+            for f in options.frequency
+            if liner.frequency_range is None or liner.frequency_range[0] <= f <= liner.frequency_range[1]
             for v in options.speed
         ]
         found.append({"liner": _facts(liner), "table": table})
-    units = [_units(liner) for liner in liners.values()]
-    show_results(
-        options,
-        lambda: "\n".join(
-            _text(one["liner"], of, one["table"], options.speed) for one, of in zip(found, units, strict=True)
-        ),
-        lambda: found if len(found) > 1 else found[0],
-        figure=lambda path: _draw(liners, options.speed, path),
+    text = "\n".join(
+        _text(one["liner"], _units(liner), one["table"], options.speed)
+        for one, liner in zip(found, liners.values(), strict=True)
     )
+    plain = found if len(found) > 1 else found[0]
+    show_results(options, text, plain, figure=lambda path: _draw(liners, options.speed, path))
     return 0
-
-
-def _inside(liner: Any, frequency: float) -> bool:
-    known = liner.frequency_range
-    return known is None or known[0] <= frequency <= known[1]
 
 
 def _facts(liner: Any) -> dict[str, Any]:
@@ -114,10 +106,10 @@ def _draw(liners: dict[str, Any], speeds: list[float], path: Path) -> None:
     from torchliner.report.figures import draw_liner
     from torchliner.report.numbers import impedance_over_band
 
+    one = len(liners) == 1
     curves = [
-        impedance_over_band(liner, speed, f"$|v|$ = {speed:g} m s$^{{-1}}$" if len(liners) == 1 else Path(name).stem)
+        impedance_over_band(liner, speed, f"$|v|$ = {speed:g} m s$^{{-1}}$" if one else Path(name).stem)
         for name, liner in liners.items()
-        for speed in (speeds if len(liners) == 1 else [0.0])
+        for speed in (speeds if one else [0.0])
     ]
-    title = f"liner model {Path(next(iter(liners))).stem}" if len(liners) == 1 else "linear impedance"
-    draw_liner(curves, title, path)
+    draw_liner(curves, f"liner model {Path(next(iter(liners))).stem}" if one else "linear impedance", path)

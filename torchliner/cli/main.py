@@ -10,21 +10,13 @@ try:
     import signal
     import threading
     import traceback
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from contextlib import contextmanager
     from typing import Any
 
-    from torchliner.cli.completion import SHELLS, PrintCompletion
-    from torchliner.cli.examples import EXAMPLES, examples_of
-    from torchliner.cli.fetch_ahead import fetch_ahead
-    from torchliner.cli.gate import figures_as_asked, passed
-    from torchliner.cli.messages import (
-        error_text,
-        in_command_words,
-        printable_output,
-        warnings_on_stderr,
-    )
-    from torchliner.cli.options import add_options
-    from torchliner.cli.parser import BAD_INPUT, Parser
+    from torchliner.cli.gate import passed
+    from torchliner.cli.messages import error_text, printable_output, warnings_on_stderr
+    from torchliner.cli.parser import BAD_INPUT, SHELLS, Parser, PrintCompletion
     from torchliner.io.whole_file import printable
     from torchliner.version import __version__
 except KeyboardInterrupt:  # in the first tenths of a second
@@ -65,7 +57,15 @@ GROUPS = {
     },
 }
 COMMANDS = {name: summary for group in GROUPS.values() for name, summary in group.items()}
-SHOWN = ("educe", "liner")  # whose first examples the overview gives
+OVERVIEW = "\n\n".join(
+    "\n".join([f"{title}:", *(f"  {name:15s}{text}" for name, text in group.items())])
+    for title, group in GROUPS.items()
+)
+SHOWN = """examples:
+  torchliner educe plane.h5 -o map.h5 --figure pictures --holes holes.csv
+  torchliner liner onera --frequency 500:3000:500
+
+torchliner help COMMAND: its options; COMMAND --help-all: all of them."""
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 
 
@@ -74,37 +74,34 @@ def build_parser(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
     top = Parser(
         prog="torchliner",
         usage="torchliner [-h] [--version] COMMAND ...",
-        description=f"Acoustic liner impedance from velocity measured just above the liner.\n\n{_overview()}",
-        epilog="examples:\n"
-        + "\n".join(f"  torchliner {name} {EXAMPLES[name][0]}" for name in SHOWN)
-        + "\n\ntorchliner help COMMAND: its options; COMMAND --help-all: all of them.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=f"Acoustic liner impedance from velocity measured just above the liner.\n\n{OVERVIEW}",
+        examples=SHOWN,
     )
-    top.add_argument(
-        "--version", action="version", version=f"torchliner {__version__}",
-        help="print the version and exit",
-    )  # fmt: skip
-    top.add_argument(
-        "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL",
-        help=f"print the completion script of {', '.join(SHELLS)} and exit",
-    )  # fmt: skip
+    version = f"torchliner {__version__}"
+    top.add_argument("--version", action="version", version=version, help="print the version and exit")
+    text = f"print the completion script of {', '.join(SHELLS)} and exit"
+    top.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=text)
     commands = top.add_subparsers(dest="command", metavar="COMMAND", help=argparse.SUPPRESS, prog="torchliner")
     parsers = {}
     for name, summary in COMMANDS.items():
-        parsers[name] = commands.add_parser(
-            name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.",
-            examples=examples_of(name),
-        )  # fmt: skip
+        about: dict[str, Any] = {"help": summary, "description": f"{summary[0].upper()}{summary[1:]}."}
         if only in COMMANDS and only != name:
+            commands.add_parser(name, **about)
             continue
         command = _module(name)
-        if not hasattr(command, "TASKS"):
-            add_options(parsers[name], command.OPTIONS)
-            continue
-        tasks = parsers[name].add_subparsers(dest="task", metavar="TASK", required=True, prog=parsers[name].prog)
-        for task, (text, description, options) in command.TASKS.items():
-            made = tasks.add_parser(task, help=text, description=description, examples=examples_of(f"{name} {task}"))
-            add_options(made, options)
+        if hasattr(command, "TASKS"):
+            parsers[name] = commands.add_parser(name, **about)
+            tasks = parsers[name].add_subparsers(dest="task", metavar="TASK", required=True, prog=parsers[name].prog)
+            for task, (text, description, options, examples) in command.TASKS.items():
+                told: dict[str, Any] = {
+                    "help": text,
+                    "description": description,
+                    "examples": _examples(f"{name} {task}", examples),
+                }
+                tasks.add_parser(task, **told).add_options(options)
+        else:
+            parsers[name] = commands.add_parser(name, **about, examples=_examples(name, command.EXAMPLES))
+            parsers[name].add_options(command.OPTIONS)
     return top, parsers
 
 
@@ -112,11 +109,8 @@ def _module(command: str) -> Any:
     return importlib.import_module(f"torchliner.cli.{command.replace('-', '_')}")
 
 
-def _overview() -> str:
-    return "\n\n".join(
-        "\n".join([f"{title}:", *(f"  {name:15s}{text}" for name, text in group.items())])
-        for title, group in GROUPS.items()
-    )
+def _examples(command: str, examples: Sequence[str]) -> str:
+    return "\n".join(["examples:", *(f"  torchliner {command} {words}".rstrip() for words in examples)])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -127,14 +121,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:], "--help"]
-        top, parsers = build_parser(*words[:1])
+        top, _ = build_parser(*words[:1])
         options, extras = top.parse_known_args(words)
         if options.command is None:
             if extras:
                 top.refuse(extras)
             top.print_help()
             return DONE
-        parser = parsers[options.command].chosen(options)
+        parser = top.chosen(options)
         if extras:
             parser.refuse(extras)
         options.typed = words
@@ -153,10 +147,9 @@ def _run(parser: Parser, options: argparse.Namespace) -> int:
             warnings_on_stderr(options, parser, inputs),
             printable_output(),
             passed(parser, options) as named,
-            figures_as_asked(options),
+            _figures_as_asked(options),
         ):
             inputs += named
-            fetch_ahead(named)
             code = int(command.run(options))
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where a broken pipe is no error
@@ -167,9 +160,21 @@ def _run(parser: Parser, options: argparse.Namespace) -> int:
     except Exception as error:
         if getattr(options, "debug", False):
             traceback.print_exc()
-        words = in_command_words(error_text(error, inputs), parser)
+        words = parser.in_words(error_text(error, inputs))
         print(printable(f"torchliner {options.command}: {words}"), file=sys.stderr)
         return BAD_INPUT
+
+
+@contextmanager
+def _figures_as_asked(options: argparse.Namespace) -> Iterator[None]:
+    """Within the block figures are as wide as ``--figure-width`` says."""
+    if (width := getattr(options, "figure_width", None)) is None:
+        yield
+        return
+    from torchliner.report.figure import figure_style
+
+    with figure_style(width):
+        yield
 
 
 if __name__ == "__main__":

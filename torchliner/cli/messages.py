@@ -1,8 +1,10 @@
-"""What a command says: errors, warnings and results, in its own words and safe for a terminal."""
+"""What a command says: errors, warnings and results, safe for a terminal."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import math
 import re
 import sys
 import warnings
@@ -16,53 +18,27 @@ from torchliner.io.whole_file import printable
 
 PACKAGE = str(Path(__file__).resolve().parents[1])
 EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
-KEYWORD = r"(?<![\w-])([a-z]\w*)=(\([^()]*\)|'[^']*'|\.\.\.|[\w+-]+(?:\.\w+)*)"  # and its value
-NUMBERS = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 NO_MEMORY = ("can't allocate memory", "out of memory", "Unable to allocate")
+NUMBERS = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
 
 def error_text(error: Exception, inputs: Sequence[str]) -> str:
-    """One message of an error, with the files where it names none of them.
-
-    Args:
-        error: as caught.
-        inputs: that the command reads.
-    """
+    """One message of an error, with the inputs where a library names none of them."""
     text = str(error) or type(error).__name__
     files = ", ".join(inputs)
     lead = f"{files}: " if files and not any(name in text for name in inputs) else ""
     if isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY):
         return f"{lead}not enough memory: {text}; take fewer probes or samples"
-    if isinstance(error, EXPECTED) and not isinstance(error, RecursionError):
-        return text if _is_ours(error) else lead + text
-    return (
-        f"{lead}{type(error).__name__}: {text.splitlines()[0]}; this is a fault of torchliner: "
-        "please report it, with the file and with what --debug prints"
-    )
-
-
-def _is_ours(error: Exception) -> bool:
-    """Whether this package raised it, not a library that knows of no file."""
+    if not isinstance(error, EXPECTED) or isinstance(error, RecursionError):
+        return (
+            f"{lead}{type(error).__name__}: {text.splitlines()[0]}; this is a fault of torchliner: "
+            "please report it, with the file and with what --debug prints"
+        )
     step = error.__traceback__
     while step is not None and step.tb_next is not None:
         step = step.tb_next
-    return step is not None and step.tb_frame.f_code.co_filename.startswith(PACKAGE)
-
-
-def in_command_words(text: str, parser: Parser) -> str:
-    """Keywords of Python, as ``allow_short=True``, as options of a command."""
-    flags = {a.dest: a.option_strings[-1] for a in parser._actions if a.option_strings}
-
-    def option(found: re.Match[str]) -> str:
-        name, value = found.groups()
-        if name == "interval" and value == "None" and "no_intervals" in flags:
-            return flags["no_intervals"]
-        if name not in flags:
-            return found[0]
-        words = re.sub(r"[()',\"]+", " ", value or "").split()
-        return " ".join([flags[name], *(word for word in words if word != "True")])
-
-    return re.sub(KEYWORD, option, text)
+    ours = step is not None and step.tb_frame.f_code.co_filename.startswith(PACKAGE)
+    return text if ours else lead + text
 
 
 class Printable:
@@ -74,8 +50,7 @@ class Printable:
     def write(self, text: str) -> int:
         """With control characters written out."""
         coding = self.stream.encoding or "utf-8"
-        text = printable(text).encode(coding, "backslashreplace").decode(coding)
-        return int(self.stream.write(text))
+        return int(self.stream.write(printable(text).encode(coding, "backslashreplace").decode(coding)))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
@@ -97,15 +72,11 @@ def warnings_on_stderr(options: argparse.Namespace, parser: Parser, inputs: Sequ
 
     One that several inputs share, but for its numbers, is shown for the first of them; the others
     are named at the end. What libraries will change one day is left to --debug.
-
-    Args:
-        options, parser: of the command.
-        inputs: names of the files, which may still be filled in.
     """
     seen: dict[str, list[str]] = {}
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        text = printable(in_command_words(str(message), parser))
+        text = printable(parser.in_words(str(message)))
         named = max((name for name in inputs if name in text), key=len, default="")
         others = seen.setdefault(re.sub(NUMBERS, "#", text.replace(named, "")), [])
         if not others:
@@ -125,6 +96,32 @@ def warnings_on_stderr(options: argparse.Namespace, parser: Parser, inputs: Sequ
             for text, (_, *others) in seen.items():
                 if others:
                     words = " ".join(text.partition(": ")[2].split()[:7])
-                    names = ", ".join(others)
-                    print(f"warning: '{words} ...' also applies to {len(others)} more: {names}",
-                          file=sys.stderr)  # fmt: skip
+                    more = f"also applies to {len(others)} more: {', '.join(others)}"
+                    print(f"warning: '{words} ...' {more}", file=sys.stderr)
+
+
+@contextmanager
+def progress_bar(total: int, label: str, options: argparse.Namespace, unit: str = "sample") -> Iterator[Any]:
+    """A callable that takes steps done, ``total`` at most; None with --quiet or if standard error is no terminal."""
+    if options.quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, desc=label, unit=unit, unit_scale=unit in ("sample", "B"), leave=False) as bar:
+        yield bar.update
+
+
+def print_json(value: Any) -> None:
+    """JSON on standard output; what is not finite becomes null."""
+    print(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, complex):
+        return {"resistance": _plain(value.real), "reactance": _plain(value.imag)}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

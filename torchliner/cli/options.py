@@ -1,44 +1,128 @@
-"""Options that several commands share, how they are read, and what is printed."""
+"""Options: each is declared once, with how its value is read and what part a file plays."""
 
 from __future__ import annotations
 
 import argparse
 import cmath
-import json
 import math
-import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from torchliner import names
-from torchliner.cli.parser import Parser
+from torchliner.io.whole_file import HDF5 as HDF5
+from torchliner.io.whole_file import PICTURES
 from torchliner.ranges import frequencies
 
 LARGEST = 1 << 53  # of whole numbers that a float64 holds
 
 
+@dataclass(frozen=True)
+class Kind:
+    """What a value is.
+
+    Args:
+        metavar: what help calls it.
+        needs: what is wanted, for messages.
+        read: the value of a word; ValueError where it is none.
+        part: of a file, for ``gate``: "read", "named" (a file, or a name that is none), "written", "folder" (written).
+        endings: that an output may have.
+    """
+
+    metavar: str
+    needs: str = ""
+    read: Callable[[str], Any] = str
+    part: str = ""
+    endings: tuple[str, ...] = ()
+
+    def __call__(self, text: str) -> Any:
+        """The value, for argparse."""
+        try:
+            return self.read(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} cannot be read; {self.needs} is needed") from None
+
+
+def finite(text: str) -> complex:
+    """R+Xj."""
+    value = complex(text.replace(" ", ""))
+    if not cmath.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
 def number(text: str) -> float:
-    """A finite number; argparse reports a ValueError itself."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not finite; a number is needed")
+    """A finite one."""
+    if not math.isfinite(value := float(text)):
+        raise ValueError(text)
     return value
 
 
 def whole_number(text: str, low: int = 0) -> int:
-    """An index or a count; argparse reports a ValueError itself."""
-    value = int(text)
-    if not low <= value <= LARGEST:
-        raise argparse.ArgumentTypeError(f"{text!r} is outside {low} to 2^53; a whole number in there is needed")
+    """An index or a count."""
+    if not low <= (value := int(text)) <= LARGEST:
+        raise ValueError(text)
     return value
 
 
-def count(text: str) -> int:
-    """A whole number above 0."""
-    return whole_number(text, 1)
+TEXT, NUMBER, COMPLEX = Kind("TEXT"), Kind("X", "a finite number", number), Kind("R+XJ", "a value as 2.3-0.3j", finite)
+HZ, S, M, MM, MPS, DB = (replace(NUMBER, metavar=unit) for unit in ("HZ", "S", "M", "MM", "M/S", "DB"))
+INDEX = Kind("I", "a whole number from 0 to 2^53", whole_number)
+COUNT = Kind("N", "a whole number from 1 to 2^53", lambda text: whole_number(text, 1))
+FREQUENCIES = Kind("HZ", "a frequency in Hz, or LOW:HIGH:STEP,", frequencies)
+PATH, FILE, PLANE = (Kind(word, read=Path, part="read") for word in ("PATH", "FILE", "PLANE"))
+NAMED, LINER, ARRAY = (Kind(word, part="named") for word in ("NAME", "LINER", "ARRAY"))
+DUCT = Kind("DUCT", part="named")
+PICTURE = Kind("PICTURE", read=Path, part="written", endings=PICTURES)
+FOLDER = Kind("FOLDER", read=Path, part="folder")
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option or an argument of commands.
+
+    Args:
+        flag: "--mach", or "planes" of an argument.
+        text: help.
+        kind: of a value; or the names that it may be; None of a switch.
+        nargs, default, required: as argparse has them.
+        many: may be given several times, each time with one more value.
+        further: waits for --help-all.
+        group: title in the help.
+        about: text of --help, where that is shorter than ``text``.
+    """
+
+    flag: str
+    text: str
+    kind: Kind | Iterable[str] | None = None
+    nargs: str | int | None = None
+    default: Any = None
+    required: bool = False
+    many: bool = False
+    further: bool = False
+    group: str = ""
+    about: str = ""
+
+    @property
+    def dest(self) -> str:
+        """The attribute that it sets."""
+        return self.flag.removeprefix("--").replace("-", "_")
+
+    def settings(self) -> dict[str, Any]:
+        """What ``add_argument`` takes."""
+        if self.kind is None:
+            return {"action": "store_true"}
+        found: dict[str, Any] = {"nargs": self.nargs, "default": [] if self.many else self.default}
+        if not isinstance(self.kind, Kind):
+            found["choices"] = list(self.kind)
+        else:
+            found |= {"type": self.kind, "metavar": self.kind.metavar}
+        if self.flag.startswith("--"):
+            found["required"] = self.required
+            found["action"] = Joined if self.kind is FREQUENCIES else "append" if self.many else "store"
+        return found
 
 
 class Joined(argparse.Action):
@@ -49,189 +133,93 @@ class Joined(argparse.Action):
         setattr(namespace, self.dest, list(dict.fromkeys(chain(*values))))
 
 
-KINDS = {
-    number: "HZ S M MM M/S DB DEG RAD C D R U LEVEL SHARE FACTOR MODULATION AVERAGINGS CHANGE".split(),
-    whole_number: "N I".split(),
-    Path: "FILE PICTURE FOLDER PATH PLANE LINE SOURCE RECORD".split(),
-}
-KIND_OF = {metavar: kind for kind, metavars in KINDS.items() for metavar in metavars}
+def group(title: str, *options: Option, further: bool = False) -> list[Option]:
+    """Options under a title; ``further``: they wait for --help-all."""
+    return [replace(each, group=title, further=each.further or further) for each in options]
 
 
-def frequency_option(default: str, name: str = "--frequency", value: Sequence[float] | None = None) -> dict[str, Any]:
-    """Values or ranges of frequency; ``default``: what ``value`` stands for, in words."""
+def output(text: str, *endings: str, required: bool = False) -> Option:
+    """--output, a file with one of the endings."""
+    kind = Kind("FILE", read=Path, part="written", endings=endings)
+    return Option("--output", f"{text} as {', '.join(endings)}", kind, required=required)
+
+
+def figure(text: str, kind: Kind = PICTURE) -> list[Option]:
+    """--figure, a picture or a folder of pictures, and how wide they are."""
+    width = "of figures: one (3.4, a column), page (5.3), two (7) or any in; default: page"
+    return [Option("--figure", text, kind), Option("--figure-width", width, Kind("WIDTH"))]
+
+
+def frequency(default: str, flag: str = "--frequency", values: Sequence[float] | None = None) -> Option:
+    """Values or ranges of frequency; ``default``: what ``values`` stands for, in words."""
     text = f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}"
-    return {f"{name} HZ ...": {"type": frequencies, "action": Joined, "default": value, "help": text}}
+    return Option(flag, text, FREQUENCIES, nargs="+", default=values)
 
 
-SHARED: dict[str, Any] = {
-    "planes PLANE ...": "files of planes, of any format; 'run_*.nc' joins restarts",
-    "plane PLANE": "file of a plane, of any format; 'run_*.nc' joins restarts",
-    "--liner LINER": "preset, or .toml, .csv or .py file of a model; default: the one the file names",
-    **frequency_option("the tone of the file"),
-    "--output FILE": "write the rows as .csv",
-    "--figure FOLDER": "draw pictures there",
-    "--copy FILE": "write the preset as .toml, to edit",
-    "--json": "print JSON instead of a table",
-    "--quiet": "no progress bar, no warnings",
-    "--strict": "exit code 1 where the level check fails for the answer",
-}
-CLUSTER: dict[str, Any] = {
-    "--cluster WHERE": "workers that read the planes: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, "
-    "or its .json file; default: none, this process",
-    "--wait S": "for its scheduler and its first worker, s; default 30",
-}
-CASE: dict[str, Any] = {
-    "--frequency HZ": "tone in Hz",
-    "--incident-level DB": "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms",
-    "--mach M": "bulk Mach number",
-    "--displacement-thickness M": "of the boundary layer, m",
-    "--source-side": (
-        [side for side in names.SOURCE_SIDES if side != "unknown"],
-        "side that the sound comes from",
-    ),
-    "--liner NAME": "name of the liner below",
-    "--title TEXT": "of tables and figures",
-}  # facts that a file may leave unsaid
+def averaging(default: str | None, *of: str, text: str = "") -> Option:
+    """--averaging with its own default; ``of``: some of the averagings alone."""
+    known = {name: names.AVERAGINGS[name] for name in of or names.AVERAGINGS}
+    meanings = text or "; ".join(f"{name}, {words}" for name, words in known.items()) + f"; default {default}"
+    return Option("--averaging", f"over cells: {meanings}", known, default=default)
 
 
-def add_options(parser: Parser, groups: Mapping[str, Mapping[str, Any]]) -> None:
-    """Options and arguments from a table a group.
+RESULT = (*HDF5, ".csv", *names.RESULT_WRITERS)
+ANY_FORMAT = "of any format; 'run_*.nc' joins restarts"
+ONE_PLANE, PLANES = (
+    Option("plane", f"file of a plane, {ANY_FORMAT}", PLANE),
+    Option("planes", f"files of planes, {ANY_FORMAT}", PLANE, nargs="+"),
+)
+OF_LINER = Option("--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", LINER)
+TONE = frequency("the tone of the file")
+ROWS = output("write the rows", ".csv")
+COPY = replace(output("write the preset, to edit,", ".toml"), flag="--copy")
+PICTURES_OF = figure("draw pictures there", FOLDER)
+PRINTING = [
+    Option("--json", "print JSON instead of a table"),
+    Option("--quiet", "no progress bar, no warnings"),
+]
+STRICT = Option("--strict", "exit code 1 where the level check fails for the answer")
+WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav or .npy file"
+INCIDENT = [
+    Option("--incident", f"{WAVES}; default: tones of --frequency", Kind("SIGNAL", part="named")),
+    Option("--incident-rate", "sampling rate of an .npy file, Hz; default: none", HZ),
+]
+WORKERS = "that read the data: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, or its .json file"
+CLUSTER = [
+    Option("--cluster", f"workers {WORKERS}; default: none, this process", Kind("WHERE")),
+    Option("--wait", "for its scheduler and its first worker, s; default 30", S),
+]
+LEVEL = Option(
+    "--incident-level",
+    "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms; default: that of the file",
+    DB,
+)
+CASE = [
+    Option("--frequency", "tone in Hz", HZ),
+    LEVEL,
+    Option("--mach", "bulk Mach number", NUMBER),
+    Option("--displacement-thickness", "of the boundary layer, m", M),
+    Option("--source-side", "side that the sound comes from", [s for s in names.SOURCE_SIDES if s != "unknown"]),
+    Option("--liner", "name of the liner below", TEXT),
+    Option("--title", "of tables and figures", TEXT),
+]  # facts that a file may leave unsaid
 
-    Args:
-        parser: takes them.
-        groups: tables by title, that of the parser's own group being "". A table is keyed by what
-            stands in the help: "--json" (a flag), "--speed M/S ..." (one or more), "--band HZ HZ"
-            (two), "planes PLANE ..." (an argument), "duct [DUCT]" (that may be left out);
-            ``KINDS`` says of what type a value is. The entry is the text, or choices and text, or
-            settings of ``add_argument``; ``further`` among them waits for --help-all.
+
+def given(options: argparse.Namespace, declared: Iterable[Option]) -> dict[str, Any]:
+    """Those of the options that the user gave, by name; ``interval`` None with --no-intervals.
+
+    Raises:
+        ValueError: a level of error bars, and none of them.
     """
-    for title, table in groups.items():
-        group = parser.add_argument_group(title) if title else parser
-        for spec, entry in table.items():
-            flags, settings = argument(spec, entry)
-            further = settings.pop("further", False)
-            action = group.add_argument(*flags, **settings)
-            if flags == ["--figure"]:  # as some commands spelt it
-                group.add_argument("--figures", **settings | {"dest": "figure", "help": argparse.SUPPRESS})
-                width = "of figures: one (3.4, a column), page (5.3), two (7) or any in; default: page"
-                group.add_argument("--figure-width", metavar="WIDTH", help=width)
-            if further:
-                parser.leave_out(action)
-
-
-def argument(spec: str, entry: Any) -> tuple[list[str], dict[str, Any]]:
-    """What ``add_argument`` takes, from an entry of a table."""
-    name, _, shown = spec.partition(" ")
-    settings = dict(entry) if isinstance(entry, dict) else {"help": entry}
-    if isinstance(entry, tuple):
-        settings = {"choices": entry[0], "help": entry[1]}
-    elif not shown and "choices" not in settings:
-        settings = {"action": "store_true"} | settings
-    if shown:
-        optional = shown.startswith("[")
-        metavars = (shown[1:-1] if optional else shown).split()
-        settings = {"type": KIND_OF.get(metavars[0], str)} | settings
-        if metavars[-1] == "...":
-            settings["nargs"] = "*" if optional else "+"
-            metavars.pop()
-        elif optional or len(metavars) > 1:
-            settings["nargs"] = "?" if optional else len(metavars)
-        settings["metavar"] = metavars[0] if len(metavars) == 1 else tuple(metavars)
-    return ["-o", name] if name == "--output" else [name], settings
-
-
-def shared(*wanted: str) -> dict[str, Any]:
-    """Some of ``SHARED`` by name."""
-    return {spec: entry for spec, entry in SHARED.items() if spec.split()[0] in wanted}
-
-
-def level_check_code(options: argparse.Namespace, results: Iterable[Any]) -> int:
-    """1 with --strict where the level check of a map or a line fails, else 0."""
-    failed = any(result.level_check is not None and result.level_check.failed for result in results)
-    return 1 if options.strict and failed else 0
-
-
-def averaging_option(default: str, *, passed: bool = True) -> dict[str, Any]:
-    """--averaging; ``passed``: the default reaches the function, in the place of its own."""
-    meanings = "; ".join(f"{name}, {text}" for name, text in names.AVERAGINGS.items())
-    entry = {"choices": list(names.AVERAGINGS), "help": f"over cells: {meanings}; default {default}"}
-    return {"--averaging": entry | ({"default": default} if passed else {})}
-
-
-def dest(spec: str) -> str:
-    """The attribute that an entry of a table sets."""
-    return spec.split()[0].removeprefix("--").replace("-", "_")
+    found = {each.dest: getattr(options, each.dest) for each in declared}
+    found = {key: value for key, value in found.items() if value is not None and value is not False}
+    if found.pop("no_intervals", False):
+        if "interval" in found:
+            raise ValueError("--no-intervals leaves out what --interval is of; name one of them")
+        found["interval"] = None
+    return found
 
 
 def spelled(keys: Iterable[str]) -> str:
     """Options by their attributes, as they are typed: "--in-situ, --quiet"."""
     return ", ".join(f"--{key.replace('_', '-')}" for key in keys)
-
-
-def stated(options: argparse.Namespace, keys: Iterable[str]) -> dict[str, Any]:
-    """Those of the options that the user gave, by name."""
-    found = {key: getattr(options, key, None) for key in keys}
-    return {key: value for key, value in found.items() if value is not None and value is not False}
-
-
-def split_pair(text: str, option: str) -> tuple[str, str]:
-    """NAME=VALUE."""
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise ValueError(f"{option} {text!r} cannot be read; write NAME=VALUE")
-    return name.strip(), value.strip()
-
-
-def complex_number(text: str, option: str, infinite: str = "") -> complex:
-    """R+Xj, finite.
-
-    Args:
-        text: as typed.
-        option: its name.
-        infinite: what to write for an infinite value, for the message.
-    Raises:
-        ValueError: it cannot be read, or is not finite.
-    """
-    try:
-        value = complex(text.replace(" ", ""))
-    except ValueError:
-        raise ValueError(f"{option} {text!r} cannot be read; write 2.33-0.30j") from None
-    if not cmath.isfinite(value):
-        raise ValueError(f"{option} {text!r} is not finite; write {infinite}a value such as 2.33-0.30j")
-    return value
-
-
-def print_json(value: Any) -> None:
-    """JSON on standard output; what is not finite becomes null."""
-    print(json.dumps(_plain(value), indent=2, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, complex):
-        return {"resistance": _plain(value.real), "reactance": _plain(value.imag)}
-    if isinstance(value, float) and not (abs(value) < float("inf")):
-        return None
-    return value
-
-
-@contextmanager
-def progress_bar(total: int, label: str, options: argparse.Namespace, unit: str = "sample") -> Iterator[Any]:
-    """A callable that takes steps done; None with --quiet or if standard error is no terminal.
-
-    Args:
-        total: steps in all, at most.
-        label: what is worked on.
-        options: of the command.
-        unit: of a step.
-    """
-    if options.quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=total, desc=label, unit=unit, unit_scale=unit in ("sample", "B"), leave=False) as bar:
-        yield bar.update

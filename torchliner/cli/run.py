@@ -5,19 +5,18 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from torchliner.cli import options as opt
 from torchliner.cli.files import show_results
-from torchliner.cli.options import CLUSTER, progress_bar, shared
+from torchliner.cli.messages import progress_bar
 
-OPTIONS = {
-    "": {
-        "campaign PATH": "TOML file of a campaign",
-        "--output FOLDER": "write the results there; default: the output of the file, else "
-                           "NAME_results beside it",
-        "--dry-run": "say what would be done, and write nothing",
-    }
-    | CLUSTER
-    | shared("--json", "--quiet"),
-}  # fmt: skip
+EXAMPLES = ("campaign.toml", "campaign.toml --dry-run")
+OPTIONS = [
+    opt.Option("campaign", "TOML file of a campaign", opt.PATH),
+    opt.Option("--output", "write the results there; default: as the file says, else NAME_results", opt.FOLDER),
+    opt.Option("--dry-run", "say what would be done, and write nothing"),
+    *opt.CLUSTER,
+    *opt.PRINTING,
+]
 
 
 def run(options: argparse.Namespace) -> int:
@@ -29,41 +28,32 @@ def run(options: argparse.Namespace) -> int:
 
     campaign = read_campaign(options.campaign, options.output)
     planned = plan(campaign)
+    units, summary = _planned(planned)
     if options.dry_run:
-        show_results(options, lambda: _plan_text(planned), lambda: _plain_plan(planned))
+        lines = [f"{u['unit']}: " + (f"cannot be opened: {u['error']}" if "error" in u else u["state"]) for u in units]
+        show_results(options, "\n".join([*lines, summary]), units)
         return 0
     if campaign.figures:
         from torchliner.report.figure import require_matplotlib
 
         require_matplotlib()
-    summary = _plan_text(planned, units=False)
     total = sum(2 * unit.samples for unit in planned.to_read.values())
     with (
         open_cluster(options.cluster, options.wait) as client,
         progress_bar(total, options.campaign.name, options) as bar,
     ):
         rows = run_campaign(campaign, client=client, progress=bar)
-    text = f"{summary}\nresults in {campaign.output}, index.csv"
-    show_results(options, lambda: f"{index_text(rows)}\n{text}", lambda: rows)
+    text = f"{index_text(rows)}\n{summary}\nresults in {campaign.output}, index.csv"
+    show_results(options, text, rows)
     return 1 if any(row["status"] == FAILED for row in rows) else 0
 
 
-def _plan_text(planned: Any, units: bool = True) -> str:
-    """A line a unit, and what all of it takes."""
-    states = [planned.state(unit) for unit in planned.units]
-    lines = [f"{unit.name}: {state}" for unit, state in zip(planned.units, states, strict=True)]
-    lines += [f"{row['unit']}: cannot be opened: {row['error']}" for row in planned.failed]
+def _planned(planned: Any) -> tuple[list[dict[str, str]], str]:
+    """A row a unit, and what all of it takes."""
+    units = [{"unit": unit.name, "state": planned.state(unit)} for unit in planned.units]
+    failed = [{"unit": row["unit"], "state": "failed", "error": row["error"]} for row in planned.failed]
+    states = [unit["state"] for unit in units] + ["cannot be opened"] * len(failed)
+    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
     size = sum(unit.bytes for unit in planned.to_read.values())
-    counts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
-    counts += [f"{len(planned.failed)} cannot be opened"] * bool(planned.failed)
-    summary = (
-        f"{len(states) + len(planned.failed)} units: {', '.join(counts)}; "
-        f"{len(planned.to_read)} planes to read, {size / 1e9:.3g} GB"
-    )
-    return "\n".join([*lines, summary] if units else [summary])
-
-
-def _plain_plan(planned: Any) -> Any:
-    return [{"unit": unit.name, "state": planned.state(unit)} for unit in planned.units] + [
-        {"unit": row["unit"], "state": "failed", "error": row["error"]} for row in planned.failed
-    ]
+    reading = f"{len(planned.to_read)} planes to read, {size / 1e9:.3g} GB"
+    return units + failed, f"{len(states)} units: {counts}; {reading}"

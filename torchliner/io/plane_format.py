@@ -25,20 +25,23 @@ class PlaneRequest:
     """What the user states of files whose own words do not say it; None: the file's, or an error.
 
     Args:
-        variable: name of the velocity in the file, or of the vector it is a component of.
-        group: HDF5 group, netCDF group or block.
-        axes: of an array, in its order, of "time", "z", "x", "y", "probe".
-        velocity_units, length_units: "m/s", "mm/s" ...; "m", "mm" ...
-        sampling_rate: Hz.
+        variable: name of the velocity in the file, or of the vector it is a component of; default the one that fits.
+        group: HDF5 group, netCDF group or block; default all.
+        axes: of an array in order: time,z,x or probe,time ...; also y.
+        velocity_units: m/s, mm/s ..., where the file has none.
+        length_units: of coordinates: m, mm ..., where the file has none.
+        sampling_rate: Hz, where the file has no times.
         normal: wall-normal direction of vectors and points: "x", "y" or "z", with "-" where the
             liner lies on the positive side (the velocity is then turned away from it).
         row: which of several heights along an axis of the velocity is taken, from 0.
-        wall_normal_component: True: one value a point, whatever its name, is the velocity along the wall normal.
-        x, z: coordinates: arrays, or FILE or FILE:VARIABLE.
-        points: file of a point list, whose columns are x, y, z.
-        holes: a ``Holes``, or FILE of ``read_holes``.
+        wall_normal_component: one value a point, whatever its name, is the velocity along the wall normal.
+        x: coordinates along the duct: FILE or FILE:VARIABLE, or an array.
+        z: coordinates across the duct, as ``x``.
+        points: file of a point list, whose columns are x, y, z, of histories at points.
+        holes: places of the holes, for figures: a table x [mm], z [mm], diameter [mm], without z for slits, or a
+            ``Holes``.
         overlap: of files of one run that hold the same times with other values, as after a restart from before a
-            crash: "later" or "earlier", the values of the file that begins so; None, "refuse": an error.
+            crash: "later" or "earlier", the values of the file that begins so; "refuse" by default.
     """
 
     variable: str | None = None

@@ -46,10 +46,11 @@ def read_plane(
         path: file or folder; or a list or a glob ("run_*.nc") of the restarts of one run, which
             are joined in time; of files of one numbered series any stands for all.
         lazy: leave the velocity in the file, to be read by slabs as it is used.
-        start, stop: s, on the clock of the file; samples from ``start`` on, before ``stop``.
+        start: s; samples from this time on, on the clock of the file.
+        stop: s; samples before this time.
         every: keep every n-th sample in time.
-        region: (low, high) of x and, where wanted, of z, m, None for no limit; or text "0:0.1" or
-            "0:0.1,-0.01:0.01".
+        region: probes with x, or x and z, in there, m: "0:0.1" or "0:0.1,-0.01:0.01", or a pair
+            (low, high) of each, None for no limit.
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
             variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
             wall_normal_component, x, z, points, holes, overlap.

@@ -52,8 +52,8 @@ def kumaresan_tufts(
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
         draws: of the microphones' errors, 0 for none, else at least 2; 500 in the paper.
-        level_error, phase_error: standard deviations that are assumed, dB and degrees; the draws' are larger by the
-            root of the misfit where the waves leave more than these errors would.
+        level_error, phase_error: standard deviations that are assumed, dB and degrees, default 0.1. The draws' are
+            larger by the root of the misfit where the waves leave more than these errors would.
         generator: of random numbers; default one with seed 0.
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.

@@ -21,28 +21,29 @@ class Choices:
     """What the paper leaves open.
 
     Args:
-        averaging: gives the map's ``answer``. ``phase-locked``: what of v is periodic with the tone is averaged over
-            the cell, the rest acts on each probe where it is; ``velocity``: v is averaged over the cell;
-            ``admittance`` (the paper): each probe by itself, their admittances are averaged. The first takes a second
-            reading of the data and is left out where one of the others is asked for.
+        averaging: over cells, for the ``answer``: ``admittance`` (the paper): of each probe, driven by its own v;
+            ``velocity``: v, whose average drives the liner; ``phase-locked``: what of v is periodic with the tone, the
+            rest acts where it is. The last takes a second reading of the data and is left out where one of the others
+            is asked for.
         phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known), ``self-consistent``
             (from the tone in v itself), ``given`` (by ``reference_phase``).
         drive: |v| that acts on the liner: ``instantaneous``, ``rms`` over the record, or ``running-rms``.
         running_window: of the running rms, s; default one period of the lowest frequency.
         mean: time-mean velocity ``kept`` in the drive or ``removed``.
-        interval: level of the statistical intervals, 0 to 1; None for none.
+        interval: confidence level of the error bars, 0 to 1. None for none.
         wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as wall: admittance 0 in
-            averages over probes (section 7.2). Default off.
+            averages over probes (section 7.2); default: none does.
         missing: probes that hold nan or inf: ``refuse`` the plane or ``exclude`` them.
         background_rms: of ``phase-locked``: rms of the turbulence as a run without sound has it at the same height,
-            m/s; the incoherent velocity of each cell is scaled down to it. Strong sound in weak flow makes jets whose
-            vortices are no such turbulence. Default: as measured.
-        minimum_coherence: squared coherence of v with the tone below which ``self-consistent`` falls back to
-            ``averaged``; without a tone 0.5 is passed by chance in 0.5^(S - 1) of all probes with S blocks.
-        level_limit: dB that Z and the phase-locked velocity may differ from a known pressure.
+            m/s, to which the incoherent velocity of each cell is scaled down; default: as measured. Strong sound in
+            weak flow makes jets whose vortices are no such turbulence.
+        minimum_coherence: squared coherence of v with the tone, 0 to 1, below which ``self-consistent`` falls back to
+            ``averaged``. Without a tone 0.5 is passed by chance in 0.5^(S - 1) of all probes with S blocks.
+        level_limit: dB that Z and the phase-locked velocity may differ from a known pressure, for the level check.
         level_uncertainty: dB by which that pressure itself is uncertain; adds to the limit.
         allow_short: accept fewer than four periods.
-        device, dtype: of the work; default those of the data.
+        device: that works, cpu, cuda or cuda:1; default that of the data.
+        dtype: precision of the work; default that of the data.
     """
 
     averaging: str = "phase-locked"

@@ -39,8 +39,8 @@ def educe(
         plane: ``VelocityPlane``, (..., T) m/s, or the ``Moments`` of one.
         liner: ``SDoFLiner``, ``TabulatedLiner`` or any object with ``impedance(frequency, speed)``.
         frequency: Hz, one or several; default the plane's own tone.
-        reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at the first sample;
-            broadcast over the probe axes (add a last axis for several frequencies).
+        reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at the first sample.
+            It is broadcast over the probe axes (add a last axis for several frequencies).
         pressure: ``PressureRecord`` of the same run, or ``MicrophoneLine`` along the wall, for the level check;
             default the ``incident_level`` that the plane states.
         progress: called with numbers of samples read.

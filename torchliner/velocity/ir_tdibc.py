@@ -72,7 +72,7 @@ def ir_tdibc(
         duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04; a recording is sent whole.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
         band: Hz, of the kernel; default 300-3500, or wider to hold the wave's own band, of a recording what is read.
-        after: s, length of the kernel.
+        after: s, length of the kernel; default 0.01.
         progress: called with numbers of steps done, of 2 n in all (``periodic``: records).
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or record too small; a

@@ -66,8 +66,11 @@ def replay(
         incident: wave such as ``tl.BandNoise(300, 6000)``, its text ``"noise:300:6000"``, or frequencies, Hz: complex
             tones, each by itself, so that the phase is ``averaged``.
         frequency: Hz; default the tones, else the lines of the segments in the band of the wave, thinned to 200.
-        kernel, levels, spacing, interpolation, velocity_max: see ``build_kernels``; ``velocity_max`` in m/s, default
-            the largest |v| of the record, rounded up.
+        kernel: ``two-sided``, or ``causal`` (the paper), see ``build_kernels``.
+        levels: of |v| in the table of kernels.
+        spacing: of the levels, uniform in the root of |v| (``sqrt``) or in |v| (``uniform``, the paper).
+        interpolation: between levels, ``cubic`` or ``linear`` (the paper).
+        velocity_max: highest level, m/s; default the largest |v| of the record, rounded up.
         window: ``hann`` or ``boxcar``; default ``hann`` for tones and for segments.
         segment: s, of segments that overlap by half; default the whole record as one.
         averaging: ``admittance`` (the paper) or ``velocity``; the map holds both.
