@@ -19,7 +19,7 @@ from test_moments_file import same_bits
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, main
 from torchliner.cli.options import RESULT
-from torchliner.io.vtkhdf_result import _grid
+from torchliner.io.vtk_result import _grid
 from torchliner.names import RESULT_WRITERS
 from torchliner.records import Gap, LevelCheck
 from torchliner.records.averaged import Educed
@@ -155,7 +155,7 @@ def test_every_ending_is_written_and_others_are_refused(tmp_path):
         assert ending in RESULT
         made().write(tmp_path / f"m{ending.upper()}")
         assert (tmp_path / f"m{ending.upper()}").stat().st_size > 0
-    with pytest.raises(ValueError, match=r"m.vtk ends in '.vtk'; .*\.csv, \.vtkhdf, .*\.txt$"):
+    with pytest.raises(ValueError, match=r"m.vtk ends in '.vtk'; .*\.csv, \.vtp, \.vtkhdf, .*\.txt$"):
         made().write(tmp_path / "m.vtk")
 
 
@@ -175,14 +175,15 @@ KINDS = {"plane": "ImageData", "uneven": "PolyData", "line": "ImageData",
          "scattered": "PolyData", "one probe": "ImageData"}  # fmt: skip
 
 
+@pytest.mark.parametrize("ending", ["vtp", "vtkhdf"])
 @pytest.mark.parametrize("place", KINDS)
-def test_paraview_sees_each_probe_at_its_place(place, tmp_path):
+def test_paraview_sees_each_probe_at_its_place(place, ending, tmp_path):
     """By the reader of VTK itself: kind, coordinates, and Z at each of them."""
     pyvista = pytest.importorskip("pyvista")
     result = made(place)
-    result.write(tmp_path / "m.vtkhdf")
-    seen = pyvista.read(tmp_path / "m.vtkhdf")
-    assert type(seen).__name__ == KINDS[place]
+    result.write(tmp_path / f"m.{ending}")
+    seen = pyvista.read(tmp_path / f"m.{ending}")
+    assert type(seen).__name__ == (KINDS[place] if ending == "vtkhdf" else "PolyData")
     x, z = (np.array(PLACES[place][1].get(key, [0.0])) for key in "xz")
     if len(PLACES[place][0]) == 2:
         x, z = np.tile(x, len(z)), np.repeat(z, len(x))
@@ -192,7 +193,7 @@ def test_paraview_sees_each_probe_at_its_place(place, tmp_path):
         for part in ("resistance", "reactance"):
             values = getattr(result, part)[..., i].reshape(-1)
             np.testing.assert_allclose(seen[f"{part}_{frequency:g}Hz"], values, rtol=1e-6)
-    cells = {"plane": 2, "uneven": 2, "line": 2, "scattered": 4, "one probe": 1}
+    cells = {"plane": 2, "uneven": 2, "line": 2 if ending == "vtkhdf" else len(x), "scattered": 4, "one probe": 1}
     assert seen.n_cells == cells[place]
     if place == "uneven":  # corners follow each other around a quadrilateral
         around = seen.points[seen.regular_faces]
@@ -298,7 +299,7 @@ def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, m
         (
             "placed",
             "mat5",
-            "it must be one of .h5, .hdf5, .nc, .csv, .vtkhdf, .mat, .bdf",
+            "it must be one of .h5, .hdf5, .nc, .csv, .vtp, .vtkhdf, .mat, .bdf",
         ),
     ):
         words = ["educe", str(tmp_path / f"{plane}.h5"), "--liner", "polito", "-o",

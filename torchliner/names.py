@@ -87,7 +87,8 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
 NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
 RESULT_WRITERS = {  # beside .h5 and .csv: functions of an OwnFile, a record and a path
-    ".vtkhdf": "torchliner.io.vtkhdf_result:write_vtkhdf",
+    ".vtp": "torchliner.io.vtk_result:write_vtp",
+    ".vtkhdf": "torchliner.io.vtk_result:write_vtkhdf",
     ".mat": "torchliner.io.matlab_results:write_matlab",
     ".bdf": "torchliner.io.nastran_table:write_nastran",
     ".dat": "torchliner.io.nastran_table:write_nastran",

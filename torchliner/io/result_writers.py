@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 FEWEST = {".bdf": 2, ".dat": 2}  # frequencies: a table of one cannot be interpolated
-AT_PLACES = (".vtkhdf",)
+AT_PLACES = (".vtp", ".vtkhdf")
 
 
 def require_result(path: str | Path, frequencies: float, places: bool = True) -> None:

@@ -23,7 +23,7 @@ class Written:
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file (.h5, .hdf5, .nc), or CSV if the kind has one (.csv).
 
-        A result also as .vtkhdf, .mat, .bdf, .dat or .txt; docs/results.md says what stands in
+        A result also as .vtp, .vtkhdf, .mat, .bdf, .dat or .txt; docs/results.md says what stands in
         which.
 
         Raises:

@@ -1,9 +1,12 @@
-"""Results as VTKHDF, which ParaView and pyvista open: a picture of values over (x, z)."""
+"""Results for ParaView and pyvista, a picture of values over (x, z): .vtp, which every version opens, and .vtkhdf, for
+ParaView 5.12, VTK 9.3 and later."""
 
 from __future__ import annotations
 
+import base64
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import h5py
 import numpy as np
@@ -27,6 +30,50 @@ def write_vtkhdf(file: OwnFile, record: Any, path: str | Path) -> None:
     Raises:
         ValueError: no place has a coordinate.
     """
+    places, fields = _at_places(file, record, path)
+    with written_whole(path, ".vtkhdf") as temporary, h5py.File(temporary, "w") as whole:
+        root = whole.create_group("VTKHDF", track_order=True)
+        root.attrs["Version"] = (2, 2)
+        grid = _grid(places)
+        spacings = [] if grid is None else [*map(_spacing, grid)]
+        if grid is not None and all(spacings):
+            _image(root, places, (len(grid[0]), len(grid[1])), spacings, fields)
+        else:
+            _points(root, places, grid, fields)
+
+
+def write_vtp(file: OwnFile, record: Any, path: str | Path) -> None:
+    """The same as points, with quadrilaterals where rows and columns form a grid, in VTK's XML."""
+    places, fields = _at_places(file, record, path)
+    kind, corners = _cells(places, _grid(places))
+    parts = {
+        "PointData": fields,
+        "Points": {"Points": places},
+        {"Vertices": "Verts", "Polygons": "Polys"}[kind]: {
+            "connectivity": corners.reshape(-1),
+            "offsets": corners.shape[1] * np.arange(1, len(corners) + 1),
+        },
+    }
+    cells = f'NumberOf{"Verts" if kind == "Vertices" else "Polys"}="{len(corners)}"'
+    lines = ['<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>']
+    lines.append(f'<Piece NumberOfPoints="{len(places)}" {cells}>')
+    for part, arrays in parts.items():
+        lines += [f"<{part}>", *(_array(name, values) for name, values in arrays.items()), f"</{part}>"]
+    with written_whole(path, ".vtp") as temporary:
+        temporary.write_text("\n".join([*lines, "</Piece></PolyData></VTKFile>\n"]), encoding="utf-8")
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    """One array, in base64 behind its length in bytes."""
+    kind = "Int64" if values.dtype.kind == "i" else "Float64"
+    raw = values.astype("<i8" if kind == "Int64" else "<f8").tobytes()
+    text = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode("ascii")
+    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
+    return f'<DataArray type="{kind}" Name={quoteattr(name)}{width} format="binary">{text}</DataArray>'
+
+
+def _at_places(file: OwnFile, record: Any, path: str | Path) -> tuple[np.ndarray, Fields]:
+    """Places, m, (P, 3), and the columns of the CSV there."""
     rows = file.rows(record, next(iter(file.places)))
     frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
     height = getattr(record, "height", None) or 0.0
@@ -42,15 +89,7 @@ def write_vtkhdf(file: OwnFile, record: Any, path: str | Path) -> None:
         values = np.array([row[heading] for row in rows], dtype=np.float64)
         for i, end in enumerate(frequency_ends(frequencies)):
             fields[name + end] = values[i :: len(frequencies)]
-    with written_whole(path, ".vtkhdf") as temporary, h5py.File(temporary, "w") as whole:
-        root = whole.create_group("VTKHDF", track_order=True)
-        root.attrs["Version"] = (2, 2)
-        grid = _grid(places)
-        spacings = [] if grid is None else [*map(_spacing, grid)]
-        if grid is not None and all(spacings):
-            _image(root, places, (len(grid[0]), len(grid[1])), spacings, fields)
-        else:
-            _points(root, places, grid, fields)
+    return places, fields
 
 
 def _grid(places: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -92,13 +131,7 @@ def _points(root: h5py.Group, places: np.ndarray, grid: tuple[np.ndarray, np.nda
     root.attrs["Type"] = np.bytes_("PolyData")
     root["NumberOfPoints"] = [len(places)]
     root["Points"] = places
-    number = np.arange(len(places))
-    corners, kind = number[:, None], "Vertices"
-    if grid is not None and min(map(len, grid)) > 1:
-        at = number.reshape(len(grid[1]), len(grid[0]))
-        corners = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1)
-        kind = "Polygons"
-    corners = corners.reshape(-1, corners.shape[-1])
+    kind, corners = _cells(places, grid)
     for name in ("Vertices", "Lines", "Polygons", "Strips"):
         own = corners if name == kind else corners[:0]
         part = root.create_group(name)
@@ -109,3 +142,12 @@ def _points(root: h5py.Group, places: np.ndarray, grid: tuple[np.ndarray, np.nda
     point = root.create_group("PointData")
     for label, values in fields.items():
         point[label] = values
+
+
+def _cells(places: np.ndarray, grid: tuple[np.ndarray, np.ndarray] | None) -> tuple[str, np.ndarray]:
+    """Quadrilaterals of a grid, (C, 4), else a vertex each point, (P, 1)."""
+    number = np.arange(len(places))
+    if grid is None or min(map(len, grid)) < 2:
+        return "Vertices", number[:, None]
+    at = number.reshape(len(grid[1]), len(grid[0]))
+    return "Polygons", np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1).reshape(-1, 4)
