@@ -24,9 +24,9 @@ MISSING = ("refuse", "exclude")
 OVERLAPS = ("refuse", "later", "earlier")  # of files of one run
 DTYPES = ("float32", "float64")
 AVERAGINGS = {  # over the probes of a cell: what is averaged
-    "admittance": "the admittance: each probe is driven by its own velocity (the paper)",
-    "velocity": "the velocity, whose |v| then acts on the liner",
-    "phase-locked": "what of the velocity is periodic with the tone; the rest acts where it is",
+    "admittance": "of the admittance: each probe is driven by its own v (the paper)",
+    "velocity": "of v, whose average drives the liner",
+    "phase-locked": "of what of v is periodic with the tone; the rest acts where it is",
 }
 PHASES = {  # of the incident tone relative to v; the rules: engine.phase.PHASE_RULES
     "averaged": "over all phases: nothing else is known",

@@ -21,12 +21,12 @@ class StationChoices:
 
     Args:
         method: of the reconstruction between arrivals: ``linear`` (the paper), ``hold`` or ``band-limited``.
-        grid_rate: Hz; default as for ``onto_grid``.
+        grid_rate: Hz; default twice the mean rate, with a tone at least 16 whole steps a period.
         band_limit: of ``band-limited``, Hz; default a quarter of the station's mean rate.
         correction: what is put back of what the reconstruction took from the stated tone, else from a single frequency
             asked for: ``tone``, its line; ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the
             paper).
-        segment: s (the paper: 1).
+        segment: length of a segment, s (the paper: 1).
         overlap: share of a segment that the next one covers too (the paper: 0.5).
         window: of a segment: ``whole-periods``, each of which weighs alike, or ``hann`` on the reflected signal (the
             paper).

@@ -21,7 +21,7 @@ OPTIONS = [
     opt.output("write the plane", *opt.HDF5, required=True),
     opt.Option("--compress", "gzip: smaller, slower to read"),
     opt.Option("--compress-level", "of --compress: 1, quick, to 9, small; default 9", opt.INDEX),
-    *of("io.plane_writer:write_plane", "memory"),
+    *of("io.plane_writer:write_plane", "memory", memory={"kind": opt.TEXT}),
     *opt.PRINTING,
     *SELECTION,
     *STATED,

@@ -25,7 +25,7 @@ OWN = [
     replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run"),
     REFERENCE,
     opt.Option("--pressure", "records for --reference in-situ or level-check, one a plane", opt.PATH, nargs="+"),
-    opt.Option("--fit", "'curve', beside what is free; default where nothing is free", opt.Kind("MODEL")),
+    opt.Option("--fit", "curve: a free curve over |v|, too; done by itself where nothing is free", opt.Kind("MODEL")),
     opt.Option(
         "--free",
         "a model: parameters of the liner's law, with commas between, each with its bounds (NAME=LOW:HIGH, SI) or "

@@ -28,7 +28,11 @@ MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METH
 KT, WAVES, FIELD = "pressure.kumaresan_tufts:kumaresan_tufts", "kt and fits of two waves", "--method field"
 ANY = [
     opt.Option("--source-side", "side that the sound comes from; default: the file's", names.SOURCES),
-    opt.Option("--mach", "bulk Mach number, 0 for no flow; default: the file's, which must state one", opt.NUMBER),
+    opt.Option(
+        "--mach",
+        "bulk Mach number, 0 for no flow; default: the file's, which must state one; of --method field the duct's",
+        opt.NUMBER,
+    ),
     *of(KT, "draws level_error phase_error", group="error bars", draws={"kind": opt.INDEX}),
 ]
 OWN = [

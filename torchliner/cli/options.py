@@ -146,7 +146,7 @@ def output(text: str, *endings: str, required: bool = False) -> Option:
 
 def figure(text: str, kind: Kind = PICTURE) -> list[Option]:
     """--figure, a picture or a folder of pictures, and how wide they are."""
-    width = "of figures: one (3.4, a column), page (5.3), two (7) or any in; default: page"
+    width = "of figures: one (3.4, a column), page (5.3), two (7), or a width in inches; default: page"
     return [Option("--figure", text, kind), Option("--figure-width", width, Kind("WIDTH"))]
 
 
@@ -160,7 +160,7 @@ def averaging(default: str | None, *of: str, text: str = "") -> Option:
     """--averaging with its own default; ``of``: some of the averagings alone."""
     known = {name: names.AVERAGINGS[name] for name in of or names.AVERAGINGS}
     meanings = text or "; ".join(f"{name}, {words}" for name, words in known.items()) + f"; default {default}"
-    return Option("--averaging", f"over cells: {meanings}", known, default=default)
+    return Option("--averaging", f"averaging over cells{',' if not text else ';'} {meanings}", known, default=default)
 
 
 RESULT = (*HDF5, ".csv", *names.RESULT_WRITERS)
@@ -189,14 +189,11 @@ CLUSTER = [
     Option("--cluster", f"workers {WORKERS}; default: none, this process", Kind("WHERE")),
     Option("--wait", "for its scheduler and its first worker, s; default 30", S),
 ]
-LEVEL = Option(
-    "--incident-level",
-    "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms; default: that of the file",
-    DB,
-)
+SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
+LEVEL = Option("--incident-level", f"{SPL}; default: that of the file", DB)
 CASE = [
     Option("--frequency", "tone in Hz", HZ),
-    LEVEL,
+    Option("--incident-level", SPL, DB),
     Option("--mach", "bulk Mach number", NUMBER),
     Option("--displacement-thickness", "of the boundary layer, m", M),
     Option("--source-side", "side that the sound comes from", [s for s in names.SOURCE_SIDES if s != "unknown"]),

@@ -38,7 +38,7 @@ def of(home: str, wanted: str, *, shown: str = "", group: str = "", **changes: d
     for name in wanted.split():
         one = known[name]
         text, usual = one.text.rstrip(".").replace("``", ""), ""
-        if one.default not in (None, False) and not re.search(r"\bdefault\b", text):
+        if one.default is not None and one.default is not False and not re.search(r"\bdefault\b", text):
             usual = f"; default {one.default:g}" if isinstance(one.default, float) else f"; default {one.default}"
         kind = (
             getattr(names, NAMES[name])

@@ -94,7 +94,7 @@ def read_burst_columns(
 
     Args:
         path: text, UTF-8 or latin-1, decimal point or comma; no header.
-        columns: names with units in the order of the file, as a list or separated by commas:
+        columns: names with units in the order of the file, separated by commas (in Python also a list):
             "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]".
             ``row`` and ``skip`` are passed over; a minus turns a velocity round.
         separator: ``blank`` (any white space), ``tab``, ``comma`` or ``semicolon``.

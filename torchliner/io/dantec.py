@@ -59,7 +59,7 @@ def read_dantec(
 
     Args:
         path: DXEX v3 or v5, UTF-8 or latin-1, decimal point or comma.
-        components: what LDA1, LDA2, ... hold, in order: ``streamwise``, ``wall_normal`` or
+        components: what LDA1, LDA2 and so on hold, in order: ``streamwise``, ``wall_normal`` or
             ``skip``, with a minus where the optics count the other way. Default for two and three
             channels: streamwise, wall_normal(, skip); a single one must be stated.
         coincidence_window: s; pairs the channels of a non-coincidence file. Without it the

@@ -32,14 +32,15 @@ class PlaneRequest:
         length_units: of coordinates: m, mm ..., where the file has none.
         sampling_rate: Hz, where the file has no times.
         normal: wall-normal direction of vectors and points: "x", "y" or "z", with "-" where the
-            liner lies on the positive side (the velocity is then turned away from it).
+            liner lies on the positive side (the velocity is then turned away from it); in a
+            command ``--normal=-y``.
         row: which of several heights along an axis of the velocity is taken, from 0.
         wall_normal_component: one value a point, whatever its name, is the velocity along the wall normal.
-        x: coordinates along the duct: FILE or FILE:VARIABLE, or an array.
+        x: coordinates along the duct: FILE or FILE:VARIABLE. In Python also an array.
         z: coordinates across the duct, as ``x``.
         points: file of a point list, whose columns are x, y, z, of histories at points.
-        holes: places of the holes, for figures: a table x [mm], z [mm], diameter [mm], without z for slits, or a
-            ``Holes``.
+        holes: places of the holes, for figures: a table x [mm], z [mm], diameter [mm], without z for slits. In
+            Python also a ``Holes``.
         overlap: of files of one run that hold the same times with other values, as after a restart from before a
             crash: "later" or "earlier", the values of the file that begins so; "refuse" by default.
     """

@@ -49,8 +49,8 @@ def read_plane(
         start: s; samples from this time on, on the clock of the file.
         stop: s; samples before this time.
         every: keep every n-th sample in time.
-        region: probes with x, or x and z, in there, m: "0:0.1" or "0:0.1,-0.01:0.01", or a pair
-            (low, high) of each, None for no limit.
+        region: probes with x, or x and z, in there, m: "0:0.1" or "0:0.1,-0.01:0.01", a side left
+            out being open. In Python also a pair (low, high) of each.
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
             variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
             wall_normal_component, x, z, points, holes, overlap.

@@ -51,9 +51,10 @@ def kumaresan_tufts(
         source_side: ``upstream`` or ``downstream``; default what the line says.
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
-        draws: of the microphones' errors, 0 for none, else at least 2; 500 in the paper.
-        level_error, phase_error: standard deviations that are assumed, dB and degrees, default 0.1. The draws' are
-            larger by the root of the misfit where the waves leave more than these errors would.
+        draws: of the microphones' errors, at least 2 (the paper: 500); default 0, none: intervals to first order.
+        level_error: standard deviation of the levels that is assumed, dB, default 0.1. That of the draws is larger by
+            the root of the misfit where the waves leave more than these errors would.
+        phase_error: standard deviation of the phases that is assumed, degrees, default 0.1; as of the levels.
         generator: of random numbers; default one with seed 0.
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.

@@ -26,11 +26,11 @@ class Choices:
             rest acts where it is. The last takes a second reading of the data and is left out where one of the others
             is asked for.
         phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known), ``self-consistent``
-            (from the tone in v itself), ``given`` (by ``reference_phase``).
+            (from the tone in v itself), ``given`` (stated beside it).
         drive: |v| that acts on the liner: ``instantaneous``, ``rms`` over the record, or ``running-rms``.
         running_window: of the running rms, s; default one period of the lowest frequency.
         mean: time-mean velocity ``kept`` in the drive or ``removed``.
-        interval: confidence level of the error bars, 0 to 1. None for none.
+        interval: confidence level of the error bars, between 0 and 1. In Python None for none.
         wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as wall: admittance 0 in
             averages over probes (section 7.2); default: none does.
         missing: probes that hold nan or inf: ``refuse`` the plane or ``exclude`` them.

@@ -66,7 +66,7 @@ def replay(
         incident: wave such as ``tl.BandNoise(300, 6000)``, its text ``"noise:300:6000"``, or frequencies, Hz: complex
             tones, each by itself, so that the phase is ``averaged``.
         frequency: Hz; default the tones, else the lines of the segments in the band of the wave, thinned to 200.
-        kernel: ``two-sided``, or ``causal`` (the paper), see ``build_kernels``.
+        kernel: ``two-sided``, or ``causal`` (the paper), which loses up to a third of the resistance.
         levels: of |v| in the table of kernels.
         spacing: of the levels, uniform in the root of |v| (``sqrt``) or in |v| (``uniform``, the paper).
         interpolation: between levels, ``cubic`` or ``linear`` (the paper).
