@@ -286,3 +286,16 @@ def test_mutated_bytes(tmp_path_factory, marks, cut, heading):
     mutate(path, marks, cut)
     if recognised(FORMAT, path):
         answer_or_error(FORMAT, path, BARE, "v.csv", clean)
+
+
+def test_columns_of_pressures_and_indented_remarks(tmp_path):
+    """A column that is named as a pressure is none of velocity; a remark is one wherever its line begins."""
+    rows = [f"{i},{i / 42e3:.9g},{i}.5,{-i}.5" for i in range(40)]
+    for names, words in (("v_0,v_1", None), ("pressure_0,pressure_1", "'pressure' names no velocity")):
+        path = tmp_path / f"{names[0]}.csv"
+        path.write_text("\n".join([f"index,time [s],{names}", *rows[:7], " #", *rows[7:]]) + "\n")
+        if words is None:
+            assert FORMAT.open(path, PlaneRequest(velocity_units="m/s")).samples == 40
+            continue
+        with pytest.raises(ValueError, match=words):
+            FORMAT.open(path, PlaneRequest(velocity_units="m/s"))

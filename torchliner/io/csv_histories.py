@@ -18,7 +18,15 @@ from torchliner.checks import tell
 from torchliner.io.arrays import read_array
 from torchliner.io.clocks import clock_of, require_same_rate
 from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import AXES, component_of, length_factor, named, plane_at, velocity_factor
+from torchliner.io.point_layout import (
+    AXES,
+    component_of,
+    length_factor,
+    named,
+    plane_at,
+    require_velocity,
+    velocity_factor,
+)
 from torchliner.io.text_rows import NUMERIC, number_of, open_text
 from torchliner.names import ARRAY_ENDINGS
 from torchliner.records import VelocityPlane
@@ -63,7 +71,7 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     text = open_text(path)
     heading, label = [line.strip("# \t\r") for line in text.heading], str(path)
     units = {found[1].lower(): found[2] for line in heading if (found := UNIT.match(line))}
-    at, labels = _columns(heading, text.width, path)
+    at, labels = _columns(heading, text.width, path, request)
     stated = {a or b for _, a, b in labels[1:]} - {""} or {units.get("velocity", "")} - {""}
     if len(stated) > 1:
         raise ValueError(f"{path}: columns are in {', '.join(sorted(stated))}; one unit is needed")
@@ -115,11 +123,13 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     )
 
 
-def _columns(heading: Sequence[str], width: int, path: Path) -> tuple[int, list[tuple[str, str, str]]]:
+def _columns(
+    heading: Sequence[str], width: int, path: Path, request: PlaneRequest
+) -> tuple[int, list[tuple[str, str, str]]]:
     """Which column is time, and (name, unit, unit) of it and those after it, where a line of the heading names them.
 
     Raises:
-        ValueError: it names more or fewer than there are; a counter; components of a vector.
+        ValueError: it names more or fewer than there are; a counter; components of a vector; another quantity.
     """
     line, labels = next(
         (
@@ -148,6 +158,9 @@ def _columns(heading: Sequence[str], width: int, path: Path) -> tuple[int, list[
             f"{path}: its column {name!r} is a counter or a component of a vector; leave one column a probe, of the "
             "velocity along the wall normal"
         )
+    for stem in dict.fromkeys(re.sub(r"[\W\d_]*([\[(].*)?$", "", name) for name in names[at + 1 :]):
+        if len(stem) > 1:  # p1 and p2 may be probes
+            require_velocity(f"{path}:/{stem}", request)
     return at, labels
 
 

@@ -261,6 +261,8 @@ def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
     """What ``write_references`` wrote."""
     found = {}
     for key in file:
+        if key.startswith("reference_") and key.endswith("_reactance"):
+            get_dataset(file, f"{key.removesuffix('reactance')}resistance", path)
         if key.startswith("reference_") and key.endswith("_resistance"):
             stem = key.removesuffix("resistance")
             dataset = get_dataset(file, key, path)

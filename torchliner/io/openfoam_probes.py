@@ -127,10 +127,12 @@ def _joined(texts: list[TextFile], columns: list[int], overlap: str) -> Rows:
         again = int(np.searchsorted(part.time, whole.time[-1] + step / 2))
         begin = int(np.searchsorted(whole.time, part.time[0] - step / 2))
         old = whole.values[begin : begin + again]
-        error = np.abs(old - part.values[: len(old)]).max(1, initial=0.0)
+        new = part.values[: len(old)]
+        with np.errstate(invalid="ignore"):  # inf, where a probe has no cell, in both
+            error = np.where(old == new, 0.0, np.abs(old - new)).max(1, initial=0.0)
         if overlap != "refuse" and len(old):
             tell(f"{text.path} begins {len(old)} samples before {before.path} ends; the {overlap} ones count")
-        elif not (error <= SAME * np.abs(old).max(initial=0.0)).all():
+        elif not (error <= SAME * np.abs(old[np.isfinite(old)]).max(initial=0.0)).all():
             raise ValueError(
                 f"{text.path} begins {len(old)} samples before {before.path} ends, with other values: at "
                 f"{part.time[error.argmax()]:.9g} s they differ by up to {error.max():.4g} m/s; say which "

@@ -155,9 +155,10 @@ def _references(fields: Mapping[str, Field]) -> dict[str, complex]:
     """Impedances known from elsewhere, by name."""
     found = {}
     for name, each in fields.items():
-        if named := re.fullmatch(r"/reference_(.*)_resistance", name):
-            other = fields.get(name.replace("_resistance", "_reactance"))
+        if named := re.fullmatch(r"(/reference_(.*)_)(resistance|reactance)", name):
+            other = fields.get(named[1] + ("reactance" if named[3] == "resistance" else "resistance"))
             if other is None:
-                raise ValueError(f"{each.label.replace('_resistance', '_reactance')} is missing")
-            found[each.text("label") or named[1].replace("_", " ")] = complex(each.number("1"), other.number("1"))
+                raise ValueError(f"{each.label} stands without the other part of its impedance; restore or remove it")
+            if named[3] == "resistance":
+                found[each.text("label") or named[2].replace("_", " ")] = complex(each.number("1"), other.number("1"))
     return found

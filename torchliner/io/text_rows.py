@@ -79,16 +79,19 @@ class TextFile:
             DataWarning: the last line has no end, as where a run was broken off: it is left out.
         """
         times, digits, line, rest = [np.empty(0)], 0, len(self.heading) + 1, b""
-        small = self.path.stat().st_size < machine_memory() / 4
+        size = self.path.stat().st_size
+        small = size < machine_memory() / 4
         store: Any = io.BytesIO() if small else tempfile.TemporaryFile()  # noqa: SIM115  # the values keep it
         with self.path.open("rb") as file:
             file.seek(self.begin)
             while block := file.read(BLOCK):
                 block = rest + block
-                end = len(block) if whole and len(block) < BLOCK else block.rfind(b"\n") + 1
+                end = len(block) if whole and file.tell() >= size else block.rfind(b"\n") + 1
                 text, rest = block[:end].translate(self.marks), block[end:]
                 found = parse_rows(text, self.width, f"{self.path}, from line {line}")
-                words = [w[time] for each in text.split(b"\n") if (w := each.split(None, time + 1)) and each[0] != 35]
+                words = [
+                    w[time] for each in text.split(b"\n") if (w := each.split(None, time + 1)) and w[0][:1] != b"#"
+                ]
                 digits = max([digits, *(number_of(word)[1] for word in words)])
                 times.append(found[:, time].copy())
                 store.write(found[:, list(columns)].astype(kind).tobytes())

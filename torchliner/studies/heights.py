@@ -245,7 +245,9 @@ def _jet(
         if plane.liner == "hard wall" or level is None or porosity is None or not 0 < abs(z) < math.inf:
             raise ValueError("it takes holes, the level of the sound, a porosity and an impedance")
         found["jet_velocity"] = jet_velocity(level, plain_number(porosity), z, plane.fluid)
-        if not mach or diameter is None:
+        if mach == 0:
+            raise ValueError("without a mean flow A.2 sets no limit to a jet")
+        if mach is None or diameter is None:
             raise ValueError("it takes a Mach number and a hole diameter")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # of a thin shear layer: ``study_heights`` has warned
