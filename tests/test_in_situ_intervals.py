@@ -115,7 +115,7 @@ def test_files_and_tables_carry_them(tmp_path, capsys):
         assert torch.equal(getattr(again.uncertainty.cells_pressure_first, name), value)
     assert again.uncertainty.settings == found.uncertainty.settings
     found.write(tmp_path / "points.csv")
-    assert "resistance, pressure first, statistical low" in (tmp_path / "points.csv").read_text()
+    assert "pressure_first_resistance_low" in (tmp_path / "points.csv").read_text()
     assert main(["insitu", path, "--json", "--interval", "0.9", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["interval_level"] == 0.9

@@ -438,7 +438,7 @@ def test_command(tmp_path, capsys, unrendered):
     assert "did you mean 'lbm_slit'" in capsys.readouterr().err
     for more, message in (
         (["--incident-rate", "5e4"], "--incident-rate is the rate of an --incident file"),
-        (["--incident", "tones:1400", "--incident-rate", "5e4"], "--incident-rate is for a file"),
+        (["--incident", "tones:1400", "--incident-rate", "5e4"], "--incident-rate is the rate of an --incident file"),
         (
             ["--kernel", "periodic", "--band", "200", "4000"],
             "--band is of a kernel, and",

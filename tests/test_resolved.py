@@ -191,7 +191,7 @@ def test_unknown_case_or_line_is_refused(cells, case, line, message):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda g: g.attrs.__delitem__("Z_wave_re"), r"h5:/slit has no attribute 'Z_wave_re'"),
+        (lambda g: g.attrs.__delitem__("Z_wave_re"), r"h5:/slit: attribute 'Z_wave_re' is missing"),
         (lambda g: g.__delitem__("v_n"), r"h5:/slit/v_n is missing; the group holds: time, u_x"),
         (lambda g: g["v_n"].attrs.__delitem__("units"), r"h5:/slit/v_n has no units attribute"),
         (lambda g: g["time"].attrs.update(units="m"), r"h5:/slit/time has units 'm'.*time is need"),

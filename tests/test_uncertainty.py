@@ -211,8 +211,8 @@ def test_csv_holds_the_bounds(tmp_path, noisy, liner):
     bounds = found.probes["admittance"].interval
     ends = zip(bounds.low[:, 0].tolist(), bounds.high[:, 0].tolist(), strict=True)
     for row, (low, high) in zip(rows, ends, strict=True):
-        assert float(row["resistance low (rho c)"]) == pytest.approx(low.real, rel=1e-8)
-        assert float(row["reactance high (rho c)"]) == pytest.approx(high.imag, rel=1e-8)
+        assert float(row["resistance_low"]) == pytest.approx(low.real, rel=1e-8)
+        assert float(row["reactance_high"]) == pytest.approx(high.imag, rel=1e-8)
 
 
 def test_command_prints_both(capsys):

@@ -233,7 +233,7 @@ def test_pixels(tmp_path):
 
 @pytest.mark.parametrize(("times", "message"), [
     ([0, 1, 2, 3, 6, 7, 8, 9, 10], "lacks 2 frames.* after sample 3"),
-    ([0, 1, 2, 2, 3, 4, 5, 6, 7], "is out of order: sample 3"),
+    ([0, 1, 2, 2, 3, 4, 5, 6, 7], ": samples 2 and 3 have the same time"),
     ([0, 2, 1, 3, 4, 5, 6, 7, 8], "is out of order: sample 2"),
     ([8, 7, 6, 5, 4, 3, 2, 1, 0], "is out of order"),
 ])  # fmt: skip
@@ -246,7 +246,7 @@ def test_a_stated_rate_excuses_no_times(tmp_path, times, message):
     assert FORMAT.open(path, stated).start == pytest.approx(5e-3)
     with h5py.File(path, "r+") as file:
         file["VTKHDF/Steps/Values"][:] = times
-    with pytest.raises(ValueError, match=rf"Steps/Values {message}"):
+    with pytest.raises(ValueError, match=rf"Steps/Values ?{message}"):
         FORMAT.open(path, stated)
 
 

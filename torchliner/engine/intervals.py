@@ -38,6 +38,7 @@ SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always al
 MOST_CORRELATED = 0.9
 FEWEST_BLOCKS = 4  # two runs
 FEWEST_RUNS = 8  # below, an interval says little
+ROUNDED = 1e-14  # in R: nearer to the pole it is at it
 SMALLEST_WIDTH = 1e-9  # of an interval: what is steady leaves rounding
 QUARTERS = 4  # each long enough to hold most of the correlation
 BENT = 8.0  # an ellipse is small beside its distance to the pole if Z bends this many times less than it moves
@@ -201,7 +202,7 @@ def impedance_interval(
         pole = conversion.pole - middle
         changes = _extremes(slope * pole, axes / pole)
         along = pole * turn.conj()
-        inside = ((along.real * short) ** 2 + (along.imag * long) ** 2 < (long * short) ** 2) | (pole == 0)
+        inside = ((along.real * short) ** 2 + (along.imag * long) ** 2 < (long * short) ** 2) | (pole.abs() < ROUNDED)
     bounds = [
         torch.where(inside, sign * math.inf, part + change)
         for sign, part, change in zip((-1, 1, -1, 1), (z.real, z.real, z.imag, z.imag), changes, strict=True)

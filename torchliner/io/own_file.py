@@ -164,7 +164,9 @@ def rows_along(file: h5py.File, places: Sequence[str], noun: str) -> Rows:
             else {f"{label}, {a}": part for a, part in zip(averagings, each[()], strict=True)}
         )
         found |= {key: np.broadcast_to(part.reshape(shape), sizes).reshape(-1).tolist() for key, part in parts.items()}
-    first = [key for key in ("x (m)", "y (m)", "z (m)", "frequency (Hz)") if key in found]
+    bounds = (f"{part}_{end}" for part in ("resistance", "reactance") for end in ("low", "high"))
+    leading = ("x (m)", "y (m)", "z (m)", "frequency (Hz)", "resistance", "reactance", *bounds)
+    first = [key for key in leading if key in found]
     columns = {key: found[key] for key in (*first, *(key for key in found if key not in first))}
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 

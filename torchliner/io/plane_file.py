@@ -108,6 +108,8 @@ def to_plane(
     row = request.row or 0
     part = {} if layout.taken is None else {layout.taken: slice(row, row + 1)}
     sign = sign_of(velocity, request, ours and schema.startswith("torchliner "))
+    if holes and not {"x", "diameter"} <= {*holes}:
+        raise ValueError(f"{path}: holes are {', '.join(HOLES)}, without z for slits; only some of them are there")
     with naming(path):
         return VelocityPlane(
             velocity_of(velocity, opens, layout.order, sign * factor, clock, part),
