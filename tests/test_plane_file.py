@@ -202,7 +202,7 @@ BAD = {
     "frequencies": ({"frequency": ([1e3, 2e3], "Hz")}, r"/frequency has shape \(2,\); one number"),
     "height": ({"height": (0.0, "m")}, f"{V}: height is 0; it must be finite and above 0"),
     "density": ({"density": (-1.0, "kg/m3")}, r"a.h5:/density holds -1 kg/m3, which is no density"),
-    "reference": ({"reference_a_resistance": (1.0, "1")}, "a.h5:/reference_a_reactance is missing"),
+    "reference": ({"reference_a_resistance": (1.0, "1")}, "a.h5:/reference_a_resistance stands without the other part"),
 }
 
 
