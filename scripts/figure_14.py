@@ -139,7 +139,7 @@ def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any
 
 def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
     """A row a microphone: as solved, as fitted by KT, and the range over its draws."""
-    assert one.by_modes.draws is not None
+    assert isinstance(one.by_modes.draws, WallEduction)
     fitted = one.by_modes.level_at(one.line.x)[:, 0]
     drawn = one.by_modes.draws.level_at(one.line.x)[..., 0]
     return [

@@ -84,7 +84,7 @@ def match_modes(
     edges are sharper, only with the number: 2e-2.
     """
     k = 2 * math.pi * frequency / sound_speed
-    rigid = math.pi * np.arange(modes) + 0j
+    rigid: Complex = math.pi * np.arange(modes).astype(np.complex128)
     lined = _transverse_numbers(k * height, (impedance - 1) / (impedance + 1), modes)
     beta, alpha = (_axial(k * height, numbers) for numbers in (rigid, lined))
     overlap = (_sinc(lined - rigid[:, None]) + _sinc(lined + rigid[:, None])) / 2
