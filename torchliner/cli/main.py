@@ -65,7 +65,8 @@ SHOWN = """examples:
   torchliner educe plane.h5 -o map.h5 --figure pictures --holes holes.csv
   torchliner liner onera --frequency 500:3000:500
 
-torchliner COMMAND --help: its options; --help-all: all of them (of ldv and duct behind their task)."""
+torchliner COMMAND --help: its options; --help-all: all of them, of ldv
+and duct behind their task."""
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 
 
