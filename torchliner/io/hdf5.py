@@ -113,21 +113,17 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path, stated: str | None = None) -> float:
+def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path) -> float:
     """Factor from the units of a dataset to an SI unit of the same quantity.
 
     Args:
         unit: SI.
         group, key, path: of the dataset.
-        stated: units, by the user, of a dataset that has none.
     Raises:
-        ValueError: the dataset is missing, or has no unit of this quantity, or another than stated.
+        ValueError: the dataset is missing, or has no unit of this quantity.
     """
     found, label = text_attribute(get_dataset(group, key, path), "units"), place(group, key, path)
-    factor = si_factor(SI_QUANTITY[unit], stated if found is None else found, label)
-    if stated is not None and si_factor(SI_QUANTITY[unit], stated, "the stated unit") != factor:
-        raise ValueError(f"{label} is in {found} by its own words, not in {stated}; correct one")
-    return factor
+    return si_factor(SI_QUANTITY[unit], found, label)
 
 
 def read_si(
@@ -136,18 +132,17 @@ def read_si(
     unit: str,
     path: str | Path,
     part: slice | None = None,
-    stated: str | None = None,
     any_size: bool = False,
 ) -> np.ndarray:
     """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
 
-    ``stated`` is as for ``factor_to``. float64 where the file has another unit than ``unit``.
+    float64 where the file has another unit than ``unit``.
 
     Raises:
         ValueError: it is missing, has no unit of this quantity, holds no real numbers, or such as
             no measurement has, unless ``any_size``; as ``read_values``.
     """
-    factor = factor_to(unit, group, key, path, stated)
+    factor = factor_to(unit, group, key, path)
     label = place(group, key, path)
     values = read_values(group[key], label, path, () if part is None else part)
     values = values if factor == 1 else values.astype(np.float64) * factor

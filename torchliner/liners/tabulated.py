@@ -98,7 +98,7 @@ class TabulatedLiner(LinerModel):
             words = [(found[1] if (found := LABEL.fullmatch(label)) else label).lower() for label in labels]
             others = set(words) - set(COLUMNS)
             columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["speed"], others=others)
-            rows = [cells_of(line, separator) for line in lines[start + 1 :]] if separator == "," else []
+            rows = [cells_of(line, separator) for line in lines[start + 1 :]] if others and separator == "," else []
             passed = [cell for row in rows for cell, word in zip(row, words, strict=False) if word in others]
             if not np.isnan([number_of(cell) for cell in passed]).all():  # shifted by decimal commas?
                 tell(

@@ -68,8 +68,7 @@ def identify(
         rest: standard uncertainty u(R) + j u(X) of the liner's own Z at rest, where that was measured; by default R is
             free within factors of e and X within 0.5.
         freedom: standard deviation, from rest to the last knot, of the logarithm of the ratio of the curve's steps to
-            those of its prior shape; default that of 0.1, 0.3, 1 and 3
-            which predicts the runs that were left out best.
+            those of its prior shape; default that of 0.1, 0.3, 1 and 3 which predicts the runs that were left out best.
     Returns:
         fit (of the law that predicts runs it has not seen best, to all runs), rows (each plane and frequency, as
         ``Fit.predict`` of a fit to the other runs gives it; fitted: Z by the fit to all), notes, candidates (all laws,
