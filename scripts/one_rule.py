@@ -22,7 +22,7 @@ from torch import Tensor
 import torchliner as tl
 from common import parser_of
 from torchliner.engine.blocks import waves
-from torchliner.engine.drives import PhaseLocked, phase_locked
+from torchliner.engine.drives import Drive, phase_locked
 from torchliner.engine.membership import Membership
 from torchliner.engine.survey import harmonics_of
 from torchliner.names import AVERAGINGS
@@ -46,7 +46,7 @@ def educed(plane: tl.VelocityPlane, case: str, **choices: Any) -> tl.ImpedanceMa
         return tl.educe(plane, liner_for(case), interval=None, dtype="float64", **choices)
 
 
-def without_mean(*given: Any) -> PhaseLocked:
+def without_mean(*given: Any) -> Drive:
     """The drive that leaves the time mean where it is."""
     drive = phase_locked(*given)
     return dataclasses.replace(drive, taken=torch.cat([0 * drive.taken[:1], drive.taken[1:]]))

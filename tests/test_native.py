@@ -13,7 +13,6 @@ import torch
 
 from torchliner.engine import native
 from torchliner.engine.chebyshev_sums import torch_sums
-from torchliner.engine.survey import torch_survey
 
 COMPILER = shutil.which("g++") or shutil.which("clang++")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
@@ -49,35 +48,6 @@ def test_sums_are_those_of_their_definition(dtype: torch.dtype, limit: float, ro
     strided = torch.cat([v, v], 2)[:, :, 101:]
     for other in (turned, strided):
         assert torch.equal(native.sums(weights, other, count, 0.93), found)
-
-
-@needs_compiler
-@pytest.mark.parametrize(("dtype", "limit"), [(torch.float32, 2e-6), (torch.float64, 1e-14)])
-@pytest.mark.parametrize("rows", [1, 3, 17])
-@pytest.mark.parametrize("width", [1, 101, 300])
-def test_a_survey_is_that_of_its_definition(dtype: torch.dtype, limit: float, rows: int, width: int) -> None:
-    weights, v = data(2, rows, 37, width, dtype)
-    found, wanted = native.survey(weights, v), torch_survey(weights.double(), v.double())
-    assert found.shape == wanted.shape
-    assert found.dtype == torch.float64
-    assert float((found - wanted).abs().max()) < limit * 37 * float(wanted.abs().max())
-    assert torch.equal(found[:, -1], wanted[:, -1])
-    turned = v.transpose(1, 2).contiguous().transpose(1, 2)
-    strided = torch.cat([v, v], 2)[:, :, width:]
-    for other in (turned, strided):
-        assert torch.equal(native.survey(weights, other), found)
-    assert torch.equal(native.survey(weights, v[:, :, width // 2 :]), found[..., width // 2 :])
-
-
-@needs_compiler
-def test_a_survey_finds_the_column_of_a_fault() -> None:
-    weights, v = data(1, 17, 37, 60, torch.float32)
-    clean = native.survey(weights, v)
-    v[0, 3, 7], v[0, 36, 9] = torch.nan, torch.inf
-    found = native.survey(weights, v)
-    assert (~torch.isfinite(found[0, -2, 0])).nonzero().flatten().tolist() == [7, 9]
-    others = [i for i in range(60) if i not in (7, 9)]
-    assert torch.equal(found[..., others], clean[..., others])
 
 
 @needs_compiler

@@ -16,11 +16,12 @@ import torchliner as tl
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine import replay as engine
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import RunningRms, as_measured
+from torchliner.engine.drives import Drive
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.levels import interpolate
+from torchliner.engine.membership import Membership
 from torchliner.engine.replay import Replay, transfer
-from torchliner.engine.sums import Held, Job, linear, ones, reduce
+from torchliner.engine.sums import Held, Job, linear, reduce
 from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, parse_signal
 
 GRIDS = {"ours": ("sqrt", "cubic"), "paper": ("uniform", "linear")}
@@ -45,7 +46,7 @@ def held(v):
 
 
 def whole(v, kernels, incident, **options):
-    (y,) = Replay(held(v), kernels, incident, as_measured, **options).slabs([(0, len(v))])
+    (y,) = Replay(held(v), kernels, incident, Drive(), **options).slabs([(0, len(v))])
     return y
 
 
@@ -116,12 +117,12 @@ def test_bits_depend_neither_on_neighbours_nor_on_cuts(kernels, edge, monkeypatc
     assert torch.equal(whole(v, kernels, noise, edge=edge), wanted)
     alone = [whole(v[:, i : i + 1].contiguous(), kernels, noise, edge=edge) for i in range(6)]
     assert float((torch.cat(alone, 1) - wanted).abs().max()) < 1e-14
-    signal = Replay(held(v), kernels, noise, as_measured, edge=edge)
+    signal = Replay(held(v), kernels, noise, Drive(), edge=edge)
     cuts = [0, 1, 64, 65, 300, 301, 650, 690, 700]
     assert torch.equal(torch.cat(list(signal.slabs(list(pairwise(cuts))))), wanted)
     for (begin, end), part in zip(gaps := [(5, 9), (200, 333), (699, 700)], signal.slabs(gaps), strict=True):
         assert torch.equal(part, wanted[begin:end])
-    blocks, job = Blocks((0, 130, 400, 700), RATE, 3), [Job(as_measured, ones(v.device), linear)]
+    blocks, job = Blocks((0, 130, 400, 700), RATE, 3), [Job(Drive(), linear)]
     (total,) = reduce(signal, blocks, job)
     split = [reduce(signal, blocks, job, only)[0] for only in ([0], [1, 2])]
     assert torch.equal(torch.cat(split), total)
@@ -147,7 +148,7 @@ def test_a_frozen_velocity_gives_the_kernels_response(liner, kind, wave):
     """H1 with the window of the wave (Hann for tones), and the model within the stated error."""
     kernels = build_kernels(liner, RATE, velocity_max=16.0, kind=kind, levels=40)
     v = kernels.grid.speeds[[0, 9, 21, 39]] * torch.ones(840, 1, dtype=F64)
-    signal = Replay(held(v), kernels, wave, as_measured, edge="periodic")
+    signal = Replay(held(v), kernels, wave, Drive(), edge="periodic")
     found = transfer(signal, wave, LINES, RATE).reflection
     assert float((found - kernels.response(LINES)[[0, 9, 21, 39]]).abs().max()) < 1e-9
     model = tl.reflection_from_impedance(liner.impedance(LINES, v[0][:, None]))
@@ -158,7 +159,7 @@ def test_the_mean_over_phases_and_passivity(liner):
     """R of a complex tone is the mean of H(f, |v|) over the record, exactly, so |R| <= gain."""
     kernels = build_kernels(liner, RATE, velocity_max=16.0)
     v, tones = velocity(840, 5), ComplexTones(LINES)
-    signal = Replay(held(v), kernels, tones, as_measured, edge="periodic")
+    signal = Replay(held(v), kernels, tones, Drive(), edge="periodic")
     found = transfer(signal, tones, LINES, RATE, window="boxcar").reflection
     wanted = interpolate(kernels.response(LINES), *kernels.grid.locate(v.abs())).mean(0)
     assert float((found - wanted).abs().max()) < 1e-12
@@ -173,7 +174,7 @@ def test_segments_are_welchs(kernels):
     lines, cross = scipy.signal.csd(x.numpy(), y.T.numpy(), **options)
     power = scipy.signal.welch(x.numpy(), **options)[1]
     wanted, f = torch.from_numpy(cross / power)[:, 5:30], torch.from_numpy(lines[5:30])
-    signal = Replay(held(v), kernels, noise, as_measured)
+    signal = Replay(held(v), kernels, noise, Drive())
     found = transfer(signal, noise, f, RATE, segment=n, window="hann")
     assert float((found.reflection - wanted).abs().max()) < 1e-11
     assert (found.reflected.shape, found.incident.shape) == ((8, 2, 25), (8, 25))
@@ -183,7 +184,7 @@ def test_segments_are_welchs(kernels):
 
 def test_drives_of_other_columns_and_with_a_reach(kernels):
     v, noise = velocity(500, 4), BandNoise(500, 3000)
-    rms = RunningRms(lambda slab, _: slab.mean(1, keepdim=True), 31, 500)
+    rms = Drive(Membership.of(torch.zeros(4, dtype=torch.int64), 1, v.device), window=31, samples=500)
     signal = Replay(held(v), kernels, noise, rms, reach=rms.reach)
     y = torch.cat(list(signal.slabs([(0, 100), (100, 310), (310, 500)])))
     assert signal.columns == 1
@@ -203,7 +204,7 @@ def test_gradients_pass_through_velocity_and_taps(kernels):
     v, noise = velocity(12, 1), BandNoise(4000, 9000)
 
     def of(v, taps):
-        signal = Replay(held(v), dataclasses.replace(kernels, taps=taps), noise, as_measured)
+        signal = Replay(held(v), dataclasses.replace(kernels, taps=taps), noise, Drive())
         return torch.cat(list(signal.slabs([(0, 9), (9, 12)])))
 
     inputs = (v.requires_grad_(), kernels.taps[:, 19:23].clone().requires_grad_())
@@ -217,7 +218,7 @@ def test_gradients_pass_through_velocity_and_taps(kernels):
 def test_all_work_stays_on_the_device_of_the_data(kernels, edge):
     v = torch.empty(300, 7, device="meta")
     with OneDevice():
-        signal = Replay(held(v), kernels, BandNoise(500, 3000), as_measured, edge=edge)
+        signal = Replay(held(v), kernels, BandNoise(500, 3000), Drive(), edge=edge)
         (y,) = signal.slabs([(10, 250)])
         found = transfer(signal, BandNoise(500, 3000), LINES[1:2] * 1.05, RATE, segment=100)
     assert (y.device.type, y.dtype, y.shape) == ("meta", torch.float32, (240, 7))

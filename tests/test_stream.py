@@ -14,8 +14,8 @@ from conftest import FREQUENCY, frozen_plane, plane_of, turbulence
 import torchliner as tl
 from torchliner.engine import sums
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import as_measured
-from torchliner.engine.plane_record import PlaneRecord
+from torchliner.engine.drives import Drive
+from torchliner.engine.sums import PlaneRecord
 from torchliner.records.slabs import WORK_BYTES, bounds_of, read_ahead, rows_per_slab
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -134,7 +134,7 @@ def test_a_slab_lives_while_it_is_worked_on(threads, set_threads, monkeypatch):
         time.sleep(0.005)
         return sums.linear(weights, columns)
 
-    job = sums.Job(as_measured, sums.ones(record.device), slow)
+    job = sums.Job(Drive(), slow)
     (found,) = sums.reduce(record, Blocks(tuple(range(0, 3001, 100)), 100.0, 30), [job])
     assert found[:, 0, 0, 0].tolist() == [sum(range(first, first + 100)) for first in range(0, 3000, 100)]
 

@@ -17,10 +17,10 @@ import torchliner as tl
 from benchmarks.harness import Bench, row
 from torchliner.engine import native
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import as_measured
+from torchliner.engine.drives import Drive
 from torchliner.engine.nodes import choose_nodes, response
 from torchliner.engine.replay import Replay
-from torchliner.engine.sums import Held, Job, ones, reduce
+from torchliner.engine.sums import Held, Job, reduce
 
 RATE, TONE, SAMPLES, CELL = 200e3, 1400.0, 2280, 25
 PROBES, ALL_PROBES = 1712, 27_400  # the paper's plane is 548 x 50
@@ -77,7 +77,7 @@ def of_one_way(bench: Bench, v: Tensor, name: str) -> None:
     one_probe = tl.VelocityPlane(long.T, sampling_rate=RATE, frequency=TONE)
     nodes = choose_nodes([liner], torch.tensor([TONE], dtype=torch.float64), 1e-6)
     for values, words in ((v, ""), (long, f", one probe of {LONG:.0e} samples")):
-        job = Job(as_measured, ones(bench.device), nodes.sums)
+        job = Job(Drive(), nodes.sums)
         work = functools.partial(reduce, held(values), Blocks.of(len(values), RATE, TONE), [job])
         row(f"moments, {nodes.count} nodes{words}, {name}", bench.best(work)[0], samples=values.numel())
 
@@ -121,7 +121,7 @@ def signals(bench: Bench) -> None:
         some = v[:, :probes].to(dtype)
 
         def work(some: Tensor = some) -> Tensor:
-            signal = Replay(held(some), kernels, tone, as_measured, edge="silent")
+            signal = Replay(held(some), kernels, tone, Drive(), edge="silent")
             return torch.cat(list(signal.slabs([(0, SAMPLES)])))
 
         seconds, found = bench.best(work, 1)

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
-from torchliner.engine.sums import Held, joined, reduce
+from torchliner.engine.sums import Held, reduce
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.velocity.choices import Choices
@@ -113,8 +113,9 @@ class GrowingMoments:
     def _halve(self) -> None:
         """Neighbours become one block."""
         for name, rows in self._rows.items():
-            pairs = rows.unflatten(0, (-1, 2))
-            self._rows[name] = torch.stack([joined(self._jobs[name], pair) for pair in pairs])
+            found, later = rows.unflatten(0, (-1, 2)).unbind(1)
+            self._jobs[name].join(found, later)
+            self._rows[name] = found.clone()
         self.each, self.borders = 2 * self.each, self.borders[::2]
 
     def _plane(self, samples: int) -> VelocityPlane:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,14 +21,12 @@ FINE = 64  # samples
 SLAB = 256  # rows that are summed in the precision of the data; sums of slabs are added in float64
 
 
-@dataclass(frozen=True)
-class Slab:
-    """Samples ``begin`` .. ``end`` - 1 of a block, at most ``SLAB``; whether they are its first and its last."""
+class Slab(NamedTuple):
+    """Samples ``begin`` .. ``end`` - 1, at most ``SLAB``, of the block at ``place`` among those that are taken."""
 
+    place: int
     begin: int
     end: int
-    first: bool
-    last: bool
 
 
 @dataclass(frozen=True)
@@ -80,42 +79,35 @@ class Blocks:
 
         Args:
             rows: that a batch holds at most, if one slab is not longer; the slabs do not depend on it.
-            slab: samples of a slab, at most.
+            slab: samples of a slab, at most; those of a block are as equal as can be.
             only: blocks to take, rising; default all.
-            across: whether a batch may hold slabs of several blocks, which saves launches. Else what is summed
-                together, and so the last bit of a sum, does not depend on which blocks a worker has.
+            across: whether a batch may hold slabs of several blocks, which saves launches.
         """
         batch: list[Slab] = []
-        for block in range(self.count) if only is None else only:
-            for each in _slabs(self.borders[block], self.borders[block + 1], slab):
-                apart = batch and (batch[-1].end != each.begin or (each.first and not across))
-                if apart or (batch and each.end - batch[0].begin > rows):
+        for place, block in enumerate(range(self.count) if only is None else only):
+            begin, end = self.borders[block : block + 2]
+            count = max(1, math.ceil((end - begin) / slab))
+            for low, high in pairwise(begin + (end - begin) * i // count for i in range(count + 1)):
+                apart = batch and (batch[-1].end != low or (batch[-1].place != place and not across))
+                if batch and (apart or high - batch[0].begin > rows):
                     yield batch
                     batch = []
-                batch.append(each)
+                batch.append(Slab(place, low, high))
         if batch:
             yield batch
 
     def wave_sums(self, frequency: Tensor) -> Tensor:
         """Sum of e^{-j omega t} over each block, complex128, (S, F), of frequencies in Hz, (F,)."""
-        ends = pairwise(self.borders)
-        return torch.stack([geometric(frequency, self.sampling_rate, begin, end) for begin, end in ends])
+        begin, end = torch.tensor(self.borders, dtype=torch.float64)[:, None].unfold(0, 2, 1).unbind(-1)
+        return geometric(frequency, self.sampling_rate, begin, end)
 
 
-def _slabs(begin: int, end: int, most: int) -> Iterator[Slab]:
-    """A block in slabs as equal as can be."""
-    count = max(1, math.ceil((end - begin) / most))
-    steps = [begin + (end - begin) * i // count for i in range(count + 1)]
-    return (Slab(low, high, low == begin, high == end) for low, high in pairwise(steps))
-
-
-def geometric(frequency: Tensor, sampling_rate: float, begin: int, end: int) -> Tensor:
-    """Sum of e^{-j omega t} over samples begin .. end - 1, in closed form: complex128, (F,)."""
+def geometric(frequency: Tensor, sampling_rate: float, begin: Tensor | int, end: Tensor | int) -> Tensor:
+    """Sum of e^{-j omega t} over samples begin .. end - 1, in closed form: complex128, (..., F)."""
     turn = 2 * torch.pi / sampling_rate * frequency.to("cpu", torch.float64)
-    sine = torch.sin(turn / 2)
+    sine, count = torch.sin(turn / 2), end - begin + 0 * turn
     still = sine.abs() < 1e-12  # f is 0 or a multiple of the sampling rate
-    ratio = torch.sin(turn / 2 * (end - begin)) / torch.where(still, 1.0, sine)
-    ratio = torch.where(still, float(end - begin), ratio)
+    ratio = torch.where(still, count, torch.sin(turn / 2 * count) / torch.where(still, 1.0, sine))
     return torch.exp(-0.5j * turn * (begin + end - 1)) * ratio
 
 

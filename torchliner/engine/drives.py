@@ -18,7 +18,6 @@ the velocity averaged over the cell; without sound d is noise, g is near 0 and v
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
@@ -27,141 +26,68 @@ from torch import Tensor
 from torchliner.engine.blocks import waves
 from torchliner.engine.intervals import correlation
 from torchliner.engine.membership import Membership
-from torchliner.engine.sums import Drive, of_columns
 from torchliner.engine.survey import Survey, gram_of
 
 FEWEST_BLOCKS = 3  # from which the scatter of a fit can be known
 
 
-@dataclass(frozen=True)
-class AsMeasured:
-    """Averaging ``admittance``, the paper's: each probe is driven by its own velocity, (t, P)."""
-
-    def __call__(self, v: Tensor, begin: int) -> Tensor:
-        """Of a slab."""
-        return v
-
-    def of_columns(self, part: slice) -> Drive:
-        """Of some probes."""
-        return self
-
-
-as_measured = AsMeasured()
-
-
 @dataclass(frozen=True, eq=False)
-class CellMean:
-    """Averaging ``velocity``: the mean over the probes of each cell, (t, C)."""
+class Drive:
+    """v, or its mean over each cell, times ``scale`` less ``waves(lines).T @ taken``; or the running rms of that.
 
-    cells: Membership
-
-    def __call__(self, v: Tensor, begin: int) -> Tensor:
-        """Of a slab."""
-        return self.cells.mean(v)
-
-
-@dataclass(frozen=True, eq=False)
-class LessMean:
-    """Another drive less its mean over the record, m/s, (N,)."""
-
-    drive: Drive
-    mean: Tensor
-
-    def __call__(self, v: Tensor, begin: int) -> Tensor:
-        """Of a slab."""
-        return self.drive(v, begin) - self.mean.to(v)
-
-    def of_columns(self, part: slice) -> Drive | None:
-        """Of some probes."""
-        drive = of_columns(self.drive, part)
-        return None if drive is None else LessMean(drive, self.mean[part])
-
-
-@dataclass(frozen=True, eq=False)
-class RunningRms:
-    """rms of another drive over a window centred on each sample and cut at the ends of the record, m/s.
+    ``Drive()`` is averaging ``admittance``, the paper's, ``Drive(cells)`` is ``velocity``.
 
     Args:
-        drive: whose rms.
-        window: samples.
-        samples: of the record.
+        cells: whose means are the columns; None: the probes are.
+        taken: coefficients of 1, cos and sin of the lines, m/s, (1 + 2 H, N); None takes nothing off.
+        lines: Hz, of the harmonics, (H,), on the device of ``taken``; None for the mean alone, H = 0.
+        sampling_rate: Hz.
+        scale: s, (N,); None for 1.
+        share: g of the mean and of each harmonic, by cell, (1 + H, C), from which ``taken`` follows; for the record.
+        window: samples of the running rms, centred on each sample and cut at the ends of the record; 0: none.
+        samples: of the record, for the running rms.
     """
 
-    drive: Drive
-    window: int
-    samples: int
+    cells: Membership | None = None
+    taken: Tensor | None = None
+    lines: Tensor | None = None
+    sampling_rate: float = 1.0
+    scale: Tensor | None = None
+    share: Tensor | None = None
+    window: int = 0
+    samples: int = 0
 
     @property
     def reach(self) -> int:
-        """Samples before and after a slab that it needs."""
-        return self.window // 2 + 1
+        """Samples before and after a slab that it needs, but at the ends of the record."""
+        return self.window // 2 + 1 if self.window else 0
 
     def __call__(self, v: Tensor, begin: int) -> Tensor:
-        """Of a slab; right for samples at least ``reach`` from its ends, or at the ends of the record."""
-        squares = self.drive(v, begin).double().square()
-        running = torch.nn.functional.pad(squares.cumsum(0), (0, 0, 1, 0))
-        step = torch.arange(begin, begin + len(v), device=v.device) - self.window // 2
+        """Columns (t, N) of a slab (t, P) that begins with this sample of the record."""
+        found = v if self.cells is None else self.cells.mean(v)
+        if self.scale is not None:
+            found = found * self.scale.to(v)
+        if self.taken is not None:
+            lines = self.taken.new_empty(0) if self.lines is None else self.lines
+            rows = waves(lines, self.sampling_rate, begin, begin + len(v)).T.to(v)
+            found = torch.addmm(found, rows, self.taken.to(v), alpha=-1)
+        return self._running(found, begin) if self.window else found
+
+    def less(self, mean: Tensor) -> Drive:
+        """The same less a mean over the record, m/s, (N,)."""
+        taken = mean[None] if self.taken is None else torch.cat([self.taken[:1] + mean, self.taken[1:]])
+        return dataclasses.replace(self, taken=taken)
+
+    def _running(self, found: Tensor, begin: int) -> Tensor:
+        running = torch.nn.functional.pad(found.double().square().cumsum(0), (0, 0, 1, 0))
+        step = torch.arange(begin, begin + len(found), device=found.device) - self.window // 2
         first = (step.clamp(min=0) - begin).clamp(min=0)
-        after = ((step + self.window).clamp(max=self.samples) - begin).clamp(max=len(v))
+        after = ((step + self.window).clamp(max=self.samples) - begin).clamp(max=len(found))
         mean = (running[after] - running[first]) / (after - first)[:, None]
-        return mean.clamp(min=0).sqrt().to(v.dtype)
-
-    def of_columns(self, part: slice) -> Drive | None:
-        """Of some probes."""
-        drive = of_columns(self.drive, part)
-        return None if drive is None else RunningRms(drive, self.window, self.samples)
+        return mean.clamp(min=0).sqrt().to(found.dtype)
 
 
-@dataclass(frozen=True, eq=False)
-class PhaseLocked:
-    """Averaging ``phase-locked``: v* = s v - rows @ taken, (t, P); see the head of this file.
-
-    Args:
-        lines: Hz, of the harmonics, (H,), on the device of the data.
-        sampling_rate: Hz.
-        taken: coefficients of 1, cos and sin of the lines, m/s, (1 + 2 H, P).
-        scale: s, (P,); None for 1: no background is stated.
-        share: g of the mean and of each harmonic, by cell, (1 + H, C).
-        known: whether there were blocks enough to tell g; else it is 1.
-    """
-
-    lines: Tensor
-    sampling_rate: float
-    taken: Tensor
-    scale: Tensor | None
-    share: Tensor
-    known: bool
-
-    def __call__(self, v: Tensor, begin: int) -> Tensor:
-        """Of a slab."""
-        rows = waves(self.lines, self.sampling_rate, begin, begin + len(v)).T.to(v)
-        scaled = v if self.scale is None else v * self.scale.to(v)
-        return torch.addmm(scaled, rows, self.taken.to(v), alpha=-1)
-
-    def of_columns(self, part: slice) -> Drive:
-        """Of some probes."""
-        scale = None if self.scale is None else self.scale[part]
-        return dataclasses.replace(self, taken=self.taken[:, part], scale=scale)
-
-    def survey(self, of_v: Survey, place: list[int] | None = None) -> Survey:
-        """Of v*, from that of v; |v*| is a bound. With the lines at these places alone the squares are nan."""
-        rows = of_v.rows_of_harmonics()
-        scale = torch.ones_like(self.taken[0]) if self.scale is None else self.scale
-        gram, kept, squares = of_v.gram[:, :, rows], of_v, torch.full_like(of_v.squares, torch.nan)
-        if place is None:
-            squares = scale**2 * of_v.squares
-            for row, taken in zip(rows, self.taken, strict=True):  # one after another, in little memory
-                change = torch.addcmul(gram[:, row] @ self.taken, of_v.sums[:, row], scale, value=-2)
-                squares.addcmul_(taken, change)
-        else:
-            gram, kept = gram[:, of_v.rows_of(place)], of_v.of_lines(place)
-        count = len(self.lines)
-        largest = self.taken[0].abs() + torch.hypot(self.taken[1 : 1 + count], self.taken[1 + count :]).sum(0)
-        sums = scale * kept.sums - gram @ self.taken
-        return kept.select(sums, squares.clamp(min=0), scale * of_v.peaks + largest)
-
-
-def phase_locked(seen: Survey, cells: Membership, background_rms: float | None = None) -> PhaseLocked:
+def phase_locked(seen: Survey, cells: Membership, background_rms: float | None = None) -> Drive:
     """The drive ``phase-locked`` from a survey of the whole record.
 
     Args:
@@ -178,28 +104,20 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
     # What deviates from the cell, 0 outside of cells.
     away = fit * (cells.labels < cells.count) - cells.spread(cells.mean(fit))
 
-    def deviation(block: int) -> Tensor:
-        """The same of one block, by cell, (R, C, M)."""
-        members = cells.members(each[block] @ seen.sums[block, rows])
-        return members - (members.sum(-1) / cells.sizes)[..., None]
-
     def by_line(rows: Tensor) -> Tensor:
         """Sums over cosine and sine of each line: (1 + 2 H, C) to (1 + H, C)."""
         return torch.cat([rows[:1], rows[1 : 1 + harmonics] + rows[1 + harmonics :]])
 
-    known = count >= FEWEST_BLOCKS
     share = torch.ones(1 + harmonics, cells.count).to(fit)
-    if known:
-        blocks = _Scatter.of(map(deviation, range(count)))
-        parts = ((part * cells.inside).sum(-1) for part in (blocks.power, blocks.neighbours))
-        variance, neighbours = (by_line(part) for part in parts)
+    if count >= FEWEST_BLOCKS:
+        variance, neighbours = (by_line(part) for part in _scatter(seen, cells, each, rows))
         rho = correlation(variance, neighbours, count)
         noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
         power = by_line(cells.sum(away.square()))
         share = (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
     taken = cells.spread(torch.cat([share, share[1:]])) * away
     lines = seen.lines[:harmonics].to(fit.device)
-    drive = PhaseLocked(lines, seen.blocks.sampling_rate, taken, None, share, known)
+    drive = Drive(None, taken, lines, seen.blocks.sampling_rate, None, share)
     return drive if background_rms is None else _with_background(drive, seen, fit, away, cells, background_rms)
 
 
@@ -214,46 +132,57 @@ def _fit(gram: Tensor) -> Tensor:
     return torch.linalg.pinv(gram, hermitian=True, rtol=1e-9)
 
 
-@dataclass(frozen=True, eq=False)
-class _Scatter:
-    """Sums over blocks of the squares of what deviates from their mean, and of products of neighbours."""
-
-    power: Tensor
-    neighbours: Tensor
-
-    @classmethod
-    def of(cls, blocks: Iterable[Tensor]) -> _Scatter:
-        """One block after another, so that they are never held together."""
-        total = squares = cross = first = last = torch.zeros(())
-        count = 0
-        for block in blocks:
-            if count == 0:
-                first, total, squares, cross = block, block.clone(), block.square(), torch.zeros_like(block)
-            else:
-                total, squares = total + block, torch.addcmul(squares, block, block)
-                cross = torch.addcmul(cross, block, last)
-            last = block
-            count += 1
-        mean = total / count
-        power = (squares - count * mean**2).clamp(min=0)
-        return cls(power, cross + mean * (first + last - (count + 1) * mean))
+def _scatter(seen: Survey, cells: Membership, fits: Tensor, rows: list[int]) -> tuple[Tensor, Tensor]:
+    """Sums over blocks and the probes of each cell, (R, C), of the squares of what deviates in a block from the cell,
+    less its mean over the blocks, and of products of neighbours; one block after another, never held together."""
+    count = len(fits)
+    total = squares = cross = first = last = torch.zeros(())
+    for block in range(count):
+        members = cells.members(fits[block] @ seen.sums[block, rows])
+        now = members - (members.sum(-1) / cells.sizes)[..., None]
+        if block == 0:
+            first, total, squares, cross = now, now.clone(), now.square(), torch.zeros_like(now)
+        else:
+            total, squares = total + now, torch.addcmul(squares, now, now)
+            cross = torch.addcmul(cross, now, last)
+        last = now
+    mean = total / count
+    power = (squares - count * mean**2).clamp(min=0)
+    neighbours = cross + mean * (first + last - (count + 1) * mean)
+    return (power * cells.inside).sum(-1), (neighbours * cells.inside).sum(-1)
 
 
-def _with_background(
-    drive: PhaseLocked, seen: Survey, fit: Tensor, away: Tensor, cells: Membership, rms: float
-) -> PhaseLocked:
+def _with_background(drive: Drive, seen: Survey, fit: Tensor, away: Tensor, cells: Membership, rms: float) -> Drive:
     """v* = v - g d - (1 - s)(v - v'), v' = v_p - (1 - g) d: what a fit keeps of the turbulence is scaled with it."""
+    assert drive.taken is not None
     rows = seen.rows_of_harmonics()
     coherent = (fit * seen.sums.sum(0)[rows]).sum(0) / seen.lengths.sum()
     incoherent = (seen.mean_square - coherent).clamp(min=0)
     of_cell = cells.spread(cells.mean(incoherent))
-    inside = cells.labels < cells.count
-    own = torch.where(inside, of_cell, incoherent)
+    own = torch.where(cells.labels < cells.count, of_cell, incoherent)
     scale = (rms / own.sqrt().clamp(min=1e-300)).clamp(max=1)
     return dataclasses.replace(drive, scale=scale, taken=drive.taken - (1 - scale) * (fit - away + drive.taken))
 
 
-def tone_variances(drive: PhaseLocked, seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
+def survey_of_locked(drive: Drive, of_v: Survey) -> Survey:
+    """Survey of v*, from that of v; |v*| is a bound."""
+    assert drive.taken is not None
+    rows, count = of_v.rows_of_harmonics(), of_v.harmonics
+    scale = torch.ones_like(drive.taken[0]) if drive.scale is None else drive.scale
+    gram, squares = of_v.gram[:, :, rows], scale**2 * of_v.squares
+    for row, taken in zip(rows, drive.taken, strict=True):  # one after another, in little memory
+        change = torch.addcmul(gram[:, row] @ drive.taken, of_v.sums[:, row], scale, value=-2)
+        squares.addcmul_(taken, change)
+    largest = drive.taken[0].abs() + torch.hypot(drive.taken[1 : 1 + count], drive.taken[1 + count :]).sum(0)
+    return dataclasses.replace(
+        of_v,
+        sums=scale * of_v.sums - gram @ drive.taken,
+        squares=squares.clamp(min=0),
+        peaks=scale * of_v.peaks + largest,
+    )
+
+
+def tone_variances(drive: Drive, seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     """Mean of v, m/s, variance of what is periodic with the tone, and of the rest of v*, m2/s2, over all cells, 0-d."""
     rows, samples = seen.rows_of_harmonics(), seen.lengths.sum()
     gram, sums = _gram_of_fit(seen).sum(0), seen.sums.sum(0)[rows]

@@ -17,11 +17,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor
-from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.drives import Drive
 from torchliner.engine.membership import Membership
 from torchliner.engine.nodes import Chebyshev, Nodes, interpolation_error, response
 from torchliner.engine.survey import Survey
-from torchliner.engine.threads import is_differentiated
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
@@ -80,8 +79,6 @@ class Moments(Summarised):
         sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and
             those of the squares of the cells' velocity, "square of cells", (S, 1, 1, C).
         notes: warnings of the reading.
-        projected: Hz; of moments that only ever answer these frequencies for one liner ``sums`` hold Re R and Im R of
-            each in place of K functions. Such moments have no file.
     """
 
     plane: VelocityPlane
@@ -91,12 +88,11 @@ class Moments(Summarised):
     membership: Membership
     used: Tensor
     survey: Survey
-    locked: PhaseLocked | None
+    locked: Drive | None
     nodes: Nodes | None
     turns: Tensor
     sums: Mapping[str, Tensor]
     notes: tuple[Note, ...] = ()
-    projected: Tensor | None = None
 
     @functools.cached_property
     def counted(self) -> Tensor:
@@ -113,9 +109,7 @@ class Moments(Summarised):
         """
         if self.nodes is None:
             return torch.zeros(len(frequency), 1, dtype=torch.complex128)
-        if self.projected is None:
-            return self.nodes.coefficients(response(liner, frequency, self.nodes.speeds))
-        return parts_of_reflection(len(self.projected))
+        return self.nodes.coefficients(response(liner, frequency, self.nodes.speeds))
 
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
@@ -183,22 +177,3 @@ class Moments(Summarised):
             *case_facts(self.plane),
             *((name, str(value)) for name, value in known.items()),
         ]
-
-
-def parts_of_reflection(count: int) -> Tensor:
-    """Coefficients of R in sums that hold Re R and Im R of each frequency: complex128, (F, 2 F)."""
-    one = torch.eye(count, dtype=torch.complex128)
-    return torch.stack([one, 1j * one], 2).flatten(1)
-
-
-def projection_of(nodes: Nodes, liner: LinerModel, frequency: Tensor) -> Tensor | None:
-    """From K sums to Re R and Im R at F frequencies, float64, (2 F, K).
-
-    None where that would be no less, and where R carries derivatives, which the loop over the data would lose.
-    """
-    if 2 * len(frequency) >= nodes.count:
-        return None
-    c = nodes.coefficients(response(liner, frequency, nodes.speeds))
-    if is_differentiated(c):
-        return None
-    return torch.stack([c.real, c.imag], 1).flatten(0, 1)

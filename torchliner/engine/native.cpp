@@ -1,5 +1,4 @@
-// What one reading asks of velocities, for columns first .. last - 1: sums of Chebyshev functions of |v|, defined by
-// torch_sums of chebyshev_sums.py, and the survey, defined by torch_survey of survey.py.
+// Sums of Chebyshev functions of |v|, defined by torch_sums of chebyshev_sums.py.
 //
 // A tile of columns stays in the first cache, with all its sums; four samples at once share what is loaded. Of the
 // orders above H = K/2 only products are summed, since T_{m+n} = 2 T_m T_n - T_{|m-n|}: that halves the recurrence.
@@ -113,82 +112,22 @@ void tile(const T* v, const T* w, double* found, const Layout& s, T c, long n, l
 }
 
 template <class T>
-void sums(const T* v, const T* weights, double* found, const Layout& s, double centre, long first, long last) {
+void sums(const T* v, const T* weights, double* found, const Layout& s, double centre) {
   const long most = (s.count * s.rows > 64 ? 128 : 256) / BYTES;
-  const long W = std::min(most, (last - first + LANES<T> - 1) / LANES<T>);
+  const long W = std::min<long>(most, (s.columns + LANES<T> - 1) / LANES<T>);
   Scratch<T> acc((2 * direct(s.count) + 1) * s.rows * W), copied(ROWS * W);
   const auto of_rows = s.rows == 1 ? tile<T, 1> : s.rows == 3 ? tile<T, 3> : tile<T, 0>;
   for (long g = 0; g < s.slabs; g++)
-    for (long left = first; left < last; left += W * LANES<T>)
+    for (long left = 0; left < s.columns; left += W * LANES<T>)
       of_rows(v + g * s.slab_stride + left * s.column_stride, weights + g * s.rows * s.length,
-              found + g * s.rows * s.count * s.columns + left, s, T(centre), std::min(W * LANES<T>, last - left), W,
-              acc.at, (T*)copied.at);
-}
-
-// Q rows of sums of w v over two vectors of columns, (L, 2), the first n columns wanted.
-template <class T, int Q>
-void add_lines(const V<T>* v, const T* w, double* found, const Layout& s, long n) {
-  V<T> acc[Q][2] = {};
-  for (long t = 0; t < s.length; t++)
-    UNROLL for (int r = 0; r < Q; r++) {
-      acc[r][0] += w[r * s.length + t] * v[2 * t];
-      acc[r][1] += w[r * s.length + t] * v[2 * t + 1];
-    }
-  UNROLL for (int r = 0; r < Q; r++) {
-    const V<T> ends[2] = {acc[r][0], acc[r][1]};
-    std::copy_n((const T*)ends, n, found + r * s.columns);
-  }
-}
-
-// R rows of sums of w v, then that of the first row's w times v^2, then the largest |v|.
-template <class T>
-void survey(const T* v, const T* weights, double* found, const Layout& s, long first, long last) {
-  const long pair = 2 * LANES<T>, L = s.length, R = s.rows, wide = 8 * pair;  // that rows are read by
-  Scratch<T> held(8 * 2 * L);  // in the second cache, pair by pair of vectors
-  T* copied = (T*)held.at;
-  for (long g = 0; g < s.slabs; g++)
-    for (long left = first; left < last; left += wide) {
-      const long all = std::min(wide, last - left);
-      const T *from = v + g * s.slab_stride + left * s.column_stride, *w = weights + g * R * L;
-      if (s.column_stride == 1)
-        for (long t = 0; t < L; t++)
-          for (long j = 0; j < all; j += pair)
-            std::copy_n(from + t * s.row_stride + j, std::min(pair, all - j), copied + j * L + t * pair);
-      else
-        for (long j = 0; j < all; j++)
-          for (long t = 0; t < L; t++)
-            copied[(j / pair * L + t) * pair + j % pair] = from[t * s.row_stride + j * s.column_stride];
-      for (long j = 0; j < all; j += pair) {
-        const long n = std::min(pair, all - j);
-        const V<T>* own = (const V<T>*)(copied + j * L);
-        double* to = found + g * (R + 2) * s.columns + left + j;
-        long r = 0;
-        for (; r + 4 <= R; r += 4) add_lines<T, 4>(own, w + r * L, to + r * s.columns, s, n);
-        for (; r < R; r++) add_lines<T, 1>(own, w + r * L, to + r * s.columns, s, n);
-        V<T> square[2] = {}, most[2] = {};
-        for (long t = 0; t < L; t++)
-          UNROLL for (int i = 0; i < 2; i++) {
-            const V<T> a = own[2 * t + i], size = a < 0 ? -a : a;
-            square[i] += w[t] * a * a;
-            most[i] = size <= most[i] ? most[i] : size;
-          }
-        std::copy_n((const T*)square, n, to + R * s.columns);
-        std::copy_n((const T*)most, n, to + (R + 1) * s.columns);
-      }
-    }
+              found + g * s.rows * s.count * s.columns + left, s, T(centre),
+              std::min<long>(W * LANES<T>, s.columns - left), W, acc.at, (T*)copied.at);
 }
 }  // namespace
 
-#define EXPORT(T, name)                                                                                              \
-  extern "C" void name(const T* v, const T* w, double* found, const Layout* s, double c, int64_t from, int64_t to) { \
-    sums(v, w, found, *s, c, from, to);                                                                              \
+#define EXPORT(T, name)                                                                       \
+  extern "C" void name(const T* v, const T* w, double* found, const Layout* s, double centre) { \
+    sums(v, w, found, *s, centre);                                                            \
   }
 EXPORT(float, sums_float32)
 EXPORT(double, sums_float64)
-#undef EXPORT
-#define EXPORT(T, name)                                                                                    \
-  extern "C" void name(const T* v, const T* w, double* found, const Layout* s, int64_t from, int64_t to) { \
-    survey(v, w, found, *s, from, to);                                                                     \
-  }
-EXPORT(float, survey_float32)
-EXPORT(double, survey_float64)

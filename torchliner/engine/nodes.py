@@ -6,7 +6,8 @@ With :math:`g(|v|) = \sum_k c_k \varphi_k(|v|)` the sum of any g over a record i
 ``Chebyshev`` serves every smooth liner: :math:`\varphi_k = T_k(x)`, x = (|v| - c)/(|v| + c), so that no largest speed
 has to be known beforehand. The term |v|^2.5 of eq. (2.4) at rest bounds the convergence: K = 24 gives an error in R of
 1e-6 at one frequency, K = 64 below 1e-5 up to 6 kHz where 5 % or more are open, 3e-4 at 3 %. ``Levels`` serves tables,
-whose R has a kink at each of their speeds: cubics between levels that no kink parts.
+whose R has a kink at each of their speeds: cubics between levels that no kink parts. ``OfOneLiner`` keeps of either R
+at certain frequencies alone, which takes less memory.
 """
 
 from __future__ import annotations
@@ -33,8 +34,24 @@ ROUNDED = 1e-6  # relative, of the largest |v| of a table
 STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
 
 
+class _Functions:
+    """What all kinds have: ``sums``, and from it the functions themselves."""
+
+    def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
+        """Weighted sums of the functions of |columns|: weights (G, R, L), columns (G, L, N) to float64 (G, R, K, N)."""
+        raise NotImplementedError
+
+    def functions(self, speed: Tensor) -> Tensor:
+        """The functions at speeds (V,), m/s: float64, (V, K)."""
+        return self.sums(torch.ones(len(speed), 1, 1, dtype=torch.float64), speed.double()[:, None, None])[:, 0, :, 0]
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for a file."""
+        return {"kind": type(self).__name__.lower(), **vars(self)}
+
+
 @dataclass(frozen=True)
-class Chebyshev:
+class Chebyshev(_Functions):
     """T_k((|v| - c)/(|v| + c)), k < K.
 
     Args:
@@ -45,44 +62,26 @@ class Chebyshev:
     count: int
     centre: float
 
-    @functools.cached_property
-    def _cosines(self) -> Tensor:
-        order = torch.arange(self.count, dtype=torch.float64)
-        return torch.cos(torch.pi / self.count * (order + 0.5))
-
     @property
     def speeds(self) -> Tensor:
         """m/s, falling, float64, (K,)."""
-        return self.centre * (1 + self._cosines) / (1 - self._cosines)
+        cosine = torch.cos(torch.pi / self.count * (torch.arange(self.count, dtype=torch.float64) + 0.5))
+        return self.centre * (1 + cosine) / (1 - cosine)
 
-    @functools.cached_property
-    def _transform(self) -> Tensor:
-        """Discrete cosine transform: values at ``speeds`` @ this = coefficients c_k, (K, K)."""
+    def coefficients(self, values: Tensor) -> Tensor:
+        """By a discrete cosine transform."""
         order = torch.arange(self.count, dtype=torch.float64)
         matrix = 2 / self.count * torch.cos(torch.pi / self.count * torch.outer(order + 0.5, order))
         matrix[:, 0] /= 2
-        return matrix
-
-    def coefficients(self, values: Tensor) -> Tensor:
-        """c_k of functions that are known at ``speeds``, (..., K)."""
-        return values @ self._transform.to(values)
-
-    def functions(self, speed: Tensor) -> Tensor:
-        """The functions at speeds (V,), m/s: float64, (V, K)."""
-        place = (speed.to(torch.float64) - self.centre) / (speed + self.centre)
-        return torch.cos(torch.arange(self.count, dtype=torch.float64) * place.clamp(-1, 1).acos()[:, None])
+        return values @ matrix.to(values)
 
     def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        """Weighted sums of the functions of |columns|, see ``engine.chebyshev_sums``."""
+        """See ``engine.chebyshev_sums``."""
         return chebyshev_sums.sums(weights, columns, self.count, self.centre)
-
-    def describe(self) -> dict[str, Any]:
-        """K and c."""
-        return {"kind": "chebyshev", "count": self.count, "centre": self.centre}
 
 
 @dataclass(frozen=True)
-class Levels:
+class Levels(_Functions):
     """Cardinal functions of piecewise cubics between the kinks of a table.
 
     Args:
@@ -98,7 +97,7 @@ class Levels:
         """K."""
         return self.parts * (len(self.kinks) - 1) + 1
 
-    @functools.cached_property
+    @property
     def speeds(self) -> Tensor:
         """m/s, rising from kink to kink, float64, (K,)."""
         ends = torch.tensor(self.kinks, dtype=torch.float64)
@@ -109,51 +108,74 @@ class Levels:
         """The values themselves."""
         return values
 
-    def _locate(self, speed: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """First of four levels (int64) and the weights of all four, of any shape."""
-        ends = torch.tensor(self.kinks, dtype=speed.dtype, device=speed.device)
-        step = torch.bucketize(speed.contiguous(), ends, right=True).sub_(1).clamp_(0, len(ends) - 2)
+    def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
+        """At most four functions of each |v| are not 0: cubics through four levels."""
+        speed = columns.abs().double().contiguous()
+        ends = torch.tensor(self.kinks, dtype=torch.float64, device=speed.device)
+        step = torch.bucketize(speed, ends, right=True).sub_(1).clamp_(0, len(ends) - 2)
         place = self.parts * (speed - ends[step]) / (ends[step + 1] - ends[step])
         first = (place.floor() - 1).clamp(0, self.parts - 3).nan_to_num(0)
         t = torch.where(speed > ends[-1] * (1 + ROUNDED), torch.nan, place - first)
-        weights = []
+        index = self.parts * step + first.to(torch.int64)
+        found = torch.zeros(len(weights), weights.shape[1], self.count, columns.shape[2], device=speed.device).double()
         for i in range(4):
-            weight = torch.ones_like(t)
-            for other in range(4):
-                if other != i:
-                    weight = weight * (t - other) / (i - other)
-            weights.append(weight)
-        return self.parts * step + first.to(torch.int64), weights
-
-    def functions(self, speed: Tensor) -> Tensor:
-        """At most four of each row are not 0: float64, (V, K)."""
-        index, weights = self._locate(speed.to(torch.float64))
-        found = torch.zeros(len(speed), self.count, dtype=torch.float64, device=speed.device)
-        for i, weight in enumerate(weights):
-            found.scatter_(1, index[:, None] + i, weight[:, None])
-        return found
-
-    def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        """As ``Chebyshev.sums``: weights (G, R, L) and columns (G, L, N) to float64 (G, R, K, N)."""
-        index, shares = self._locate(columns.abs().to(torch.float64))
-        found = torch.zeros(len(weights), weights.shape[1], self.count, columns.shape[2]).to(
-            index.device, torch.float64
-        )
-        for row in range(weights.shape[1]):
-            for i, share in enumerate(shares):
+            share = torch.ones_like(t)
+            for other in {0, 1, 2, 3} - {i}:
+                share = share * (t - other) / (i - other)
+            for row in range(weights.shape[1]):
                 found[:, row].scatter_add_(1, index + i, share * weights[:, row, :, None])
         return found
 
+
+@dataclass(frozen=True, eq=False)
+class OfOneLiner(_Functions):
+    """Re R and Im R of one liner at F frequencies in place of K functions; ``coefficients`` are those of that R.
+
+    Args:
+        nodes: whose sums these are made of.
+        matrix: float64, (2 F, K).
+        frequency: Hz, (F,).
+    """
+
+    nodes: Chebyshev | Levels
+    matrix: Tensor
+    frequency: Tensor
+
+    @classmethod
+    def of(cls, nodes: Chebyshev | Levels, known: Tensor, frequency: Tensor) -> OfOneLiner:
+        """From coefficients of R, complex128, (F, K), on the device of the work."""
+        return cls(nodes, torch.stack([known.real, known.imag], 1).flatten(0, 1), frequency)
+
+    @property
+    def count(self) -> int:
+        """2 F."""
+        return len(self.matrix)
+
+    @property
+    def speeds(self) -> Tensor:
+        """Of the nodes."""
+        return self.nodes.speeds
+
+    def coefficients(self, values: Tensor) -> Tensor:
+        """Of R at the frequencies, (F, 2 F)."""
+        one = torch.eye(len(self.frequency), dtype=torch.complex128)
+        return torch.stack([one, 1j * one], 2).flatten(1)
+
+    def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
+        """Of the two parts."""
+        found = self.nodes.sums(weights, columns)
+        return self.matrix @ found
+
     def describe(self) -> dict[str, Any]:
-        """Kinks and parts."""
-        return {"kind": "levels", "kinks": list(self.kinks), "parts": self.parts}
+        """Of the nodes."""
+        return self.nodes.describe()
 
 
-Nodes = Chebyshev | Levels
+Nodes = Chebyshev | Levels | OfOneLiner
 ANY_LINER = Chebyshev(64, 1.5)  # for liners that are not known yet
 
 
-def nodes_of(described: dict[str, Any]) -> Nodes:
+def nodes_of(described: dict[str, Any]) -> Chebyshev | Levels:
     """From ``describe``."""
     if described["kind"] == "chebyshev":
         return Chebyshev(int(described["count"]), float(described["centre"]))
@@ -167,7 +189,7 @@ def response(liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
 
 def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top: float) -> tuple[float, float]:
     """Largest error in R from its values at the nodes, over 0 to ``top`` (m/s), and the |v| where it occurs."""
-    speed = checked_speeds(top)
+    nodes, speed = nodes.nodes if isinstance(nodes, OfOneLiner) else nodes, checked_speeds(top)
     with torch.no_grad():
         wanted = response(liner, frequency, speed)
         found = nodes.coefficients(response(liner, frequency, nodes.speeds))
@@ -176,7 +198,7 @@ def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top:
     return float(away[worst]), float(speed[worst])
 
 
-def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Nodes:
+def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Chebyshev | Levels:
     """The fewest nodes, with the best centre, from which R is known to ``tolerance``; no data are needed.
 
     Args:
@@ -193,13 +215,16 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
         return _best_chebyshev(liners, frequency, tolerance)
 
 
+def _error_of_all(nodes: Nodes, liners: Sequence[LinerModel], frequency: Tensor, top: float) -> float:
+    return max(interpolation_error(nodes, liner, frequency, top)[0] for liner in liners)
+
+
 def _best_levels(liners: Sequence[LinerModel], frequency: Tensor, top: float, tolerance: float) -> Levels:
     kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
     kinks = kinks or {top * (i / STEPS) ** 2 for i in range(STEPS)}
-    rising = (*sorted(kinks | {0.0}), top)
     for parts in PARTS:
-        found = Levels(rising, parts)
-        if max(interpolation_error(found, liner, frequency, top)[0] for liner in liners) <= tolerance:
+        found = Levels((*sorted(kinks | {0.0}), top), parts)
+        if _error_of_all(found, liners, frequency, top) <= tolerance:
             break
     return found
 
@@ -224,9 +249,7 @@ def _best_chebyshev(liners: Sequence[LinerModel], frequency: Tensor, tolerance: 
         errors = (found - wanted).abs().amax((0, 2))
         if float(errors.min()) < least:
             best, least = made[int(errors.argmin())], float(errors.min())
-        if least <= tolerance and all(
-            interpolation_error(best, liner, frequency, TOP_SPEED)[0] <= tolerance for liner in liners
-        ):
+        if least <= tolerance and _error_of_all(best, liners, frequency, TOP_SPEED) <= tolerance:
             break
     return best
 

@@ -23,7 +23,7 @@ from torchliner.checks import require_choice
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.kernels import KernelTable
 from torchliner.engine.levels import interpolate
-from torchliner.engine.sums import Drive, Held, Job, Record, linear, reduce, wave_rows
+from torchliner.engine.sums import Columns, Held, Job, Record, linear, reduce
 from torchliner.records.incident import EDGES, Incident
 
 BATCH = 64  # emissions
@@ -43,7 +43,7 @@ class Replay:
         record: v, m/s, float32 or float64.
         kernels: at the sampling rate of the record. Where |v| is beyond their levels y is nan.
         incident: x.
-        drive: columns (t, N) whose |v| acts on the liner, such as ``drives.as_measured``.
+        drive: columns (t, N) whose |v| acts on the liner, such as ``drives.Drive()``.
         edge: ``silent``: nothing is emitted outside the record, eq. (3.2) to the letter, which costs 3e-4 in R with a
             Hann window over 16 periods. ``periodic``: velocity and wave repeat. Default that of the wave.
         reach: samples before and after a slab that ``drive`` needs.
@@ -56,7 +56,7 @@ class Replay:
     record: Record
     kernels: KernelTable
     incident: Incident
-    drive: Drive
+    drive: Columns
     edge: str | None = None
     reach: int = 0
     store: Callable[[Tensor, int], None] | None = None
@@ -171,8 +171,7 @@ def transfer(
     def spectra(signal: Replay | Held) -> Tensor:
         """Of all segments, (S, N, F)."""
         sized = dataclasses.replace(signal, columns=max(signal.columns, ROWS * len(frequency)))
-        rows = wave_rows(torch.cat(lines).to(signal.device), sampling_rate)
-        (sums,) = reduce(sized, blocks, [Job(lambda y, _: y, rows, linear)])
+        (sums,) = reduce(sized, blocks, [Job(lambda y, _: y, linear, torch.cat(lines).to(signal.device))])
         cosine, sine = sums[:, 1:, 0].unflatten(1, (2, len(lines), len(frequency))).unbind(1)
         each = torch.complex(cosine, -sine)
         whole = (each if parts == 1 else each[:-1] + each[1:]).transpose(2, 3)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from torchliner.engine import native
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.sums import Drive, Job, wave_rows
 
 SAME = 1e-9  # relative: closer lines are one
 HARMONICS = 8
@@ -71,7 +68,7 @@ class Survey:
     @property
     def mean_square(self) -> Tensor:
         """Of v, m2/s2, (P,)."""
-        return self.squares.sum(0) / self.lengths.sum()
+        return self.mean_of(self.squares)[0]
 
     @property
     def rms(self) -> Tensor:
@@ -92,67 +89,45 @@ class Survey:
         """Those of the harmonics."""
         return self.rows_of(range(self.harmonics))
 
-    def index_of(self, frequency: Tensor) -> list[int]:
-        """Place of each frequency (Hz, (F,)) among the lines; -1 where it was not measured."""
-        near = (self.lines[:, None] / frequency - 1).abs() < SAME * 10
-        return [int(column.nonzero()[0]) if bool(column.any()) else -1 for column in near.T]
-
     def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
-        """Sums of v e^{-j omega t}, complex128, (S, n, M), and of e^{-j omega t}, (S, M), where measured."""
-        place, count = [i for i in self.index_of(frequency) if i >= 0], len(self.lines)
-        cosine, sine = [1 + i for i in place], [1 + count + i for i in place]
+        """Sums of v e^{-j omega t}, complex128, (S, n, F), nan where not measured, and of e^{-j omega t}, (S, F)."""
+        near = (self.lines[:, None] / frequency - 1).abs() < SAME * 10
+        measured, place = near.any(0), near.int().argmax(0).tolist() if len(near) else [-1] * len(frequency)
+        cosine, sine = [1 + i for i in place], [1 + len(self.lines) + i for i in place]
         part = self.sums[:, :, columns]
         of_v = torch.complex(part[:, cosine], -part[:, sine]).transpose(1, 2)
+        if not bool(measured.all()):
+            of_v = of_v * torch.where(measured, 1.0, torch.nan).to(part)
         return of_v, torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
 
-    def at_all(self, found: Tensor, frequency: Tensor) -> Tensor:
-        """What was made of ``line_sums``, (..., M), at all frequencies, (..., F): nan where nothing was measured."""
-        place = self.index_of(frequency)
-        if -1 not in place:
-            return found
-        whole = found.new_full((*found.shape[:-1], len(place)), torch.nan)
-        whole[..., [i for i, at in enumerate(place) if at >= 0]] = found
-        return whole
-
     def coherence(self, frequency: Tensor) -> Tensor:
-        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F); see ``at_all``."""
+        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F); nan where not
+        measured."""
         of_v, of_one = self.line_sums(frequency)
         lines = (of_v - self.mean[:, None] * of_one[:, None]) / self.lengths[:, None, None]
         power = lines.abs().square().mean(0)
-        found = torch.where(power == 0, 0.0, lines.mean(0).abs().square() / power.clamp(min=1e-300))
-        return self.at_all(found, frequency)
+        return torch.where(power == 0, 0.0, lines.mean(0).abs().square() / power.clamp(min=1e-300))
 
-    def select(self, sums: Tensor, squares: Tensor, peaks: Tensor) -> Survey:
-        """The same lines of other columns."""
-        return dataclasses.replace(self, sums=sums, squares=squares, peaks=peaks)
+    def tone(self, frequency: Tensor, means: Callable[[Tensor], Tensor], columns: slice = slice(None)) -> Tensor:
+        """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off.
 
-    def of_lines(self, place: list[int]) -> Survey:
-        """Some lines alone, none of which counts as a harmonic."""
-        rows = self.rows_of(place)
-        gram = self.gram[:, rows][:, :, rows]
-        return dataclasses.replace(self, lines=self.lines[place], harmonics=0, sums=self.sums[:, rows], gram=gram)
-
-
-def survey_job(drive: Drive, lines: Tensor, sampling_rate: float) -> Job:
-    """The job whose result ``survey_of`` takes; ``lines`` (Hz, (L,)) on the device of the data."""
-    return Job(drive, wave_rows(lines, sampling_rate), survey_sums, largest=1)
+        Args:
+            frequency: Hz, (F,).
+            means: from sums over blocks, (S, ...), to means, (B, ...), such as ``mean_of``.
+            columns: some of the columns.
+        """
+        of_v, of_one = self.line_sums(frequency, columns)
+        return 2 * (means(of_v) - means(self.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
 
 
 def survey_sums(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v, then of w v^2 with the first row's w, then the largest |v|: (G, R + 2, 1, N)."""
-    if columns.device.type == "cpu" and native.available():
-        return native.survey(weights, columns)
-    return torch_survey(weights, columns)
-
-
-def torch_survey(weights: Tensor, columns: Tensor) -> Tensor:
-    """``survey_sums`` in torch alone: the definition, on any device."""
     squares = weights[:, :1] @ columns.square()
     return torch.cat([weights @ columns, squares, columns.abs().amax(1, keepdim=True)], 1)[:, :, None]
 
 
 def survey_of(found: Tensor, blocks: Blocks, lines: Tensor, harmonics: int) -> Survey:
-    """From what the job found, all S blocks; ``lines`` on the host."""
+    """From what a job with ``survey_sums`` and ``largest=1`` found in all S blocks; ``lines`` on the host."""
     gram = gram_of(blocks, lines).to(found.device)
     return Survey(blocks, lines, harmonics, found[:, :-2, 0], found[:, -2, 0], found[:, -1, 0], gram)
 

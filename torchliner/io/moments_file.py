@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.drives import Drive
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
-from torchliner.engine.nodes import Chebyshev, Nodes, nodes_of
+from torchliner.engine.nodes import Chebyshev, Nodes, OfOneLiner, nodes_of
 from torchliner.engine.survey import Survey, gram_of
 from torchliner.io.axes import read_case, read_coordinate
 from torchliner.io.fields import attach_places, fill, line_axes
@@ -30,7 +30,7 @@ from torchliner.records.cells import Cells
 from torchliner.records.declared import Variable, variables_of
 
 STEM = "torchliner moments "
-OWN: dict[str, Any] = {"velocity": {}, "blocks": {}, "nodes": {}, "locked": {}, "settings": {}, "notes": ()}
+OWN: dict[str, Any] = {"velocity": {}, "blocks": {}, "nodes": {}, "settings": {}, "notes": ()}
 KIND = FileKind(f"{STEM}1", "record of moments", OWN)
 UNSAID = ("velocity", "streamwise", "sampling_rate", "name", "area")  # of the plane
 ABOUT = tuple(row for row in variables_of(VelocityPlane) if not row.dims)
@@ -69,15 +69,15 @@ def write_moments(known: Moments, path: str | Path) -> None:
     Raises:
         ValueError: the moments answer certain frequencies of one liner alone.
     """
-    if known.projected is not None:
-        raise ValueError(f"{path}: moments of one liner at {known.projected.tolist()} Hz have no file; use tl.moments")
+    if isinstance(known.nodes, OfOneLiner):
+        at = known.nodes.frequency.tolist()
+        raise ValueError(f"{path}: moments of one liner at {at} Hz have no file; use tl.moments")
     plane, seen, locked = known.plane, known.survey, known.locked
     kind = str(plane.velocity.dtype).removeprefix("torch.")
     head = SimpleNamespace(
         velocity={"shape": list(plane.velocity.shape), "precision": kind},
         blocks={**vars(seen.blocks), "harmonics": seen.harmonics},
         nodes={} if known.nodes is None else known.nodes.describe(),
-        locked={} if locked is None else {"known": locked.known},
         settings={**known.settings, "cell_pitch": known.cell_pitch},
         notes=known.notes,
     )
@@ -144,10 +144,8 @@ def read_moments(path: str | Path) -> Moments:
         cells, used = _read_cells(file, path, sizes)
         locked = None
         if settings["averaging"] == "phase-locked":
-            with _attribute("locked", path):
-                known = bool(said["locked"]["known"])
-            fields = {"scale": None, **_finite(file, LOCKED, path, sizes)}
-            locked = PhaseLocked(lines[:harmonics], blocks.sampling_rate, **fields, known=known)
+            fields = _finite(file, LOCKED, path, sizes)
+            locked = Drive(lines=lines[:harmonics], sampling_rate=blocks.sampling_rate, **fields)
         averagings, sums = [*AVERAGINGS][: 3 if settings["averaging"] == "phase-locked" else 2], {}
         for name in [SQUARES, *(averagings if nodes is not None else [])]:
             values = _finite(file, TABLES[name], path, sizes)["values"]

@@ -10,11 +10,10 @@ from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import LessMean, as_measured
+from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments
-from torchliner.engine.plane_record import PlaneRecord
-from torchliner.engine.sums import Job, largest, linear, ones, reduce
-from torchliner.engine.survey import Survey, survey_job, survey_of
+from torchliner.engine.sums import Job, PlaneRecord, largest, linear, reduce
+from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import slab_bounds
@@ -47,14 +46,14 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     whole = Blocks.of(plane.samples, rate, max(float(tone), 1.0 / plane.duration))
     rest = (plane.samples,) if whole.borders[-1] < plane.samples else ()
     blocks = Blocks(whole.borders + rest, rate, whole.periods)
-    first, one = plane.read(0, 1)[0].to(host, torch.float64), ones(host)
+    first = plane.read(0, 1)[0].to(host, torch.float64)
     found = reduce(
         PlaneRecord(plane, torch.float64, host),
         blocks,
         [
-            survey_job(as_measured, tone, rate),
-            Job(_faults, one, linear),
-            Job(LessMean(as_measured, first), one, largest, largest=1),
+            Job(Drive(), survey_sums, tone, largest=1),
+            Job(_faults, linear),
+            Job(Drive().less(first), largest, largest=1),
         ],
     )
     seen = survey_of(found[0], blocks, tone, 0)

@@ -17,7 +17,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_choice, tell
 from torchliner.engine.kernels import BAND, response_at
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import response
+from torchliner.engine.nodes import OfOneLiner, response
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.readings import porosity_readings, velocity_readings
@@ -269,10 +269,10 @@ def _stated_phases(base: Base, known: Moments) -> Iterator[Variant]:
 def _projected(known: Moments, reflection: Tensor, frequency: Tensor) -> Moments:
     """Moments of one R(f, |v|) at some frequencies, Hz, (F,), from its values at the speeds of the nodes, (F, K)."""
     assert known.nodes is not None
-    c = known.nodes.coefficients(reflection)
-    rows = torch.stack([c.real, c.imag], 1).flatten(0, 1)
-    sums = {name: rows.to(each) @ each for name, each in known.sums.items() if each.shape[2] == rows.shape[1]}
-    return dataclasses.replace(known, sums=sums, projected=frequency)
+    assert not isinstance(known.nodes, OfOneLiner)
+    nodes = OfOneLiner.of(known.nodes, known.nodes.coefficients(reflection).to(known.survey.sums.device), frequency)
+    sums = {name: nodes.matrix @ each for name, each in known.sums.items() if each.shape[2] == known.nodes.count}
+    return dataclasses.replace(known, sums=sums, nodes=nodes)
 
 
 def _other_speeds(base: Base) -> Iterator[Variant]:

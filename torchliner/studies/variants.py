@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance, mean_impedance
-from torchliner.engine.drives import PhaseLocked
+from torchliner.engine.drives import Drive
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
@@ -193,7 +193,7 @@ class Source:
         self.readings += 1
         return reduce(*how)
 
-    def _way(self, variant: Variant) -> tuple[Reading, dict[str, Job], PhaseLocked | None]:
+    def _way(self, variant: Variant) -> tuple[Reading, dict[str, Job], Drive | None]:
         """How a variant is read, what is summed, and the drive of phase-locked averaging."""
         chosen, reading = variant.chosen, self.samples()
         rms = chosen.drive == "rms"

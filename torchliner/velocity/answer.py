@@ -22,7 +22,7 @@ from torchliner.records.level_check import Gap
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review, review_answer
-from torchliner.velocity.averages import Asked, Averages, average, tone_velocity
+from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
@@ -176,7 +176,7 @@ def map_of(
         averaging=averaging,
         mean_velocity=on_probes(seen.mean),
         velocity_rms=on_probes(seen.rms),
-        velocity_amplitude=on_probes(-tone_velocity(seen, frequency, means=seen.mean_of)[0]),
+        velocity_amplitude=on_probes(-seen.tone(frequency, seen.mean_of)[0]),
         coherence=on_probes(seen.coherence(frequency)),
         phase_rule=on_probes(phase_rule),
         cell_x=known.cells.x,

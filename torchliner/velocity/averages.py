@@ -6,6 +6,7 @@ intervals of probes, cells and liner come from the same lines of code as their v
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
+from torchliner.engine.drives import survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, QUARTERS, jackknife, replicates
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
@@ -113,7 +115,7 @@ class Columns:
         count = known.membership.count if averaging == "velocity" else known.plane.probes
         held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
         if chosen.drive == "rms" or chosen.phase == "self-consistent":
-            seen = survey_of_columns(known, averaging, None if chosen.drive == "rms" else frequency)
+            seen = survey_of_columns(known, averaging)
             if chosen.phase == "self-consistent":
                 held = seen.coherence(frequency) >= chosen.minimum_coherence
         return cls(known, asked, averaging, lengths, held, seen)
@@ -179,7 +181,7 @@ class Columns:
     def _sound(self, part: slice) -> Sound:
         velocity = None
         if self.survey is not None:
-            velocity = -tone_velocity(self.survey, self.asked.frequency, part, self.means) / 2
+            velocity = -self.survey.tone(self.asked.frequency, self.means, part) / 2
         phase = self.asked.phase
         if phase is not None and self.averaging == "velocity":
             phase = mean_direction(self.known.membership, phase).angle()
@@ -194,36 +196,16 @@ class Columns:
         return reflection_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None]).to(speed.device)
 
 
-def survey_of_columns(known: Moments, averaging: str, frequency: Tensor | None = None) -> Survey:
-    """Of the columns that an averaging has: probes, cells, or probes with the phase-locked velocity of their cell.
-
-    Its lines are those of the frequencies, Hz, (F,), if these were measured; else all.
-    """
+def survey_of_columns(known: Moments, averaging: str) -> Survey:
+    """Of the columns that an averaging has: probes, cells, or probes with the phase-locked velocity of their cell."""
     seen, cells = known.survey, known.membership
-    place = None if frequency is None else seen.index_of(frequency)
-    if place is not None and -1 in place:
-        place = None
     if averaging == "velocity":
         squares = known.sums.get("square of cells")
         of_cells = torch.full_like(cells.sum(seen.squares), torch.nan) if squares is None else squares[:, 0, 0]
-        seen = seen if place is None else seen.of_lines(place)
-        return seen.select(cells.mean(seen.sums), of_cells, cells.mean(seen.peaks))
+        return dataclasses.replace(seen, sums=cells.mean(seen.sums), squares=of_cells, peaks=cells.mean(seen.peaks))
     if averaging == "phase-locked" and known.locked is not None:
-        return known.locked.survey(seen, place)
+        return survey_of_locked(known.locked, seen)
     return seen
-
-
-def tone_velocity(
-    seen: Survey, frequency: Tensor, columns: slice = slice(None), means: Callable[[Tensor], Tensor] | None = None
-) -> Tensor:
-    """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off.
-
-    ``means``: from sums over blocks, (S, ...), to means, (B, ...); default over all and without each block.
-    """
-    means = means or (lambda sums: replicates(sums, seen.lengths))
-    of_v, of_one = seen.line_sums(frequency, columns)
-    found = 2 * (means(of_v) - means(seen.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
-    return seen.at_all(found, frequency)
 
 
 def mean_direction(cells: Membership, phase: Tensor) -> Tensor:

@@ -23,11 +23,11 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
-from torchliner.engine.intervals import ITSELF, jackknife
+from torchliner.engine.intervals import ITSELF, jackknife, replicates
 from torchliner.engine.moments import Moments
 from torchliner.fluid import Fluid
 from torchliner.records.level_check import Gap, LevelCheck, gap_of
-from torchliner.velocity.averages import Averages, survey_of_columns, tone_velocity
+from torchliner.velocity.averages import Averages
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import INCIDENT, Case, KnownPressure
 
@@ -101,8 +101,9 @@ def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Ca
 
 def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:
     """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
-    seen = survey_of_columns(moments, "velocity", case.frequency)
-    cells = -tone_velocity(seen, case.frequency).cpu()
+    seen = moments.survey
+    probes = seen.tone(case.frequency, lambda sums: replicates(sums, seen.lengths))
+    cells = -moments.membership.mean(probes.transpose(1, 2)).transpose(1, 2).cpu()
     scale = moments.membership.mean(moments.survey.mean_square).sqrt().cpu()
     cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)
     count, share = case.cells.count, case.cells.weight

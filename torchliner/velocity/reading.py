@@ -11,14 +11,13 @@ import torch
 from torch import Tensor
 
 from torchliner.engine.blocks import MOST_BLOCKS, Blocks
-from torchliner.engine.drives import CellMean, LessMean, PhaseLocked, RunningRms, as_measured, phase_locked
+from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.membership import Membership
-from torchliner.engine.moments import SETTINGS, Moments, projection_of, without_velocity
-from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
-from torchliner.engine.plane_record import PlaneRecord
-from torchliner.engine.sums import Drive, Job, linear, ones, reduce, square, wave_rows
-from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_job, survey_of
+from torchliner.engine.moments import SETTINGS, Moments, without_velocity
+from torchliner.engine.nodes import ANY_LINER, Nodes, OfOneLiner, choose_nodes, response
+from torchliner.engine.sums import Job, PlaneRecord, linear, reduce, square
+from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_of, survey_sums
 from torchliner.engine.threads import is_differentiated
 from torchliner.engine.workers import Reduce
 from torchliner.io.plane_join import named_planes
@@ -51,7 +50,6 @@ class Reading:
         lines: Hz, the harmonics and then other frequencies asked for, (L,), on the host.
         turns: Hz, beside 1 the sums are weighed with the waves of these, (Q,): 2 f for a phase rule that needs it.
         device: of the work.
-        projection: of the K sums of each block, see ``engine.sums.Job``.
         notes: warnings so far.
     """
 
@@ -68,7 +66,6 @@ class Reading:
     lines: Tensor
     turns: Tensor
     device: torch.device
-    projection: Tensor | None = None
     notes: tuple[Note, ...] = ()
 
     @classmethod
@@ -79,7 +76,6 @@ class Reading:
         frequency: Tensor,
         nodes: Nodes | None,
         cell_pitch: float | None,
-        projection: Tensor | None = None,
     ) -> Reading:
         """From what was asked for; ``frequency`` in Hz, (F,)."""
         rate, probes, cells = plane.sampling_rate, plane.probes, sort_into_cells(plane, cell_pitch)
@@ -91,7 +87,7 @@ class Reading:
             asked = harmonics
         lines = torch.tensor(asked, dtype=torch.float64)
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
-        kept = 0 if nodes is None else nodes.count if projection is None else len(projection)
+        kept = 0 if nodes is None else nodes.count
         columns = (1 + ("phase-locked" in chosen.averagings)) * probes + cells.count
         each = 8 * ((1 + 2 * len(lines)) * probes + kept * (1 + 2 * len(turns)) * columns)  # bytes of a block
         most = min(MOST_BLOCKS, max(FEWEST_BLOCKS, MOST_OF_SUMS // each))
@@ -103,8 +99,7 @@ class Reading:
             )
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()), most)
         used = torch.ones(plane.probes, dtype=torch.bool)
-        velocity = plane.velocity
-        device = chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
+        device = _device_of(plane, chosen)
         return cls(
             plane=plane,
             chosen=chosen,
@@ -119,7 +114,6 @@ class Reading:
             lines=lines,
             turns=turns,
             device=device,
-            projection=None if projection is None else projection.to(device),
         )
 
     def record(self, progress: Progress | None = None) -> PlaneRecord:
@@ -137,10 +131,10 @@ class Reading:
 
     def first_jobs(self) -> dict[str, Job]:
         """Of the first reading: survey, and the sums of every averaging that needs no survey."""
-        cells, lines, rate = self.membership, self.lines.to(self.device), self.plane.sampling_rate
-        jobs = {SURVEY: survey_job(as_measured, lines, rate)}
-        if self.projection is None:  # of a record that is kept, or of drive ``rms``
-            jobs["square of cells"] = Job(CellMean(cells), ones(self.device), square)
+        cells, lines = self.membership, self.lines.to(self.device)
+        jobs = {SURVEY: Job(Drive(), survey_sums, lines, largest=1)}
+        if not isinstance(self.nodes, OfOneLiner):  # of a record that is kept, or of drive ``rms``
+            jobs["square of cells"] = Job(Drive(cells), square)
         if self.nodes is not None and self.chosen.mean == "kept":
             jobs |= {name: self._moments(drive) for name, drive in _plain(cells).items()}
         return jobs
@@ -149,7 +143,7 @@ class Reading:
         """From the results of ``first_jobs``, of all blocks."""
         return survey_of(found[SURVEY], self.blocks, self.lines, self.harmonics)
 
-    def second_jobs(self, seen: Survey, locked: PhaseLocked | None) -> dict[str, Job]:
+    def second_jobs(self, seen: Survey, locked: Drive | None) -> dict[str, Job]:
         """Of the second reading; none where the first one was enough."""
         if self.nodes is None:
             return {}
@@ -157,21 +151,19 @@ class Reading:
         drives: dict[str, Drive] = {}
         if self.chosen.mean == "removed":
             means = {"admittance": seen.mean, "velocity": cells.mean(seen.mean)}
-            drives = {name: LessMean(drive, means[name]) for name, drive in _plain(cells).items()}
+            drives = {name: drive.less(means[name]) for name, drive in _plain(cells).items()}
         if locked is not None:
-            star: Drive = locked
-            if self.chosen.mean == "removed":
-                star = LessMean(star, locked.survey(seen).mean)
-            drives["phase-locked"] = star
+            removed = self.chosen.mean == "removed"
+            drives["phase-locked"] = locked.less(survey_of_locked(locked, seen).mean) if removed else locked
         return {name: self._moments(drive) for name, drive in drives.items()}
 
-    def locked(self, seen: Survey) -> PhaseLocked | None:
+    def locked(self, seen: Survey) -> Drive | None:
         """The drive of phase-locked averaging, if that is asked for."""
         if "phase-locked" not in self.chosen.averagings:
             return None
         return phase_locked(seen, self.membership, self.chosen.background_rms)
 
-    def moments(self, seen: Survey, locked: PhaseLocked | None, found: dict[str, Tensor]) -> Moments:
+    def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
         return Moments(
             plane=without_velocity(self.plane),
@@ -186,19 +178,22 @@ class Reading:
             nodes=self.nodes,
             turns=self.turns,
             sums={name: value for name, value in found.items() if name != SURVEY},
-            projected=None if self.projection is None else self.frequency,
             notes=self.notes,
         )
 
     def _moments(self, drive: Drive) -> Job:
         assert self.nodes is not None
-        reach, device = 0, self.device
         window = self.chosen.window(self.frequency)
         if window is not None:
-            drive = RunningRms(drive, max(1, round(window * self.plane.sampling_rate)), self.plane.samples)
-            reach = drive.reach
-        rows = wave_rows(self.turns.to(device), self.plane.sampling_rate) if len(self.turns) else ones(device)
-        return Job(drive, rows, self.nodes.sums, reach, projection=self.projection)
+            samples = max(1, round(window * self.plane.sampling_rate))
+            drive = dataclasses.replace(drive, window=samples, samples=self.plane.samples)
+        lines = self.turns.to(self.device) if len(self.turns) else None
+        return Job(drive, self.nodes.sums, lines, drive.reach)
+
+
+def _device_of(plane: VelocityPlane, chosen: Choices) -> torch.device:
+    velocity = plane.velocity
+    return chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
 
 
 SURVEY = "survey"
@@ -208,7 +203,7 @@ MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer
 
 def _plain(cells: Membership) -> dict[str, Drive]:
     """The averagings that need no survey."""
-    return {"admittance": as_measured, "velocity": CellMean(cells)}
+    return {"admittance": Drive(), "velocity": Drive(cells)}
 
 
 def reading_of(
@@ -244,14 +239,15 @@ def reading_of(
     liners = [liner.in_flow(plane.mach) for liner in liners]
     asked, pitch = plane.asked(frequency), liners[0].cell_pitch if liners else cell_pitch
     review.require_periods(plane, asked, chosen)
-    projection = None
     if nodes is None:
         nodes = choose_nodes(liners, asked, chosen.tolerance(plane.velocity.dtype)) if liners else ANY_LINER
     if chosen.drive == "rms":
         nodes = None
-    elif projected:
-        projection = projection_of(nodes, liners[0], asked)
-    reading = Reading.of(plane, chosen, asked, nodes, pitch, projection)
+    elif projected and 2 * len(asked) < nodes.count:
+        known = nodes.coefficients(response(liners[0], asked, nodes.speeds))
+        if not is_differentiated(known):  # which the loop over the data would lose
+            nodes = OfOneLiner.of(nodes, known.to(_device_of(plane, chosen)), asked)
+    reading = Reading.of(plane, chosen, asked, nodes, pitch)
     notes = (
         *review.review_cells(plane, pitch, asked, reading.cells, chosen),
         *review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen),
@@ -318,7 +314,7 @@ def faulty_probes(survey: Tensor) -> Tensor:
 def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
     """Time mean of v and of v squared, m/s and m2/s2, each (P,), in float64."""
     host = torch.device("cpu")
-    jobs = [Job(as_measured, ones(host), measure) for measure in (linear, square)]
+    jobs = [Job(Drive(), measure) for measure in (linear, square)]
     blocks = Blocks((0, plane.samples), plane.sampling_rate, 1)
     mean, mean_square = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
     return mean.flatten() / plane.samples, mean_square.flatten() / plane.samples

@@ -15,7 +15,7 @@ from torchliner.engine.blocks import SLAB, Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, remaining
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.replay import Replay, Transfer, transfer
-from torchliner.engine.sums import Job, largest, ones, reduce
+from torchliner.engine.sums import Job, largest, reduce
 from torchliner.io.reflected_file import reflected_file
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -119,7 +119,7 @@ def replay(
         return torch.cat([v, members.mean(v)], 1)
 
     with torch.no_grad():  # over all samples: the survey has whole periods alone
-        peaks = Job(drive, ones(reading.device), largest, largest=1)
+        peaks = Job(drive, largest, largest=1)
         (top,) = reduce(reading.record(), Blocks((0, samples), rate, 1), [peaks])
     limit = replay_checks.velocity_limit(velocity_max, top[0, 0, 0, : plane.probes].cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}

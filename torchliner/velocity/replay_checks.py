@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_positive
-from torchliner.engine.drives import as_measured
+from torchliner.engine.drives import Drive
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
 from torchliner.engine.replay import Replay, transfer
@@ -102,7 +102,7 @@ def still_error(
     misses replies to its own end and meets some to what was sent before it. ``how``: as of ``engine.transfer``."""
     level = int((kernels.grid.speeds - speed).abs().argmin())
     v = kernels.grid.speeds[level].expand(samples, 1)
-    signal = Replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, as_measured)
+    signal = Replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, Drive())
     found = transfer(signal, wave, frequency, kernels.sampling_rate, **how).reflection[0]
     return float((found - kernels.response(frequency)[level]).abs().max())
 

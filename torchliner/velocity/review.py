@@ -12,7 +12,7 @@ from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import Levels, interpolation_error
+from torchliner.engine.nodes import Levels, OfOneLiner, interpolation_error
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
 from torchliner.names import AVERAGINGS
@@ -197,7 +197,8 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
     Raises:
         ValueError: beyond its table.
     """
-    if not isinstance(known.nodes, Levels):
+    nodes = known.nodes.nodes if isinstance(known.nodes, OfOneLiner) else known.nodes
+    if not isinstance(nodes, Levels):
         return
     for averaging, sums in known.sums.items():
         beyond = torch.isnan(sums.sum((0, 1, 2))).cpu()
@@ -209,7 +210,7 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
         remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
         raise ValueError(
             f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's table, "
-            f"{known.nodes.kinks[-1]:g} m/s; extend it{remedy}"
+            f"{nodes.kinks[-1]:g} m/s; extend it{remedy}"
         )
 
 
@@ -231,10 +232,10 @@ def review_table(
     error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
     text = (
         f"{plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = {speed:.4g} m/s, "
-        f"from its values at {known.nodes.count} speeds"
+        f"from its values at {len(known.nodes.speeds)} speeds"
     )
     remedy = "reduce the data with this liner and these frequencies"
-    if known.projected is not None:
+    if isinstance(known.nodes, OfOneLiner):
         remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
