@@ -32,6 +32,10 @@ Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Te
 Rows = list[np.ndarray]
 
 
+class Unfinished(Exception):
+    """Shares of other jobs are not summed yet."""
+
+
 class Kept(Protocol):
     """Where finished shares of a record stay, by all that they depend on but the samples themselves."""
 
@@ -69,17 +73,17 @@ def reduce_on(client: Any = None, kept: Kept | None = None, own: slice = slice(N
         sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
         about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded)
         shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
-        asked = [(about, blocks, sent[2], list(share)) for share in shares]
+        asked = [(about, blocks, sent[2], share) for share in shares]
         rows = [None if kept is None else kept.load(each) for each in asked]
         left = [i for i in range(len(shares))[own] if rows[i] is None]
-        read = tasks_in_order(client, _rows, (sent,), ((list(shares[i]),) for i in left))
+        read = tasks_in_order(client, _rows, (sent,), ((shares[i],) for i in left))
         for i, share in enumerate(shares):
             if i in left:
                 rows[i] = new = next(read)
                 if kept is not None:
                     kept.save(asked[i], new)
             if progress is not None:
-                progress(sum(blocks.borders[block + 1] - blocks.borders[block] for block in share))
+                progress(blocks.borders[share[-1] + 1] - blocks.borders[share[0]])
         found = [each for each in rows if each is not None]
         if len(found) < len(rows):
             raise Unfinished(f"{plane.name}: {len(rows) - len(found)} of {len(rows)} shares are not summed yet")
@@ -88,15 +92,11 @@ def reduce_on(client: Any = None, kept: Kept | None = None, own: slice = slice(N
     return run
 
 
-class Unfinished(Exception):
-    """Shares of other jobs are not summed yet."""
-
-
-def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[Sequence[int]]:
+def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[list[int]]:
     """Blocks of each task, about ``SHARE`` of the data."""
-    values = record.columns * sum(blocks.borders[block + 1] - blocks.borders[block] for block in only)
+    values = record.columns * int(blocks.lengths[list(only)].sum())
     count = min(len(only), -(-values // SHARE))
-    return [only[len(only) * i // count : len(only) * (i + 1) // count] for i in range(count)]
+    return [list(only[len(only) * i // count : len(only) * (i + 1) // count]) for i in range(count)]
 
 
 def _rows(sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
@@ -123,42 +123,38 @@ def tasks_in_order(
     left, waiting = iter(tasks), deque[Any]()
     try:
         while True:
-            ahead = max(MOST_AHEAD, 2 * sum(client.nthreads().values()))
-            for task in islice(left, ahead - len(waiting)):
+            threads = sum(client.nthreads().values())
+            for task in islice(left, max(MOST_AHEAD, 2 * threads) - len(waiting)):
                 waiting.append(client.submit(on_worker, __version__, work, *held, *task, pure=False))
             if not waiting:
                 return
-            _require_worker(client)
+            if not threads:
+                _wait_for_worker(client)
             yield waiting[0].result()
             waiting.popleft()  # the worker may forget it
     except Exception as error:
         name = type(error).__name__
         if name == "KilledWorker":
-            raise RuntimeError(
-                f"workers ended one after another on the same task: {error}; give them more memory, or look into their "
-                "logs"
-            ) from error
+            text = (
+                f"workers ended one after another on the same task: {error}; give them more memory, or read their logs"
+            )
+            raise RuntimeError(text) from error
         if client.status != "running" or name in ("FutureCancelledError", "CommClosedError"):
-            raise OSError(
-                "the scheduler of dask is gone, and its workers with it; start it again and repeat the command: a "
-                "campaign goes on from what it has kept"
-            ) from error
+            text = "the scheduler of dask is gone; start it again and repeat the command: a campaign keeps what it has"
+            raise OSError(text) from error
         raise
     finally:
         if client.status == "running":
             client.cancel([*held, *waiting])
 
 
-def _require_worker(client: Any) -> None:
-    """Wait for the first worker; the work waits already, so that a cluster that adapts starts some.
+def _wait_for_worker(client: Any) -> None:
+    """The work waits already, so that a cluster that adapts starts its first worker.
 
     Raises:
         OSError: none comes.
     """
-    if client.nthreads():
-        return
-    dask = importlib.import_module("dask")
-    seconds = dask.config.get("torchliner.wait", WAIT)
+    seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
     try:
         client.wait_for_workers(1, timeout=seconds)
     except TimeoutError as error:
