@@ -49,6 +49,7 @@ def educed(plane: tl.VelocityPlane, case: str, **choices: Any) -> tl.ImpedanceMa
 def without_mean(*given: Any) -> Drive:
     """The drive that leaves the time mean where it is."""
     drive = phase_locked(*given)
+    assert drive.taken is not None
     return dataclasses.replace(drive, taken=torch.cat([0 * drive.taken[:1], drive.taken[1:]]))
 
 

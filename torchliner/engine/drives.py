@@ -29,6 +29,7 @@ from torchliner.engine.membership import Membership
 from torchliner.engine.survey import Survey, gram_of
 
 FEWEST_BLOCKS = 3  # from which the scatter of a fit can be known
+NOTHING = torch.empty(0, dtype=torch.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Drive:
     Args:
         cells: whose means are the columns; None: the probes are.
         taken: coefficients of 1, cos and sin of the lines, m/s, (1 + 2 H, N); None takes nothing off.
-        lines: Hz, of the harmonics, (H,), on the device of ``taken``; None for the mean alone, H = 0.
+        lines: Hz, of the harmonics, (H,), on the device of ``taken``; none for the mean alone.
         sampling_rate: Hz.
         scale: s, (N,); None for 1.
         share: g of the mean and of each harmonic, by cell, (1 + H, C), from which ``taken`` follows; for the record.
@@ -50,10 +51,10 @@ class Drive:
 
     cells: Membership | None = None
     taken: Tensor | None = None
-    lines: Tensor | None = None
+    lines: Tensor = NOTHING
     sampling_rate: float = 1.0
     scale: Tensor | None = None
-    share: Tensor | None = None
+    share: Tensor = NOTHING
     window: int = 0
     samples: int = 0
 
@@ -68,7 +69,7 @@ class Drive:
         if self.scale is not None:
             found = found * self.scale.to(v)
         if self.taken is not None:
-            lines = self.taken.new_empty(0) if self.lines is None else self.lines
+            lines = self.lines if len(self.lines) else self.taken.new_empty(0)
             rows = waves(lines, self.sampling_rate, begin, begin + len(v)).T.to(v)
             found = torch.addmm(found, rows, self.taken.to(v), alpha=-1)
         return self._running(found, begin) if self.window else found

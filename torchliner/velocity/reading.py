@@ -15,7 +15,7 @@ from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, without_velocity
-from torchliner.engine.nodes import ANY_LINER, Nodes, OfOneLiner, choose_nodes, response
+from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, Nodes, OfOneLiner, choose_nodes, response
 from torchliner.engine.sums import Job, PlaneRecord, linear, reduce, square
 from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_of, survey_sums
 from torchliner.engine.threads import is_differentiated
@@ -213,7 +213,7 @@ def reading_of(
     chosen: Choices,
     *,
     cell_pitch: float | None = None,
-    nodes: Nodes | None = None,
+    nodes: Chebyshev | Levels | None = None,
     projected: bool = False,
 ) -> Reading:
     """How a plane is read for liners of one pitch, with the warnings that need no sample.
@@ -241,13 +241,12 @@ def reading_of(
     review.require_periods(plane, asked, chosen)
     if nodes is None:
         nodes = choose_nodes(liners, asked, chosen.tolerance(plane.velocity.dtype)) if liners else ANY_LINER
-    if chosen.drive == "rms":
-        nodes = None
-    elif projected and 2 * len(asked) < nodes.count:
+    kept: Nodes | None = None if chosen.drive == "rms" else nodes
+    if kept is not None and projected and 2 * len(asked) < nodes.count:
         known = nodes.coefficients(response(liners[0], asked, nodes.speeds))
         if not is_differentiated(known):  # which the loop over the data would lose
-            nodes = OfOneLiner.of(nodes, known.to(_device_of(plane, chosen)), asked)
-    reading = Reading.of(plane, chosen, asked, nodes, pitch)
+            kept = OfOneLiner.of(nodes, known.to(_device_of(plane, chosen)), asked)
+    reading = Reading.of(plane, chosen, asked, kept, pitch)
     notes = (
         *review.review_cells(plane, pitch, asked, reading.cells, chosen),
         *review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen),
