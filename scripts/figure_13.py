@@ -19,9 +19,9 @@ import numpy as np
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
+from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.duct.solver import DuctField
-from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.duct_report import draw_walls
 

@@ -21,7 +21,6 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.presets import load_duct
-from torchliner.duct.solved_line import solved_line
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.figure import (
@@ -75,7 +74,7 @@ def educed(facility: Facility, side: str, draws: int) -> Educed:
     z = facility.truth[side]
     setup = load_duct(facility.preset, source_side=side, impedance=[(z.real, z.imag)])
     solver = tl.DuctSolver(setup.case, setup.frequency)
-    line = solved_line(setup, solver.solve(setup.impedance)).over_liner()
+    line = setup.line_of(solver.solve(setup.impedance)).over_liner()
     if facility.preset == "ufsc":
         nearest = line.pressure[..., 0 if side == "upstream" else -1, :].abs()
         scale = pressure_amplitude_from_spl(FIRST) / nearest

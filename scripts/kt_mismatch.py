@@ -21,10 +21,9 @@ import torch
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
+from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import DuctSetup, load_duct
-from torchliner.duct.solved_line import solved_line
 from torchliner.duct.solver import DuctSolver
-from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
@@ -96,7 +95,7 @@ def flows_and_lengths() -> list[dict[str, Any]]:
             for side in SIDES:
                 setup = setup_of(side, length, **changes)
                 solver = DuctSolver(setup.case, setup.frequency)
-                line = solved_line(setup, solver.solve(setup.impedance))
+                line = setup.line_of(solver.solve(setup.impedance))
                 rows += all_methods(f"length, {flow}", length, side, line, solver)
         print(f"{flow}: done", flush=True)
     return rows
@@ -145,13 +144,13 @@ def ends_and_gradients() -> list[dict[str, Any]]:
         for size in (0.0, 0.05, 0.1, 0.2, 0.3):
             setup = setup_of(side, end_reflection=(size, 0.0))
             solver = DuctSolver(setup.case, setup.frequency)
-            line = solved_line(setup, solver.solve(setup.impedance))
+            line = setup.line_of(solver.solve(setup.impedance))
             rows += all_methods("end reflection", size, side, line, blind)
             z = complex(fit_field(line, blind, far_end="stated").impedance[0])
             rows.append(row("end reflection", size, side, ANECHOIC, z))
         for rise in (-0.5, -0.25, 0.0, 0.25, 0.5):
             along = impedance_along([0.0, 0.15], TRUE + np.array([-0.5, 0.5]) * rise * TRUE.real)
-            line = solved_line(anechoic, blind.solve(along))
+            line = anechoic.line_of(blind.solve(along))
             rows += all_methods("relative rise of R along x", rise, side, line, blind)
     return rows
 
@@ -284,7 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for side in SIDES:
         setup = setup_of(side)
         solvers[side] = DuctSolver(setup.case, setup.frequency)
-        lines[side] = solved_line(setup, solvers[side].solve(setup.impedance))
+        lines[side] = setup.line_of(solvers[side].solve(setup.impedance))
     rows += ranks_and_orders(lines)
     rows += noise(lines, solvers, options.draws)
     rows += ends_and_gradients()

@@ -24,10 +24,9 @@ import torch
 import b2a_line
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
+from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import DuctSetup, load_duct
-from torchliner.duct.solved_line import solved_line
 from torchliner.duct.solver import DuctField
-from torchliner.duct.tables import impedance_along
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap
@@ -269,7 +268,7 @@ def by_cavities(world: World, record: tl.PressureRecord) -> tuple[list[dict[str,
 
 def by_microphones(world: World) -> list[dict[str, Any]]:
     """On the wall opposite the liner; 95 % of draws of 0.1 dB and 0.1 degrees."""
-    line = solved_line(world.setup, world.field).over_liner()
+    line = world.setup.line_of(world.field).over_liner()
     found: dict[str, Any] = {
         "Kumaresan-Tufts, rank 2": tl.kumaresan_tufts(line, draws=DRAWS),
         "two-wave fit": tl.two_wave_fit(line, draws=DRAWS),

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 
 import numpy as np
 import pytest
 import torch
 
 import torchliner as tl
-from torchliner.duct import sweep as lee_sweep
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.modes import cut_on_frequency
 from torchliner.duct.solver import DuctSolver, solve_duct
 
 HEIGHT, SPEED, FREQUENCY = 50e-3, 343.0, 1500.0
@@ -33,12 +30,9 @@ def case_of(**about):
     [
         ({"end": -0.3}, r"duct length, end - start \(m\) is -0\.1"),
         ({"end": math.nan}, "end is nan; it must be finite"),
-        (
-            {"liner": (0.0, 0.4)},
-            r"from x = 0 to 0\.4 m lies outside the duct, -0\.2 to 0\.35 m; move its edges",
-        ),
-        ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m has the length -0\.1 m; it must be above 0"),
-        ({"liner": [(0.0, 0.1), (0.05, 0.15)]}, r"overlap: one ends at x = 0\.1 m, .* at 0\.05 m"),
+        ({"liner": (0.0, 0.4)}, r"from x = 0 to 0\.4 m .* 0\.35 m, the duct's end; move its edges"),
+        ({"liner": (0.1, 0.0)}, r"from x = 0\.1 to 0 m must have a length"),
+        ({"liner": [(0.0, 0.1), (0.05, 0.15)]}, r"from x = 0\.05 to 0\.15 m .* between 0\.1 m"),
         ({"liner": 0.15}, r"liner is 0\.15; it must be \(start, end\) in m"),
         ({"source": "left"}, "unknown source 'left'"),
         ({"density": 0.0}, "density .* is 0"),
@@ -95,14 +89,6 @@ def test_meshes_built():
     assert build_mesh(case, 20e3).unknowns > 2 * build_mesh(case, FREQUENCY).unknowns
 
 
-@pytest.mark.parametrize("size", [-1e-3, math.nan])
-@pytest.mark.parametrize("name", ["frequency", "column", "row", "wall_cell"])
-def test_sizes_that_make_no_mesh(name, size):
-    """Doubling from 0 or below would never end."""
-    with pytest.raises(ValueError, match=rf"mesh {name} \((m|Hz)\) is {size:g}; it must be finite"):
-        build_mesh(case_of(), **{"frequency": FREQUENCY, name: size})
-
-
 def test_coarse_meshes_are_named():
     """The shortest wave is the one against the flow; a fine mesh is quiet."""
     case = case_of(profile=PLUG, slip_condition="continuous-velocity")
@@ -115,16 +101,8 @@ def test_coarse_meshes_are_named():
 
 
 def test_cut_on_modes_are_named():
-    with pytest.warns(tl.DataWarning, match=r"at 3600 Hz mode 1 runs too: its cut-on is 3272 Hz"):
+    with pytest.warns(tl.DataWarning, match=r"at 3600 Hz mode 1 runs too: its cut-on is about 3272 Hz"):
         solve_duct(case_of(profile=PLUG, liner=()), [1500.0, 3600.0])
-
-
-def test_a_frequency_at_cut_on_is_solved():
-    """Mode 1 has a double wavenumber there; the ends need mode 0 alone."""
-    sheared = TanhProfile(0.3, HEIGHT, 0.1, SPEED)
-    with pytest.warns(tl.DataWarning, match="mode 1 runs too"):
-        field = solve_duct(case_of(profile=sheared, liner=()), cut_on_frequency(sheared))
-    assert float(field.transmission.abs()) == pytest.approx(1, abs=1e-4)
 
 
 def test_near_ends_are_named():
@@ -137,34 +115,14 @@ def test_near_ends_are_named():
         DuctSolver(case_of(end=0.2), FREQUENCY)
 
 
-def test_ends_are_near_just_below_cut_on():
-    """M 0.3, 3200 Hz, cut-on 3274 Hz: 14 1/m in place of the 63 1/m at low frequency, so a fifth of
-    mode 1 is left after 120 mm. Cut-on frequencies in the same list change nothing."""
-    profile = UniformProfile(0.3, HEIGHT)
-    case = DuctCase(profile, -0.12, 0.27, (0.0, 0.15), slip_condition="ingard-myers")
-    with pytest.warns(tl.DataWarning, match=r"lies 120 mm .* at 3200 Hz 19 % of mode 1"):
-        DuctSolver(case, 3200.0)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        DuctSolver(case, [900.0, 3200.0, 3600.0])
-    near, runs = (str(one.message) for one in told)
-    assert "at 3200 Hz 19 % of mode 1" in near
-    assert "at 3600 Hz mode 1 runs too" in runs
-    assert {one.filename for one in told} == {__file__}
-    DuctSolver(case, 1500.0)  # quiet
-    b2a = tl.load_duct("b2a")
-    DuctSolver(b2a.case, b2a.frequency)  # quiet
-
-
 @pytest.mark.parametrize(
     ("impedance", "match"),
     [
-        (math.nan, "impedance is nan; a hard wall is inf"),
-        (-1.0, "impedance is -1, a wall that sends waves"),
+        (math.nan, "impedance is nan or -1"),
         (torch.ones(2, 2, 1), r"shape \(2, 2, 1\); its last two axes must fit \(1, 1\)"),
         (
             lambda x, f: torch.ones(len(x) + 1),
-            r"shape \(121,\); its last two axes must fit \(1, 120\): frequencies, places",
+            r"shape \(121,\); its last two axes must fit \(1, 120\): frequencies and places",
         ),
     ],
 )
@@ -198,22 +156,6 @@ def test_solver_refusals():
         field.wall_pressure(-1.0)
     with pytest.raises(ValueError, match="unknown wall 'upper'"):
         field.wall_pressure(0.0, "upper")
-
-
-def test_memory_is_what_is_kept(monkeypatch):
-    """The guard's bytes are those of the tensors; one frequency is swept at a time."""
-    monkeypatch.setattr(lee_sweep, "AT_ONCE", 1)
-    case, frequency = case_of(), [800.0, 1000.0, 1200.0]
-    mesh = build_mesh(case, 1200.0, degree=2)
-    swept = DuctSolver(case, frequency, mesh).swept
-    _, _, waves = next(swept.sweeps())
-    held = [swept.upper, swept.lower, swept.reading[:, :-2], *waves]
-    size = sum(t.numel() * t.element_size() for t in held)
-    DuctSolver(case, frequency, mesh, memory=1.01 * size)
-    with pytest.raises(
-        ValueError, match=r"waves of \d+ unknowns take .* GB for 3 frequencies, above .*; take fewer freq"
-    ):
-        DuctSolver(case, frequency, mesh, memory=0.97 * size)
 
 
 def test_resonance_is_singular():

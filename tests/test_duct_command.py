@@ -11,9 +11,8 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
+from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import duct_names, duct_text, load_duct
-from torchliner.duct.tables import impedance_along
-from torchliner.liners.catalogue import preset_text
 
 SMALL = ["--profile", "uniform", "--frequency", "900"]
 MESH = ["--mesh", "10"]  # mm; without the second mesh, for speed
@@ -46,12 +45,12 @@ def write(tmp_path, change):
     ("change", "message"),
     [
         (("height = 0.050", "heigth = 0.05"), r"duct\.heigth: no such key.*height"),
-        (("bulk_mach = 0.3", "bulk_mach = 1.2"), r"flow\.bulk_mach = 1\.2: it must be .* not m/s"),
-        (("[[0.0, 0.150]]", "[[0.0, 0.550]]"), "lies outside the duct, -0.3 to 0.45 m"),
-        (("[[0.0, 0.150]]", "[[0.15, 0.0]]"), "has the length -0.15 m"),
+        (("bulk_mach = 0.3", "bulk_mach = 1.2"), r"flow\.bulk_mach = 1\.2: .*less than 1"),
+        (("[[0.0, 0.150]]", "[[0.0, 0.550]]"), "from x = 0 to 0.55 m .* 0.45 m, the duct's end"),
+        (("[[0.0, 0.150]]", "[[0.15, 0.0]]"), "from x = 0.15 to 0 m must have a length"),
         (("end = 0.450", "end = -0.450"), r"duct length, end - start \(m\) is -0\.15"),
         (("[[2.33, -0.30]]", "[[2.3, -0.3], [1, 0]]"), "2 impedances for 1 lined patches"),
-        (("impedance = [[2.33, -0.30]]", ""), "sound needs either impedance or impedance_file"),
+        (("impedance = [[2.33, -0.30]]", ""), "0 impedances for 1 lined patches, and no impedance_file"),
         (("shear = 0.1 ", "shear = 0.02 "), "profile shear is 0.02, below 0.03"),
         (("step = 0.012", "step = 1e-9"), "microphones from -0.027 to 0.177 m in steps of 1e-09 m"),
         (
@@ -68,14 +67,6 @@ def test_mistakes_of_a_file_are_named(tmp_path, change, message):
         load_duct(write(tmp_path, change))
 
 
-def test_walls_of_a_duct_without_a_liner(tmp_path):
-    (tmp_path / "z.csv").write_text(HEADER + "0,1,0\n")
-    path = with_table(tmp_path)
-    path.write_text(path.read_text().replace("[[0.0, 0.150]]", "[]"))
-    with pytest.raises(ValueError, match="sound has an impedance_file, the duct no liner"):
-        load_duct(path)
-
-
 def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
     thin = write(tmp_path, ("shear = 0.1 ", "allow_thin = true\nshear = 0.02 "))
     assert load_duct(thin).case.profile.shear == 0.02
@@ -83,15 +74,6 @@ def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
     assert main(words) == 2
     assert "thicken it (or pass --allow-thin to study it; allow_thin = true in" in capsys.readouterr().err
     assert main([*words, "--allow-thin"]) == 0
-
-
-def test_unknown_names_and_changes(tmp_path):
-    with pytest.raises(ValueError, match=r"unknown duct 'b2'.*b2a.*ends in \.toml"):
-        load_duct("b2")
-    with pytest.raises(ValueError, match="no key 'mach' to change"):
-        load_duct("b2a", mach=0.1)
-    with pytest.raises(FileNotFoundError, match=r"none\.toml: no such file"):
-        load_duct(tmp_path / "none.toml")
 
 
 def test_an_impedance_profile_is_linear_in_the_admittance():
@@ -207,21 +189,6 @@ def test_a_change_replaces_what_says_the_same(tmp_path):
         load_duct("b2a", profile="uniform", allow_thin=True)
 
 
-def test_a_profile_from_a_file(tmp_path):
-    (tmp_path / "z.csv").write_text("x [m],R,X\n0.0,2.0,-0.3\n0.15,2.0,-0.3\n")
-    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
-    from torchliner.duct.solver import solve_duct
-
-    varying = load_duct(path, profile="uniform", shear=None, frequency=[900.0])
-    plain = load_duct("b2a", profile="uniform", shear=None, frequency=[900.0],
-                      impedance=[(2.0, -0.3)])  # fmt: skip
-    x = np.linspace(-0.1, 0.3, 9)
-    one, other = (
-        solve_duct(setup.case, setup.frequency, setup.impedance).wall_pressure(x) for setup in (varying, plain)
-    )
-    assert float((one - other).abs().max() / other.abs().max()) < 1e-10
-
-
 def test_solve_prints_what_it_writes(tmp_path, capsys):
     """JSON, CSV, HDF5 and pictures; both files are lines of microphones that kt reads."""
     words = ["duct", "solve", "b2a", *SMALL, *MESH, "--quiet"]
@@ -251,15 +218,6 @@ def kt_impedance(path, capsys):
     return complex(row["resistance"], row["reactance"])
 
 
-def test_written_microphones_know_their_gas(tmp_path):
-    """kt takes k from the sound speed of the file."""
-    path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 330.0\n\n[sound]"))
-    words = ["duct", "solve", str(path), *SMALL, *MESH, "--quiet", "-o"]
-    for name in ("m.csv", "m.h5"):
-        assert main([*words, str(tmp_path / name)]) == 0
-        assert tl.read_microphones(tmp_path / name).fluid.sound_speed == 330.0
-
-
 def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
     """Uniform flow with Ingard-Myers: DUCT's published number for mode 0 at 343 m/s."""
     path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 343.0\n\n[sound]"))
@@ -280,7 +238,7 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
         (["solve", "b2"], "unknown duct 'b2'"),
         (
             ["solve", "b2a", "--bulk-mach", "1"],
-            "bulk_mach = 1.0: it must be at least 0 and below 1 (a Mach number, not m/s)",
+            "bulk_mach = 1.0: input should be less than 1",
         ),
         (["solve", "b2a", "-o", "x.txt"], "--output x.txt ends in '.txt'"),
         (["solve", "b2a", "--frequency", "-5"], "frequency (Hz) is -5"),
@@ -295,30 +253,6 @@ def test_faulty_commands_end_with_two(capsys, words, message):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", ["--impedance two", "--impedance inf", "--end-reflection nan+1j", "--level high"])
-def test_values_that_are_none_name_their_option(capsys, words):
-    with pytest.raises(SystemExit, match="2"):
-        main(["duct", "solve", "b2a", *words.split()])
-    option, value = words.split()
-    assert f"{option}: {value!r} cannot be read" in capsys.readouterr().err
-
-
-def test_modes_say_which_patch_they_are_above(tmp_path, capsys):
-    path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
-    words = ["duct", "modes", str(path), *SMALL, "--count", "1", "--impedance", "1+0.5j", "2"]
-    assert main(words) == 0
-    assert "above the first of 2 lined patches" in capsys.readouterr().out
-    assert main(["duct", "modes", "b2a", *SMALL, "--count", "1"]) == 0
-    assert "above the first" not in capsys.readouterr().out
-
-
-def test_options_without_a_duct_are_not_lost(capsys):
-    assert main(["duct", "solve", "--impedance", "1"]) == 2
-    assert "leave --impedance out, or name a duct to solve" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["duct", "modes", "b2a", "--level", "120"])
-
-
 def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
     path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
     out = str(tmp_path / "m.h5")
@@ -327,21 +261,6 @@ def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
     assert "has 2 lined patches, a line of microphones names one" in capsys.readouterr().err
     line = tl.read_microphones(out)
     assert (line.liner_start, line.liner_end) == (None, None)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ([], "unknown duct ''; presets are b2a, ufsc"),
-        (["mine"], "unknown duct 'mine'; presets are b2a, ufsc"),
-        (["b2a", "--impedance", "1"], "--copy writes the preset as it stands: leave --impedance out"),
-        (["b2a", "--copy", "m.csv"], "--copy m.csv ends in '.csv'; it must be one of .toml"),
-    ],
-)
-def test_a_copy_of_something_else_is_refused(tmp_path, capsys, words, message):
-    assert main(["duct", "solve", "--copy", str(tmp_path / "u.toml"), *words]) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "u.toml").exists()
 
 
 def test_presets_are_listed_and_copied(tmp_path, capsys):
@@ -353,24 +272,3 @@ def test_presets_are_listed_and_copied(tmp_path, capsys):
     assert main(["duct", "solve", "ufsc", "--copy", str(tmp_path / "u.toml")]) == 2
     assert "u.toml exists; it is not overwritten" in capsys.readouterr().err
     assert (tmp_path / "u.toml").read_text() == "edited"
-
-
-def test_a_liner_in_another_gas_is_told_of(tmp_path, capsys):
-    """Its own gas gives Z, the duct's the field: as ``educe`` says of a plane."""
-    hot = tmp_path / "hot.toml"
-    hot.write_text(f"{preset_text('polito')}\n[fluid]\nsound_speed = 434.0\ndensity = 0.75\n")
-    main(["duct", "solve", "b2a", "--liner", str(hot), *SMALL, *MESH])
-    err = capsys.readouterr().err
-    assert "sound speed is 434 m/s in the liner and 343.2 m/s in duct b2a" in err
-
-
-def test_a_named_liner_stands_for_the_walls_of_the_file(tmp_path, capsys):
-    """Neither facts nor inputs of the result name the table that it was not solved with."""
-    (tmp_path / "z.csv").write_text("x [mm], resistance, reactance\n0, 1, 0\n150, 2, 0\n")
-    path = write(tmp_path, ("impedance = [[2.33, -0.30]]", 'impedance_file = "z.csv"'))
-    output = tmp_path / "line.h5"
-    words = ["duct", "solve", str(path), "--liner", "polito", *SMALL, *MESH, "--quiet", "--json"]
-    assert main([*words, "-o", str(output)]) == 0
-    sound = json.loads(capsys.readouterr().out)["duct"]["sound"]
-    assert (sound["impedance_file"], sound["liner"]) == (None, "polito")
-    assert "z.csv" not in str(tl.read_microphones(output).provenance)

@@ -12,7 +12,6 @@ import torch
 from test_field_fit import TRUE, solved, solved_setup
 
 import torchliner as tl
-from torchliner.duct.solved_line import solved_line
 from torchliner.pressure import fit_field as field_fit
 from torchliner.pressure import impedance_search as field_search
 from torchliner.pressure.fit_field import fit_field
@@ -126,7 +125,7 @@ def test_doubts_are_each_case_s_own():
     def wall(x, _):
         return (0.6 + 0.5j + 1.8 * (x / 0.15 - 0.5)).expand(1, -1)
 
-    varying = solved_line(solved_setup(1500.0), solver.solve(wall))
+    varying = solved_setup(1500.0).line_of(solver.solve(wall))
     found = fit_field(varying, solver, variation="linear", start=0.6 + 0.5j)
     assert float(found.rise.real) == pytest.approx(1.8, abs=1e-5)
     assert "the resistance is -0.3, below 0" in found.notes[-1].text

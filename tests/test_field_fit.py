@@ -14,7 +14,6 @@ from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import duct_text, load_duct
-from torchliner.duct.solved_line import solved_line
 from torchliner.duct.solver import DuctSolver
 from torchliner.pressure import impedance_search as field_search
 from torchliner.pressure.field_model import FieldModel, impedance_at
@@ -44,7 +43,7 @@ def solver_of(setup):
 
 def heard_in(setup, wall, solver):
     """Pressures of a wall in a duct, and the duct's solver."""
-    return solved_line(setup, solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
+    return setup.line_of(solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
 
 
 @functools.cache
@@ -187,7 +186,7 @@ def test_a_wall_that_varies_linearly_comes_back(side):
     def wall(x, _):
         return (TRUE + rise * (x / 0.15 - 0.5)).expand(2, -1)
 
-    line = solved_line(setup, solver.solve(wall))
+    line = setup.line_of(solver.solve(wall))
     _, blind = solved(side)
     found = fit_field(line, blind, variation="linear", start=1.0)
     assert float((found.impedance - TRUE).abs().max()) < 1e-6
@@ -299,7 +298,7 @@ def test_several_patches_are_refused():
     setup = load_duct("b2a", profile="uniform", shear=None, liner=[(0.0, 0.05), (0.1, 0.15)],
                       impedance=[(1.0, 0.0), (2.0, 0.0)])  # fmt: skip
     solver = DuctSolver(setup.case, setup.frequency)
-    line = solved_line(setup, solver.solve(setup.impedance))
+    line = setup.line_of(solver.solve(setup.impedance))
     with pytest.raises(ValueError, match="2 lined patches; one impedance is fitted to one patch"):
         fit_field(line, solver)
 

@@ -176,24 +176,3 @@ def test_sparse_lu_gives_the_same(name, source):
     for i, (field, unit) in enumerate(zip(fields, units, strict=True)):
         error = np.abs(field[0].numpy() * unit - wanted[:, :, i].ravel()).max()
         assert error < 1e-10 * np.abs(wanted).max()
-
-
-def test_walls_that_vary_too():
-    """Z(x) by quadrature within each column."""
-    case = DuctCase(FLOWS["sheared"], -0.12, 0.2, (0.0, 0.08))
-    mesh = build_mesh(case, FREQUENCY, degree=2, column=0.02, row=0.0125, wall_cell=4e-3)
-
-    def wall(x, frequency):
-        return (1 + 10 * x - 0.3j).expand(len(frequency), -1)
-
-    wanted, _ = solve_assembled(case, FREQUENCY, wall, mesh)
-    x, y = (places.ravel() for places in node_places(mesh))
-    found = solve_duct(case, FREQUENCY, wall, mesh).at(x, y)[0][0].numpy()
-    assert np.abs(found - wanted[:, :, 0].ravel()).max() < 1e-10
-
-
-def test_the_case_is_not_trivial():
-    """The liner of these comparisons matters."""
-    case = DuctCase(FLOWS["sheared"], -0.12, 0.2, (0.0, 0.08))
-    lined, rigid = (solve_duct(case, FREQUENCY, z).transmission.abs() for z in (B2A, math.inf))
-    assert float(lined) < 0.9 * float(rigid)

@@ -10,15 +10,14 @@ import torch
 from scipy.integrate import solve_ivp
 
 import torchliner as tl
+from torchliner.duct import modes as modes_module
 from torchliner.duct.flow_profiles import (
     LawOfTheWallProfile,
     ParabolicProfile,
     TanhProfile,
     UniformProfile,
 )
-from torchliner.duct.modes import duct_modes
-from torchliner.duct.polynomials import chebyshev_points, derivative_matrix, integral_matrix
-from torchliner.duct.tables import TabulatedProfile
+from torchliner.duct.modes import cut_on_frequency, duct_modes
 
 VELOCITY = "continuous-velocity"
 HEIGHT, SPEED = 50e-3, 343.0
@@ -59,16 +58,6 @@ def shoot(profile, alpha, k, height=HEIGHT):
         run = solve_ivp(right, (start, stop), state, **options)
         start, state = stop, run.y[:, -1]
     return state
-
-
-# --- collocation --------------------------------------------------------------------------------
-
-
-def test_collocation_is_exact_for_polynomials():
-    x = chebyshev_points(9)
-    for n in range(9):
-        assert np.allclose(derivative_matrix(x) @ x**n, n * x ** max(n - 1, 0), atol=1e-12)
-        assert np.allclose(integral_matrix(x) @ x**n, x ** (n + 1) / (n + 1), atol=1e-14)
 
 
 # --- uniform flow: closed forms -----------------------------------------------------------------
@@ -137,15 +126,6 @@ def test_homotopy_is_that_of_small_steps(direction):
     assert np.abs(found - alpha).max() < 1e-6 * np.abs(alpha).max()
 
 
-def test_no_flow_is_symmetric():
-    """At M = 0 the upstream modes are the downstream ones, turned round."""
-    still = UniformProfile(0.0, HEIGHT, SPEED)
-    down, up = (duct_modes(still, [500.0, 2500.0], B2A, direction=d) for d in BOTH)
-    assert float((down.wavenumber + up.wavenumber).abs().max()) < 1e-9
-    assert float((down.pressure - up.pressure).abs().max()) < 1e-9
-    assert float((down.axial + up.axial).abs().max()) < 1e-9
-
-
 # --- sheared flow -------------------------------------------------------------------------------
 
 SHEARED = {
@@ -211,23 +191,63 @@ def test_thin_layers_tend_to_ingard_and_myers(direction):
     assert velocity[2] > 0.9 * velocity[0]
 
 
-def test_points_converge():
-    """Spectral: four points more in each panel are a factor of 100 at least; 1e-8 at 12."""
-    wanted = duct_modes(TANH, 1500.0, B2A, points=20).wavenumber
-    errors = [
-        float(((duct_modes(TANH, 1500.0, B2A, points=n).wavenumber - wanted) / wanted).abs().max()) for n in (4, 8, 12)
-    ]
-    assert errors[2] < 1e-8
-    assert errors[1] < errors[0] / 100
-    assert errors[2] < errors[1] / 100
+def test_extreme_walls():
+    """Z = 0 has p = 0 on the wall; Z = inf, 1e9 and nothing are the rigid wall."""
+    soft = duct_modes(TANH, 1500.0, 0.0)
+    assert float(soft.pressure[..., -1].abs().max()) < 1e-9
+    rigid = duct_modes(TANH, 1500.0)
+    for hard in (math.inf, complex(0, math.inf), 1e9):
+        assert float((duct_modes(TANH, 1500.0, hard).wavenumber - rigid.wavenumber).abs().max()) < 1e-6
 
 
-def test_table_of_a_profile_has_its_modes():
-    """81 heights of the tanh profile as a table: 1e-4 of alpha, the cubics' own error."""
-    y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 81))) / 2
-    table = TabulatedProfile(y, TANH.velocity(y), HEIGHT, 0.3, SPEED)
-    for direction in BOTH:
-        found, wanted = (
-            duct_modes(flow, 1500.0, B2A, count=2, direction=direction).wavenumber for flow in (table, TANH)
-        )
-        assert float(((found - wanted) / wanted).abs().max()) < 1e-4
+def test_batch_is_the_loop(monkeypatch):
+    """Over walls and frequencies; also when more modes are wanted than fit one chunk."""
+    monkeypatch.setattr(modes_module, "CHUNK", 32)
+    frequency, walls = [700.0, 1500.0, 2600.0], torch.tensor(WALLS, dtype=torch.complex128)[:, None]
+    whole = duct_modes(TANH, frequency, walls, count=3)  # 45 modes
+    for i, f in [(0, 0), (3, 2), (4, 1)]:
+        one = duct_modes(TANH, frequency[f], walls[i], count=3)
+        assert torch.allclose(whole.wavenumber[i, f], one.wavenumber[0], rtol=1e-11, atol=1e-9)
+        assert torch.allclose(whole.axial[i, f], one.axial[0], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_gradients():
+    """Of wavenumbers and shapes by Z, against differences."""
+    walls = torch.tensor([[B2A], [0.5 - 1j]], dtype=torch.complex128, requires_grad=True)
+
+    def outputs(z):
+        modes = duct_modes(TANH, [1500.0], z, count=2, points=8)
+        return modes.wavenumber, modes.pressure[..., ::30], modes.axial[..., ::30]
+
+    assert torch.autograd.gradcheck(outputs, (walls,), eps=1e-5, atol=1e-5, rtol=1e-5)
+
+
+def test_cut_on():
+    """n c sqrt(1 - M^2)/(2 H), where mode n has a double wavenumber; shear lowers it by less than 1 %."""
+    limit = cut_on_frequency(UNIFORM)
+    assert limit == pytest.approx(SPEED * math.sqrt(1 - 0.09) / (2 * HEIGHT), rel=1e-12)
+    at = float(duct_modes(UNIFORM, limit, count=2).wavenumber[0, 1].abs())
+    assert at == pytest.approx(0.3 * k_of(limit) / (1 - 0.09), rel=1e-6)
+    below, above = duct_modes(TANH, [0.99 * limit, limit], count=2).wavenumber[:, 1]
+    assert abs(below.imag) > 0.3
+    assert abs(above.imag) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"frequency": 0.0}, "frequency .*is 0"),
+        ({"impedance": math.nan}, "impedance is nan or -1"),
+        ({"impedance": -1.0}, "impedance is nan or -1"),
+        ({"count": 0}, "count is 0; from one mode to 24"),
+        ({"count": 60}, "count is 60; from one mode to 24"),
+        ({"direction": "up"}, "direction 'up'.*downstream, upstream"),
+        ({"slip_condition": None}, r"Mach 0\.3; .*'continuous-velocity'"),
+        ({"slip_condition": "myers"}, "slip condition 'myers'"),
+    ],
+)
+def test_refusals(change, match):
+    arguments = {"frequency": 1500.0, "impedance": B2A, "slip_condition": VELOCITY, **change}
+    with pytest.raises(ValueError, match=match):
+        duct_modes(UNIFORM, arguments.pop("frequency"), arguments.pop("impedance"), **arguments)

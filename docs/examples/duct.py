@@ -6,7 +6,7 @@ setup = tl.load_duct("b2a", source_side="downstream")
 field = tl.DuctSolver(setup.case, setup.frequency).solve(setup.impedance)
 print(field.wall_level(setup.microphones))  # dB
 settled = tl.solve_settled(setup.case, setup.frequency, setup.impedance, places=setup.microphones)
-settled.report("duct.html")  # loss, energy, levels along the wall, what a finer mesh changes
+setup.line_of(settled).report("duct.html")  # loss, energy, levels along the wall, what a finer mesh changes
 
 flow = tl.TanhProfile(0.3, 0.05)  # bulk Mach number, height of the duct in m
 y = torch.linspace(0, 0.025, 201, dtype=torch.float64)  # to the middle of the duct

@@ -126,7 +126,6 @@ def _with_liner(setup: DuctSetup, name: str, speed: float) -> DuctSetup:
 
 
 def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
-    from torchliner.duct.solved_line import solved_line
     from torchliner.records.origin import origin_of
     from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
 
@@ -145,7 +144,7 @@ def _solve(options: argparse.Namespace, setup: DuctSetup) -> int:
             draw_walls([(setup, field)], path, f)
 
     def write(path: Path) -> None:
-        solved_line(setup, field, **origin).write(path)
+        setup.line_of(field, **origin).write(path)
 
     show_results(options, format_duct(setup, found), found, output=write, figure=draw)
     return 0

@@ -55,16 +55,11 @@ PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
 
 
 class EndModes(NamedTuple):
-    """The modes that the ends let out, p = 1 on the wall y = H; (F, ...) over N points.
+    """The modes that the ends let out, p = 1 on the wall y = H; (F, ...) over N points."""
 
-    Args:
-        wavenumber: alpha of the mode downstream and upstream, 1/m, (F, 2), complex.
-        along: (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N).  against: (p - u)/2 of both, (F, 2, N).
-    """
-
-    wavenumber: Tensor
-    along: Tensor
-    against: Tensor
+    wavenumber: Tensor  # alpha of the mode downstream and upstream, 1/m, (F, 2), complex
+    along: Tensor  # (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N)
+    against: Tensor  # (p - u)/2 of both, (F, 2, N)
 
 
 def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
@@ -81,27 +76,23 @@ def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes
 
 
 def wall_matrices(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
-    """R of the C lined columns, n points each, (..., F, C, n, n), of an impedance as ``DuctSolver.solve`` takes it.
-
-    Raises:
-        ValueError: shapes that do not fit; see ``wall_reflection``.
-    """
+    """R of the C lined columns, n points each, (..., F, C, n, n), of an impedance as ``DuctSolver.solve`` takes it;
+    ValueError for shapes that do not fit."""
     widths, places = mesh.lined_widths[:, None], mesh.x[:-1, None][mesh.lined]
-    if not callable(impedance):
-        wall, wanted, what = impedance, (len(frequency), len(mesh.case.liner)), "lined patches"
-    else:
-        inside, values, weights = basis.quadrature()
-        x = torch.as_tensor(places + widths * inside)
-        wall, wanted, what = impedance(x.flatten().to(frequency), frequency), (len(frequency), x.numel()), "places"
+    inside, values, weights = basis.quadrature()
+    x = torch.as_tensor(places + widths * inside)
+    along = callable(impedance)
+    wall = impedance(x.flatten().to(frequency), frequency) if along else impedance
+    wanted = (len(frequency), x.numel() if along else len(mesh.case.liner))
     reflection = wall_reflection(wall, frequency.device).to(frequency.device)
     try:
         each = reflection.expand(*reflection.shape[:-2], *wanted)
     except RuntimeError:
         raise ValueError(
-            f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies, {what} "
-            "(one value of each for all: 1)"
+            f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies and "
+            f"{'places' if along else 'lined patches'} (one value of each for all: 1)"
         ) from None
-    if not callable(impedance):
+    if not along:
         each = each[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
         return each[..., None, None] * torch.eye(basis.count, dtype=each.dtype, device=each.device)
     values, weights = values.to(each), weights.to(each)
@@ -190,15 +181,10 @@ def reflected(wall: Tensor, eta: Tensor) -> Tensor:
 
 
 class EnergyBalance(NamedTuple):
-    """Shares of the energy that comes in, (..., F).
+    """Shares of the energy that comes in, (..., F)."""
 
-    Args:
-        out: plane-like modes out of both ends, with (1 +- M)^2, M the bulk Mach number.
-        absorbed: by the liner, from p and w on its face.
-    """
-
-    out: Tensor
-    absorbed: Tensor
+    out: Tensor  # plane-like modes out of both ends, with (1 +- M)^2, M the bulk Mach number
+    absorbed: Tensor  # by the liner, from p and w on its face
 
     @property
     def missing(self) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,8 @@ from torchliner.names import CONDITIONS, SOURCES
 ACTIVE = 1e-12  # |Z + 1| from which R overflows what the sums keep
 GAINS = 1 + 1e-9  # of an end's reflection; nearer to 1 it is rounding
 
+Z = Tensor | Callable[[Tensor, Tensor], Tensor]  # a value each, or a function of x and frequency
+
 
 def other_side(source: str) -> str:
     """``downstream`` for ``upstream`` and the reverse."""
@@ -32,21 +34,20 @@ class DuctCase:
     Args:
         profile: mean flow M(y), which also states H and c.
         start, end: x of the duct's ends, m; both reflect nothing unless said otherwise.
-        liner: x of the two edges of a lined patch, m, or several such pairs, which may touch.
+        liner: x of the two edges of a lined patch, m, or several such pairs in order, which may touch.
         source: ``upstream`` (at ``start``, its wave runs along +x) or ``downstream``.
         incident: amplitude (peak) of the incident plane-like mode on the rigid wall at the lined edge that it meets
             first, or at the source's end where there is no liner, Pa; complex.
-        end_reflection, source_reflection: ratio of the wall pressures of the plane-like mode that
-            comes back to the one that goes out, at the far end and at the source's; complex,
-            broadcast against (F,), leading axes free.
+        end_reflection, source_reflection: ratio of the wall pressures of the plane-like mode that comes back to the one
+            that goes out, at the far end and at the source's; complex, broadcast against (F,), leading axes free.
         density: rho, kg/m3; velocities are p/(rho c).
-        slip_condition: ``ingard-myers`` or ``continuous-velocity``, needed for a liner along which
-            the flow slips. Ingard's and Myers' condition is integrated from the downstream edge of
-            each lined stretch, where the displacement starts from 0: integrated from the other
-            edge, the hydrodynamic wave of the vortex sheet grows beyond all bounds.
+        slip_condition: ``ingard-myers`` or ``continuous-velocity``, needed for a liner along which the flow slips.
+            Ingard's and Myers' condition is integrated from the downstream edge of each lined stretch, where the
+            displacement starts from 0: integrated from the other edge, the hydrodynamic wave of the vortex sheet grows
+            beyond all bounds.
     Raises:
-        ValueError: an end before the start, a patch outside the duct or of no length, patches that
-            overlap, a density not above 0, a number that is not finite, an unknown word.
+        ValueError: an end before the start, a patch outside the duct or of no length, patches that overlap, a density
+            not above 0, a number that is not finite, an unknown word.
     Warns:
         DataWarning: an end that reflects more than it gets.
     """
@@ -63,14 +64,14 @@ class DuctCase:
     slip_condition: str | None = None
 
     def __post_init__(self) -> None:
-        most = {}
         for name in ("start", "end", "incident", "end_reflection", "source_reflection"):
             value = getattr(self, name)
-            exact = value.detach() if isinstance(value, Tensor) else np.asarray(value or 0.0, np.complex128)
-            sizes = torch.as_tensor(exact).abs()
+            sizes = torch.as_tensor(value if isinstance(value, Tensor) else np.asarray(value, complex)).detach().abs()
             if not bool(torch.isfinite(sizes).all()):
                 raise ValueError(f"{name} is {value}; it must be finite")
-            most[name] = float(sizes.max()) if sizes.numel() else 0.0
+            if "reflection" in name and bool((sizes > GAINS).any()):
+                size = f"{name} has a modulus of {float(sizes.max()):.4g}, above 1"
+                tell(f"{size}: such an end sends back more than it gets, and fields may have no bound", depth=2)
         require_positive("duct length, end - start (m)", self.end - self.start)
         require_positive("density (kg/m3)", self.density)
         require_choice("source", self.source, SOURCES)
@@ -79,27 +80,13 @@ class DuctCase:
         object.__setattr__(self, "liner", _patches(self.liner))
         before = self.start
         for start, end in self.liner:
-            where = f"the lined patch from x = {start:g} to {end:g} m"
-            if not end > start:
-                raise ValueError(f"{where} has the length {end - start:.3g} m; it must be above 0")
-            if start < self.start or end > self.end:
+            if not before <= start < end <= self.end:
                 raise ValueError(
-                    f"{where} lies outside the duct, {self.start:g} to {self.end:g} m; move its edges, or the duct's "
-                    "ends (start, end)"
-                )
-            if start < before:
-                raise ValueError(
-                    f"lined patches overlap: one ends at x = {before:g} m, the next starts at {start:g} m; give them "
-                    "in order along x"
+                    f"the lined patch from x = {start:g} to {end:g} m must have a length and lie between "
+                    f"{before:g} m, where the duct begins or another patch ends, and {self.end:g} m, the duct's end; "
+                    "move its edges, or the duct's ends (start, end)"
                 )
             before = end
-        for name in ("end_reflection", "source_reflection"):
-            if most[name] > GAINS:
-                tell(
-                    f"{name} has a modulus of {most[name]:.4g}, above 1: such an end sends back more than it gets, and "
-                    "fields may have no bound",
-                    depth=2,
-                )
 
     @property
     def height(self) -> float:
@@ -134,16 +121,13 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
     Warns:
         DataWarning: negative resistance.
     """
-    if isinstance(impedance, Tensor):
-        wall = impedance.to(torch.complex128)
-    else:
-        wall = torch.as_tensor(np.asarray(impedance, np.complex128), device=device)
+    exact = impedance if isinstance(impedance, Tensor) else np.asarray(impedance, np.complex128)
+    wall = torch.as_tensor(exact, device=impedance.device if isinstance(impedance, Tensor) else device)
+    wall = wall.to(torch.complex128)
     rigid = torch.isinf(wall.real) | torch.isinf(wall.imag)
     finite = torch.where(rigid, 1, wall)
-    if bool(torch.isnan(finite).any()):
-        raise ValueError("impedance is nan; a hard wall is inf")
-    if bool(((finite + 1).abs() < ACTIVE).any()):
-        raise ValueError("impedance is -1, a wall that sends waves unasked; change it slightly")
+    if not bool(((finite + 1).abs() >= ACTIVE).all()):
+        raise ValueError("impedance is nan or -1, a wall that sends waves unasked; a hard wall is inf")
     resistance = finite.detach().real
     feeds = resistance < FEEDS
     if bool(feeds.any()):
@@ -153,12 +137,6 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
             depth=2,
         )
     return torch.where(rigid, 1, reflection_from_impedance(finite))
-
-
-def result_type(impedance: Any) -> torch.dtype:
-    """complex64 for a tensor of single precision, else complex128; sums are done in complex128."""
-    single = isinstance(impedance, Tensor) and impedance.dtype in (torch.complex64, torch.float32)
-    return torch.complex64 if single else torch.complex128
 
 
 def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> bool:
@@ -176,3 +154,36 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
             "slip_condition='ingard-myers' (continuity of displacement) or 'continuous-velocity'"
         )
     return slip > 0 and slip_condition == "ingard-myers"
+
+
+def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
+    """Z(x) at all frequencies: linear in the admittance between stations, constant beyond them.
+
+    Args:
+        x: m, increasing, (N,).
+        impedance: Z there, (N,); inf is a rigid station, between two of which the wall is rigid.
+    Raises:
+        ValueError: x does not increase, lengths differ, or a Z is nan or 0, whose admittance has no bound to
+            interpolate from.
+    """
+    places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
+    if places.ndim != 1 or places.shape != values.shape or len(places) < 1:
+        raise ValueError(f"x has shape {places.shape}, impedance {values.shape}; both are (N,)")
+    if (np.diff(places) <= 0).any():
+        raise ValueError("the stations of an impedance profile must increase along x")
+    faulty = (values == 0) | np.isnan(values)
+    if faulty.any():
+        raise ValueError(
+            f"the impedance profile is {values[faulty][0].real:g} at x = {places[faulty][0]:g} m, which has no "
+            "admittance to interpolate; write a small resistance, as 0.001, for a soft wall and inf for a rigid one"
+        )
+    rigid = np.isinf(values)
+    admittance = np.where(rigid, 0, 1 / np.where(rigid, 1, values))
+
+    def along(at: Tensor, frequency: Tensor) -> Tensor:
+        found = np.interp(at.detach().cpu().numpy(), places, admittance)
+        hard = found == 0
+        z = np.where(hard, np.inf, 1 / np.where(hard, 1, found))
+        return torch.as_tensor(z).expand(len(frequency), -1)
+
+    return along

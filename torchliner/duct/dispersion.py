@@ -17,8 +17,7 @@ from 1 to (Z - 1)/(Z + 1): every wall on the way is passive if the last one is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -29,7 +28,6 @@ from torchliner.duct.roots import LONGEST_STEP, follow_roots
 from torchliner.names import CONDITIONS, DIRECTIONS
 
 STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow
-AT_CUT_ON = 1e-9  # of k^2
 
 Pair = tuple[Tensor, Tensor]
 
@@ -89,9 +87,8 @@ def wavenumber_from_impedance(
         alpha, 1/m, of the shape of all arguments together; rigid: k/(1+M) and -k/(1-M) for m = 0.
         Differentiable in Z and in every real argument, to any order up to the third.
     Raises:
-        TypeError, ValueError: as ``impedance_from_wavenumber`` and ``wall_reflection``; a mode is exactly at its
-            cut-on in the rigid duct.
-        RuntimeError: two modes meet on the way.
+        TypeError, ValueError: as ``impedance_from_wavenumber`` and ``wall_reflection``.
+        RuntimeError: two modes meet on the way, or in the rigid duct, exactly at a cut-on.
     Warns:
         DataWarning: Z has a negative resistance, so that the wall feeds the wave.
 
@@ -114,23 +111,15 @@ def wavenumber_from_impedance(
     mode, reflection = mode.expand(shape).reshape(-1), reflection.reshape(-1)
     wall = 1 + reflection, 1 - reflection
     with torch.no_grad():
-        k, number = flat.wavenumber, torch.pi * mode.to(flat.height) / flat.height
-        close = ((k**2 - (1 - flat.mach**2) * number**2).abs() < AT_CUT_ON * k**2).nonzero()[:, 0]
-        if len(close):
-            i = int(close[0])
-            raise ValueError(
-                f"mode {int(mode[i])} is exactly at its cut-on (k = {float(k[i]):.6g} 1/m, H = "
-                f"{1e3 * float(flat.height[i]):g} mm), where both directions meet; shift the frequency"
-            )
-        start = rigid_wavenumber(k, flat.mach, number, sign)
+        start = rigid_wavenumber(flat.wavenumber, flat.mach, torch.pi * mode / flat.height, sign)
         rigid = torch.full_like(start, 2), torch.zeros_like(start)
         root, arrived = carry_wavenumber(flat, start, rigid, wall)
         if not bool(arrived.all()):
             i = int((~arrived).nonzero()[0])
             raise RuntimeError(
-                f"no wavenumber was found for R = {complex(reflection[i]):.4g} at k = {float(k[i]):.4g} 1/m "
-                f"({int((~arrived).sum())} of {len(arrived)}): two modes meet on the way from the rigid wall; change "
-                "Z slightly"
+                f"no wavenumber was found for R = {complex(reflection[i]):.4g} at k = {float(flat.wavenumber[i]):.4g} "
+                f"1/m ({int((~arrived).sum())} of {len(arrived)}): two modes meet on the way from the rigid wall, or "
+                "in the rigid duct itself, at a cut-on; change Z or the frequency slightly"
             )
     if any(part.requires_grad for part in (reflection, flat.wavenumber, flat.height, flat.mach)):
         # Two Newton steps from the root move nothing, but hand derivatives on, to third order.
@@ -141,18 +130,13 @@ def wavenumber_from_impedance(
     return root.reshape(shape).to(impedance.dtype)
 
 
-@dataclass(frozen=True)
-class Duct:
-    """What the relation needs besides alpha and Z, as real tensors of one shape.
+class Duct(NamedTuple):
+    """What the relation needs besides alpha and Z, as real tensors of one shape."""
 
-    Args:
-        wavenumber: k = omega/c, 1/m.  height: H, m.  mach: M.  displaced: Ingard-Myers, else continuous velocity.
-    """
-
-    wavenumber: Tensor
-    height: Tensor
+    wavenumber: Tensor  # k = omega/c, 1/m
+    height: Tensor  # H, m
     mach: Tensor
-    displaced: bool
+    displaced: bool  # Ingard-Myers, else continuous velocity
 
     def at(self, index: Tensor) -> Duct:
         """Some items of the batch."""
@@ -169,15 +153,14 @@ def duct_of(
     """The duct and the first argument in float64, broadcast against each other, checked."""
     require_choice("condition", condition, CONDITIONS)
     stated = {"frequency (Hz)": frequency, "height (m)": height, "sound_speed (m/s)": sound_speed, "mach": mach}
-    reals = {name: real_tensor(value).to(first.device) for name, value in stated.items()}
-    for name, value in reals.items():
-        known = value.detach()
-        bad = ~(known.abs() < 1) if name == "mach" else ~((known > 0) & torch.isfinite(known))
+    hertz, tall, speed, flow = reals = [real_tensor(value).to(first.device) for value in stated.values()]
+    for name, value in zip(stated, reals, strict=True):
+        known, limit = value.detach(), "finite and above 0"
+        bad = ~((known > 0) & torch.isfinite(known))
+        if name == "mach":
+            bad, limit = ~(known.abs() < 1), "between -1 and 1 (a Mach number, not m/s)"
         if bool(bad.any()):
-            limit = "its size must be below 1 (a Mach number, not m/s)"
-            limit = limit if name == "mach" else "it must be finite and above 0"
-            raise ValueError(f"{name} is {float(known[bad].reshape(-1)[0]):g}; {limit}")
-    hertz, tall, speed, flow = reals.values()
+            raise ValueError(f"{name} is {float(known[bad].reshape(-1)[0]):g}; it must be {limit}")
     wave, k, tall, flow = torch.broadcast_tensors(first.to(torch.complex128), 2 * torch.pi * hertz / speed, tall, flow)
     return Duct(k, tall, flow, condition == CONDITIONS[0]), wave
 

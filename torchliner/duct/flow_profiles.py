@@ -1,4 +1,4 @@
-"""Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers, law of the wall."""
+"""Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers, law of the wall, a table."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import trapezoid
+from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from torchliner.checks import require_positive, tell
+from torchliner.checks import one_number, plain_array, require_positive, tell
 
 Array = NDArray[np.float64]
 STEP = 1e-30  # imaginary, of t: the slope of an analytic shape is Im shape(t + j h)/h, to rounding
@@ -22,12 +24,11 @@ KARMAN, BUFFER = 0.4, 7.8  # Reichardt's; B = BUFFER + ln(KARMAN)/KARMAN = 5.5
 SUBLAYER, BUFFER_DECAY = 11.0, 3.0  # y+
 LOWEST, HIGHEST = 180.0, 1e7  # friction Reynolds number
 AIR_VISCOSITY = 1.813e-5 / 1.204  # m2/s, 20 C
+WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
 
 
 class MeanFlow:
     """A subsonic flow: U/U_0 as an analytic shape over t, 1 at t = 1, with t the half heights from the nearer wall.
-
-    t may be complex, (...): that is how the slope is made. A table states M and its slope itself.
 
     Attributes:
         bulk_mach: mean of U over the height, divided by c.  duct_height: H, m.  sound_speed: c, m/s.
@@ -36,23 +37,13 @@ class MeanFlow:
     bulk_mach: float
     duct_height: float
     sound_speed: float
+    _bulk_share: float = 1.0  # mean of the shape over t = 0..1
 
     def __post_init__(self) -> None:
-        self._check()
-        if self.centreline_mach >= 1:
-            raise ValueError(
-                f"profile centreline Mach number is {self.centreline_mach:.4g} for bulk_mach {self.bulk_mach:g}; it "
-                "must be below 1"
-            )
-
-    def _check(self, *more: str) -> None:
-        for name in ("duct_height", "sound_speed", *more):
+        for name in ("duct_height", "sound_speed"):
             require_positive(f"profile {name}", getattr(self, name))
-        if not 0 <= self.bulk_mach < 1:
-            raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}; it must be at least 0 and below 1 (a Mach number, not m/s; "
-                "the flow runs along +x, so turn the duct round for the other direction)"
-            )
+        _require_subsonic("bulk_mach", self.bulk_mach)
+        _require_subsonic("largest Mach number", self._largest())
 
     def velocity(self, y: ArrayLike) -> Array:
         """U, m/s, at distances y from a wall, m, 0 to H, any shape.
@@ -80,6 +71,9 @@ class MeanFlow:
         """delta* at the wall y = 0, m: H/2 (1 - bulk/centreline velocity), exactly eq. (2.8)."""
         return self.duct_height / 2 * (1 - self._bulk_share)
 
+    def _largest(self) -> float:
+        return self.centreline_mach
+
     def _inside(self, y: ArrayLike) -> Array:
         heights = np.asarray(y, np.float64)
         outside = ~((heights >= 0) & (heights <= self.duct_height))
@@ -88,15 +82,8 @@ class MeanFlow:
         return heights
 
     def _shape(self, t: Any) -> Any:
+        """U/U_0; t may be complex, from which the slope comes."""
         return np.ones_like(t)
-
-    @property
-    def _bulk_share(self) -> float:
-        """Mean of the shape over t = 0..1."""
-        return 1.0
-
-    def _depth(self, y: Array) -> Array:
-        return np.minimum(y, self.duct_height - y) / (self.duct_height / 2)
 
     def _mach(self, y: Array) -> Array:
         return self.centreline_mach * self._shape(self._depth(y))
@@ -106,10 +93,19 @@ class MeanFlow:
         slope = np.imag(self._shape(self._depth(y) + 1j * STEP)) / STEP
         return np.sign(half - y) * self.centreline_mach / half * slope
 
+    def _depth(self, y: Array) -> Array:
+        return np.minimum(y, self.duct_height - y) / (self.duct_height / 2)
+
+
+def _require_subsonic(name: str, mach: float) -> None:
+    if not 0 <= mach < 1:
+        limit = "at least 0 and below 1 (a Mach number, not m/s; the flow runs along +x)"
+        raise ValueError(f"profile {name} is {mach:.4g}; it must be {limit}")
+
 
 @dataclass(frozen=True)
 class UniformProfile(MeanFlow):
-    """One velocity from wall to wall, at the walls too, whose step there is left to the wall condition; 0 is no flow.
+    """One velocity from wall to wall, whose step there is left to the wall condition; 0 is no flow.
 
     Args:
         bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.  sound_speed: c, m/s.
@@ -125,7 +121,7 @@ class UniformProfile(MeanFlow):
 class ParabolicProfile(UniformProfile):
     r"""Laminar flow, :math:`U/U_0 = t(2 - t)`; U_0 = 3/2 of the mean, whose Mach number is below 2/3."""
 
-    _bulk_share = 2 / 3  # type: ignore[assignment]
+    _bulk_share = 2 / 3
 
     def _shape(self, t: Any) -> Any:
         return t * (2 - t)
@@ -136,8 +132,8 @@ class TanhProfile(MeanFlow):
     r"""Boundary layers of adjustable thickness, scaled to a bulk Mach number.
 
     :math:`U/U_0 = \tanh\frac{1-r}{d} + (1 - T)\left[\frac{1+T}{d} r + 1 + r\right](1-r)`, with
-    :math:`r = |2y/H - 1|` and :math:`T = \tanh(1/d)`: 1 and smooth on the centreline, 0 at the
-    walls. For d -> 0 it is a plug flow, for d -> infinity a parabola.
+    :math:`r = |2y/H - 1|` and :math:`T = \tanh(1/d)`: 1 and smooth on the centreline, 0 at the walls. For d -> 0 it is
+    a plug flow, for d -> infinity a parabola.
 
     Args:
         bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
@@ -147,9 +143,8 @@ class TanhProfile(MeanFlow):
         ValueError: as ``UniformProfile``, or ``shear`` below 0.03.
     Warns:
         DataWarning: ``shear`` below 0.05.
-    Source: Rienstra & Vilenski (2008), eq. (4), with the half height as radius, as in section
-        5.5.4 and appendix A.2 of Roncen et al. (2026). A print with "+ r" in place of the factor
-        (1 + r) does not reach U_0 on the centreline.
+    Source: Rienstra & Vilenski (2008), eq. (4), with the half height as radius, as in section 5.5.4 and appendix A.2 of
+        Roncen et al. (2026). A print with "+ r" in place of the factor (1 + r) does not reach U_0 on the centreline.
     """
 
     bulk_mach: float
@@ -159,28 +154,25 @@ class TanhProfile(MeanFlow):
     allow_thin: bool = False
 
     def __post_init__(self) -> None:
-        self._check("shear")
+        require_positive("profile shear", self.shear)
+        text = f"profile shear is {self.shear:g}, below"
         if self.shear < THINNEST_SHEAR and not self.allow_thin:
             raise ValueError(
-                f"profile shear is {self.shear:g}, below {THINNEST_SHEAR:g}: so thin a layer makes any answer that "
-                "depends on its inside a matter of the grid; thicken it (or pass allow_thin=True to study it; "
-                "allow_thin = true in a .toml's [flow])"
+                f"{text} {THINNEST_SHEAR:g}: so thin a layer makes any answer that depends on its inside a matter of "
+                "the grid; thicken it (or pass allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
             )
         super().__post_init__()
         if self.shear < THIN_SHEAR:
-            tell(
-                f"profile shear is {self.shear:g}, below {THIN_SHEAR:g}: waves on so thin a layer may be unstable, and "
-                "results then depend on the mesh",
-                depth=2,
-            )
+            unstable = "waves on so thin a layer may be unstable, and results then depend on the mesh"
+            tell(f"{text} {THIN_SHEAR:g}: {unstable}", depth=2)
 
     def _shape(self, t: Any) -> Any:
         rest = 2 * math.exp(-2 / self.shear) / (1 + math.exp(-2 / self.shear))  # 1 - T without cancellation
         slope = (2 - rest) / self.shear
         return np.tanh(t / self.shear) + rest * (slope * (1 - t) + 2 - t) * t
 
-    @property
-    def _bulk_share(self) -> float:
+    @cached_property
+    def _bulk_share(self) -> float:  # type: ignore[override]
         return _mean_over_layer(self._shape, 1 / self.shear)
 
 
@@ -192,7 +184,7 @@ class LawOfTheWallProfile(MeanFlow):
         + C\left[1 - e^{-y^+/11} - \frac{y^+}{11} e^{-y^+/3}\right], \quad r = |2y/H - 1|,
 
     with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, 2.5 ln y+ + 5.5 above it. The
-    friction velocity is the one that gives the bulk Mach number (200 Gauss points over ln(1 + y+): 1e-12).
+    friction velocity is the one that gives the bulk Mach number.
 
     Args:
         bulk_mach, duct_height, sound_speed: as for ``UniformProfile``.
@@ -212,9 +204,9 @@ class LawOfTheWallProfile(MeanFlow):
     kinematic_viscosity: float = AIR_VISCOSITY
 
     def __post_init__(self) -> None:
-        self._check("kinematic_viscosity")
+        require_positive("profile kinematic_viscosity", self.kinematic_viscosity)
         lowest = self._bulk_mach_of(LOWEST)
-        if self.bulk_mach < lowest:
+        if 0 <= self.bulk_mach < lowest:
             raise ValueError(
                 f"profile bulk_mach is {self.bulk_mach:g}, below {lowest:.3g}, where the friction Reynolds number is "
                 f"{LOWEST:g}, the lowest the law of the wall is taken at; use ParabolicProfile"
@@ -225,8 +217,7 @@ class LawOfTheWallProfile(MeanFlow):
     def friction_reynolds(self) -> float:
         """Re_tau = u_tau H/(2 nu)."""
         ends = math.log(LOWEST) - 1e-9, math.log(HIGHEST)
-        found = brentq(lambda s: self._bulk_mach_of(math.exp(s)) - self.bulk_mach, *ends, xtol=1e-14)
-        return math.exp(float(found))
+        return math.exp(brentq(lambda s: self._bulk_mach_of(math.exp(s)) - self.bulk_mach, *ends, xtol=1e-14))
 
     @property
     def friction_velocity(self) -> float:
@@ -258,3 +249,112 @@ def _mean_over_layer(shape: Callable[[Any], Any], scale: float) -> float:
     span = math.log1p(scale)
     s = span * (1 + NODES) / 2
     return float(np.sum(WEIGHTS * shape(np.expm1(s) / scale) * np.exp(s)) * span / (2 * scale))
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedProfile(MeanFlow):
+    """U at given heights, between them monotone cubics (PCHIP), which make no new extremes.
+
+    dM/dy is exact for the cubics, but bends at each height of the table, so spectral methods converge on it no better
+    than their mesh meets those heights.
+
+    Args:
+        y: heights, m, increasing from 0 to the duct height, or to half of it for a flow symmetric about the
+            centreline, (N,) with N at least 3.
+        velocity_table: U at ``y``, m/s or in any unit if ``bulk_mach`` is given; at least 0, (N,).
+        duct_height: H, m.  bulk_mach: scale the table to this; default: as it stands, m/s.  sound_speed: c, m/s.
+    Raises:
+        ValueError: heights that do not increase or do not end at a wall or the centreline, a negative or not finite
+            velocity, unequal lengths, a Mach number not below 1, no flow to scale.
+    Source: Fritsch & Carlson (1980) for the cubics, as in scipy.
+    """
+
+    y: Array
+    velocity_table: Array
+    duct_height: float
+    bulk_mach: float = None  # type: ignore[assignment]  # filled in on creation
+    sound_speed: float = 343.2
+
+    def __post_init__(self) -> None:
+        heights, speeds = _checked_table(self.y, self.velocity_table, "velocity_table", 3)
+        if (speeds < 0).any():
+            where = f"{speeds.min():g} at y = {heights[speeds.argmin()]:g} m"
+            raise ValueError(f"velocity_table is {where}; it must be at least 0 (the flow runs along +x)")
+        whole = self.duct_height
+        if abs(heights[-1] - whole / 2) <= WHOLE * whole:
+            heights = np.concatenate([heights, whole - heights[-2::-1]])
+            speeds = np.concatenate([speeds, speeds[-2::-1]])
+        elif abs(heights[-1] - whole) > WHOLE * whole:
+            raise ValueError(
+                f"y ends at {heights[-1]:g} m; it must end at the other wall, {whole:g} m, or, for a symmetric flow, "
+                f"on the centreline, {whole / 2:g} m"
+            )
+        heights[-1] = whole
+        mean = float(PchipInterpolator(heights, speeds).integrate(0, whole)) / whole
+        bulk = mean / self.sound_speed if self.bulk_mach is None else self.bulk_mach
+        if bulk > 0 and mean == 0:
+            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {bulk:g}")
+        speeds = speeds * (self.sound_speed * bulk / mean if mean else 0.0)
+        for name, value in (("y", heights), ("velocity_table", speeds), ("bulk_mach", bulk)):
+            object.__setattr__(self, name, value)
+        super().__post_init__()
+
+    @cached_property
+    def _bulk_share(self) -> float:  # type: ignore[override]
+        """Of the lower half, over U on the centreline."""
+        half, centre = self.duct_height / 2, float(self._mach(self.duct_height / 2))
+        if centre == 0:
+            raise ValueError("the velocity on the centreline is 0; it gives no displacement")
+        return float(self._mach.integrate(0, half)) / (half * centre)
+
+    @property
+    def centreline_mach(self) -> float:
+        """U_0/c."""
+        return float(self._mach(self.duct_height / 2))
+
+    def _largest(self) -> float:
+        return float(self.velocity_table.max()) / self.sound_speed
+
+    @cached_property
+    def _mach(self) -> PchipInterpolator:  # type: ignore[override]
+        return PchipInterpolator(self.y, self.velocity_table / self.sound_speed)
+
+    @cached_property
+    def _slope(self) -> PchipInterpolator:  # type: ignore[override]
+        return self._mach.derivative()
+
+
+def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None) -> float:
+    r"""Displacement thickness :math:`\delta^* = \int_0^{H/2} (1 - U/U_0)\,dy`, in metres.
+
+    Args:
+        y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
+        velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
+    Raises:
+        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or U_0 zero or not finite.
+    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the spacing.
+
+    >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
+    0.005
+    """
+    heights, speeds = _checked_table(y, velocity, "velocity", 2)
+    reference = one_number("centreline_velocity", speeds[-1] if centreline_velocity is None else centreline_velocity)
+    if reference == 0 or not math.isfinite(reference):
+        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite and not 0")
+    return float(trapezoid(1 - speeds / reference, heights))
+
+
+def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) -> tuple[Array, Array]:
+    """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
+    heights, speeds = np.array(plain_array(y, "y"), np.float64), np.array(plain_array(velocity, name), np.float64)
+    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
+        both = f"y has shape {heights.shape} and {name} {speeds.shape}"
+        raise ValueError(f"{both}; two equal lists of at least {fewest} points are needed")
+    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
+        raise ValueError(f"y and {name} must be finite")
+    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
+        raise ValueError(
+            "y must increase from the wall to the centreline, or to the other wall, and starts at "
+            f"{heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
+        )
+    return heights, speeds

@@ -119,11 +119,8 @@ def build_mesh(
     Raises:
         ValueError: a frequency, size or degree not above 0.
     """
-    stated = {
-        "frequency (Hz)": frequency, "degree": degree, "column (m)": column, "row (m)": row,
-        "wall_cell (m)": wall_cell,
-    }  # fmt: skip
-    for name, size in stated.items():
+    sizes = {"frequency (Hz)": frequency, "column (m)": column, "row (m)": row, "wall_cell (m)": wall_cell}
+    for name, size in {"degree": degree, **sizes}.items():
         if size is not None:
             require_positive(f"mesh {name}", size)
     largest = min(case.height / 5, _shortest_wave(case, frequency) * (degree + 1) / (SPARE * FEWEST.get(degree, 7.0)))

@@ -20,6 +20,11 @@ the fourth power of the number of points.
 
 Mode n is the rigid mode n of the bulk flow, in closed form, followed twice: while the flow takes its shape, and while
 the wall's reflection goes straight from 1 to R. So the continuous spectrum Re alpha > k/M_max is never touched.
+
+A liner may be passive and the sound above it grow: the shear layer feeds a hydrodynamic wave, as between two streams.
+It grows out of no rigid mode, so it is looked for: Newton's method on F/p from a grid of wavenumbers beyond k/M, in
+panels cut fine for its critical layer. A root counts if finer panels have it too, within 1e-2, and still finer ones
+within 1e-4; that of the fastest growth is kept.
 """
 
 from __future__ import annotations
@@ -30,20 +35,30 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, whole_number
-from torchliner.duct.case import require_slip_condition, result_type, wall_reflection
+from torchliner.duct.case import DuctCase, require_slip_condition, wall_reflection
 from torchliner.duct.dispersion import rigid_wavenumber
-from torchliner.duct.flow_profiles import MeanFlow, UniformProfile
+from torchliner.duct.flow_profiles import MeanFlow
 from torchliner.duct.polynomials import chebyshev_points, integral_matrix, interpolation_matrix
-from torchliner.duct.roots import follow_roots, with_slopes
+from torchliner.duct.roots import follow_roots, newton, with_slopes
 from torchliner.names import DIRECTIONS
 
 WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height
+POINTS = 12  # Chebyshev points of a panel
 DAMPED = 0.3  # -Im over Re of kappa at first: the source grows, which sends every mode to its side, past its cut-on
 CHUNK = 256  # modes followed at once: some 40 MB of matrices
+
+# The growing wave: parts of a panel, last step of Newton's method and change since the parts before, of |alpha|.
+STAGES = ((4, math.inf, math.inf), (4, 1e-3, math.inf), (12, 1e-8, 1e-2), (30, 1e-8, 1e-4))
+ALIKE = 1e-2  # of |alpha|: roots of a stage that are one
+NEAREST, FARTHEST, ALONG = 0.8, 80.0, 14  # Re alpha of the starts, in k/M_max
+ASIDE = (0.15, 0.5, 1.4)  # their Im over Re
+STEPS, LONGEST = 6, 0.25  # of Newton's method, of |alpha|
+LEAST = 1e-3  # of alpha H; below, the wave neither grows nor decays
+NEPER = 20 * math.log10(math.e)  # dB
+NONE = complex(math.nan, math.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +87,9 @@ class PridmoreBrown:
         widths = np.diff(edges)[::-1, None]  # from the rigid wall down: the first panel ends at eta = 1
         nodes = (edges[:0:-1, None] - widths * inner).clip(0, 1)
         y = (height * nodes).clip(0, height)
-        found = (
-            profile.mach(y),
-            height * profile.mach_slope(y),
-            nodes,
-            (-1 + 0j) * widths[..., None] * integral_matrix(inner),
-        )
-        mach, slope, eta, integral = (torch.as_tensor(part, device=device) for part in found)
-        return cls(mach, slope, eta, integral, profile.bulk_mach, myers)
+        integral = (-1 + 0j) * widths[..., None] * integral_matrix(inner)
+        found = profile.mach(y), height * profile.mach_slope(y), nodes, integral
+        return cls(*(torch.as_tensor(part, device=device) for part in found), profile.bulk_mach, myers)
 
     def solve(self, a: Tensor, kappa: Tensor, share: Any = 1.0) -> tuple[Tensor, Tensor]:
         """p and zeta over the nodes for each a and kappa, (M,): (M, K N) each; differentiable.
@@ -137,13 +147,13 @@ def _panel_edges(profile: MeanFlow, split: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class DuctModes:
-    """Waves q(y) exp(j omega t - j alpha x); p in units of rho c^2, u and v of c.
+    """Waves q(y) exp(j omega t - j alpha x); p in units of rho c^2, u and v of c; complex128.
 
     Args:
         frequency: Hz, (F,).  direction: ``downstream`` or ``upstream``, that of the group velocity.
         wavenumber: alpha, 1/m, (..., F, N); mode n grew out of rigid mode n.
-        height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in
-            panels of ``points`` each, whose ends are there twice.
+        height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in panels of ``points``
+            each, whose ends are there twice.
         pressure: p, 1 on the rigid wall, (..., F, N, P).
         axial, normal: u along the flow, v along +y, (..., F, N, P).  points: nodes in each panel.
     """
@@ -185,7 +195,7 @@ def duct_modes(
     count: int = 6,
     direction: str = "downstream",
     slip_condition: str | None = None,
-    points: int = 12,
+    points: int = POINTS,
 ) -> DuctModes:
     r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
 
@@ -200,8 +210,7 @@ def duct_modes(
             needed for a lined wall along which the flow slips.
         points: Chebyshev points in each panel of the height.
     Returns:
-        Modes on the device of ``impedance`` if it is a tensor, else of ``frequency``; complex64 if
-        ``impedance`` is, else complex128.
+        Modes on the device of ``impedance`` if it is a tensor, else of ``frequency``.
     Raises:
         ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
             unknown; a count below 1 or beyond what the points resolve.
@@ -216,27 +225,27 @@ def duct_modes(
     wall = wall_reflection(impedance, wanted.device)
     wanted = wanted.to(wall.device)
     slips = bool((wall != 1).any()) and require_slip_condition(profile, slip_condition)
-    kappa = 2 * math.pi * profile.duct_height / profile.sound_speed * wanted
+    height = profile.duct_height
+    kappa = 2 * math.pi * height / profile.sound_speed * wanted
     try:
         wall = torch.broadcast_to(wall, np.broadcast_shapes(wall.shape, kappa.shape))
     except ValueError:
-        raise ValueError(
+        shapes = (
             f"impedance has shape {tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
-        ) from None
+        )
+        raise ValueError(shapes) from None
     shape = (*wall.shape, count)
     equation = PridmoreBrown.of(profile, points, slips, wall.device)
     rigid = rigid_modes(profile, kappa, count, direction, points)
     items = rigid.expand(shape), kappa[:, None].expand(shape), wall[..., None].expand(shape)
     parts = [_lined(equation, *part) for part in zip(*(item.reshape(-1).split(CHUNK) for item in items), strict=True)]
-    a, pressure, u, v = (torch.cat(part).to(result_type(impedance)) for part in zip(*parts, strict=True))
-    pressure, u, v = (part.reshape(*shape, -1) for part in (pressure, u, v))
-    height = profile.duct_height
-    return DuctModes(
-        wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(), pressure, u, v, points
-    )
+    a, *fields = (torch.cat(part) for part in zip(*parts, strict=True))
+    pressure, u, v = (part.reshape(*shape, -1) for part in fields)
+    nodes = height * equation.nodes.flatten()
+    return DuctModes(wanted, direction, a.reshape(shape) / height, nodes, pressure, u, v, points)
 
 
-def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str, points: int = 12) -> Tensor:
+def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str, points: int = POINTS) -> Tensor:
     """alpha H of modes 0 to count - 1 between rigid walls, (F, count), at kappa = k H, (F,)."""
     number = math.pi * torch.arange(count).to(kappa)
     sign = 1 if direction == "downstream" else -1
@@ -268,11 +277,7 @@ def _lined(equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor) 
 
 
 def _followed(value: Any, start: Tensor, kappa: Tensor, *more: Tensor) -> Tensor:
-    """Roots a of value(a, t, *more) followed from t = 0 to 1, items of (M,).
-
-    Raises:
-        RuntimeError: one stalls.
-    """
+    """Roots a of value(a, t, *more) followed from t = 0 to 1, items of (M,); RuntimeError where one stalls."""
 
     def condition(a: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         found, slope, rate = with_slopes(lambda z, s: value(z, s, *(part[index] for part in more)), a, t)
@@ -290,24 +295,81 @@ def _followed(value: Any, start: Tensor, kappa: Tensor, *more: Tensor) -> Tensor
 
 
 def cut_on_frequency(profile: MeanFlow, mode: int = 1) -> float:
-    r"""Cut-on frequency of a mode between rigid walls, Hz.
+    r"""Cut-on frequency of mode n between rigid walls in the bulk flow, n c sqrt(1 - M^2)/(2 H), Hz; shear lowers it by
+    less than 1 %."""
+    return mode * profile.sound_speed * math.sqrt(1 - profile.bulk_mach**2) / (2 * profile.duct_height)
 
-    Without shear it is n c sqrt(1 - M^2)/(2 H). With shear it is the zero of the squared half difference of the two
-    wavenumbers of the mode, downstream and upstream, which is real and crosses zero straight where they meet.
 
+def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_condition: str | None = None) -> Tensor:
+    r"""Wavenumber of the fastest growing wave along the flow above an endless liner.
+
+    Args:
+        profile: mean flow.  frequency: Hz, (F,).
+        impedance: Z, normalised, complex, broadcast against (F,).
+        slip_condition: where the flow slips along the wall, as for ``duct_modes``.
+    Returns:
+        alpha, 1/m, (F,), complex128, of exp(-j alpha x): Im alpha > 0 and Re alpha > k. nan where none is found, from
+        Re alpha of 0.8 to 80 k/M. That is no proof that there is none: a root whose critical layer the finest panels do
+        not resolve (Im below some Re/50) is not taken.
     Raises:
-        ValueError: a mode below 1: the plane wave runs at every frequency.
+        ValueError: as ``duct_modes``.
+    Source: Briggs (1964), Electron-stream interaction with plasmas, for what runs downstream though it grows there;
+        Rienstra and Darau (2011), J. Fluid Mech. 671, 559, for such waves above liners.
     """
-    if mode < 1:
-        raise ValueError(f"mode is {mode}; the plane wave, 0, runs at every frequency")
-    uniform = mode * math.pi * math.sqrt(1 - profile.bulk_mach**2)
-    to_hertz = profile.sound_speed / (2 * math.pi * profile.duct_height)
-    if isinstance(profile, UniformProfile):
-        return to_hertz * uniform
+    wanted = frequency_tensor(frequency).cpu()
+    reflection = wall_reflection(impedance).detach().cpu()
+    if reflection.shape not in ((), (1,), wanted.shape):
+        shape, count = tuple(reflection.shape), len(wanted)
+        raise ValueError(f"impedance has shape {shape}; one value is needed, or {count}, one a frequency")
+    reflection, found = reflection.expand(wanted.shape), torch.full(wanted.shape, NONE, dtype=torch.complex128)
+    height = profile.duct_height
+    fastest = float(profile.mach(np.linspace(0, height, 201)).max())
+    lined = (reflection != 1).nonzero()[:, 0].tolist() if fastest > 0 else []
+    if lined:
+        myers = require_slip_condition(profile, slip_condition)
+        kappa = 2 * math.pi * height / profile.sound_speed * wanted
+        sheared = float(profile.mach(0.0)) < fastest  # else there is no critical layer
+        equations = {n: PridmoreBrown.of(profile, POINTS, myers, split=n if sheared else 1) for n, _, _ in STAGES}
+        for i in lined:
+            found[i] = _fastest(equations, kappa[i], fastest, reflection[i]) / height
+    return found
 
-    def difference(kappa: float) -> float:
-        at = torch.tensor([kappa], dtype=torch.float64)
-        down, up = (rigid_modes(profile, at, mode + 1, d)[0, mode] for d in DIRECTIONS)
-        return float(((down - up) / 2).square().real)
 
-    return to_hertz * float(brentq(difference, 0.5 * uniform, 1.5 * uniform, xtol=1e-9))
+def growth_over_liner(case: DuctCase, frequency: Tensor, impedance: Any) -> tuple[Tensor, Tensor]:
+    """Growth of the fastest wave over all lined patches, dB, (F,), and its largest alpha, (F,).
+
+    0 and nan where no wave grows. ``impedance`` is as for ``DuctSolver.solve``, without leading axes; of a function the
+    value in the middle of each patch.
+    """
+    if callable(impedance):
+        impedance = impedance(torch.tensor([sum(pair) / 2 for pair in case.liner]).to(frequency), frequency)
+    walls = torch.as_tensor(impedance).detach().cpu().expand(len(frequency), len(case.liner))
+    growth = torch.zeros(len(frequency), dtype=torch.float64)
+    worst = torch.full(growth.shape, NONE, dtype=torch.complex128)
+    for patch, (start, end) in enumerate(case.liner):
+        alpha = growing_wave(case.profile, frequency, walls[:, patch], case.slip_condition)
+        growth += NEPER * (end - start) * torch.nan_to_num(alpha.imag)
+        worst = torch.where(torch.isnan(worst.real) | (alpha.imag > worst.imag), alpha, worst)
+    return growth, worst
+
+
+def _fastest(equations: dict[int, PridmoreBrown], kappa: Tensor, fastest: float, reflection: Tensor) -> Any:
+    """alpha H of the fastest growing root, or nan."""
+    low, high = (math.log(share * float(kappa) / fastest) for share in (NEAREST, FARTHEST))
+    along = torch.linspace(low, high, ALONG, dtype=torch.float64).exp()
+    a = (along[:, None] * (1 + 1j * torch.tensor(ASIDE, dtype=torch.float64))).flatten()
+    for parts, close, change in STAGES:
+
+        def relative(z: Tensor, equation: PridmoreBrown = equations[parts]) -> Tensor:
+            value, pressure = equation.residual(z, kappa.expand(len(z)), reflection)
+            return value / pressure  # F itself grows as exp(alpha H)
+
+        start = a
+        a, last = newton(lambda z, f=relative: with_slopes(f, z), start, STEPS, LONGEST)  # type: ignore[misc]
+        held = (last < close * a.abs()) & (a.imag > LEAST) & (a.real > kappa)
+        a = a[held & ((a - start).abs() < change * a.abs())]
+        apart = (a[:, None] - a).abs() < ALIKE * a.abs()
+        a = a[~torch.triu(apart, diagonal=1).any(0)]
+        if not len(a):
+            return NONE
+    return a[a.imag.argmax()]

@@ -14,18 +14,25 @@ from pydantic import BeforeValidator, Field
 from torch import Tensor
 
 from torchliner import toml_files
-from torchliner.checks import noted
+from torchliner.checks import noted, tell
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
-from torchliner.duct.case import DuctCase
-from torchliner.duct.doubts import doubt_sound
-from torchliner.duct.tables import TabulatedProfile, Z, tabulated_wall, velocity_table
+from torchliner.duct.case import DuctCase, Z, impedance_along
+from torchliner.duct.solver import DuctField
 from torchliner.fluid import Fluid
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
+from torchliner.records import MicrophoneLine
+from torchliner.text_columns import read_lines, read_table
 from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
+from torchliner.version import __version__
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
+RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
+VELOCITY, VELOCITY_EXAMPLE = {"y": "length", "u": None}, "y [mm], U [m/s]"
+IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number", "reactance": "number"}
+IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
+NEAR = 1e-6  # m; of the frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +74,58 @@ class DuctSetup:
             raise ValueError(f"{self.name} has an impedance that varies along x; modes need one: state impedance")
         return self.impedance[..., 0] if self.impedance.numel() else torch.inf
 
+    def line_of(self, field: DuctField, **known: Any) -> MicrophoneLine:
+        """A solved field at the microphones, as measured lines are kept, in the order of x, with its known Z.
+
+        Args:
+            field: solved, with its checks or without.
+            known: what else its provenance states, by name; impedance, plane mode with its energy, mesh and its check
+                are always there.
+        Warns:
+            DataWarning: several lined patches, of which a line can name one: it names none.
+        """
+        case, places = self.case, np.sort(self.places)
+        one = len(case.liner) == 1
+        start, end = case.liner[0] if one else (None, None)
+        notes = (*self.notes, *field.notes)
+        if len(case.liner) > 1:
+            patches = f"{self.name} has {len(case.liner)} lined patches, a line of microphones names one"
+            notes = (*notes, f"{patches}; it names none, and methods of one liner take all microphones")
+            tell(notes[-1])
+        walls = None
+        if not callable(field.impedance):  # else Z varies along x
+            z = field.impedance
+            exact = z.detach().cpu() if isinstance(z, Tensor) else torch.as_tensor(np.asarray(z, np.complex128))
+            walls = exact.to(torch.complex128).broadcast_to(len(field.frequency), len(case.liner))
+        first = walls[:, 0] if one and walls is not None else None
+        rows = [] if walls is None else walls.tolist()
+        plain = [[[z.real, z.imag] if np.isfinite(z) else "rigid" for z in row] for row in rows] or None
+        return MicrophoneLine(
+            places,
+            field.wall_pressure(places, self.wall).detach().movedim(-1, -2),
+            self.frequency,
+            duct_height=case.height,
+            mach=case.profile.bulk_mach,
+            source_side=field.source,
+            liner_start=start,
+            liner_end=end,
+            wall_impedance=None if first is None else torch.where(first.isfinite(), first, complex(math.nan, math.nan)),
+            fluid=self.fluid,
+            title=f"{self.name}, linearised Euler equations",
+            provenance={
+                "solved": self.facts,
+                "plane_mode": field.rows(),
+                "impedance": plain,
+                "wall": self.wall,
+                "unknowns": field.mesh.unknowns,
+                "finer_unknowns": field.finer_unknowns,
+                "version": __version__,
+                **known,
+            },
+            notes=notes,
+            name=self.name,
+        )
+
 
 def _pair(value: Any) -> Any:
     """A number, or the two of a list, as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
@@ -92,17 +151,11 @@ class DuctTable(Strict):
     liner: list[Pair] = Field(default_factory=list)
 
 
-def _subsonic(value: Any) -> Any:
-    if isinstance(value, (int, float)) and not 0 <= value < 1:
-        raise ValueError("it must be at least 0 and below 1 (a Mach number, not m/s)")
-    return value
-
-
 class FlowTable(Strict):
     """Table ``[flow]``."""
 
     profile: Annotated[str, one_of(*FLOW_PROFILES, "table")] = "uniform"
-    bulk_mach: Annotated[float, BeforeValidator(_subsonic)]
+    bulk_mach: float = Field(ge=0, lt=1)
     shear: float | None = Field(None, gt=0)
     allow_thin: bool = False
     file: str | None = None
@@ -144,9 +197,8 @@ class DuctFile(Strict):
     fluid: FluidTable = FluidTable()
 
 
-TABLES: dict[str, Any] = {
-    "duct": DuctTable, "flow": FlowTable, "sound": SoundTable, "microphones": MicrophoneTable, "fluid": FluidTable
-}  # fmt: skip
+TABLES: dict[str, Any] = {name: key.annotation for name, key in DuctFile.model_fields.items()}
+TABLES = {name: table for name, table in TABLES.items() if isinstance(table, type) and issubclass(table, Strict)}
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
@@ -167,11 +219,7 @@ def duct_names() -> list[str]:
 
 
 def duct_text(name: str) -> str:
-    """The TOML text of a preset, to copy and edit.
-
-    Raises:
-        ValueError: no such preset; the nearest is named.
-    """
+    """The TOML text of a preset, to copy and edit; ValueError if there is none, with the nearest."""
     return toml_files.preset_text(PACKAGE, name, *KIND)
 
 
@@ -197,9 +245,8 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         value = value.tolist() if isinstance(value, (np.ndarray, Tensor)) else value
         table = content.setdefault(owners[key], {})
         if table.get(key) != value:
-            for other in REPLACES.get(key, ()):
-                if other not in changes:  # else both were asked for, which is refused further on
-                    table.pop(other, None)
+            for other in set(REPLACES.get(key, ())) - changes.keys():
+                table.pop(other, None)
         table[key] = value
     file = validated(DuctFile, content, path, TABLES)
     try:
@@ -226,27 +273,42 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if float(profile.mach(0.0)) > 0 else None),
     )
-    doubt_sound(case, sound.frequency, impedance, duct.width)
+    _warn_of_slips(case, max(sound.frequency), impedance, duct.width)
     wanted = torch.tensor(sound.frequency, dtype=torch.float64)
     places, facts = _microphones(file.microphones, case), file.model_dump()
     name, wall = file.name or path.stem, file.microphones.wall
     return DuctSetup(name, case, wanted, sound.level, impedance, places, wall, facts, fluid)
 
 
+def _warn_of_slips(case: DuctCase, frequency: float, impedance: Z, width: float | None) -> None:
+    """An impedance in rayl; a wave across the width (m), which two dimensions do not have."""
+    large = [] if callable(impedance) else [z for z in impedance.flatten().tolist() if RAYL < abs(z) < RIGID]
+    for z in large[:1]:
+        tell(
+            f"impedance {z:.4g} is large for one over rho c; if it is in rayl (Pa s/m), write "
+            f"{z / (case.profile.sound_speed * case.density):.3g}, and 'rigid' for a hard wall"
+        )
+    if width:
+        across = case.profile.sound_speed * math.sqrt(1 - case.profile.bulk_mach**2) / (2 * width)
+        if frequency >= across:
+            tell(
+                f"at {frequency:g} Hz a mode runs across the width of {1e3 * width:g} mm, from its cut-on of "
+                f"{across:.4g} Hz on; the duct is solved in two dimensions without it"
+            )
+
+
 def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
     """x, m, (N,); none stated: (0,)."""
-    first, last, step = table.first, table.last, table.step
-    stated = sum(value is not None for value in (first, last, step))
-    if stated not in (0, 3) or (stated and table.x is not None):
+    row = [each for each in (table.first, table.last, table.step) if each is not None]
+    if len(row) not in (0, 3) or (row and table.x is not None):
         raise ValueError("microphones need first, last and step, or x, not both")
     places = torch.tensor(table.x or [], dtype=torch.float64)
-    if first is not None and last is not None and step is not None:
+    if row:
+        first, last, step = row
         count = round((last - first) / step) + 1
         if not 1 <= count <= MOST_MICROPHONES:
-            raise ValueError(
-                f"microphones from {first:g} to {last:g} m in steps of {step:g} m are {count}; 1 to {MOST_MICROPHONES} "
-                "are possible"
-            )
+            made = f"microphones from {first:g} to {last:g} m in steps of {step:g} m are {count}"
+            raise ValueError(f"{made}; 1 to {MOST_MICROPHONES} are possible")
         places = first + step * torch.arange(count, dtype=torch.float64)
     outside = ((places < case.start) | (places > case.end)).nonzero()[:, 0]
     if len(outside):
@@ -270,23 +332,69 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
     if kind != "table":
         return PROFILES[kind](flow.bulk_mach, height, **about)
     if flow.file is None:
-        raise ValueError("flow profile 'table' needs file, a CSV of y [m] and U (any unit)")
-    y, speed = velocity_table(path.parent / flow.file)
+        raise ValueError(f"flow profile 'table' needs file, a CSV of {VELOCITY_EXAMPLE} (any unit of U)")
+    table = path.parent / flow.file
+    found = read_table(read_lines(table), VELOCITY, table, example=VELOCITY_EXAMPLE, short={"velocity": "u"})
     try:
-        return TabulatedProfile(y, speed, height, bulk_mach=flow.bulk_mach, **about)
+        return flow_profiles.TabulatedProfile(found["y"], found["u"], height, bulk_mach=flow.bulk_mach, **about)
     except ValueError as error:
         raise ValueError(f"{flow.file}: {error}") from error
 
 
 def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
-    walls, file, patches = sound.impedance, sound.impedance_file, len(duct.liner)
-    if (walls is None) == (file is None) and (patches or file):
-        raise ValueError("sound needs either impedance or impedance_file")
-    if file is not None:
-        if patches == 0:
-            raise ValueError("sound has an impedance_file, the duct no liner; state one or leave it out")
-        return tabulated_wall(path.parent / file, duct.liner, duct.start, duct.end, sound.frequency)
-    values = [math.inf if pair == "rigid" else complex(*pair) for pair in walls or []]
-    if len(values) != patches:
-        raise ValueError(f"sound has {len(values)} impedances for {patches} lined patches")
-    return torch.tensor(values, dtype=torch.complex128)
+    patches = len(duct.liner)
+    if sound.impedance_file is not None:
+        if sound.impedance is not None or not patches:
+            raise ValueError("sound has an impedance_file, which needs a liner in duct and excludes impedance")
+        return wall_from_table(path.parent / sound.impedance_file, duct, sound.frequency)
+    walls = sound.impedance or []
+    if len(walls) != patches:
+        raise ValueError(f"sound has {len(walls)} impedances for {patches} lined patches, and no impedance_file")
+    return torch.tensor([math.inf if pair == "rigid" else complex(*pair) for pair in walls], dtype=torch.complex128)
+
+
+def wall_from_table(path: Path, duct: DuctTable, frequencies: list[float]) -> Z:
+    """Z(x) of a CSV with the columns ``x [mm], resistance, reactance``, or Z at frequencies (Hz, (F,)) of one over
+    ``frequency``, (F, S) for S patches; between its rows linear in the admittance; inf is rigid.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: other columns, x without a unit, a cell that is no number, stations outside the duct, or all of
+            them before or behind a lined patch; as ``impedance_along``; a frequency outside the table.
+    Warns:
+        DataWarning: stations that end within a lined patch: Z is constant beyond the last.
+    """
+    found = read_table(
+        read_lines(path),
+        IMPEDANCE,
+        path,
+        example=IMPEDANCE_EXAMPLE,
+        short={"R": "resistance", "X": "reactance"},
+        special=("resistance", "reactance"),
+        optional=("x", "frequency"),
+    )
+    if ("x" in found) == ("frequency" in found):
+        raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
+    walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
+    walls.real, walls.imag = found["resistance"], found["reactance"]
+    places = found["x" if "x" in found else "frequency"]
+    try:
+        between = impedance_along(places, walls)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+    low, high = float(places[0]), float(places[-1])
+    if "frequency" in found:
+        wanted = torch.tensor(frequencies, dtype=torch.float64)
+        if outside := [f for f in frequencies if not low * (1 - NEAR) <= f <= high * (1 + NEAR)]:
+            raise ValueError(f"{path.name}: {outside[0]:g} Hz lies outside its table, {low:g} to {high:g} Hz")
+        return between(wanted, wanted[:1]).mT.expand(-1, len(duct.liner))
+    stations = f"{path}: its stations, x = {low:g} to {high:g} m,"
+    if low < duct.start - NEAR or high > duct.end + NEAR:
+        raise ValueError(f"{stations} leave the duct, {duct.start:g} to {duct.end:g} m; is their unit right?")
+    for first, last in duct.liner:
+        where = f"the lined patch, x = {first:g} to {last:g} m"
+        if low > last or high < first:
+            raise ValueError(f"{stations} do not reach {where}; is their unit right?")
+        if low > first + NEAR or high < last - NEAR:
+            tell(f"{stations} do not span {where}; beyond them Z is taken as at the last one")
+    return between

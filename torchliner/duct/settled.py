@@ -1,9 +1,8 @@
 """A duct solved on two meshes at least: by how much a finer one moves the answer.
 
-Two meshes differ where the layer of the flow is thin or a wave grows along the liner. The answer is
-that of the coarsest mesh which the next one confirms, so that a duct whose mesh was fine enough
-keeps its numbers. Each next mesh has 1.5 times the columns and rows and half the cell at the walls,
-and columns that resolve the growing wave, if there is one, as far as ``NARROWEST`` goes.
+The answer is that of the coarsest mesh which the next one confirms, so that a duct whose mesh was fine enough keeps its
+numbers. Each next mesh has 1.5 times the columns and rows and half the cell at the walls, and columns that resolve the
+growing wave, if there is one, as far as ``NARROWEST`` goes.
 """
 
 from __future__ import annotations
@@ -16,10 +15,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, noted, tell
-from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import DuctCase
-from torchliner.duct.growing_wave import growth_over_liner
 from torchliner.duct.mesh import FEWEST, DuctMesh, build_mesh
+from torchliner.duct.modes import growth_over_liner
 from torchliner.duct.solver import DuctField, DuctSolver
 
 SETTLED, REFUSED = 0.05, 1.0  # dB
@@ -55,8 +53,7 @@ def solve_settled(
             by more than 100 dB over the liner; the message says by how much.
         ValueError: see ``DuctSolver``.
     Warns:
-        DataWarning: meshes that still differ by more than 0.05 dB; a growing wave; as
-            ``DuctSolver`` and its ``solve``.
+        DataWarning: meshes that still differ by more than 0.05 dB; a growing wave; as ``DuctSolver`` and its ``solve``.
     """
     wanted = frequency_tensor(frequency)
     with noted() as notes:
@@ -66,9 +63,8 @@ def solve_settled(
         field = DuctSolver(case, wanted, mesh).solve(impedance)
         moved, unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
         for step in range(1, TRIES + 1) if mesh is None else ():
-            finer = _finer_mesh(case, wanted, step, growing)
-            other = DuctSolver(case, wanted, finer).solve(impedance)
-            moved, unknowns = _difference(field, other, torch.as_tensor(places), wall), finer.unknowns
+            other = DuctSolver(case, wanted, _finer_mesh(case, wanted, step, growing)).solve(impedance)
+            moved, unknowns = _difference(field, other, torch.as_tensor(places), wall), other.mesh.unknowns
             if float(moved.max()) <= SETTLED:
                 break
             if step < TRIES:
@@ -98,11 +94,9 @@ def _difference(one: DuctField, other: DuctField, places: Tensor, wall: str) -> 
     moved = 20 * (one.transmission.detach() / other.transmission.detach()).abs().log10().abs()
     if not len(places):
         return moved
-    first, second = (field.wall_pressure(places, wall).detach() for field in (one, other))
-    level = spl_from_pressure_amplitude(first)
-    loud = level > level.amax(-1, keepdim=True) - WEAK
-    levels = 20 * (first / second).abs().log10().abs()
-    return torch.maximum(moved, torch.where(loud, levels, 0).amax(-1))
+    first, second = (field.wall_level(places, wall).detach() for field in (one, other))
+    loud = first > first.amax(-1, keepdim=True) - WEAK
+    return torch.maximum(moved, torch.where(loud, (first - second).abs(), 0).amax(-1))
 
 
 def _judge(field: DuctField, difference: Tensor, finer_unknowns: int | None) -> None:

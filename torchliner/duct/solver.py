@@ -12,25 +12,19 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_choice
+from torchliner.checks import frequency_tensor, require_choice, tell
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.boundaries import (
-    Boundaries,
-    EndModes,
-    EnergyBalance,
-    downwind_derivative,
-    energy_balance,
-    plane_modes,
-    wall_matrices,
-)
-from torchliner.duct.case import DuctCase, other_side, require_slip_condition, result_type
-from torchliner.duct.doubts import doubt_ends, doubt_gain
+from torchliner.duct import boundaries
+from torchliner.duct.case import DuctCase, other_side, require_slip_condition
 from torchliner.duct.flow_profiles import Array
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.sweep import MEMORY, SweptDuct
+from torchliner.duct.modes import cut_on_frequency, rigid_modes
+from torchliner.duct.sweep import SweptDuct
 from torchliner.engine.threads import one_thread
-from torchliner.names import SOURCES, WALLS
-from torchliner.records.outlets import Reported
+from torchliner.names import DIRECTIONS, SOURCES, WALLS
+
+GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H
+RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut-on frequency
 
 
 class DuctSolver:
@@ -43,11 +37,9 @@ class DuctSolver:
 
     Args:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
-        memory: bytes that the waves may take, those kept and those of the sweep in hand.
-        modes: those that the ends let out, as ``plane_modes``.
+        modes: those that the ends let out, as ``boundaries.plane_modes``.
     Raises:
-        ValueError: a mesh of another duct, frequencies that are none, waves beyond ``memory``, a missing slip
-            condition.
+        ValueError: a mesh of another duct, frequencies that are none, a missing slip condition.
     Warns:
         DataWarning: a coarse mesh, mode 1 cut on, a liner so near an end that mode 1 of its edges gets there.
     """
@@ -58,23 +50,23 @@ class DuctSolver:
         frequency: Any,
         mesh: DuctMesh | None = None,
         *,
-        memory: float = MEMORY,
-        modes: Callable[..., EndModes] = plane_modes,
+        modes: Callable[..., boundaries.EndModes] = boundaries.plane_modes,
     ) -> None:
         self.case = case
         self.frequency = frequency_tensor(frequency)
-        self.mesh = mesh or build_mesh(case, float(self.frequency.max()))
+        highest = float(self.frequency.max())
+        self.mesh = mesh or build_mesh(case, highest)
         if self.mesh.case is not case:
             raise ValueError("the mesh was built for another DuctCase; build one for this")
         slips = bool(case.liner) and require_slip_condition(case.profile, case.slip_condition)
-        self.mesh.warn_if_coarse(float(self.frequency.max()))
-        doubt_ends(case, self.frequency)
-        self.swept = SweptDuct(self.mesh, self.frequency, modes, memory)
-        slip = None
+        self.mesh.warn_if_coarse(highest)
+        _warn_of_mode_1(case, self.frequency)
+        self.swept, slip = SweptDuct(self.mesh, self.frequency, modes), None
         if slips:
             share = float(case.profile.mach(0.0)) / (2j * case.wavenumber(self.frequency))
-            slip = share[:, None, None] * downwind_derivative(self.mesh, self.swept.basis).to(share)
-        self._boundaries = Boundaries(self.swept.reading, slip)
+            derivative = boundaries.downwind_derivative(self.mesh, self.swept.basis)
+            slip = share[:, None, None] * derivative.to(share)
+        self._boundaries = boundaries.Boundaries(self.swept.reading, slip)
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
         """The field of one or many impedances.
@@ -94,15 +86,14 @@ class DuctSolver:
             DataWarning: negative resistance; more energy out than in past a wall that gives none.
         """
         side, basis = require_choice("source", source or self.case.source, SOURCES), self.swept.basis
-        wall = wall_matrices(impedance, self.mesh, basis, self.frequency)
+        wall = boundaries.wall_matrices(impedance, self.mesh, basis, self.frequency)
         # torch 2.13 has given wrong complex LU factors of 150 rows in two threads, in a process that had drawn figures
         # and used threads before; in one thread they were right.
         with one_thread():
             waves, eta = self._boundaries.solve(wall, *self._ends(side))
-        energy = energy_balance(self.mesh, basis, waves, eta, wall)
-        doubt_gain(energy, self.frequency)
-        kind = torch.complex128 if callable(impedance) else result_type(impedance)
-        return DuctField(self.swept, side, waves, energy, kind, impedance)
+        energy = boundaries.energy_balance(self.mesh, basis, waves, eta, wall)
+        _warn_of_gain(energy, self.frequency)
+        return DuctField(self.swept, side, waves, energy, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
@@ -118,10 +109,7 @@ class DuctSolver:
             exact = value if isinstance(value, Tensor) else np.asarray(value, np.complex128)
             tensor = torch.as_tensor(exact).to(self.frequency.device, torch.complex128)
             if tensor.ndim and tensor.shape[-1] not in (1, *shape):
-                raise ValueError(
-                    f"{name} has shape {tuple(tensor.shape)}; its last axis must be one value for all frequencies or "
-                    f"{shape[0]}, one of each"
-                )
+                raise ValueError(f"{name} has shape {tuple(tensor.shape)}; its last axis must be 1 or {shape[0]}")
             both.append(tensor.expand(np.broadcast_shapes(tensor.shape, shape)))
         returns = torch.stack(torch.broadcast_tensors(*both), -1)
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
@@ -129,20 +117,62 @@ class DuctSolver:
 
 def solve_duct(case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: DuctMesh | None = None) -> DuctField:
     """The sound field of a lined duct with flow: ``DuctSolver`` of these and its ``solve``."""
-    if isinstance(impedance, Tensor) and not isinstance(frequency, Tensor):
-        frequency = frequency_tensor(frequency).to(impedance.device)
     return DuctSolver(case, frequency, mesh).solve(impedance)
 
 
+def _warn_of_mode_1(case: DuctCase, frequency: Tensor) -> None:
+    """Ends let one mode out; the next, which the liner's edges make, must have died away there."""
+    profile, kappa = case.profile, case.height * case.wavenumber(frequency)
+    down, up = (rigid_modes(profile, kappa, 2, d)[:, 1].imag.abs() for d in DIRECTIONS)
+    runs = down < RUNS
+    if case.liner and not bool(runs.all()):
+        # At the highest frequency below cut-on mode 1 decays least.
+        nearest = torch.where(runs, 0, frequency).argmax()
+        ends = (
+            (float(up[nearest]) / case.height, case.liner[0][0] - case.start, "upstream"),
+            (float(down[nearest]) / case.height, case.end - case.liner[-1][1], "downstream"),
+        )
+        rate, length, end = min(ends, key=lambda each: each[0] * each[1])
+        if rate * length < GONE:
+            tell(
+                f"the liner lies {1e3 * length:.3g} mm from the {end} end: at {float(frequency[nearest]):g} Hz "
+                f"{100 * math.exp(-rate * length):.2g} % of mode 1, which its edges make, reaches the end, which "
+                f"reflects some of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the duct there to at least "
+                f"{1e3 * GONE / rate:.3g} mm beyond the liner",
+                depth=2,
+            )
+    if bool(runs.any()):
+        tell(
+            f"at {float(frequency[runs].max()):g} Hz mode 1 runs too: its cut-on is about "
+            f"{cut_on_frequency(profile):.4g} Hz. Only the plane-like mode is sent in, and the ends let only that out: "
+            "they reflect some of mode 1",
+            depth=2,
+        )
+
+
+def _warn_of_gain(balance: boundaries.EnergyBalance, frequency: Tensor) -> None:
+    """Where more energy goes out than comes in though the wall takes some, a wave grew."""
+    fed = balance.fed
+    if bool((fed > 0).any()):
+        item = int(fed.argmax())
+        out, absorbed = (float(part.flatten()[item]) for part in balance)
+        tell(
+            f"at {float(frequency[item % len(frequency)]):g} Hz ({int((fed > 0).sum())} of {fed.numel()} cases) "
+            f"{out:.3g} times the energy that comes in goes out and {absorbed:.3g} times is absorbed, though the wall "
+            "is passive: a wave of the shear layer grows along the liner, or the mesh does not resolve it; do not rely "
+            "on this field",
+            depth=2,
+        )
+
+
 @dataclass(frozen=True, eq=False)
-class DuctField(Reported):
-    """Complex amplitudes (peak) of exp(j omega t), for (..., F) impedances and frequencies.
+class DuctField:
+    """Complex amplitudes (peak) of exp(j omega t), complex128, for (..., F) impedances and frequencies.
 
     Args:
         swept: the duct's answers to unit waves.  source: side of the sound.
         waves: X of ``sweep.py``, Pa, (..., F, D).
         energy: out and absorbed over that which comes in, (..., F).
-        dtype: of what is read from the field; the sums are done in complex128.
         impedance: Z of the wall as it was asked for.
         growth, growing: of a wave that grows over the liner, dB, (F,), 0 where none was found, and its wavenumber,
             1/m, (F,), nan where there is none; these and the next two of ``solve_settled``.
@@ -153,8 +183,7 @@ class DuctField(Reported):
     swept: SweptDuct
     source: str
     waves: Tensor
-    energy: EnergyBalance
-    dtype: torch.dtype = torch.complex128
+    energy: boundaries.EnergyBalance
     impedance: Any = None
     growth: Tensor | None = None
     growing: Tensor | None = None
@@ -185,7 +214,7 @@ class DuctField(Reported):
         Raises:
             ValueError: a point outside the duct.
         """
-        p, u, v = fields_at(self.swept, self.waves, x, y).to(self.dtype).unbind(-1)
+        p, u, v = fields_at(self.swept, self.waves, x, y).unbind(-1)
         speed = self.case.density * self.case.profile.sound_speed
         return p, u / speed, v / speed
 
@@ -198,7 +227,7 @@ class DuctField(Reported):
             wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
         """
         arriving, leaving = self._wall_waves(x, wall)
-        return (arriving + leaving).to(self.dtype)
+        return arriving + leaving
 
     def wall_velocity(self, x: Any) -> Tensor:
         """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
@@ -208,8 +237,7 @@ class DuctField(Reported):
         slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
         """
         arriving, leaving = self._wall_waves(x, "lined")
-        velocity = (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
-        return velocity.to(self.dtype)
+        return (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
 
     def wall_level(self, x: Any, wall: str = "opposite") -> Tensor:
         """SPL on a wall, dB re 20 uPa rms, (..., F, P)."""
@@ -226,13 +254,12 @@ class DuctField(Reported):
         Both at that end, as wall pressures; what the end sends back in counts as sent.
         """
         sent, returned = self.end_waves(self.source)
-        return (returned / sent).to(self.dtype)
+        return returned / sent
 
     @property
     def transmission(self) -> Tensor:
         """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
-        sent, _ = self.end_waves(self.source)
-        return (self.end_waves(other_side(self.source))[1] / sent).to(self.dtype)
+        return self.end_waves(other_side(self.source))[1] / self.end_waves(self.source)[0]
 
     def rows(self) -> list[dict[str, float | None]]:
         """One a frequency, of a field without leading axes: reflection, transmission, energy, checks."""

@@ -31,7 +31,6 @@ from torchliner.duct.polynomials import Basis
 from torchliner.engine.threads import one_thread
 
 AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
-MEMORY = 2 * 2**30  # bytes that the waves may take, those kept and those of the sweep in hand
 
 
 class SweptDuct:
@@ -42,8 +41,6 @@ class SweptDuct:
         reading: (F, W + 2, D): waves that arrive at the lined wall; then, of the left and the right end, the mean of
             the outgoing p -+ u less that of the end's modes, which is 0 where no other wave goes out.
         upper, lower: waves (p + v)/2 that arrive at the rigid wall and (p - v)/2 at the other, (F, C, n, D).
-    Raises:
-        ValueError: what is kept and in hand takes more than ``memory``, bytes.
     """
 
     def __init__(
@@ -51,7 +48,6 @@ class SweptDuct:
         mesh: DuctMesh,
         frequency: Tensor,
         modes: Callable[..., EndModes] = plane_modes,
-        memory: float = MEMORY,
     ) -> None:
         self.mesh, self.frequency, case = mesh, frequency, mesh.case
         self.basis = basis = Basis.of_degree(mesh.degree, frequency.device)
@@ -66,12 +62,6 @@ class SweptDuct:
         units = 4 + n * lined  # D
         each = 16 * units * (columns * len(y) * (3 if self._flow else 2) + n * lined)
         self._at_once = min(len(frequency), max(1, int(AT_ONCE // each)))
-        need = self._at_once * each + len(frequency) * 16 * units * n * (2 * columns + lined)
-        if need > memory:
-            raise ValueError(
-                f"the waves of {mesh.unknowns} unknowns take {need / 2**30:.3g} GB for {len(frequency)} frequencies, "
-                f"above the limit of {memory / 2**30:.3g} GB; take fewer frequencies, a coarser mesh or more memory"
-            )
         parts = []
         with one_thread():  # see ``DuctSolver.solve``
             for at, columns_here, waves in self.sweeps():

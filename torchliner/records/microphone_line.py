@@ -24,7 +24,7 @@ from torchliner.checks import (
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.records.case import LOUDEST, Case
 from torchliner.records.declared import record, require_shapes, var
-from torchliner.records.outlets import Written
+from torchliner.records.outlets import Reported, Written
 from torchliner.records.probes import finite_places
 from torchliner.records.unit_checks import require_pressures, unit_warnings
 from torchliner.units import require_plausible
@@ -36,7 +36,7 @@ DRAWN = ("draws", "microphone", "frequency")
 
 
 @record
-class MicrophoneLine(Written, Case):
+class MicrophoneLine(Written, Reported, Case):
     r"""Complex PEAK amplitudes p of tones :math:`Re(p e^{j\omega t})` along a straight duct with a lined wall.
 
     N microphones, F frequencies; leading axes of the pressure are cases of one line, as draws. A Mach number that is

@@ -7,8 +7,6 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from torchliner.duct.solved_line import setup_of, solved_line
-from torchliner.duct.solver import DuctField
 from torchliner.file_checks import naming
 from torchliner.io import line_file, map_file, microphone_file, point_file, wall_file
 from torchliner.io.hdf5 import open_file, text_attribute
@@ -44,7 +42,7 @@ PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
 
 
 def write_report(
-    result: ImpedanceMap | ImpedanceLine | PointImpedances | WallEduction | FieldFit | DuctField,
+    result: ImpedanceMap | ImpedanceLine | PointImpedances | WallEduction | FieldFit | MicrophoneLine,
     path: str | Path,
     *others: Any,
 ) -> None:
@@ -52,8 +50,6 @@ def write_report(
     require_report()
     writable(path, ENDING)
     shown: Any = result if type(result) in PAGES else (result, *others)
-    if isinstance(result, DuctField):
-        shown = solved_line(setup_of(result), result)
     page_of(shown).write(path)
 
 
