@@ -89,7 +89,8 @@ class PridmoreBrown:
         y = (height * nodes).clip(0, height)
         integral = (-1 + 0j) * widths[..., None] * integral_matrix(inner)
         found = profile.mach(y), height * profile.mach_slope(y), nodes, integral
-        return cls(*(torch.as_tensor(part, device=device) for part in found), profile.bulk_mach, myers)
+        mach, slope, eta, matrix = (torch.as_tensor(part, device=device) for part in found)
+        return cls(mach, slope, eta, matrix, profile.bulk_mach, myers)
 
     def solve(self, a: Tensor, kappa: Tensor, share: Any = 1.0) -> tuple[Tensor, Tensor]:
         """p and zeta over the nodes for each a and kappa, (M,): (M, K N) each; differentiable.
