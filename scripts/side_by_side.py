@@ -25,8 +25,8 @@ import b2a_line
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.case import impedance_along
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
-from torchliner.duct.solver import DuctField
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import FieldFit, ImpedanceMap

@@ -22,8 +22,9 @@ from torchliner.duct.flow_profiles import (
     TanhProfile,
     UniformProfile,
 )
+from torchliner.duct.growing_wave import growing_wave
 from torchliner.duct.mesh import build_mesh
-from torchliner.duct.modes import PridmoreBrown, duct_modes, growing_wave
+from torchliner.duct.modes import PridmoreBrown, duct_modes
 from torchliner.duct.roots import with_slopes
 from torchliner.duct.settled import solve_settled
 from torchliner.duct.solver import solve_duct

@@ -16,9 +16,10 @@ from scipy.sparse.linalg import spsolve
 from oracles.lee_assembled import solve_assembled
 from torchliner.duct.boundaries import EndModes
 from torchliner.duct.case import DuctCase
+from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.solver import fields_at, solve_duct
+from torchliner.duct.solver import solve_duct
 from torchliner.duct.sweep import SweptDuct
 from verify_duct import node_places
 

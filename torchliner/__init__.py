@@ -9,7 +9,7 @@ from torchliner.version import __version__
 
 _HOMES = {
     "Fluid": "torchliner.fluid",
-    "displacement_thickness": "torchliner.duct.flow_profiles",
+    "displacement_thickness": "torchliner.duct.flow_table",
     "TanhProfile": "torchliner.duct.flow_profiles",
     "DataWarning": "torchliner.checks",
     "SDoFLiner": "torchliner.liners.sdof",
@@ -73,7 +73,7 @@ _HOMES = {
     "load_duct": "torchliner.duct.presets",
     "DuctSolver": "torchliner.duct.solver",
     "duct_modes": "torchliner.duct.modes",
-    "growing_wave": "torchliner.duct.modes",
+    "growing_wave": "torchliner.duct.growing_wave",
     "solve_settled": "torchliner.duct.settled",
     "fit_field": "torchliner.pressure.fit_field",
     "sensitivities": "torchliner.studies.sensitivities",

@@ -6,33 +6,38 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import BeforeValidator, Field
 from torch import Tensor
 
 from torchliner import toml_files
 from torchliner.checks import noted, tell
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
-from torchliner.duct.case import DuctCase, Z, impedance_along
-from torchliner.duct.solver import DuctField
+from torchliner.duct.case import DuctCase, Z
+from torchliner.duct.duct_file import (
+    TABLES,
+    DuctFile,
+    DuctTable,
+    FlowTable,
+    MicrophoneTable,
+    SoundTable,
+    wall_from_table,
+)
+from torchliner.duct.field import DuctField
+from torchliner.duct.flow_table import TabulatedProfile
 from torchliner.fluid import Fluid
-from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import read_lines, read_table
-from torchliner.toml_files import FluidTable, Strict, one_of, preset_or_file, validated
+from torchliner.toml_files import preset_or_file, validated
 from torchliner.version import __version__
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
 RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
 VELOCITY, VELOCITY_EXAMPLE = {"y": "length", "u": None}, "y [mm], U [m/s]"
-IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number", "reactance": "number"}
-IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
-NEAR = 1e-6  # m; of the frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,78 +132,6 @@ class DuctSetup:
         )
 
 
-def _pair(value: Any) -> Any:
-    """A number, or the two of a list, as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
-    if isinstance(value, list):
-        return tuple(value)
-    if not isinstance(value, (int, float, complex, np.number)):
-        return value
-    z = complex(value)
-    return "rigid" if math.isinf(abs(z)) else (z.real, z.imag)
-
-
-Pair = Annotated[tuple[float, float], BeforeValidator(_pair)]
-Wall = Annotated[tuple[float, float] | Literal["rigid"], BeforeValidator(_pair)]
-
-
-class DuctTable(Strict):
-    """Table ``[duct]``, m."""
-
-    height: float = Field(gt=0, lt=10)
-    width: float | None = Field(None, gt=0, lt=10)
-    start: float
-    end: float
-    liner: list[Pair] = Field(default_factory=list)
-
-
-class FlowTable(Strict):
-    """Table ``[flow]``."""
-
-    profile: Annotated[str, one_of(*FLOW_PROFILES, "table")] = "uniform"
-    bulk_mach: float = Field(ge=0, lt=1)
-    shear: float | None = Field(None, gt=0)
-    allow_thin: bool = False
-    file: str | None = None
-    slip_condition: Annotated[str, one_of(*CONDITIONS)] | None = None
-
-
-class SoundTable(Strict):
-    """Table ``[sound]``."""
-
-    frequency: list[float] = Field(min_length=1)
-    level: float = Field(100.0, ge=0, le=200)
-    source_side: Annotated[str, one_of(*SOURCES)] = "upstream"
-    impedance: Annotated[list[Wall], BeforeValidator(lambda v: v if isinstance(v, list | tuple) else [v])] | None = None
-    impedance_file: str | None = None
-    end_reflection: Pair = (0.0, 0.0)
-    source_reflection: Pair = (0.0, 0.0)
-
-
-class MicrophoneTable(Strict):
-    """Table ``[microphones]``: x one by one, or from first to last in steps, m."""
-
-    wall: Annotated[str, one_of(*WALLS)] = "opposite"
-    x: list[float] | None = None
-    first: float | None = None
-    last: float | None = None
-    step: float | None = Field(None, gt=0)
-
-
-class DuctFile(Strict):
-    """A whole file."""
-
-    name: str | None = None
-    description: str = ""
-    source: str = ""
-    duct: DuctTable
-    flow: FlowTable
-    sound: SoundTable
-    microphones: MicrophoneTable = MicrophoneTable()
-    fluid: FluidTable = FluidTable()
-
-
-TABLES: dict[str, Any] = {name: key.annotation for name, key in DuctFile.model_fields.items()}
-TABLES = {name: table for name, table in TABLES.items() if isinstance(table, type) and issubclass(table, Strict)}
 PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
     "uniform": flow_profiles.UniformProfile,
     "parabolic": flow_profiles.ParabolicProfile,
@@ -336,7 +269,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_p
     table = path.parent / flow.file
     found = read_table(read_lines(table), VELOCITY, table, example=VELOCITY_EXAMPLE, short={"velocity": "u"})
     try:
-        return flow_profiles.TabulatedProfile(found["y"], found["u"], height, bulk_mach=flow.bulk_mach, **about)
+        return TabulatedProfile(found["y"], found["u"], height, bulk_mach=flow.bulk_mach, **about)
     except ValueError as error:
         raise ValueError(f"{flow.file}: {error}") from error
 
@@ -351,50 +284,3 @@ def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
     if len(walls) != patches:
         raise ValueError(f"sound has {len(walls)} impedances for {patches} lined patches, and no impedance_file")
     return torch.tensor([math.inf if pair == "rigid" else complex(*pair) for pair in walls], dtype=torch.complex128)
-
-
-def wall_from_table(path: Path, duct: DuctTable, frequencies: list[float]) -> Z:
-    """Z(x) of a CSV with the columns ``x [mm], resistance, reactance``, or Z at frequencies (Hz, (F,)) of one over
-    ``frequency``, (F, S) for S patches; between its rows linear in the admittance; inf is rigid.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: other columns, x without a unit, a cell that is no number, stations outside the duct, or all of
-            them before or behind a lined patch; as ``impedance_along``; a frequency outside the table.
-    Warns:
-        DataWarning: stations that end within a lined patch: Z is constant beyond the last.
-    """
-    found = read_table(
-        read_lines(path),
-        IMPEDANCE,
-        path,
-        example=IMPEDANCE_EXAMPLE,
-        short={"R": "resistance", "X": "reactance"},
-        special=("resistance", "reactance"),
-        optional=("x", "frequency"),
-    )
-    if ("x" in found) == ("frequency" in found):
-        raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
-    walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
-    walls.real, walls.imag = found["resistance"], found["reactance"]
-    places = found["x" if "x" in found else "frequency"]
-    try:
-        between = impedance_along(places, walls)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
-    low, high = float(places[0]), float(places[-1])
-    if "frequency" in found:
-        wanted = torch.tensor(frequencies, dtype=torch.float64)
-        if outside := [f for f in frequencies if not low * (1 - NEAR) <= f <= high * (1 + NEAR)]:
-            raise ValueError(f"{path.name}: {outside[0]:g} Hz lies outside its table, {low:g} to {high:g} Hz")
-        return between(wanted, wanted[:1]).mT.expand(-1, len(duct.liner))
-    stations = f"{path}: its stations, x = {low:g} to {high:g} m,"
-    if low < duct.start - NEAR or high > duct.end + NEAR:
-        raise ValueError(f"{stations} leave the duct, {duct.start:g} to {duct.end:g} m; is their unit right?")
-    for first, last in duct.liner:
-        where = f"the lined patch, x = {first:g} to {last:g} m"
-        if low > last or high < first:
-            raise ValueError(f"{stations} do not reach {where}; is their unit right?")
-        if low > first + NEAR or high < last - NEAR:
-            tell(f"{stations} do not span {where}; beyond them Z is taken as at the last one")
-    return between

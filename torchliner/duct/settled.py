@@ -16,9 +16,10 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, noted, tell
 from torchliner.duct.case import DuctCase
+from torchliner.duct.field import DuctField
+from torchliner.duct.growing_wave import growth_over_liner
 from torchliner.duct.mesh import FEWEST, DuctMesh, build_mesh
-from torchliner.duct.modes import growth_over_liner
-from torchliner.duct.solver import DuctField, DuctSolver
+from torchliner.duct.solver import DuctSolver
 
 SETTLED, REFUSED = 0.05, 1.0  # dB
 MOST_GROWTH = 100.0  # dB over the liner: beyond, a field of linear sound has no meaning

@@ -20,7 +20,8 @@ from torch import Tensor
 from torchliner.checks import DataWarning
 from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.case import other_side
-from torchliner.duct.solver import DuctField, DuctSolver
+from torchliner.duct.field import DuctField
+from torchliner.duct.solver import DuctSolver
 from torchliner.forward_mode import dual_level
 
 NEAREST = 1e-8  # 1 - rho of what counts as rigid: |Z| = 2e8

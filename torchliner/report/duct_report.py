@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.field import DuctField
 from torchliner.duct.modes import DuctModes
 from torchliner.duct.presets import DuctSetup
-from torchliner.duct.solver import DuctField
 from torchliner.report.figure import (
     COLOURS,
     LINES,

@@ -1,0 +1,195 @@
+"""The sound field of a solved duct: read on walls, inside and at the ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchliner.checks import require_choice
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.duct.boundaries import EnergyBalance
+from torchliner.duct.case import DuctCase, other_side
+from torchliner.duct.flow_profiles import Array
+from torchliner.duct.mesh import DuctMesh
+from torchliner.duct.sweep import SweptDuct
+from torchliner.engine.threads import one_thread
+from torchliner.names import SOURCES, WALLS
+
+
+@dataclass(frozen=True, eq=False)
+class DuctField:
+    """Complex amplitudes (peak) of exp(j omega t), complex128, for (..., F) impedances and frequencies.
+
+    Args:
+        swept: the duct's answers to unit waves.  source: side of the sound.
+        waves: X of ``sweep.py``, Pa, (..., F, D).
+        energy: out and absorbed over that which comes in, (..., F).
+        impedance: Z of the wall as it was asked for.
+        growth, growing: of a wave that grows over the liner, dB, (F,), 0 where none was found, and its wavenumber,
+            1/m, (F,), nan where there is none; these and the next two of ``solve_settled``.
+        difference: by which a finer mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
+        finer_unknowns: of that mesh.  notes: warnings, with numbers.
+    """
+
+    swept: SweptDuct
+    source: str
+    waves: Tensor
+    energy: EnergyBalance
+    impedance: Any = None
+    growth: Tensor | None = None
+    growing: Tensor | None = None
+    difference: Tensor | None = None
+    finer_unknowns: int | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def mesh(self) -> DuctMesh:
+        """On which it was solved."""
+        return self.swept.mesh
+
+    @property
+    def case(self) -> DuctCase:
+        """The duct."""
+        return self.mesh.case
+
+    @property
+    def frequency(self) -> Tensor:
+        """Hz, (F,)."""
+        return self.swept.frequency
+
+    def at(self, x: Any, y: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """p (Pa), u and v (m/s, along x and y) at points, each (..., F, P); the duct is swept once more for them.
+
+        Args:
+            x, y: m, (P,) or numbers.
+        Raises:
+            ValueError: a point outside the duct.
+        """
+        p, u, v = fields_at(self.swept, self.waves, x, y).unbind(-1)
+        speed = self.case.density * self.case.profile.sound_speed
+        return p, u / speed, v / speed
+
+    def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
+        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law p* = Z w
+        with w the velocity of the wall's own face, v* of ``wall_velocity`` where nothing slips.
+
+        Args:
+            x: m, (P,) or a number.
+            wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
+        """
+        arriving, leaving = self._wall_waves(x, wall)
+        return arriving + leaving
+
+    def wall_velocity(self, x: Any) -> Tensor:
+        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
+
+        v* = w = p*/(rho c Z) where the flow does not slip or the velocity is continuous. With
+        Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
+        slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
+        """
+        arriving, leaving = self._wall_waves(x, "lined")
+        return (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
+
+    def wall_level(self, x: Any, wall: str = "opposite") -> Tensor:
+        """SPL on a wall, dB re 20 uPa rms, (..., F, P)."""
+        return spl_from_pressure_amplitude(self.wall_pressure(x, wall))
+
+    def wall_phase(self, x: Any, wall: str = "opposite") -> Tensor:
+        """Phase of the pressure on a wall, degrees, -180 to 180, (..., F, P)."""
+        return torch.rad2deg(torch.angle(self.wall_pressure(x, wall)))
+
+    @property
+    def reflection(self) -> Tensor:
+        """Plane-like mode that reaches the source's end over the one sent from it, (..., F).
+
+        Both at that end, as wall pressures; what the end sends back in counts as sent.
+        """
+        sent, returned = self.end_waves(self.source)
+        return returned / sent
+
+    @property
+    def transmission(self) -> Tensor:
+        """Plane-like mode out at the far end over the one sent in at the source's, (..., F)."""
+        return self.end_waves(other_side(self.source))[1] / self.end_waves(self.source)[0]
+
+    def rows(self) -> list[dict[str, float | None]]:
+        """One a frequency, of a field without leading axes: reflection, transmission, energy, checks."""
+        through = self.transmission.detach().abs()
+        columns: dict[str, Any] = {
+            "frequency (Hz)": self.frequency,
+            "reflection": self.reflection.detach().abs(),
+            "transmission": through,
+            "transmission loss (dB)": -20 * through.log10(),
+            "energy out": self.energy.out,
+            "energy absorbed": self.energy.absorbed,
+            "energy missing": self.energy.missing,
+        }
+        if self.growing is not None:
+            columns |= {
+                "growing wave real (1/m)": self.growing.real,
+                "growing wave imaginary (1/m)": self.growing.imag,
+                "growth over the liner (dB)": self.growth,
+                "mesh difference (dB)": self.difference,
+            }
+        lists = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in columns.items()}
+        return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+
+    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
+        """The plane-like mode that comes in and that goes out at an end, ``upstream`` or ``downstream``, Pa at the
+        wall, (..., F)."""
+        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
+        return self.waves[..., first], self.waves[..., first + 1]
+
+    def _wall_waves(self, x: Any, wall: str) -> tuple[Tensor, Tensor]:
+        """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
+        require_choice("wall", wall, WALLS)
+        mesh, basis = self.mesh, self.swept.basis
+        column, inside = _cells("x", x, mesh.x)
+        values = basis.values(inside).to(self.waves)
+        kept = self.swept.upper if wall == "opposite" else self.swept.lower
+        rows = torch.einsum("pn,fpnd->fpd", values, kept[:, torch.as_tensor(column).to(values.device)])
+        arriving = torch.einsum("fpd,...fd->...fp", rows, self.waves)
+        lined = torch.as_tensor(mesh.lined[column]).to(values.device)
+        if wall == "opposite" or not bool(lined.any()):
+            return arriving, arriving  # rigid
+        first = 2 + basis.count * (np.cumsum(mesh.lined) - 1).clip(0)[column]
+        own = torch.as_tensor(first[:, None] + np.arange(basis.count)).to(values.device)
+        return arriving, torch.where(lined, (self.waves[..., own] * values).sum(-1), arriving)
+
+
+def fields_at(swept: SweptDuct, waves: Tensor, x: Any, y: Any) -> Tensor:
+    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3)."""
+    places, heights = np.broadcast_arrays(_places(x), _places(y))
+    column, inside = _cells("x", places, swept.mesh.x)
+    element, above = _cells("y", heights, swept.mesh.y)
+    along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
+    found = waves.new_zeros(*waves.shape[:-1], len(places), 3)
+    with one_thread():
+        for at, columns, sweep in swept.sweeps():
+            for number, (one, units) in enumerate(zip(columns, sweep, strict=True)):
+                here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
+                incoming = torch.einsum("fid,...fd->...fi", units, waves[..., at, :])
+                nodes = one.nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
+                found[..., at, here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
+    return found
+
+
+def _places(values: Any) -> Array:
+    plain = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
+    return np.atleast_1d(np.asarray(plain, np.float64)).ravel()
+
+
+def _cells(name: str, values: Any, edges: Array) -> tuple[NDArray[np.int64], Array]:
+    """The cell between edges that each place lies in, and where in it, 0 to 1."""
+    places = _places(values)
+    outside = ~((places >= edges[0]) & (places <= edges[-1]))
+    if outside.any():
+        raise ValueError(f"{name} = {places[outside][0]:g} m lies outside the duct, {edges[0]:g} to {edges[-1]:g} m")
+    cell = np.clip(np.searchsorted(edges, places, "right") - 1, 0, len(edges) - 2)
+    return cell, (places - edges[cell]) / np.diff(edges)[cell]
