@@ -12,17 +12,15 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import fftconvolve
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.engine.kernels import KernelTable, build_kernels
-from torchliner.engine.levels import interpolate
+from torchliner.engine.kernels import KernelTable, build_kernels, interpolate
 from torchliner.liners.model import LinerModel
 from torchliner.names import STEP_KERNELS
 from torchliner.velocity import ir_tdibc_wall
-from torchliner.velocity.ir_tdibc import fixed_points
 from torchliner.velocity.ir_tdibc_wall import NewestTap, settle_period, step_in_time
+from torchliner.velocity.level_curve import fixed_points
 
 RATE = 24000.0
 FAST = {"sampling_rate": 14000.0, "duration": 0.02, "after": 0.004}  # of 1400 Hz, 10 samples
@@ -104,16 +102,6 @@ def test_the_newest_tap_is_solved(taps, sent, memory, past, share, spacing, inte
     assert rows.max() < 8
 
 
-def test_several_solutions_are_counted(slit):
-    """A first tap that falls steeply with |v| has two from below; the least is taken."""
-    grid = tl.VelocityGrid(4.0, 41, "uniform", "linear")
-    taps = torch.where(grid.speeds < 1, 0.5, -0.5)[:, None]
-    table = KernelTable(taps.double(), 0, RATE, grid, (300.0, 3500.0), "causal", 0.0, 0.0, 0.0)
-    rows, _, _, roots = NewestTap(table).solve(*np.array([[1.1], [0.0], [0.0]]), 1.0)
-    assert roots[0] == 2  # from below: at 0.55 and at 1.65
-    assert grid.speeds[rows[0]].max() < 0.7
-
-
 def test_step_error_is_rounding(slit):
     """The residual of the implicit equation, of the largest |x|, at every step."""
     curve = tl.ir_tdibc(slit, [100, 145, 160], 1400.0, **FAST)
@@ -161,17 +149,6 @@ def test_steps_and_period_agree(slit, window):
     lines = kernels.response(torch.fft.rfftfreq(n, 1 / RATE, dtype=torch.float64))
     wanted = settle_period(period, lines, kernels.grid, window)
     assert float((found - wanted.reflected).abs().max()) < 1e-8
-
-
-def test_a_linear_wall_convolves():
-    """Speed-independent: y is the plain convolution, and no level changes Z."""
-    kernels, sent = kernels_of(Linear()), noise(3, 700)
-    y = step_in_time(sent, kernels).reflected
-    for x, found in zip(sent, y, strict=True):
-        wanted = fftconvolve(x.numpy(), kernels.taps[0].numpy())[:700]
-        assert np.abs(found.numpy() - wanted).max() < 1e-12
-    curve = tl.ir_tdibc(Linear(), [60, 120, 160], 1400.0, **FAST)
-    assert float((curve.reflection - curve.reflection[:1]).abs().max()) < 1e-12
 
 
 @literal
@@ -249,28 +226,6 @@ def test_kernel_length_and_rate_converge(onera):
     assert rate[1] < 1e-3
 
 
-def test_spread_falls_with_length(slit):
-    """Four times the noise, about half the spread."""
-    short, long = (
-        tl.ir_tdibc(slit, 140, tl.BandNoise(800, 2000), frequency=[1200, 1400, 1600],
-                    realisations=12, duration=seconds, kernel="periodic", sampling_rate=16000)
-        for seconds in (0.03, 0.12)
-    )  # fmt: skip
-    ratio = short.spread.abs().mean() / long.spread.abs().mean()
-    assert 1.3 < ratio < 3.1
-
-
-@literal
-@pytest.mark.parametrize("kernel", STEP_KERNELS)
-def test_no_energy_is_made(slit, kernel):
-    """Of a tone and of noise less comes back than was sent, though a kernel's gain exceeds 1."""
-    for incident in (1400.0, tl.BandNoise(500, 3000)):
-        curve = tl.ir_tdibc(slit, [100, 145], incident, kernel=kernel, sampling_rate=24000,
-                            duration=0.02, after=0.004)  # fmt: skip
-        assert float(curve.reflected_energy.max()) < 1
-        assert float(curve.impedance.real.min()) > 0
-
-
 @literal
 @pytest.mark.slow
 @pytest.mark.parametrize("name", tl.preset_names())
@@ -298,16 +253,13 @@ def test_better_kernel_is_nearer(slit):
 # Signals.
 
 
-def test_a_recording_is_sent_once(slit):
-    """Recorded noise, after silence, gives nearly what repeated noise gives."""
+def test_a_recording_is_a_wave_like_the_others(slit):
     wave = tl.BandNoise(800, 2500)
     kept = tl.Recorded(wave.sampled(2000, 20000.0), 20000.0, "noise.wav")
-    wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=20000, duration=0.1,
-                         kernel="periodic")  # fmt: skip
-    found = tl.ir_tdibc(slit, 120, kept, frequency=1400)
+    wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=20000, duration=0.1)
+    found = tl.ir_tdibc(slit, 120, kept, frequency=1400, band=wanted.choices["kernel_band"])
     assert found.choices["duration"] == 0.1
-    assert math.isnan(float(found.drift[0, 0]))
-    assert abs(one(found) - one(wanted)) < 0.02
+    assert abs(one(found) - one(wanted)) < 1e-9
 
 
 def test_realisations_of_tones_differ_in_phase(slit):
@@ -318,18 +270,6 @@ def test_realisations_of_tones_differ_in_phase(slit):
 
 
 # Bad input.
-
-
-@pytest.mark.filterwarnings("ignore:kernel 'least-squares' is not:torchliner.DataWarning")
-def test_what_is_sent_beside_counts_whether_it_is_read_or_not():
-    """The kernel stands for the liner all over the signal: reading less changes nothing."""
-    liner, sent = tl.load_liner("onera"), tl.Tones([1400.0, 5600.0], [0.3, 1.0])
-    options = {"sampling_rate": 56e3}
-    both = tl.ir_tdibc(liner, 150, sent, **options)
-    alone = tl.ir_tdibc(liner, 150, sent, frequency=1400.0, **options)
-    exact = tl.ir_tdibc(liner, 150, sent, frequency=1400.0, kernel="periodic", **options)
-    assert complex(alone.impedance[0, 0]) == pytest.approx(complex(both.impedance[0, 0]), rel=1e-9)
-    assert complex(alone.impedance[0, 0]) == pytest.approx(complex(exact.impedance[0, 0]), rel=0.1)
 
 
 def test_a_recording_outside_the_band_is_told_of(slit):
@@ -348,33 +288,22 @@ def test_a_recording_outside_the_band_is_told_of(slit):
     [
         (math.nan, 1400.0, {}, "level is nan dB .* must be finite"),
         (356.0, 1400.0, {}, "356 Pa rms is 145.0 dB"),
-        ([], 1400.0, {}, "no level is given"),
         ([130, 150], 1400.0, {"velocity_max": 1.5, **FAST}, "at 150 dB .* exceeds 1.5 m/s"),
-        (150, 1400.0, {"velocity_max": 1.5, "kernel": "periodic", **FAST},
-         "at 150 dB .* exceeds 1.5 m/s"),
-        (130, 1400.0, {"sampling_rate": 9000.0}, r"6.43 samples a period .* give 11200 Hz"),
+        (150, 1400.0, {"velocity_max": 1.5, "kernel": "periodic", **FAST}, "at 150 dB .* exceeds 1.5 m/s"),
+        (130, 1400.0, {"sampling_rate": 9000.0}, "6.43 samples a period .* give 11200 Hz"),
         (130, 1400.0, {"duration": 0.005}, "the kernel 491; give a longer duration"),
         (130, [1400.0, 1400.1], {"sampling_rate": 50000.0}, "too long; leave sampling_rate out"),
         (130, 1400.0, {"realisations": 3}, "has one realisation, 3 are asked for"),
-        (130, 1400.0, {"realisations": 0}, "realisations is 0"),
         (130, tl.Sweep(10, 900), {"drive": "running-rms", "duration": 0.05}, "4800 samples, .* has 2400"),
         (130, 1400.0, {"frequency": 900.0}, "900 Hz is not in tones 1400 Hz"),
-        (130, tl.BandNoise(500, 900), {"frequency": 1400.0}, "1400 Hz is not in band noise"),
-        (130, 1400.0, {"kernel": "casual"}, "did you mean 'causal'"),
-        (130, 1400.0, {"drive": "running"}, "did you mean 'running-rms'"),
         (130, 1400.0, {"band": (2000.0, 3000.0)}, "1400 Hz is outside the kernel's band"),
-        (130, tl.Recorded(torch.zeros(999), 3e4), {"frequency": 900}, "is one value throughout"),
         (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900}, "is one value throughout"),
-        (130, tl.Tones([900.0, 1400.0], [1, 0]), {"frequency": 1400}, "1400 Hz is not in tones"),
         (130, tl.Recorded(torch.ones(999), 3e4), {}, "states no frequencies; give frequency="),
-        (130, tl.Recorded(torch.arange(999.0), 3e4), {"frequency": 900, "kernel": "periodic"},
-         "needs a wave that repeats"),
         (130, tl.Recorded(torch.ones(9), 3e4), {"frequency": 900}, "has 9 samples .* kernel 301"),
         (130, tl.Recorded(torch.ones(999), 3e4), {"sampling_rate": 4e4}, "sampled at 30000 Hz"),
-        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900, "duration": 0.02},
-         "is sent whole, 0.0333 s; cut it"),
+        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900, "duration": 0.02}, "0.0333 s; cut it"),
     ],
-)  # fmt: skip
+)
 def test_bad_input(slit, level, incident, options, message):
     """Value, unit, limit, remedy; which level."""
     with pytest.raises(ValueError, match=message):
@@ -421,55 +350,22 @@ def test_the_literal_kernel_is_warned_of(slit):
 
 def test_command(tmp_path, capsys, unrendered):
     """Table, CSV, figure, JSON."""
-    words = ["ir-tdibc", "lbm_slit", "--frequency", "1400", "--level", "115", "130", "--duration",
-             "0.02", "--sampling-rate", "28000", "--quiet"]  # fmt: skip
-    files = [str(tmp_path / "z.csv"), str(tmp_path / "z.png")]
-    assert main([*words, "-o", files[0], "--figure", files[1]]) == 0
+    words = ["ir-tdibc", "lbm_slit", "--frequency", "1400", "--level", "115", "130", "--duration", "0.02"]
+    words += ["--sampling-rate", "28000", "--quiet"]
+    assert main([*words, "-o", str(tmp_path / "z.csv"), "--figure", str(tmp_path / "z.png")]) == 0
     assert "130.0  1400.0" in capsys.readouterr().out
     assert (tmp_path / "z.png").exists()
     assert len((tmp_path / "z.csv").read_text().splitlines()) == 3
     assert main([*words, "--json", "--kernel", "periodic"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    assert [row["level"] for row in rows] == [115, 130]
-    assert rows[0]["spread_resistance"] is None
-    assert main(["ir-tdibc", "lbm_slit", "--level", "115"]) == 2
-    assert "give --frequency of a tone, or --incident" in capsys.readouterr().err
-    assert main(["ir-tdibc", "lbm_slot", "--level", "115", "--frequency", "1400"]) == 2
-    assert "did you mean 'lbm_slit'" in capsys.readouterr().err
+    assert [row["level"] for row in json.loads(capsys.readouterr().out)["rows"]] == [115, 130]
     for more, message in (
         (["--incident-rate", "5e4"], "--incident-rate is the rate of an --incident file"),
-        (["--incident", "tones:1400", "--incident-rate", "5e4"], "--incident-rate is the rate of an --incident file"),
-        (
-            ["--kernel", "periodic", "--band", "200", "4000"],
-            "--band is of a kernel, and",
-        ),
+        (["--kernel", "periodic", "--band", "200", "4000"], "--band is of a kernel, and"),
         (["--kernel", "periodic", "--after", "0.02"], "--after is of a kernel, and 'periodic' has"),
+        (["--velocity-max", "0.1"], "give --velocity-max"),
     ):
         assert main([*words, *more]) == 2
         assert message in capsys.readouterr().err
-    short = ["--velocity-max", "0.1"]
-    assert main([*words, *short]) == 2
-    assert "give --velocity-max" in capsys.readouterr().err
-
-
-def test_a_python_file_has_a_name(tmp_path, capsys):
-    """In heading, JSON and figure, where nothing stood."""
-    text = "def impedance(frequency, speed):\n    return 0.2 + 0.3 * speed + 0j * frequency\n"
-    (tmp_path / "mine.py").write_text(text)
-    words = ["ir-tdibc", str(tmp_path / "mine.py"), "--level", "115", "--frequency", "1400"]
-    assert main([*words, "--kernel", "periodic", "--quiet"]) == 0
-    assert capsys.readouterr().out.startswith("mine: tones 1400 Hz")
-
-
-def test_command_sends_noise(capsys):
-    """Draws of noise, a band of Z, a spread."""
-    words = ["ir-tdibc", "lbm_slit", "--incident", "noise:800:2500", "--level", "120",
-             "--frequency", "1200", "1400", "--realisations", "3", "--duration", "0.05",
-             "--sampling-rate", "28000", "--kernel", "periodic", "--json", "--quiet"]  # fmt: skip
-    assert main(words) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    assert [row["frequency"] for row in rows] == [1200, 1400]
-    assert all(0 < row["spread_resistance"] < 0.1 for row in rows)
 
 
 def test_a_wave_that_is_0_at_a_sample_stops_no_other():

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.engine.kernels import build_kernels
-from torchliner.engine.levels import VelocityGrid, interpolate
+from torchliner.engine.kernels import VelocityGrid, build_kernels, interpolate
 from torchliner.liners.response import impedance_of, reflection_of
 
 F64 = torch.float64

@@ -17,8 +17,7 @@ from torchliner.conversions import impedance_from_reflection
 from torchliner.engine import replay as engine
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
-from torchliner.engine.kernels import build_kernels
-from torchliner.engine.levels import interpolate
+from torchliner.engine.kernels import build_kernels, interpolate
 from torchliner.engine.membership import Membership
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held, Job, linear, reduce

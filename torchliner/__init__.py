@@ -85,7 +85,7 @@ _HOMES = {
     "BandNoise": "torchliner.records.incident",
     "Recorded": "torchliner.records.incident",
     "read_signal": "torchliner.io.signal_file",
-    "VelocityGrid": "torchliner.engine.levels",
+    "VelocityGrid": "torchliner.engine.kernels",
     "build_kernels": "torchliner.engine.kernels",
     "reflection_from_impedance": "torchliner.conversions",
     "impedance_from_reflection": "torchliner.conversions",

@@ -33,7 +33,7 @@ from torchliner.duct.settled import solve_settled as solve_settled
 from torchliner.duct.solver import DuctSolver as DuctSolver
 from torchliner.duct.flow_table import displacement_thickness as displacement_thickness
 from torchliner.engine.kernels import build_kernels as build_kernels
-from torchliner.engine.levels import VelocityGrid as VelocityGrid
+from torchliner.engine.kernels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments
 from torchliner.fluid import Fluid as Fluid
 from torchliner.io.burst_sources import list_stations as list_stations

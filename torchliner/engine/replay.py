@@ -21,8 +21,7 @@ from torch.nn.functional import pad
 
 from torchliner.checks import require_choice
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.kernels import KernelTable
-from torchliner.engine.levels import interpolate
+from torchliner.engine.kernels import KernelTable, interpolate
 from torchliner.engine.sums import Columns, Held, Job, Record, linear, reduce
 from torchliner.records.incident import EDGES, Incident
 

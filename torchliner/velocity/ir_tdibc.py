@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor, require_choice, require_positive, tell, whole_number
+from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell, whole_number
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
-from torchliner.engine.kernels import AFTER, BAND, HIGHEST, build_kernels
-from torchliner.engine.levels import VelocityGrid, interpolate
+from torchliner.engine.kernels import AFTER, BAND, HIGHEST, VelocityGrid, build_kernels, interpolate
 from torchliner.fluid import Fluid
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.liners.response import impedance_of, reflection_of
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
-from torchliner.records.incident import Incident, Recorded, Tones, as_incident
+from torchliner.records.incident import BandNoise, Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function
-from torchliner.velocity.ir_tdibc_signal import draws_of, length_of, lines_of, rate_of, read_at
-from torchliner.velocity.ir_tdibc_wall import NewestTap, Progress, Reply, settle_period, step_in_time
-from torchliner.velocity.level_curve import FixedPoint, LevelCurve
+from torchliner.velocity.ir_tdibc_wall import Progress, Reply, settle_period, step_in_time
+from torchliner.velocity.level_curve import FixedPoint, LevelCurve, fixed_points
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners
     "least-squares": {"kind": "two-sided", "before": 0.0, "regularisation": 1e-2},
     "causal": {"kind": "causal"},
 }
+RATE = 48_000.0  # Hz, at least
+FEWEST, USUAL = 8, 16  # samples in a period of the highest frequency
+SECONDS, TONE_SECONDS = 0.25, 0.04  # of a record of noise; of tones, at least
+LONGEST = 1 << 17  # samples of a record of tones
+READ = 8  # frequencies in the band of a wave, unless others are asked for
 SEGMENT = 0.02  # s, of the spectra of what is no tone
 FASTEST = 20.0  # m/s, top of the table; of 164 dB at a wall that lets all through
 LOUDEST = 200.0  # dB; above, a pressure is meant
 UNHEARD = 0.01  # of a wave's energy, that may be sent where the kernel is not the liner
 UNSOLVED = 1e-9  # of the largest |x|, that a period may leave of its equation
-PLACES = 2001  # speeds at which the frequency domain is looked at, closer towards rest; two roots in one gap are lost
+CARRIES = 1e-10  # of the strongest line's energy
 
 
 def ir_tdibc(
@@ -60,7 +64,7 @@ def ir_tdibc(
         liner: a model; its fluid gives rho c, air at 20 C where it states none.
         level: dB re 20 uPa rms of the whole incident wave, one or several, at most 200.
         incident: Hz of a tone or of several, or ``Tones``, ``BandNoise``, ``Sweep``, ``Recorded`` (scaled to the level;
-            a recording is sent once, after silence, without its mean).
+            a recording repeats as the others do, without its mean).
         frequency: Hz, where Z is read; default the tones, or eight in the wave's band.
         kernel: ``least-squares``, causal, fitted on ``band``; ``causal``, eqs (3.1)-(3.3) to the letter, whose dropped
             taps take up to a third of the resistance; ``periodic``, the model's own response over a whole period at
@@ -88,14 +92,10 @@ def ir_tdibc(
     require_positive("after (s)", after)
     if whole_number("realisations", realisations) < 1:
         raise ValueError(f"realisations is {realisations}; at least one is needed")
-    repeats = not isinstance(wave, Recorded)
-    if kernel == "periodic" and not repeats:
-        raise ValueError("kernel 'periodic' needs a wave that repeats, and a recording does not; take 'least-squares'")
-    rate = rate_of(wave, sampling_rate)
-    n = length_of(wave, rate, duration, 2 if kernel == "periodic" else round(after * rate) + 1)
-    read = read_at(wave, frequency, rate)
-    unit = draws_of(wave, realisations, n, rate)
-    fluid = model.fluid or Fluid()
+    rate = _rate_of(wave, sampling_rate)
+    read, fluid = _read_at(wave, frequency, rate), model.fluid or Fluid()
+    unit = _draws_of(wave, realisations, rate, duration, 2 if kernel == "periodic" else round(after * rate) + 1)
+    n = unit.shape[1]
     rms = REFERENCE_PRESSURE * 10 ** (levels / 20) / float(fluid.density * fluid.sound_speed)
     sent = (rms[:, None, None] * unit).flatten(0, 1)
     known = math.inf if model.speed_max is None else model.speed_max
@@ -109,12 +109,12 @@ def ir_tdibc(
         raise ValueError(
             f"the running rms is over a period of {window} samples, and the record has {n}; give a longer one"
         )
-    lines = lines_of(unit[0], rate)
-    notes = _beside(kernel, needed, wave, lines)
-
-    facts = {"kernel_error": 0.0, "kernel_gain": 1.0, "slope": 0.0}
+    f, power = (
+        torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:],
+        2 * (torch.fft.rfft(unit[0])[1:] / n).abs() ** 2,
+    )
+    facts = {"kernel_error": 0.0, "kernel_gain": 1.0}
     if kernel == "periodic":
-        f = torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:]
         response = reflection_of(model, read, grid.speeds[:, None])
         at_zero = torch.ones(grid.levels, 1, dtype=torch.complex128)  # R(0) = 1
         of_lines = torch.cat([at_zero, reflection_of(model, f, grid.speeds[:, None])], 1)
@@ -122,15 +122,17 @@ def ir_tdibc(
     else:
         how: dict[str, Any] = {"band": band, "after": after, **STEPPED[kernel]}
         kernels = build_kernels(model, rate, velocity_max=grid.maximum, **how)
-        response, slope = kernels.response(read), NewestTap(kernels).steepest * float(sent.abs().max())
-        facts = {"kernel_error": kernels.error, "kernel_gain": kernels.gain, "slope": slope * window**-0.5}
-        found = step_in_time(sent, kernels, window, repeats=repeats, progress=progress)
-    _require_solved(found, sent, levels, grid.maximum, model)
+        response, facts = kernels.response(read), {"kernel_error": kernels.error, "kernel_gain": kernels.gain}
+        found = step_in_time(sent, kernels, window, repeats=True, progress=progress)
+    _require_solved(found, sent, levels, grid.maximum, known)
 
     cut: dict[str, Any] = {"window": "boxcar"} if isinstance(wave, Tones) else {"segment": min(SEGMENT, n / rate)}
     velocity, shape = sent - found.reflected, (len(levels), realisations)
     speed = velocity.square().mean(1).sqrt().reshape(shape)
     still = speed.square().mean(1).sqrt()
+    low, high = model.frequency_range or (0.0, math.inf)
+    inside = (power > CARRIES * power.max()) & (f >= low) & (f <= high)
+    roots = [fixed_points(model, f[inside], power[inside] * size**2, grid.maximum) for size in rms]
     curve = LevelCurve(
         level=levels,
         frequency=read,
@@ -142,10 +144,7 @@ def ir_tdibc(
         drift=found.drift.reshape(shape),
         reflected_energy=(found.reflected.square().sum(1) / sent.square().sum(1)).reshape(shape),
         fixed_points=tuple(
-            tuple(
-                FixedPoint(float(s), impedance_of(model, read, s)) for s in _speeds(model, *lines, size, grid.maximum)
-            )
-            for size in rms
+            tuple(FixedPoint(s, impedance_of(model, read, torch.tensor(s).double())) for s in each) for each in roots
         ),
         frozen=impedance_from_reflection(interpolate(response, *grid.locate(still)))
         - impedance_of(model, read, still[:, None]),
@@ -160,20 +159,112 @@ def ir_tdibc(
             "duration": n / rate,
         },
     )
-    tell([*notes, *curve.warnings()])
+    tell([*_beside(kernel, needed, wave, f, power), *curve.warnings()])
     return curve
 
 
 def _levels(level: Any) -> Tensor:
     """dB, (L,)."""
     levels = real_tensor(level).reshape(-1).detach()
-    if not len(levels):
-        raise ValueError("no level is given; name at least one, in dB re 20 uPa rms")
-    for value in levels.tolist():
+    for value in levels.tolist() or [math.nan]:
         if not -math.inf < value <= LOUDEST:
             hint = f"; {value:g} Pa rms is {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
             raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB{hint}")
     return levels
+
+
+def _rate_of(wave: Incident, stated: float | None) -> float:
+    """The sampling rate stated, or one of whole periods, Hz."""
+    if isinstance(wave, Recorded):
+        if stated is not None and abs(stated / wave.sampling_rate - 1) > 1e-6:
+            raise ValueError(
+                f"{wave.label} is sampled at {wave.sampling_rate:g} Hz, sampling_rate is {stated:g} Hz; resample it"
+            )
+        return wave.sampling_rate
+    assert wave.band is not None
+    highest = wave.band[1]
+    if stated is None:
+        unit = _divisor(wave) if isinstance(wave, Tones) else 1000.0
+        return unit * math.ceil(max(RATE, USUAL * highest) / unit)
+    require_positive("sampling_rate (Hz)", stated)
+    if stated < FEWEST * highest:
+        raise ValueError(
+            f"sampling_rate is {stated:g} Hz, {stated / highest:.3g} samples a period of {highest:g} Hz, the highest "
+            f"of {wave.label}; give {FEWEST * highest:g} Hz or more ({USUAL * highest:g} Hz or more for its harmonics)"
+        )
+    return float(stated)
+
+
+def _divisor(tones: Tones) -> float:
+    """Highest frequency of which all tones are multiples, to 1 mHz, Hz."""
+    parts = [Fraction(f).limit_denominator(1000) for f in tones.frequency.tolist()]
+    whole = math.lcm(*(part.denominator for part in parts))
+    return math.gcd(*(int(part * whole) for part in parts)) / whole
+
+
+def _draws_of(wave: Incident, count: int, rate: float, duration: float | None, kernel: int) -> Tensor:
+    """Records of rms 1, float64, (N, n): the wave itself, then others of its kind, of other phases or other seeds.
+
+    n samples are whole periods of tones, and at least the kernel's length.
+    """
+    if duration is not None:
+        require_positive("duration (s)", duration)
+    waves, samples = [wave], round((duration or SECONDS) * rate)
+    if isinstance(wave, Recorded):
+        if duration is not None:
+            raise ValueError(
+                f"{wave.label} is sent whole, {len(wave.signal) / rate:.6g} s; cut it, or leave duration out"
+            )
+        samples = len(wave.signal)
+    if isinstance(wave, Tones):
+        least = round(duration * rate) if duration else max(round(TONE_SECONDS * rate), kernel)
+        period = Fraction(rate / _divisor(wave)).limit_denominator(LONGEST).numerator
+        samples = period * math.ceil(least / period)
+        if samples > LONGEST:
+            raise ValueError(
+                f"{wave.label} repeats after {period} samples at {rate:g} Hz, which is too long; leave sampling_rate "
+                "out, or give a multiple of the tones' common divisor"
+            )
+        wave.require_periodic(samples, rate)
+    if samples < kernel:
+        raise ValueError(
+            f"{wave.label}: the record has {samples} samples ({1e3 * samples / rate:.3g} ms), the kernel {kernel}; "
+            "give a longer duration or a smaller after="
+        )
+    for i in range(1, count):
+        if isinstance(wave, BandNoise):
+            waves.append(dataclasses.replace(wave, seed=wave.seed + i))
+        elif isinstance(wave, Tones) and len(wave.frequency) > 1:
+            phase = torch.rand(len(wave.frequency), generator=torch.Generator().manual_seed(i)).double()
+            waves.append(Tones(wave.frequency, wave.amplitude, 2 * torch.pi * phase))
+        else:
+            raise ValueError(
+                f"{wave.label} has one realisation, {count} are asked for; noise and several tones have more"
+            )
+    draws = torch.stack([each.sampled(samples, rate) for each in waves])
+    draws = draws - draws.mean(1, keepdim=True)  # of a recording an offset: it moves no wave
+    size = draws.square().mean(1, keepdim=True).sqrt()
+    if not bool((size > 0).all()):
+        raise ValueError(f"{wave.label} is one value throughout; there is no wave to scale to a level")
+    return draws / size
+
+
+def _read_at(wave: Incident, frequency: Any, rate: float) -> Tensor:
+    """Where Z is read, Hz, (F,): by default at the tones, or at eight frequencies within the band."""
+    known, (low, high) = None, wave.band or (0.0, math.inf)
+    if isinstance(wave, Tones):
+        known = wave.frequency[wave.amplitude != 0]
+        frequency = known if frequency is None and len(known) else frequency
+    if frequency is None:
+        if wave.band is None:
+            raise ValueError(f"{wave.label} states no frequencies; give frequency=, in Hz")
+        frequency = torch.linspace(low, high, READ + 2, dtype=torch.float64)[1:-1]
+    read = frequency_tensor(frequency, rate)
+    for f in read.tolist():
+        absent = known is not None and not bool(((known - f).abs() < 1e-6 * f).any())
+        if absent or not low * (1 - 1e-6) <= f <= high * (1 + 1e-6):
+            raise ValueError(f"frequency {f:g} Hz is not in {wave.label}; R is not known there")
+    return read
 
 
 def _bands(
@@ -202,9 +293,8 @@ def _bands(
     return (low, high), needed
 
 
-def _beside(kernel: str, needed: tuple[float, float], wave: Incident, lines: tuple[Tensor, Tensor]) -> list[str]:
+def _beside(kernel: str, needed: tuple[float, float], wave: Incident, frequency: Tensor, power: Tensor) -> list[str]:
     """A warning of energy that is sent where the kernel is not the liner."""
-    frequency, power = lines
     outside = (frequency < needed[0] * (1 - 1e-6)) | (frequency > needed[1] * (1 + 1e-6))
     share = float(power[outside].sum() / power.sum())
     if share <= UNHEARD:
@@ -217,45 +307,16 @@ def _beside(kernel: str, needed: tuple[float, float], wave: Incident, lines: tup
     ]
 
 
-def _require_solved(found: Reply, sent: Tensor, levels: Tensor, top: float, liner: LinerModel) -> None:
+def _require_solved(found: Reply, sent: Tensor, levels: Tensor, top: float, known: float) -> None:
     """Refuse a level that has no answer."""
-    beyond = found.reflected.isnan().any(1)
     for i, wave in enumerate(sent):
-        at, left = f"at {levels[i * len(levels) // len(sent)]:g} dB", float(found.residual[i])
-        if beyond[i]:
-            remedy = "the liner is known no further: lower the level"
-            if liner.speed_max is None or top < liner.speed_max:
-                suffices = 2 * float(wave.abs().max())
-                remedy = f"give velocity_max={suffices:.3g}, twice the peak of the wave, which suffices for most"
+        at, peak = f"at {levels[i * len(levels) // len(sent)]:g} dB", float(wave.abs().max())
+        if bool(found.reflected[i].isnan().any()):
+            remedy = f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, which suffices for most"
+            remedy = remedy if top < known else "the liner is known no further: lower the level"
             raise ValueError(f"{at} |v| exceeds {top:g} m/s, the top of the kernel table; {remedy}")
-        if left > UNSOLVED * float(wave.abs().max()):
+        if float(found.residual[i]) > UNSOLVED * peak:
             raise ValueError(
-                f"{at} the iteration over a period does not converge: {left:.2g} m/s of the equation is left; take "
-                "'least-squares', which steps in time"
+                f"{at} the iteration over a period does not converge: {float(found.residual[i]):.2g} m/s of the "
+                "equation is left; take 'least-squares', which steps in time"
             )
-
-
-def _speeds(liner: LinerModel, frequency: Tensor, power: Tensor, rms: Tensor, highest: float) -> Tensor:
-    """``fixed_points`` of a wave of rms 1 sent at another rms, at those of its lines at which the liner is known."""
-    low, high = liner.frequency_range or (0.0, math.inf)
-    known = (frequency >= low) & (frequency <= high)
-    return torch.tensor(fixed_points(liner, frequency[known], power[known] * rms**2, highest), dtype=torch.float64)
-
-
-def fixed_points(liner: LinerModel, frequency: Tensor, power: Tensor, highest: float) -> Sequence[float]:
-    r"""All rms speeds (m/s) up to ``highest`` that the wave and the wall agree on.
-
-    With p_i the mean square of the incident wave (as a velocity, m2/s2, (F,)) at its frequencies f_i (Hz, (F,)),
-    :math:`s^2 = \sum_i p_i |1 - R(f_i, s)|^2`, which lies between 0 and :math:`4 \sum p_i` for passive walls.
-    """
-    from scipy.optimize import brentq  # takes a while to import
-
-    def excess(speed: Tensor) -> Tensor:
-        made = power[:, None] * (1 - reflection_of(liner, frequency[:, None], speed)).abs() ** 2
-        return speed - made.sum(0).sqrt()
-
-    top = min(highest, 2.5 * float(power.sum().sqrt()))
-    places = top * torch.linspace(0, 1, PLACES, dtype=torch.float64) ** 2
-    beyond = excess(places) > 0
-    ends = [(float(places[i]), float(places[i + 1])) for i in (beyond[1:] != beyond[:-1]).nonzero().flatten()]
-    return [brentq(lambda s: float(excess(torch.tensor([s], dtype=torch.float64))), *each, xtol=1e-14) for each in ends]

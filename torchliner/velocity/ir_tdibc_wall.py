@@ -19,8 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.engine.kernels import KernelTable
-from torchliner.engine.levels import STENCILS, VelocityGrid, interpolate
+from torchliner.engine.kernels import STENCILS, KernelTable, VelocityGrid, interpolate
 
 Array = np.ndarray
 Progress = Callable[[int], object]
@@ -82,11 +81,11 @@ def step_in_time(
         several += roots > 1
         if progress is not None and k % REPORTED == REPORTED - 1:
             progress(REPORTED)
-    reflected, drift = reflected[:, total - n : total], torch.full((columns,), torch.nan, dtype=torch.float64)
+    drift = torch.full((columns,), torch.nan, dtype=torch.float64)
     if repeats:
-        later, before = reflected[:, n - n // 2 :], torch.from_numpy(y)[:, n - n // 2 : n]
+        later, before = (reflected[:, end - n // 2 : end] for end in (2 * n, n))
         drift = (later - before).square().mean(1).sqrt() / later.square().mean(1).sqrt()
-    return Reply(reflected, torch.from_numpy(residual), torch.from_numpy(several), drift)
+    return Reply(reflected[:, total - n : total], torch.from_numpy(residual), torch.from_numpy(several), drift)
 
 
 class NewestTap:
@@ -97,13 +96,12 @@ class NewestTap:
         self.power = 2 if grid.spacing == "sqrt" else 1
         self.scale = grid.maximum / (grid.levels - 1) ** self.power
         self.speeds, self.taps = grid.speeds.numpy(), kernels.taps[:, 0].numpy()
-        self.steepest = float(np.abs(np.diff(self.taps) / np.diff(self.speeds)).max())
-        nodes = np.array(STENCILS[grid.interpolation])
-        self.base = np.arange(grid.levels - 1).clip(-nodes[0], grid.levels - 1 - nodes[-1])
+        self.nodes = np.array(STENCILS[grid.interpolation])
+        self.base = np.arange(grid.levels - 1).clip(-self.nodes[0], grid.levels - 1 - self.nodes[-1])
         # Of the place between two levels, counted in levels from the base of their stencil: weights of the stencil, and
         # the newest tap itself, as polynomials.
-        self.nodes, self.weights = nodes, np.linalg.inv(np.vander(nodes.astype(float), increasing=True))
-        self.polynomials = self.weights @ self.taps[self.base + nodes[:, None]]
+        self.weights = np.linalg.inv(np.vander(self.nodes.astype(float), increasing=True))
+        self.polynomials = self.weights @ self.taps[self.base + self.nodes[:, None]]
 
     def solve(self, sent: Array, memory: Array, past: Array, share: float) -> tuple[Array, Array, Array, Array]:
         """The kernel of the least s.
@@ -117,7 +115,6 @@ class NewestTap:
             equation, m/s, and number of solutions seen, (M,).
         """
         free = sent - memory
-
         ahead = self.speeds - np.sqrt(past[:, None] + share * (free[:, None] - sent[:, None] * self.taps) ** 2)
         beyond = ahead >= 0
         roots = (beyond[:, 1:] & ~beyond[:, :-1]).sum(1) + beyond[:, 0]
@@ -130,10 +127,9 @@ class NewestTap:
                 tap = tap * (place - base) + coefficient
             return self.scale * place**self.power - np.sqrt(past + share * (free - sent * tap) ** 2)
 
-        columns = np.arange(len(sent))
         levels = np.stack([cell, cell + 1])
         limit = CLOSE * (np.abs(free) + np.abs(sent) + np.sqrt(past)) + 1e-300
-        place, error = _root(excess, levels.astype(float), ahead[columns, levels], limit)
+        place, error = _root(excess, levels.astype(float), ahead[np.arange(len(sent)), levels], limit)
         weights = np.vander(place - base, len(self.nodes), increasing=True) @ self.weights
         return base[:, None] + self.nodes, np.where(roots > 0, weights.T * sent, np.nan).T, np.abs(error), roots
 
@@ -175,35 +171,27 @@ def settle_period(
     left, values, right = torch.linalg.svd(torch.cat([response.real, response.imag], 1), full_matrices=False)
     rank = max(1, int((values > RANK_ERROR * values[0]).sum()))
     across, along = left[:, :rank] * values[:rank], torch.complex(*right[:rank].chunk(2, 1))
-    found = []
-    for wave in sent:
-
-        def reply(speed: Tensor, wave: Tensor = wave) -> Tensor:
-            # On the way to the solution the speed may leave the table.
-            mixed = interpolate(across, *grid.locate(speed.clamp(max=grid.maximum))).T * wave
-            return torch.fft.irfft((torch.fft.rfft(mixed) * along).sum(0), n=len(wave))
-
-        velocity, residual = _settled(wave, reply, window)
-        inside = float(_driving(velocity, window).max()) <= grid.maximum
-        found.append((wave - velocity if inside else torch.full_like(wave, torch.nan), residual))
+    reflected, residual = torch.full_like(sent, torch.nan), torch.zeros(len(sent), dtype=torch.float64)
+    for i, wave in enumerate(sent):
+        for step in STEPS:
+            velocity = wave
+            for _ in range(MOST_ITERATIONS):
+                # On the way to the solution the speed may leave the table.
+                located = grid.locate(_driving(velocity, window).clamp(max=grid.maximum))
+                mixed = torch.fft.rfft(interpolate(across, *located).T * wave)
+                change = wave - torch.fft.irfft((mixed * along).sum(0), n=len(wave)) - velocity
+                residual[i] = change.abs().max()
+                if residual[i] <= SETTLED * wave.abs().max():
+                    break
+                velocity = velocity + step * change
+            else:
+                continue
+            break
+        if float(_driving(velocity, window).max()) <= grid.maximum:
+            reflected[i] = wave - velocity
         if progress is not None:
             progress(1)
-    reflected, residuals = (torch.stack(each) for each in zip(*found, strict=True))
-    none = torch.zeros(len(sent), dtype=torch.int64)
-    return Reply(reflected, residuals, none, torch.full_like(residuals, torch.nan))
-
-
-def _settled(wave: Tensor, reply: Callable[[Tensor], Tensor], window: int) -> tuple[Tensor, Tensor]:
-    """v of one period and what is left of its equation, m/s."""
-    for step in STEPS:
-        velocity = wave
-        for _ in range(MOST_ITERATIONS):
-            change = wave - reply(_driving(velocity, window)) - velocity
-            error = change.abs().max()
-            if error <= SETTLED * wave.abs().max():
-                return velocity, error
-            velocity = velocity + step * change
-    return velocity, error
+    return Reply(reflected, residual, torch.zeros(len(sent), dtype=torch.int64), torch.full_like(residual, torch.nan))
 
 
 def _driving(velocity: Tensor, window: int) -> Tensor:

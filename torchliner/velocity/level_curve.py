@@ -11,8 +11,11 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_reflection
+from torchliner.liners.model import LinerModel
+from torchliner.liners.response import reflection_of
 
 SETTLED, UNSETTLED = 1e-3, 5e-2  # drift above which there is a warning, and an error
+PLACES = 2001  # speeds at which the frequency domain is looked at, closer towards rest; two roots in one gap are lost
 KERNEL_PART = 0.02  # of |Z + 1|: what a kernel may change without a warning
 
 
@@ -34,13 +37,12 @@ class LevelCurve:
         rms_speed, peak_speed: of v in the record that is read, m/s, (L, N).
         residual: largest error of the implicit equation, of the largest |x|, (L, N).
         several: steps at which that equation has more than one solution, (L, N).
-        drift: rms change of y against the record before, of its rms, (L, N); nan if there is none.
+        drift: rms change of y against the record before, of its rms, (L, N); nan with kernel ``periodic``.
         reflected_energy: mean square of y over that of x, (L, N).
         fixed_points: of the frequency domain with one rms speed, by level; usually one.
         frozen: Z of the kernel less Z of the model, where |v| stands still at its rms, (L, F).
         choices: ``kernel``, ``kernel_band`` (Hz), ``kernel_error`` and ``kernel_gain``, largest |H - R| in the band and
-            largest |H|; ``slope``, largest |x| times max |dh0/ds|: below 1 each step has one solution; ``drive``,
-            ``incident``, ``liner``, ``sampling_rate`` (Hz) and ``duration`` (s) of the record that is read.
+            largest |H|; ``drive``, ``incident``, ``liner``, ``sampling_rate`` (Hz) and ``duration`` (s) of the record.
     """
 
     level: Tensor
@@ -95,3 +97,22 @@ class LevelCurve:
         for level, several in zip(levels, self.several.amax(1).tolist(), strict=True):
             if several:
                 yield f"at {level:g} dB {several} steps have more than one |v|; the least was taken"
+
+
+def fixed_points(liner: LinerModel, frequency: Tensor, power: Tensor, highest: float) -> list[float]:
+    r"""All rms speeds (m/s) up to ``highest`` that the wave and the wall agree on.
+
+    With p_i the mean square of the incident wave (as a velocity, m2/s2, (F,)) at its frequencies f_i (Hz, (F,)),
+    :math:`s^2 = \sum_i p_i |1 - R(f_i, s)|^2`, which lies between 0 and :math:`4 \sum p_i` for passive walls.
+    """
+    from scipy.optimize import brentq  # takes a while to import
+
+    def excess(speed: Tensor) -> Tensor:
+        made = power[:, None] * (1 - reflection_of(liner, frequency[:, None], speed)).abs() ** 2
+        return speed - made.sum(0).sqrt()
+
+    top = min(highest, 2.5 * float(power.sum().sqrt()))
+    places = top * torch.linspace(0, 1, PLACES, dtype=torch.float64) ** 2
+    beyond = excess(places) > 0
+    ends = [(float(places[i]), float(places[i + 1])) for i in (beyond[1:] != beyond[:-1]).nonzero().flatten()]
+    return [brentq(lambda s: float(excess(torch.tensor([s], dtype=torch.float64))), *each, xtol=1e-14) for each in ends]
