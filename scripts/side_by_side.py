@@ -29,7 +29,7 @@ from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation
-from torchliner.records import FieldFit, ImpedanceMap
+from torchliner.records import ImpedanceMap
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -273,21 +273,15 @@ def by_microphones(world: World) -> list[dict[str, Any]]:
         "Kumaresan-Tufts, rank 2": tl.kumaresan_tufts(line, draws=DRAWS),
         "two-wave fit": tl.two_wave_fit(line, draws=DRAWS),
         "LEE fit": tl.fit_field(line, world.solver, draws=DRAWS),
-        "LEE fit, Z linear along x": tl.fit_field(line, world.solver, variation="linear", draws=DRAWS),
     }
     rows = []
     for method, one in found.items():
-        drawn = averaged(one.draws)[:, 0].numpy()
+        drawn = one.draws.impedance[:, 0].numpy()
         low, high = (
             complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share)) for share in (0.025, 0.975)
         )
-        rows.append(result(method, world, complex(averaged(one)[0]), low, high))
+        rows.append(result(method, world, complex(one.impedance[0]), low, high))
     return rows
-
-
-def averaged(found: Any) -> torch.Tensor:
-    """Z, of a wall that varies the average that the others are compared with."""
-    return found.liner_impedance if isinstance(found, FieldFit) else found.impedance
 
 
 def profile(world: World, by_plane: ImpedanceMap, by_cavity: Any) -> list[dict[str, Any]]:

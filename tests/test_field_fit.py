@@ -15,7 +15,7 @@ from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import duct_text, load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.pressure import impedance_search as field_search
+from torchliner.pressure import field_model as field_search
 from torchliner.pressure.field_model import FieldModel, impedance_at
 from torchliner.pressure.fit_field import fit_field, fit_line
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
@@ -83,16 +83,6 @@ def test_the_impedance_that_made_the_pressures_comes_back(upstream):
     assert float((found.pressure - line.pressure).abs().max()) < 1e-6
 
 
-def test_level_and_phase_of_the_source_do_not_matter(upstream):
-    """The same pressures times any complex number: the same Z, the amplitude times it."""
-    line, solver = upstream
-    plain = fit_field(line, solver, start=1.0)
-    turned = dataclasses.replace(line, pressure=line.pressure * (0.3 - 2.1j))
-    found = fit_field(turned, solver, start=1.0)
-    assert float((found.impedance - plain.impedance).abs().max()) < 1e-8
-    assert float((found.amplitude / plain.amplitude - (0.3 - 2.1j)).abs().max()) < 1e-8
-
-
 def test_both_sides_give_one_impedance_where_one_mode_does_not():
     """No mismatch is left by the fit; the method of one mode has one on the same pressures."""
     fits, modes = [], []
@@ -103,15 +93,6 @@ def test_both_sides_give_one_impedance_where_one_mode_does_not():
         modes.append(complex(kumaresan_tufts(over).impedance[1]))
     assert abs(fits[0] - fits[1]) < 1e-7
     assert abs(modes[0] - modes[1]) > 0.1
-
-
-def test_draws_are_as_if_fitted_alone():
-    line, solver = solved(frequency=(1500.0,))
-    both = torch.stack([line.pressure, line.pressure * (1 + 0.01j * torch.arange(18)[:, None])])
-    together = fit_field(dataclasses.replace(line, pressure=both), solver)
-    for i in range(2):
-        alone = fit_field(dataclasses.replace(line, pressure=both[i]), solver)
-        assert float((together.impedance[i] - alone.impedance).abs().max()) < 1e-7
 
 
 def test_a_duct_that_is_not_the_measured_one_says_so(upstream):
@@ -143,14 +124,6 @@ def test_a_stated_far_end_is_returned_as_stated():
     assert float((found.end_reflection - (0.3 - 0.2j)).abs().max()) < 1e-12
 
 
-def test_an_end_that_gains_is_doubted():
-    with pytest.warns(tl.DataWarning, match="end_reflection has a modulus of 1.3, above 1"):
-        line, _ = solved(end_reflection=(1.3, 0.0))
-    _, blind = solved()
-    with pytest.warns(tl.DataWarning, match=r"first at 900 Hz, the far end would reflect 1\.3 times what"):
-        fit_field(line, blind)
-
-
 def test_level_and_phase_alike_widen_the_valleys(monkeypatch):
     """From the coarse grid alone; with the weights of the errors from the first it goes astray."""
     wall, weights = 0.0793 + 0.0378j, (87.0, 573.0)  # 0.1 dB, 0.1 degrees
@@ -162,44 +135,6 @@ def test_level_and_phase_alike_widen_the_valleys(monkeypatch):
         found = field_search.from_grid(model, pressure, weights, field_search.COARSE)
         away = abs(complex(impedance_at(found.place)[0, 0, 0]) - wall)
         assert (away < 1e-6) == near
-
-
-def test_one_frequency_waits_for_another(upstream):
-    """Right from the start at one, the search goes on at the other."""
-    line, solver = upstream
-    other = solver.solve(torch.tensor([3.0 + 1j], dtype=torch.complex128))
-    pressure = line.pressure.clone()
-    pressure[:, 1] = other.wall_pressure(line.x)[1]
-    found = fit_field(dataclasses.replace(line, pressure=pressure), solver, start=TRUE)
-    assert complex(found.impedance[0]) == pytest.approx(TRUE, abs=1e-8)
-    assert complex(found.impedance[1]) == pytest.approx(3.0 + 1j, abs=1e-8)
-
-
-@pytest.mark.parametrize("side", ["upstream", "downstream"])
-def test_a_wall_that_varies_linearly_comes_back(side):
-    """Mean and rise, with an end that is not known; one impedance is off and says so."""
-    frequency = [900.0, 1500.0]
-    setup = solved_setup(*frequency, side=side, end_reflection=(0.1, 0.2))
-    solver = solver_of(setup)
-    rise = 0.8 - 0.3j
-
-    def wall(x, _):
-        return (TRUE + rise * (x / 0.15 - 0.5)).expand(2, -1)
-
-    line = setup.line_of(solver.solve(wall))
-    _, blind = solved(side)
-    found = fit_field(line, blind, variation="linear", start=1.0)
-    assert float((found.impedance - TRUE).abs().max()) < 1e-6
-    assert float((found.rise - rise).abs().max()) < 1e-6
-    assert float((found.end_reflection - (0.1 + 0.2j)).abs().max()) < 1e-6
-    x = torch.linspace(0, 0.15, 20_001, dtype=torch.float64)
-    average = 1 / torch.trapezoid(1 / wall(x, None), dx=1 / 20_000)
-    assert float((found.liner_impedance - average).abs().max()) < 1e-6
-    one = fit_field(line, blind, start=1.0)
-    assert float((one.liner_impedance - one.impedance).abs().max()) == 0
-    assert float((one.impedance - TRUE).abs().max()) > 0.05
-    assert float(one.misfit.max()) > 3
-    assert float(one.rise.abs().max()) == 0
 
 
 @pytest.mark.parametrize("wall", [0.0, 1e-3, 0.05 - 0.2j, 50.0, 0.05 - 8j, 0.3 + 0.9j])
@@ -247,22 +182,11 @@ def test_reflections_stated_for_a_source_elsewhere_are_not_believed():
     """The ends of a duct do not change places with its source."""
     line, _ = solved("downstream")
     _, other = solved("upstream", end_reflection=(0.1, 0.0))
-    with pytest.raises(
-        ValueError, match=r"end_reflection of the duct is stated for a source upstream, the line has its"
-    ):
+    with pytest.raises(ValueError, match=r"reflections of the duct are stated for a source upstream, the line has its"):
         fit_field(line, other, far_end="stated")
     assert float((fit_field(line, other).impedance - TRUE).abs().max()) < 1e-6
     _, plain = solved("upstream")
     assert float((fit_field(line, plain, far_end="stated").impedance - TRUE).abs().max()) < 1e-6
-
-
-def test_the_level_along_passes_the_microphones(upstream):
-    line, solver = upstream
-    found = fit_field(line, solver)
-    places, level = found.level_along()
-    near = (places[:, None] - line.x).abs().argmin(0)
-    assert float((level[near] - line.level).abs().max()) < 0.2
-    assert level.shape == (len(places), 2)
 
 
 def test_bad_lines_are_refused(upstream):
@@ -284,10 +208,6 @@ def test_bad_lines_are_refused(upstream):
         fit_field(dataclasses.replace(line, liner_end=0.14), solver)
     with pytest.raises(ValueError, match="3 microphones are too few for 3 complex unknowns"):
         fit_field(line.select([0, 1, 2]), solver)
-    with pytest.raises(ValueError, match="4 microphones are too few for 4 complex unknowns"):
-        fit_field(line.select([0, 5, 9, 14]), solver, variation="linear")
-    with pytest.raises(ValueError, match="unknown variation 'cubic'"):
-        fit_field(line, solver, variation="cubic")
     with pytest.raises(ValueError, match=r"level_error \(dB\) is 0; it must be finite and at least 0\.0001"):
         fit_field(line, solver, level_error=0.0)
     with pytest.raises(ValueError, match="unknown far_end 'open'; choose one of: fitted, stated"):

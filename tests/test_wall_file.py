@@ -39,13 +39,13 @@ def field_fit(line, draws=True):
     count, along = len(line.frequency), fine_places(line.x)
     return tl.FieldFit(
         method="LEE fit", frequency=line.frequency, x=line.x, impedance=2 + random(count) / 9,
-        covariance=random(count, 2, 2).abs() * 1e-4, rise=random(count), rise_error=random(count),
+        covariance=random(count, 2, 2).abs() * 1e-4,
         amplitude=random(count), end_reflection=random(count),
         pressure=random(line.microphones, count), along=along,
         pressure_along=random(len(along), count), residual=random(count).abs(),
         misfit=random(count).abs(), converged=random(count).real > 0, source_side=line.source_side,
         draws=field_fit(line, None) if draws else None, line=line,
-        choices={"method": "field", "variation": "linear", "mach": 0.3},
+        choices={"method": "field", "mach": 0.3},
     )  # fmt: skip
 
 

@@ -62,7 +62,6 @@ WALLS = ("opposite", "lined")
 CONDITIONS = ("ingard-myers", "continuous-velocity")
 WEIGHTS = ("absolute", "relative")
 FAR_ENDS = ("fitted", "stated")
-VARIATIONS = ("constant", "linear")
 LOSSES = ("none", "viscothermal")
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
     "kt": (
@@ -79,7 +78,7 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
     ),
     "field": (
         "torchliner.pressure.fit_field:fit_line", "a fit of the linearised Euler equations",
-        ("duct", "far_end", "variation", "start"),
+        ("duct", "far_end", "start"),
     ),
 }  # fmt: skip
 

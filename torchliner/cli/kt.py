@@ -40,7 +40,7 @@ OWN = [
     *of("pressure.two_waves:two_wave_fit", "weights", group=WAVES),
     opt.Option("--margin", "that microphones keep from the liner's ends, mm; default 0", opt.MM, group=WAVES),
     opt.Option("--duct", "preset or .toml file, as for torchliner duct; default: none", opt.DUCT, group=FIELD),
-    *of("pressure.fit_field:fit_field", "far_end variation start", group=FIELD, start={"kind": opt.COMPLEX}),
+    *of("pressure.fit_field:fit_field", "far_end start", group=FIELD, start={"kind": opt.COMPLEX}),
 ]
 OPTIONS = [
     opt.Option("lines", "microphone lines: .csv, .h5 or .nc", opt.PATH, nargs="+"),

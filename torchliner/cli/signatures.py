@@ -67,7 +67,6 @@ NAMES = {
     "condition": "CONDITIONS",
     "weights": "WEIGHTS",
     "far_end": "FAR_ENDS",
-    "variation": "VARIATIONS",
     "losses": "LOSSES",
     "correction": "CORRECTIONS",
     "flagged": "FLAGGED",

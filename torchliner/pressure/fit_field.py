@@ -1,7 +1,7 @@
 """Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
 No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected and evanescent waves
-of a short liner are part of the model. ``impedance_search.py`` says what is minimised.
+of a short liner are part of the model. ``field_model.py`` says what is minimised.
 
 An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second amplitude, and since the
 field is linear in both, no reflection is iterated on; with the far end ``stated`` it is what the case says, and a
@@ -19,13 +19,22 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
+from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.case import other_side
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.least_squares import Minimum
-from torchliner.names import FAR_ENDS, SOURCES, VARIATIONS
-from torchliner.pressure.field_model import FieldModel, coordinates, impedance_at, impedance_covariance, like_rigid
-from torchliner.pressure.impedance_search import constant_wall, covariance_of, search
+from torchliner.names import FAR_ENDS, SOURCES
+from torchliner.pressure.field_model import (
+    FieldModel,
+    best_wall,
+    bounded,
+    covariance_of,
+    impedance_at,
+    impedance_covariance,
+    like_rigid,
+    search,
+)
 from torchliner.pressure.microphone_errors import (
     CONTRADICTED,
     LEVEL_ERROR,
@@ -41,6 +50,7 @@ from torchliner.version import __version__
 SAME = 1e-6  # relative, and m, of what line and case both state
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
+NOTHING = complex(math.nan, math.nan)
 
 
 def fit_field(
@@ -49,7 +59,6 @@ def fit_field(
     *,
     wall: str = "opposite",
     far_end: str = "fitted",
-    variation: str = "constant",
     start: complex | None = None,
     draws: int = 0,
     level_error: float = LEVEL_ERROR,
@@ -63,7 +72,6 @@ def fit_field(
         solver: the duct, at the line's frequencies, with one lined patch.
         wall: of the microphones, ``opposite`` or ``lined``.
         far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
-        variation: of Z along the liner, ``constant`` or ``linear``.
         start: impedance where the search begins; default the best of those from a grid. Soft walls, and those near the
             greatest attenuation, have minima beside the true one.
         draws: of the microphones' errors, 0 for none, else at least 2; the paper takes 500 for its method. Those whose
@@ -74,29 +82,25 @@ def fit_field(
     Returns:
         The fit, without gradients.
     Raises:
-        ValueError: too few microphones (four; three with the far end stated; one more for a linear variation) or one
-            outside the duct, an error below 1e-4, a solver for other frequencies, another height, Mach number, sound
-            speed or liner, or with several patches; a stated far end whose reflection is stated for a source on the
-            other side.
+        ValueError: too few microphones (four; three with the far end stated) or one outside the duct, an error below
+            1e-4, a solver for other frequencies, another height, Mach number, sound speed or liner, or with several
+            patches; a stated far end whose reflection is stated for a source on the other side.
     Warns:
         DataWarning: the answer is doubtful; the same text is in ``notes``, with a code: unsettled, model-misfit,
             rigid-wall, near-rigid-wall, active-wall, active-end, growing-wave, lost-draws.
     """
     require_choice("far_end", far_end, FAR_ENDS)
-    require_choice("variation", variation, VARIATIONS)
     errors = MicrophoneErrors(level_error, phase_error, draws, generator)
     errors.require_above(SMALLEST)
     waves = {"stated": 1, "fitted": 2}[far_end]
-    unknowns = waves + 1 + VARIATIONS.index(variation)
-    _check(line, solver, unknowns, far_end)
+    _check(line, solver, waves + 1, far_end)
     model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
     weights = (1 / errors.parts[0], 1 / errors.parts[1])
-    freedom = 2 * (line.microphones - unknowns)
+    freedom = 2 * (line.microphones - waves - 1)
     choices = {
         "method": "field",
         "wall": wall,
         "far_end": far_end,
-        "variation": variation,
         **errors.choices,
         "largest_misfit": largest_misfit(freedom, CONTRADICTED),
         "draws": draws,
@@ -110,14 +114,12 @@ def fit_field(
     pressure = line.pressure.detach().to(torch.complex128)
     target = _cases(pressure)
     if start is None:
-        found = constant_wall(model, target, weights, freedom * largest_misfit(freedom))
+        found = best_wall(model, target, weights, freedom * largest_misfit(freedom))
     else:
         if math.isnan(abs(complex(start))) or start == -1:
             raise ValueError(f"start is {start}; an impedance other than -1 is needed")
         wanted = torch.full((*target.shape[:-1], 1), complex(start), dtype=torch.complex128, device=target.device)
-        found = search(model, target, coordinates(wanted), weights)
-    if variation == "linear":
-        found = search(model, target, torch.cat([found.place, torch.zeros_like(found.place)], -1), weights)
+        found = search(model, target, bounded(reflection_from_impedance(wanted)), weights)
     result = _result(found, model, pressure, line, freedom, choices)
 
     def drawn(pressure: Tensor) -> FieldFit:
@@ -126,7 +128,8 @@ def fit_field(
 
     result = errors.with_draws(result, pressure, freedom, drawn)
     spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
-    doubts = like_rigid(found.place, spread), like_rigid(found.place, spread, FIRST_ORDER), model.gains(found.place)
+    rho = found.place[..., 0]
+    doubts = like_rigid(rho, spread), like_rigid(rho, spread, FIRST_ORDER), model.gains(found.place)
     notes = field_notes(result, *(each.reshape(result.impedance.shape) for each in doubts))
     tell([str(note) for note in notes])
     return replace(result, notes=notes)
@@ -174,17 +177,16 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
     if side not in SOURCES:
         wrong.append(f"source_side is {side!r}; state upstream or downstream (in the file, or --source-side)")
     if count <= unknowns:
-        wrong.append(f"{count} microphones are too few for {unknowns} complex unknowns (impedances, amplitudes)")
+        wrong.append(f"{count} microphones are too few for {unknowns} complex unknowns (impedance, amplitudes)")
     if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
         frequencies = f"{line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz"
         wrong.append(f"frequencies are {frequencies}; build the solver for those of the line")
     if outside := line.x[(line.x < case.start) | (line.x > case.end)].tolist():
         wrong.append(f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m")
-    for what in ("end_reflection", "source_reflection"):
-        # Reflections of a case are those of its source's end and of the other.
-        if far_end == "stated" and side != case.source and bool(torch.as_tensor(getattr(case, what)).any()):
-            sides = f"is stated for a source {case.source}, the line has its source {side}"
-            wrong.append(f"the {what} of the duct {sides}; state it for that one, or take far_end='fitted'")
+    stated = torch.cat([torch.as_tensor(r).flatten() for r in (case.end_reflection, case.source_reflection)])
+    if far_end == "stated" and side != case.source and bool(stated.any()):
+        sides = f"are stated for a source {case.source}, the line has its source {side}"
+        wrong.append(f"the reflections of the duct {sides}; state them for that one, or take far_end='fitted'")
     if wrong:
         raise ValueError(f"{line.name}: {'; '.join(wrong)}")
 
@@ -200,29 +202,22 @@ def _result(
 ) -> FieldFit:
     """The record of a solution for pressures (..., N, F); of all of them, or with nan where the fit did not settle."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
-    along = fine_places(line.x)
+    along, rho = fine_places(line.x), found.place[..., 0]
     amplitude = torch.complex(found.amplitude[..., ::2], found.amplitude[..., 1::2])
     at, between, far = model.heard(found.place, amplitude, along)
-    lost = ~(found.converged | all_of_them)[..., None]
-    wall, at, between = (
-        each.masked_fill(lost, complex(math.nan, math.nan)) for each in (impedance_at(found.place), at, between)
+    lost = ~(found.converged | all_of_them)
+    wall = impedance_at(rho).masked_fill(lost, NOTHING)
+    at, between = (
+        each.masked_fill(lost[..., None], NOTHING).reshape(*shape, -1).movedim(-1, -2) for each in (at, between)
     )
-    at, between = (part.reshape(*shape, -1).movedim(-1, -2) for part in (at, between))
     misfit = found.cost / freedom
     used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
-    covariance = impedance_covariance(found.place, used * covariance_of(found))
-    rise = rise_error = torch.zeros_like(wall[..., 0])
-    if wall.shape[-1] == 2:
-        rise = 2 * wall[..., 1]
-        rise_error = 2 * torch.complex(*covariance.diagonal(dim1=-2, dim2=-1)[..., 2:].clamp(min=0).sqrt().unbind(-1))
     return FieldFit(
         method="LEE fit",
         frequency=line.frequency,
         x=line.x,
-        impedance=wall[..., 0].reshape(shape),
-        covariance=covariance[..., :2, :2].reshape(*shape, 2, 2),
-        rise=rise.reshape(shape),
-        rise_error=rise_error.reshape(shape),
+        impedance=wall.reshape(shape),
+        covariance=impedance_covariance(rho, used * covariance_of(found)).reshape(*shape, 2, 2),
         amplitude=model.solver.case.incident * amplitude[..., 0].reshape(shape),
         end_reflection=far.reshape(shape),
         pressure=at,

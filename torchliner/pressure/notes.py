@@ -91,7 +91,7 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
     assert result.freedom is not None
     misfit, end = result.misfit, result.end_reflection.abs()
     limit = largest_misfit(result.freedom, POOR / misfit[..., 0].numel())
-    resistance = result.impedance.real - result.rise.real.abs() / 2  # at the edge of less
+    resistance = result.impedance.real
     where = {
         "unsettled": ~result.converged,
         "model-misfit": misfit > limit,

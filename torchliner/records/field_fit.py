@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY
 
-import torch
 from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
@@ -19,17 +18,13 @@ PLACES = ("draws", "place", "frequency")
 class FieldFit(DrawnImpedance):
     """Impedance of a liner by fitting the linearised Euler equations to microphones.
 
-    Of a Z that varies ``impedance`` is the mean along the liner. The covariance is the Laplace approximation: inverse
+    The covariance is the Laplace approximation: inverse
     of Gauss-Newton's Hessian with the amplitudes fitted too, for errors as stated or as the misfit asks for
     (``error_scale``). It is infinite where the microphones do not tell the liner from a rigid wall, and too small near
     that, where the error of 1/Z, abs(dZ)/abs(Z)^2, still holds.
     """
 
     _: KW_ONLY
-    rise: Tensor = var(
-        *EACH, name="rise_of_{}", text="at the liner's downstream edge less that upstream, 0 unless it was fitted"
-    )
-    rise_error: Tensor = var(*EACH, name="rise_of_{}_error", wide=True, text="standard error of the rise")
     amplitude: Tensor = var(
         *EACH, unit="Pa", kind="complex", text="peak amplitude of the source's wave where the case has its own"
     )
@@ -50,18 +45,6 @@ class FieldFit(DrawnImpedance):
     def estimated(self) -> Tensor:
         """Where the errors come from the misfit, not as they were stated, (..., F)."""
         return self.error_scale > 1
-
-    @property
-    def liner_impedance(self) -> Tensor:
-        """1 over the mean of 1/Z along the liner, (..., F), as eq. (5.2) averages.
-
-        Of Z = z (1 + r s), s from -1 to 1, this is z r/artanh r; ``impedance`` if Z is constant.
-        """
-        ratio = self.rise / (2 * self.impedance)
-        small = ratio.abs() < 1e-4  # 1 - r^2/3 there, to rounding
-        safe = torch.where(small, torch.ones_like(ratio) / 2, ratio)
-        share = torch.where(small, 1 - ratio**2 / 3, safe / torch.atanh(safe))
-        return self.impedance * share
 
     @property
     def level(self) -> Tensor:

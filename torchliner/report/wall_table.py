@@ -21,7 +21,7 @@ LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid
 SHOWN = 4  # singular values in the table
 ERRORS = ["level_error", "phase_error"]  # that the draws have
-FIT = ["standard_error", "end_reflection", "rise", "rise_error"]  # of a fit of the field
+FIT = ["standard_error", "end_reflection"]  # of a fit of the field
 UNKNOWN: dict[str, Any] = dict.fromkeys("low high deviation wavenumber singular_values known off".split() + FIT)
 UNKNOWN |= dict.fromkeys(["energy_share", "misfit", *ERRORS], math.nan) | {"failed": 0}
 Educed = WallEduction | FieldFit
@@ -91,8 +91,6 @@ COLUMNS = (
     Column("failed_draws", "failed"),
     Column("misfit"),
     *real_and_imaginary("end_reflection_real", "end_reflection_imag", "end_reflection"),
-    *real_and_imaginary("rise_of_resistance", "rise_of_reactance", "rise"),
-    *real_and_imaginary("rise_of_resistance_error", "rise_of_reactance_error", "rise_error"),
     Column("energy_share"),
     Column("mach"),
     Column("level_error_used", "level_error"),
@@ -126,13 +124,10 @@ def format_wall(line: MicrophoneLine, found: Educed) -> str:
             f"the error of the model\nover errors: residual over what {_assumed(found)} leave"
         )
     errors = "the microphones' stated errors" if found.draws is None else "the draws"
-    if found.choices["variation"] == "constant":
-        rows = [row | {"rise": None, "rise_error": None} for row in rows]
     return (
         f"{head}, far end {found.choices['far_end']}\n{Table(rows, (*FIELD, *known)).as_text()}\n"
         f"Z is p/(rho c v), exp(+jwt); {share} statistical interval and deviation: of R and X by "
-        f"{errors} (of the rise: by the fit); over errors: residuals over the stated errors, 1 if "
-        "the duct is right"
+        f"{errors}; over errors: residuals over the stated errors, 1 if the duct is right"
     )
 
 
@@ -189,8 +184,6 @@ FIELD = (
     _FREQUENCY,
     Column("", "impedance", "Z", _wall),
     *_BARS,
-    Column("", "rise", "rise along x", format_complex),
-    Column("", "rise_error", "deviation", _deviation),
     *_LEFT,
     Column("", "end_reflection", "end reflection", format_complex),
 )

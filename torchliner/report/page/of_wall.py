@@ -38,7 +38,7 @@ from torchliner.report.typesetting import typeset
 from torchliner.report.wall_pressure import draw_along, draw_phases, draw_spectra, spectrum_of
 from torchliner.report.wall_table import COLUMNS, FIELD, LEVEL, WAVES, Educed, wall_rows
 
-IN_CSV = {"deviation", "energy", "rise along x", "singular values"}  # headings that a page is too narrow for
+IN_CSV = {"deviation", "energy", "singular values"}  # headings that a page is too narrow for
 MOST_DRAWN = 6  # frequencies along a wall
 MESH = "mesh difference (dB)"
 LABELS = ((0,), (1,), (2,), (0, 1), (0, 2), (0, 1, 2))  # parts of a label, the fewest first
