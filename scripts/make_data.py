@@ -2,7 +2,7 @@
 
     python scripts/make_data.py FOLDER
 
-FOLDER holds resolved_liner_lbm.h5, resolved_orifice_3d.h5, resolved_more.h5 and
+FOLDER holds resolved_liner_lbm.h5, resolved_orifice_3d.h5, resolved_more.h5, resolved_background.h5 and
 les_channel_planes.h5. What is cut, rounded and superposed is stated in each file and in
 data/README.md; checksums go to data/SHA256SUMS. ``--only`` writes a part alone.
 """
@@ -28,6 +28,11 @@ SLIT_FILE, ORIFICE_FILE = "resolved_liner_lbm.h5", "resolved_orifice_3d.h5"
 MORE_FILE, MORE_LINES = "resolved_more.h5", (0, 1, 4)
 MORE_CASES = {"n145": "slit", "o130": "orifice", "t00_130": "orifice", "t03_130": "orifice",
               "t015_145": "orifice"}  # fmt: skip
+BACKGROUND_FILE = "resolved_background.h5"
+BACKGROUND_CASES = {  # which of the five heights are kept
+    **dict.fromkeys(("q01_140", "q02_140", "q02_145", "q01_off", "q015_off", "q02_off", "q03_off"), (0, 1)),
+    **dict.fromkeys(("q02_140h", "q02_145h", "q02_offh"), (0, 2, 4)),
+}
 NAMED_CASE = "lbm_slit"  # of the g cases: the linear part of their lattice was not measured
 SLIT_CASES, SLIT_LINES = ("n115", "n130", "g01_145", "g03_145"), (0, 1, 2, 4)
 ORIFICE_CASES, ORIFICE_LINES = ("o115", "o145"), (0, 1, 4)
@@ -123,6 +128,17 @@ def make_more(folder: Path) -> None:
             write(prepared(plane, FEWER_BITS), f"{kind}_{case}_y{millimetres(plane):.1f}mm.h5")
 
 
+def make_background(folder: Path) -> None:
+    """Sound over turbulence at several levels, and the same flows without sound, which state no tone."""
+    for case, lines in BACKGROUND_CASES.items():
+        for line in lines:
+            plane, name = read_resolved(folder / BACKGROUND_FILE, case, line), f"orifice_{case}"
+            if "off" in case:
+                plane = dataclasses.replace(plane, frequency=None, incident_level=None, source_side="none")
+                name = f"quiet_{case.replace('_off', '')}"
+            write(prepared(plane, FEWER_BITS), f"{name}_y{millimetres(plane):.{1 + (line == 4)}f}mm.h5")
+
+
 def make_channel(folder: Path) -> None:
     """Planes over the hard wall, and one with a tone."""
     for index in CHANNEL_PLANES:
@@ -174,9 +190,10 @@ def make_holes(folder: Path) -> None:
 
 def main() -> None:
     parser = parser_of(__doc__)
-    parser.add_argument("folder", type=Path, help="folder with the four full simulation files")
+    parser.add_argument("folder", type=Path, help="folder with the five full simulation files")
     parts: dict[str, Callable[[Path], None]] = {
         "slits": make_slits, "orifices": make_orifices, "channel": make_channel, "more": make_more,
+        "background": make_background,
         "pressures": make_pressures, "holes": make_holes,
     }  # fmt: skip
     parser.add_argument("--only", choices=list(parts), nargs="+", help="leave the others as is")

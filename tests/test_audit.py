@@ -361,8 +361,8 @@ def test_moments_are_audited_as_far_as_they_go(planes, onera):
 def test_a_stated_background_is_of_the_base(averaging):
     """It enters phase-locked averaging alone, and lengths, which are of another, do without."""
     plane, liner = tl.read_plane(DATA / "slit_g03_145_y0.5mm.h5"), tl.load_liner("lbm_slit")
-    found = tl.audit(plane, liner, averaging=averaging, background_rms=1.0)
-    wanted = tl.educe(plane, liner, background_rms=1.0).liner[averaging].impedance[0]
+    found = tl.audit(plane, liner, averaging=averaging, background=1.0)
+    wanted = tl.educe(plane, liner, background=1.0).liner[averaging].impedance[0]
     assert found.base == pytest.approx(complex(wanted), rel=1e-6)
     assert any(row.factor == "averaging length" for row in found.rows)
 

@@ -31,7 +31,7 @@ OPTIONS = [
     ({"wall_filter": -0.1}, "wall_filter is -0.1"),
     ({"interval": 1.0}, "interval is 1; it is a level between 0 and 1"),
     ({"level_limit": -1.0}, "level_limit is -1 dB"),
-    ({"background_rms": 1.0, "averaging": "velocity"}, "background_rms is only used with averaging='phase-locked'"),
+    ({"background": 1.0, "averaging": "velocity"}, "background is only used with averaging='phase-locked'"),
     ({"running_window": 1e-3}, "running_window is only used with drive='running-rms'"),
     ({"frequency": 21000.0}, "21000 Hz is at or above Nyquist, 21000 Hz.*sampling rate of 42000"),
     ({"frequency": -1400.0}, "frequency.*-1400"),

@@ -21,7 +21,7 @@ CHOICES: list[dict[str, Any]] = [
     {"mean": "removed"},
     {"drive": "rms"},
     {"drive": "running-rms"},
-    {"background_rms": 1.0},
+    {"background": 1.0},
     {"wall_filter": 0.2},
 ]
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")

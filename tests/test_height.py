@@ -493,7 +493,7 @@ def test_command_takes_moments(capsys, tmp_path):
 
 def test_a_stated_background_is_of_phase_locked_averaging(planes, study, liner):
     """The rows by length, which are of the others, stay."""
-    found = study_heights(planes, liner, background_rms=0.5, **WHOLE)
+    found = study_heights(planes, liner, background=0.5, **WHOLE)
     for mine, other in zip(found.rows, study.rows, strict=True):
         assert mine.admittance == pytest.approx(other.admittance, rel=1e-9)
         assert mine.velocity == pytest.approx(other.velocity, rel=1e-9)

@@ -98,7 +98,7 @@ def test_the_sentence_says_by_how_much_what_it_excludes_and_what_to_try():
     with pytest.warns(tl.DataWarning, match=r"level check at 1400 Hz fails, phase-locked: -1.00 dB"):
         found = tl.educe(plane(velocity, incident_level=level), MODEL)
     (text,) = (str(note) for note in found.notes if note.code == "level-check")
-    for word in ("limit 0.3 dB", "not that of the cell", "model is wrong",
+    for word in ("limit of 0.3 dB", "not that of the cell", "model is wrong",
                  f"level is {level - 1:.1f} dB", "no averaging passes"):  # fmt: skip
         assert word in text
 

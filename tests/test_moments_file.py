@@ -22,7 +22,7 @@ CHOICES = [
     {"drive": "rms"},
     {"drive": "running-rms"},
     {"mean": "removed"},
-    {"background_rms": 1.0},
+    {"background": 1.0},
 ]
 
 

@@ -24,7 +24,7 @@ CHOICES: list[dict[str, Any]] = [
     {"phase": "given"},
     {"mean": "removed"},
     {"drive": "running-rms"},
-    {"background_rms": 1.0},
+    {"background": 1.0},
     {"wall_filter": 0.2},
     {"interval": None},
 ]

@@ -132,7 +132,7 @@ def test_pictures_without_velocity(capsys, files, tmp_path, unrendered):
         (["educe", "{moments}", "--phase", "self-consistent"], "choose --phase averaged"),
         (["replay", "{moments}"], "time samples are gone, which this needs"),
         (["educe", "{moments}", "--drive", "rms"], "choose --drive instantaneous"),
-        (["educe", "{moments}", "--background-rms", "1"], "leave background_rms out, or reduce"),
+        (["educe", "{moments}", "--background", "1"], "leave background out, or reduce"),
         (["reduce", "{plane}", "-o", "{folder}/m.h5", "--interval", "0.9"], "--interval"),
     ],
     ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",

@@ -46,7 +46,7 @@ def choices_of(attributes: Any) -> dict[str, Any]:
     found: dict[str, Any] = {name: attributes[name] for name in ("phase", "drive", "mean")}
     for name in ("background_rms", "minimum_coherence", "reference_phase"):
         if name in attributes:
-            found[name] = float(attributes[name])
+            found[name.removesuffix("_rms")] = float(attributes[name])
     return found if attributes["dtype"] == "default" else found | {"dtype": attributes["dtype"]}
 
 

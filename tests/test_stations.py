@@ -204,7 +204,7 @@ def test_overlap_and_window_are_free(onera):
         ({"overlap": -0.1}, "overlap is -0.1"),
         ({"overlap": 0.9999}, r"s0: .* hold \d+ segments of 0\.04 s with an overlap of 0\.9999; 2 to 5000"),
         ({"phase": "given", "reference_phase": float("nan")}, "reference_phase holds values that are not finite"),
-        ({"background_rms": 1.0}, "background_rms is 1.0; it is for planes"),
+        ({"background": 1.0}, "background is 1.0; it is for planes"),
         ({"missing": "exclude"}, "missing is 'exclude'; it is for planes"),
         ({"segment": 0.0}, r"segment \(s\) is 0; it must be finite and above 0"),
         ({"method": "cubic"}, "unknown method 'cubic'"),

@@ -26,7 +26,7 @@ from torchliner.io.plane_format import FrameVelocity
 
 SAMPLES, PITCH = 1500, 12.44e-3  # 50 periods
 EVERY = [{}, {"mean": "removed"}, {"averaging": "velocity"}, {"drive": "rms"}, {"drive": "running-rms"},
-         {"phase": "self-consistent"}, {"background_rms": 0.5}]  # fmt: skip
+         {"phase": "self-consistent"}, {"background": 0.5}]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

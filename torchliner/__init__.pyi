@@ -104,10 +104,11 @@ class _Choices(TypedDict, total=False):
     interval: float | None
     wall_filter: float | None
     missing: str
-    background_rms: float | None
+    background: Any
     minimum_coherence: float
     level_limit: float
     level_uncertainty: float
+    level_matched: bool
     allow_short: bool
     device: str | torch.device | None
     dtype: str | torch.dtype | None

@@ -85,8 +85,9 @@ def read_resolved(path: str | Path, case: str | None = None, line: int = 0, stri
             source_side="normal",
             liner=preset_of(group, path),
             reference={
-                "true": complex_attribute(group, truth, path),
-                TRUTHS[other]: complex_attribute(group, other, path),
+                name: complex_attribute(group, key, path)
+                for name, key in (("true", truth), (TRUTHS[other], other))
+                if f"Z_{key}_re" in group.attrs  # a run without sound has none
             },
             title=f"resolved {'orifice (3-D)' if three else 'slit (2-D)'}, case {case}, "
             f"y = {1e3 * cases[case][line]:g} mm",

@@ -12,7 +12,7 @@ from torchliner.velocity.choices import Choices
 
 NAMED = {"method": GRID_METHODS, "correction": CORRECTIONS, "window": STATION_WINDOWS, "flagged": FLAGGED}
 MOST_DRAWS = 1_000_000
-OF_PLANES = {"averaging": "admittance", "background_rms": None, "missing": "refuse"}  # what a single place has
+OF_PLANES = {"averaging": "admittance", "background": None, "missing": "refuse"}  # what a single place has
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from torchliner import names
-from torchliner.cli.options import INDEX, NUMBER, Option, group
+from torchliner.cli.options import INDEX, NUMBER, QUIET, Option, group
 from torchliner.cli.signatures import of
 
-SHOWN = "averaging phase drive mean interval wall_filter device dtype kernel window segment"  # by --help
+SHOWN = (  # by --help
+    "averaging phase drive mean interval background level_matched wall_filter device dtype kernel window segment"
+)
 ALL = (
-    "averaging phase reference_phase drive running_window mean wall_filter missing background_rms minimum_coherence "
-    "interval no_intervals level_limit level_uncertainty allow_short device dtype"
+    "averaging phase reference_phase drive running_window mean wall_filter missing background minimum_coherence "
+    "interval no_intervals level_limit level_uncertainty level_matched allow_short device dtype"
 )
 NO_GIVEN_PHASE = {"kind": [rule for rule in names.PHASES if rule != "given"]}
 
@@ -25,7 +27,8 @@ def choices(wanted: str = ALL, **changes: dict[str, Any]) -> list[Option]:
             found.append(Option("--no-intervals", "no error bars", further=True, group="choices"))
             continue
         home = "velocity.educe:educe" if name == "reference_phase" else "velocity.choices:Choices"
-        usual: Any = {"kind": NUMBER} if name == "reference_phase" else {}
+        own = {"reference_phase": {"kind": NUMBER}, "background": {"kind": QUIET, "nargs": "+"}}
+        usual: Any = own.get(name, {})
         about[name] = usual | changes.get(name, {})
         found += of(home, name, **about)
     return found

@@ -52,7 +52,7 @@ REFERENCE = opt.group(
     opt.Option("--reference-start", "of its first sample, s, on the clock of the arrivals; default 0", opt.S),
 )
 RECORDINGS = (".npy", ".wav", ".mat", ".h5")
-NOT_OF_STATIONS = ("averaging", "background_rms", "missing", "allow_short")
+NOT_OF_STATIONS = ("averaging", "background", "missing", "allow_short")
 CHOICES = [
     *choices(" ".join(name for name in ALL.split() if name not in (*NOT_OF_STATIONS, "reference_phase"))),
     *of("bursts.line:educe_bursts", "reference_phase", group="choices", reference_phase={"kind": opt.NUMBER}),

@@ -73,7 +73,7 @@ INDEX = Kind("I", "a whole number from 0 to 2^53", whole_number)
 COUNT = Kind("N", "a whole number from 1 to 2^53", lambda text: whole_number(text, 1))
 FREQUENCIES = Kind("HZ", "a frequency in Hz, or LOW:HIGH:STEP,", frequencies)
 PATH, FILE, PLANE = (Kind(word, read=Path, part="read") for word in ("PATH", "FILE", "PLANE"))
-NAMED, LINER, ARRAY = (Kind(word, part="named") for word in ("NAME", "LINER", "ARRAY"))
+NAMED, LINER, ARRAY, QUIET = (Kind(word, part="named") for word in ("NAME", "LINER", "ARRAY", "FILE"))
 DUCT = Kind("DUCT", part="named")
 PICTURE = Kind("PICTURE", read=Path, part="written", endings=PICTURES)
 FOLDER = Kind("FOLDER", read=Path, part="folder")
@@ -210,11 +210,29 @@ def given(options: argparse.Namespace, declared: Iterable[Option]) -> dict[str, 
     """
     found = {each.dest: getattr(options, each.dest) for each in declared}
     found = {key: value for key, value in found.items() if value is not None and value is not False}
+    if "background" in found:
+        found["background"] = background_given(found["background"])
     if found.pop("no_intervals", False):
         if "interval" in found:
             raise ValueError("--no-intervals leaves out what --interval is of; name one of them")
         found["interval"] = None
     return found
+
+
+def background_given(words: Sequence[str]) -> Any:
+    """A number in m/s, or planes or moments without sound.
+
+    Raises:
+        ValueError: a number beside others.
+    """
+    import torchliner as tl
+    from torchliner.io.moments_file import holds_moments
+
+    try:
+        (word,) = words
+        return float(word)
+    except ValueError:
+        return [tl.read_moments(each) if holds_moments(each) else tl.read_plane(each, lazy=True) for each in words]
 
 
 def spelled(keys: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ from torchliner.cli.files import read_planes, show_results
 from torchliner.cli.messages import progress_bar
 
 EXAMPLES = ("plane.h5 -o plane.moments.h5",)
-CHOICES = choices("averaging phase drive running_window mean missing background_rms allow_short device dtype")
+CHOICES = choices("averaging phase drive running_window mean missing background allow_short device dtype")
 OWN = [
     opt.ONE_PLANE,
     opt.output("write the moments", *opt.HDF5, required=True),

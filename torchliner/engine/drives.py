@@ -88,15 +88,25 @@ class Drive:
         return mean.clamp(min=0).sqrt().to(found.dtype)
 
 
-def phase_locked(seen: Survey, cells: Membership, background_rms: float | None = None) -> Drive:
+def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -> Drive:
     """The drive ``phase-locked`` from a survey of the whole record.
 
     Args:
         seen: of the probes; probes of no cell keep their own velocity.
         cells: of the probes.
-        background_rms: rms of the turbulence without the sound, m/s: the incoherent velocity of each cell is brought
-            down to it, never up.
+        scale: s, of the incoherent velocity of each probe, (P,); default 1.
     """
+    fit, away, share = _coherent(seen, cells)
+    taken = cells.spread(torch.cat([share, share[1:]])) * away
+    lines = seen.lines[: seen.harmonics].to(fit.device)
+    if scale is not None:  # v* = v - g d - (1 - s)(v - v'), v' = v_p - (1 - g) d: the turbulence in a fit is scaled too
+        taken = taken - (1 - scale) * (fit - away + taken)
+    return Drive(None, taken, lines, seen.blocks.sampling_rate, scale, share)
+
+
+def _coherent(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
+    """Mean and harmonics of each probe, what of them deviates from its cell, (1 + 2 H, P), and of that the share g that
+    is no turbulence, by cell, (1 + H, C); 1 where there are too few blocks to tell."""
     rows = seen.rows_of_harmonics()
     count, harmonics = len(seen.sums), seen.harmonics
     gram = _gram_of_fit(seen)
@@ -116,10 +126,24 @@ def phase_locked(seen: Survey, cells: Membership, background_rms: float | None =
         noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
         power = by_line(cells.sum(away.square()))
         share = (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
-    taken = cells.spread(torch.cat([share, share[1:]])) * away
-    lines = seen.lines[:harmonics].to(fit.device)
-    drive = Drive(None, taken, lines, seen.blocks.sampling_rate, None, share)
-    return drive if background_rms is None else _with_background(drive, seen, fit, away, cells, background_rms)
+    return fit, away, share
+
+
+def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
+    """Sums over each block of the square of v - v', all that is not in step with the tone, m2/s2, (S, P).
+
+    What a fit over N periods keeps of the turbulence, 1/N of it, belongs to it, as in the drive.
+    """
+    rows, gram = seen.rows_of_harmonics(), _gram_of_fit(seen).to(seen.sums)
+    fit, away, share = _coherent(seen, cells)
+    kept = fit - (1 - cells.spread(torch.cat([share, share[1:]]))) * away
+    return (seen.squares + ((gram @ kept - 2 * seen.sums[:, rows]) * kept).sum(1)).clamp(min=0)
+
+
+def incoherent_square(seen: Survey, cells: Membership) -> Tensor:
+    """Its mean over the record, and over the cell where a probe has one, m2/s2, (P,)."""
+    own = incoherent_power(seen, cells).sum(0) / seen.lengths.sum()
+    return torch.where(cells.labels < cells.count, cells.spread(cells.mean(own)), own)
 
 
 def _gram_of_fit(seen: Survey) -> Tensor:
@@ -151,18 +175,6 @@ def _scatter(seen: Survey, cells: Membership, fits: Tensor, rows: list[int]) -> 
     power = (squares - count * mean**2).clamp(min=0)
     neighbours = cross + mean * (first + last - (count + 1) * mean)
     return (power * cells.inside).sum(-1), (neighbours * cells.inside).sum(-1)
-
-
-def _with_background(drive: Drive, seen: Survey, fit: Tensor, away: Tensor, cells: Membership, rms: float) -> Drive:
-    """v* = v - g d - (1 - s)(v - v'), v' = v_p - (1 - g) d: what a fit keeps of the turbulence is scaled with it."""
-    assert drive.taken is not None
-    rows = seen.rows_of_harmonics()
-    coherent = (fit * seen.sums.sum(0)[rows]).sum(0) / seen.lengths.sum()
-    incoherent = (seen.mean_square - coherent).clamp(min=0)
-    of_cell = cells.spread(cells.mean(incoherent))
-    own = torch.where(cells.labels < cells.count, of_cell, incoherent)
-    scale = (rms / own.sqrt().clamp(min=1e-300)).clamp(max=1)
-    return dataclasses.replace(drive, scale=scale, taken=drive.taken - (1 - scale) * (fit - away + drive.taken))
 
 
 def survey_of_locked(drive: Drive, of_v: Survey) -> Survey:

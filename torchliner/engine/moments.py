@@ -30,7 +30,7 @@ from torchliner.records.summaries import Facts, Summarised, case_facts, heading_
 
 ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the error that is stated
 # Choices that the moments contain: they cannot be made again.
-SETTINGS = ("averaging", "phase", "drive", "running_window", "mean", "background_rms", "missing", "allow_short")
+SETTINGS = ("averaging", "phase", "drive", "running_window", "mean", "background", "missing", "allow_short")
 
 
 class ReducedVelocity:

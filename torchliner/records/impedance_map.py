@@ -17,6 +17,7 @@ from torchliner.records.case import Found
 from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.holes import Holes
 from torchliner.records.level_check import LevelCheck
+from torchliner.records.level_matched import LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
@@ -71,6 +72,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
     holes: Holes | None = part("hole_", default=None)
     _: KW_ONLY
     level_check: LevelCheck | None = part(places=("cell",), default=None)
+    level_matched: LevelMatched | None = part("level_matched_", default=None)
 
     DERIVED: ClassVar = (
         Variable("averagings", dims=("averaging",), kind="text", name="averaging", text="averaging over the probes"),

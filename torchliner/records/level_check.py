@@ -94,9 +94,19 @@ class LevelCheck:
 
     @property
     def failed(self) -> bool:
-        """Whether the answer's averaging fails at any frequency."""
+        """Whether the answer's averaging is beyond the limit at any frequency, whatever its interval."""
         count = len(self.pressure_level)
-        return any(self.verdict(self.averaging, index) == FAILS for index in range(count))
+        return any(self.verdict(self.averaging, index) in (FAILS, INCONCLUSIVE) for index in range(count))
+
+    def beyond(self, averaging: str, index: int = 0) -> str:
+        """'+2.41 dB beyond the limit of 0.3 dB', of what is beyond it; "" where nothing is."""
+        here = self.liner.at(self.averagings.index(averaging), index)
+        limits = (("level", "dB", ".2f", 1.0), ("phase", "degrees", ".1f", DEGREES_PER_DB))
+        return " and ".join(
+            f"{value:+{digits}} {unit} beyond the limit of {self.limit * factor:.2g} {unit}"
+            for name, unit, digits, factor in limits
+            if (value := here[name]) is not None and abs(value) > self.limit * factor
+        )
 
     def words(self, averaging: str, index: int = 0) -> str:
         """'-2.61 dB (-2.62 to -2.60), +3.1 degrees fails'; '-' where nothing is compared."""
@@ -122,17 +132,17 @@ class LevelCheck:
         stated, off = float(self.pressure_level[index]), here["level"] or 0.0
         start = (
             f"level check at {frequency:g} Hz {'fails' if verdict == FAILS else 'is inconclusive'}, {averaging}: "
-            f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}, limit "
-            f"{self.limit:.2g} dB"
+            f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}; "
+            f"{self.beyond(averaging, index)}"
         )
         if verdict == INCONCLUSIVE:
-            return f"{start}; the record is too short to tell: take a longer one"
+            return f"{start}, and the interval reaches back: take a longer record"
         others = [each for each in self.averagings if self.verdict(each, index) == PASSES]
         tried = (
             f"{' and '.join(others)} passes: take it"
             if others
-            else "no averaging passes: take another height, calibrate the model (calibrate "
-            "--level-check), check the level"
+            else "no averaging passes: give a run without sound (--background), calibrate the model, check the level, "
+            "or take another height"
         )
         if abs(off) <= self.limit:
             excluded = "The size is right, so it is the reactance of the model that is wrong"

@@ -299,7 +299,7 @@ def _lengths(base: Base) -> Iterator[Variant]:
             f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
         )
     used = source.known.used.reshape(grid.rows, grid.columns)
-    chosen = {"averaging": "velocity", "background_rms": None}
+    chosen = {"averaging": "velocity", "background": None}
     for share in shares:
         windows, name = windows_of(grid, share * pitch, used), f"velocity over {share:g} of a cell"
         yield base.variant("averaging length", name, averaging="velocity", choices=chosen, windows=windows)

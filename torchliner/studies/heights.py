@@ -166,7 +166,7 @@ def _rows(source: Source, seen: ImpedanceMap, grid: Grid, lengths: Sequence[floa
     cut = [windows_of(grid, length, used) for length in lengths]
     over_velocity = [_average(alone) if each.width * each.height == 1 else (UNKNOWN, UNKNOWN) for each in cut]
     if source.reading is not None:
-        chosen = replace(source.chosen, averaging="velocity", background_rms=None, interval=None)
+        chosen = replace(source.chosen, averaging="velocity", background=None, interval=None)
         variants = [Variant({}, "velocity", chosen, windows=each, psi=psi) for each in cut]
         over_velocity = [(each.impedance, each.spread) for each in source.evaluate(variants)]
     rows = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,14 @@ from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review, review_answer
 from torchliner.velocity.averages import Asked, Averages, average
+from torchliner.velocity.background import with_background
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
+from torchliner.velocity.rescaled import widened
 from torchliner.velocity.review_answer import ToneShare
+from torchliner.velocity.tone import review_tone
+from torchliner.velocity.velocity_ratio import review_ratio, velocity_ratio
 from torchliner.version import __version__
 
 
@@ -46,27 +50,37 @@ def answer(
     chosen: Choices,
     reference_phase: Any = None,
     pressure: Any = None,
+    ends: Sequence[Moments] = (),
 ) -> ImpedanceMap:
-    """The map from moments; arguments as of ``educe``.
+    """The map from moments; arguments as of ``educe``; ``ends``: with the bounds of the background.
 
     Raises:
         ValueError: the moments do not fit what is asked.
     """
     plane, seen = known.plane, known.survey
     review.require_periods(plane, frequency, chosen)
+    chosen = with_background(plane, chosen, liner, known.cell_pitch)
     require_fitting(known, liner, frequency, chosen)
     liner = liner.in_flow(plane.mach)
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
-    chief = found[chosen.averaging]
+    if ends:
+        found["phase-locked"] = widened(found["phase-locked"], [average(each, asked, "phase-locked") for each in ends])
+    answered, silent = chosen.averaging, list(review_tone(known, frequency, chosen))
+    if silent and answered == "phase-locked":
+        answered = "admittance"
+    chief = found[answered]
     z = chief.liner.impedance.detach().cpu()
     error, doubts = review.review_table(plane, known, liner, frequency, z)
     count = seen.blocks.count
     share = review_answer.tone_share(known) if "phase-locked" in found else None
+    ratio = None if silent else velocity_ratio(known, liner, frequency)
     notes = [
         *review.review_record(plane, frequency),
         *review.review_liner(plane, liner),
         *known.notes,
         *doubts,
+        *silent,
+        *review_ratio(known, liner, frequency, ratio, share),
         *review_answer.review_other_tones(plane, known, liner, frequency, share),
         *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
         *review_answer.review_phase(known, asked.phase),
@@ -77,22 +91,23 @@ def answer(
     pressures = known_pressure(case, pressure)
     check, checked = None, pressures
     if not isinstance(pressures, str):
-        check, checked = check_level(known, case, found, pressures, chosen), "checked"
-        place = check.averagings.index(chosen.averaging)
+        check, checked = check_level(known, case, found, pressures, chosen, answered), "checked"
+        place = check.averagings.index(answered)
         gap = Gap(*(value[place] for value in vars(check.liner).values()))
         sizes = change_that_passes(case, pressures, z, gap).abs()
         for i, f in enumerate(frequency.tolist()):
-            if text := check.sentence(chosen.averaging, f, i):
+            if text := check.sentence(answered, f, i):
                 notes.append(Note("level-check", f"{plane.name}: {text}", float(sizes[i])))
     return map_of(
         known,
         liner,
         frequency,
         found,
-        chosen.averaging,
+        answered,
         phase_rule=found["admittance"].held,
         wall=asked.wall,
-        choices=facts_of(known, liner, chosen, error, share) | {"level_check": checked},
+        choices=facts_of(known, liner, chosen, error, share)
+        | {"averaging": answered, "level_check": checked, "velocity_ratio": ratio},
         notes=tuple(dict.fromkeys(notes)),
         level_check=check,
     )
@@ -106,10 +121,10 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
     """
     name = known.plane.name
     known.require_speeds(liner)
-    wanted = vars(chosen) | {"running_window": chosen.window(frequency)}
+    wanted = chosen.describe() | {"running_window": chosen.window(frequency)}
     again = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
     again |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
-    again |= set() if "phase-locked" in chosen.averagings else {"background_rms"}
+    again |= set() if "phase-locked" in chosen.averagings else {"background"}
     for key, made in known.settings.items():
         if wanted[key] != made and key not in again:
             remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"

@@ -34,13 +34,16 @@ class Choices:
         wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as wall: admittance 0 in
             averages over probes (section 7.2); default: none does.
         missing: probes that hold nan or inf: ``refuse`` the plane or ``exclude`` them.
-        background_rms: of ``phase-locked``: rms of the turbulence as a run without sound has it at the same height,
-            m/s, to which the incoherent velocity of each cell is scaled down; default: as measured. Strong sound in
-            weak flow makes jets whose vortices are no such turbulence.
+        background: of ``phase-locked``: the same plane without sound (or its moments), to whose rms the incoherent
+            velocity of each cell is scaled down; several of other heights, between which the rms is taken at half a
+            hole diameter; or that rms, m/s. Default: as measured. Strong sound in weak flow makes jets, whose vortices
+            are no such turbulence.
         minimum_coherence: squared coherence of v with the tone, 0 to 1, below which ``self-consistent`` falls back to
             ``averaged``. Without a tone 0.5 is passed by chance in 0.5^(S - 1) of all probes with S blocks.
         level_limit: dB that Z and the phase-locked velocity may differ from a known pressure, for the level check.
         level_uncertainty: dB by which that pressure itself is uncertain; adds to the limit.
+        level_matched: also find the share of the incoherent velocity that makes the level check 0, and Z with it: a
+            measurement by pressure and velocity, not a prediction. The data are read about ten times more.
         allow_short: accept fewer than four periods.
         device: that works, cpu, cuda or cuda:1; default that of the data.
         dtype: precision of the work; default that of the data.
@@ -54,10 +57,11 @@ class Choices:
     interval: float | None = 0.95
     wall_filter: float | None = None
     missing: str = "refuse"
-    background_rms: float | None = None
+    background: Any = None
     minimum_coherence: float = 0.5
     level_limit: float = 0.3
     level_uncertainty: float = 0.0
+    level_matched: bool = False
     allow_short: bool = False
     device: str | torch.device | None = None
     dtype: str | torch.dtype | None = None
@@ -78,7 +82,7 @@ class Choices:
         make_plain(self)
         for name, known in NAMED.items():
             require_choice(name, getattr(self, name), known)
-        for name in ("running_window", "background_rms", "interval"):
+        for name in ("running_window", "interval"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
         if self.interval is not None and self.interval >= 1:
@@ -90,8 +94,8 @@ class Choices:
         for name in ("level_limit", "level_uncertainty"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} is {getattr(self, name):g} dB; it is at least 0")
-        if self.background_rms is not None and self.averaging != "phase-locked":
-            raise ValueError("background_rms is only used with averaging='phase-locked'")
+        if self.background is not None and self.averaging != "phase-locked":
+            raise ValueError("background is only used with averaging='phase-locked'")
         if self.running_window is not None and self.drive != "running-rms":
             raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
         self.working_dtype(torch.float64)
@@ -148,5 +152,7 @@ class Choices:
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""
         plain = dict(vars(self))
+        if hasattr(self.background, "describe"):
+            plain["background"] = self.background.describe()
         stated = {key: plain[key] for key in ("device", "dtype") if plain[key] is not None}
         return plain | {key: str(value).removeprefix("torch.") for key, value in stated.items()}

@@ -17,7 +17,9 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
 from torchliner.velocity.answer import answer, origin_facts
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.level_matched import match_level
 from torchliner.velocity.reading import Progress, Reading, measure, reading_of, take_moments
+from torchliner.velocity.rescaled import ends_of_background
 
 
 def educe(
@@ -61,13 +63,19 @@ def educe(
     >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
     '4.62-0.65j'
     """
-    model, chosen = as_liner(liner), Choices(**choices)
+    model, chosen, ends = as_liner(liner), Choices(**choices), list[Moments]()
     if isinstance(plane, Moments):
+        if chosen.level_matched:
+            raise ValueError(f"level_matched reads {plane.plane.name} several times; give the plane, not its moments")
         known, asked = plane, plane.plane.asked(frequency)
     else:
         reading = reading_of(plane, [model], frequency, chosen, projected=True)
-        known, asked = take_moments(reading, progress=progress), reading.frequency
-    found = answer(known, model, asked, chosen, reference_phase, pressure)
+        known, asked, chosen = take_moments(reading, progress=progress), reading.frequency, reading.chosen
+        ends = ends_of_background(reading, known)
+    found = answer(known, model, asked, chosen, reference_phase, pressure, ends)
+    if chosen.level_matched:
+        matched, notes = match_level(reading, known, model, pressure)
+        found = dataclasses.replace(found, level_matched=matched, notes=(*found.notes, *notes))
     origin = origin_facts(plane, model, pressure, reference_phase)
     tell([note.text for note in found.notes])
     return dataclasses.replace(found, choices={**found.choices, **origin})

@@ -36,9 +36,9 @@ WAVENUMBERS = 241  # tried along x, up to three times that of sound
 
 
 def check_level(
-    moments: Moments, case: Case, found: dict[str, Averages], known: KnownPressure, chosen: Choices
+    moments: Moments, case: Case, found: dict[str, Averages], known: KnownPressure, chosen: Choices, averaging: str
 ) -> LevelCheck:
-    """Of all averagings, with intervals where these have them."""
+    """Of all averagings, with intervals where these have them; ``averaging``: of the answer."""
     velocity = cell_velocity(moments, case, known)
     pressure = torch.cat([known.liner[None], known.cells])
     ratios, bounds = [], []
@@ -61,7 +61,7 @@ def check_level(
     gap = gap_of(torch.stack(ratios), ends, known.has_phase)
     return LevelCheck(
         averagings=tuple(found),
-        averaging=chosen.averaging,
+        averaging=averaging,
         known=known.words,
         kind=known.kind,
         pressure_level=spl_from_pressure_amplitude(known.liner),
@@ -97,6 +97,13 @@ def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Ca
     """
     velocity = cell_velocity(moments, case, known)[0, :1]
     return lambda z: _implied(case, known, z[None], velocity)[0] / known.liner
+
+
+def ratios_of_liner(moments: Moments, case: Case, known: KnownPressure, z: Tensor) -> Tensor:
+    """Implied over known pressure of the whole plane from its Z, of all blocks and without each of them, (B, F)."""
+    velocity = cell_velocity(moments, case, known)[: len(z), :1]
+    ratio = _implied(case, known, z[:, None], velocity)[:, 0] / known.liner
+    return ratio if known.replicates is None else ratio / known.replicates[: len(z), 0]
 
 
 def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:

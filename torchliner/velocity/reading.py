@@ -27,6 +27,7 @@ from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import named_file
 from torchliner.velocity import review
+from torchliner.velocity.background import review_background, with_background
 from torchliner.velocity.choices import Choices
 
 Progress = Callable[[int], object]
@@ -161,13 +162,14 @@ class Reading:
         """The drive of phase-locked averaging, if that is asked for."""
         if "phase-locked" not in self.chosen.averagings:
             return None
-        return phase_locked(seen, self.membership, self.chosen.background_rms)
+        background, cells = self.chosen.background, self.membership
+        return phase_locked(seen, cells, None if background is None else background.scale(seen, cells))
 
     def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
         return Moments(
             plane=without_velocity(self.plane),
-            settings={name: getattr(self.chosen, name) for name in SETTINGS}
+            settings={name: self.chosen.describe()[name] for name in SETTINGS}
             | {"running_window": self.chosen.window(self.frequency)},
             cell_pitch=self.cell_pitch,
             cells=self.cells,
@@ -239,6 +241,7 @@ def reading_of(
     liners = [liner.in_flow(plane.mach) for liner in liners]
     asked, pitch = plane.asked(frequency), liners[0].cell_pitch if liners else cell_pitch
     review.require_periods(plane, asked, chosen)
+    chosen = with_background(plane, chosen, liners[0] if liners else None, pitch)
     if nodes is None:
         nodes = choose_nodes(liners, asked, chosen.tolerance(plane.velocity.dtype)) if liners else ANY_LINER
     kept: Nodes | None = None if chosen.drive == "rms" else nodes
@@ -250,6 +253,7 @@ def reading_of(
     notes = (
         *review.review_cells(plane, pitch, asked, reading.cells, chosen),
         *review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen),
+        *review_background(chosen, liners[0] if liners else None),
     )
     return dataclasses.replace(reading, notes=notes)
 
@@ -266,18 +270,18 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
         OSError: the file was changed meanwhile.
     """
     before = _files(reading.plane)
-    first = _run(reading.first_jobs(), reading, run, progress)
+    first = run_jobs(reading.first_jobs(), reading, run, progress)
     if reading.chosen.missing == "exclude":
         faulty = faulty_probes(first[SURVEY]).cpu()
         if bool(faulty.any()):
             if bool(faulty.all()):
                 raise ValueError(f"{reading.plane.name}: every probe holds nan or inf; there is nothing left to educe")
             reading = reading.without(faulty)
-            first = _run(reading.first_jobs(), reading, run, progress)
+            first = run_jobs(reading.first_jobs(), reading, run, progress)
     seen = reading.survey(first)
     locked = reading.locked(seen)
     jobs = reading.second_jobs(seen, locked)
-    second = _run(jobs, reading, run, progress) if jobs else {}
+    second = run_jobs(jobs, reading, run, progress) if jobs else {}
     if _files(reading.plane) != before:
         raise OSError(f"{reading.plane.name} was changed while it was read; read it when it is complete")
     return reading.moments(seen, locked, first | second)
@@ -294,7 +298,8 @@ def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | No
     return dataclasses.replace(known, notes=(*known.notes, *review.review_moments(reading.plane, known, reading.cells)))
 
 
-def _run(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress | None) -> dict[str, Tensor]:
+def run_jobs(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress | None) -> dict[str, Tensor]:
+    """What each job of a reading gives."""
     found = run(reading.record(progress), reading.blocks, list(jobs.values()), None)
     return dict(zip(jobs, found, strict=True))
 

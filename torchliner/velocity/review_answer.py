@@ -113,20 +113,11 @@ def review_other_tones(
     """Where |v| is the tone's own, by its share ``found``, Z at other frequencies is not that of a tone sent alone."""
     if found is None or known.settings["drive"] != "instantaneous" or plane.frequency is None:
         return
-    share, mean, periodic, rest = found
+    share, _, periodic, rest = found
     other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
     if not bool(other.any()):
         return
-    middle = (torch.arange(PHASES, dtype=torch.float64) + 0.5) / PHASES
-    turbulent = mean + rest * 2**0.5 * torch.erfinv(2 * middle - 1)
-    tonal = periodic * 2**0.5 * torch.cos(2 * torch.pi * middle)
-
-    def impedance(velocity: Tensor) -> Tensor:
-        speed = velocity.abs().flatten().clamp(max=known.top_speed(liner))
-        return impedance_from_reflection(response(liner, frequency, speed).mean(1))
-
-    with torch.no_grad():
-        beside, alone = impedance(turbulent[:, None] + tonal), impedance(turbulent)
+    beside, alone = (gaussian_impedance(known, liner, frequency, found, tone=tone) for tone in (1.0, 0.0))
     change = torch.where(other, ((alone - beside) / beside).abs(), 0)
     worst = int(change.argmax())
     if float(change[worst]) > LARGEST_CHANGE:
@@ -138,3 +129,16 @@ def review_other_tones(
             f"{complex(alone[worst]):.2f} instead of {complex(beside[worst]):.2f} at {float(frequency[worst]):g} Hz"
         )
         yield Note("other-tone", text, float((alone - beside)[worst].abs()))
+
+
+def gaussian_impedance(
+    known: Moments, liner: LinerModel, frequency: Tensor, found: ToneShare, *, tone: float = 1.0, rest: float = 1.0
+) -> Tensor:
+    """Z of the model, (F,), for the tone beside Gaussian turbulence; ``tone``, ``rest``: factors on their rms."""
+    _, mean, periodic, turbulent = found
+    middle = (torch.arange(PHASES, dtype=torch.float64) + 0.5) / PHASES
+    noise = mean + rest * turbulent * 2**0.5 * torch.erfinv(2 * middle - 1)
+    tonal = tone * periodic * 2**0.5 * torch.cos(2 * torch.pi * middle)
+    speed = (noise[:, None] + tonal).abs().flatten().clamp(max=known.top_speed(liner))
+    with torch.no_grad():
+        return impedance_from_reflection(response(liner, frequency, speed).mean(1))

@@ -1,0 +1,259 @@
+"""What a user may know beside the velocity: the flow without sound, the level; and whether there is a tone at all."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+
+import torchliner as tl
+from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
+from torchliner.velocity.tone import coherence_by_chance
+from torchliner.velocity.velocity_ratio import likely_share
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # the notes are looked at instead
+RATE, TONE, PERIODS, PITCH = 42e3, 1400.0, 20, 4e-3
+SAMPLES = int(PERIODS * RATE / TONE)
+
+
+def velocity(tone: float, noise: float, seed: int = 1, probes: int = 16) -> torch.Tensor:
+    """A tone of one phase and white noise of an rms, m/s, (P, T)."""
+    generator = torch.Generator().manual_seed(seed)
+    time = torch.arange(SAMPLES, dtype=torch.float64) / RATE
+    turbulence = torch.randn(probes, SAMPLES, generator=generator, dtype=torch.float64)
+    return tone * torch.cos(2 * torch.pi * TONE * time) + noise * turbulence
+
+
+def plane_of(tone: float = 2.0, noise: float = 1.5, seed: int = 1, **facts) -> tl.VelocityPlane:
+    """Two cells of eight probes at normal incidence."""
+    x = (torch.arange(16, dtype=torch.float64) + 0.5) * PITCH / 8
+    usual = {"height": 6e-4, "mach": 0.2, "frequency": TONE, "source_side": "normal", "incident_level": 140.0}
+    return tl.VelocityPlane(velocity(tone, noise, seed), sampling_rate=RATE, x=x, **usual | facts)
+
+
+def quiet_of(noise: float = 0.8, seed: int = 9, **facts) -> tl.VelocityPlane:
+    """The same without sound."""
+    return plane_of(0.0, noise, seed, frequency=None, source_side="none", incident_level=None, **facts)
+
+
+@pytest.fixture(scope="module")
+def liner():
+    return tl.load_liner("lbm_orifice").replace(cell_pitch=PITCH)
+
+
+def codes(found: tl.ImpedanceMap) -> list[str]:
+    return [note.code for note in found.notes]
+
+
+# The flow without sound.
+
+
+def test_a_number_and_a_plane_of_that_rms_agree(liner):
+    """And the record's own rms, or any that is larger, changes nothing."""
+    plane, quiet = plane_of(), quiet_of()
+    of_plane = tl.educe(plane, liner, background=quiet)
+    known = of_plane.choices["background"]
+    assert known["rms"] == pytest.approx([0.8, 0.8], rel=0.05)
+    assert all(low < rms < high for low, rms, high in zip(known["low"], known["rms"], known["high"], strict=True))
+    both = dataclasses.replace(quiet, velocity=quiet.velocity * 0.8 / known["rms"][0])  # of one cell
+    one = liner.replace(cell_pitch=None)
+    rms = tl.educe(plane, one, background=both).choices["background"]["rms"]
+    stated, measured = (tl.educe(plane, one, background=each) for each in (rms[0], both))
+    assert torch.equal(stated.answer, measured.answer)
+    assert measured.choices["incoherent_scale"] == pytest.approx(rms[0] / 1.5, rel=0.02)
+    as_it_is = tl.educe(plane, liner)
+    for own in (30.0, quiet_of(30.0)):
+        assert torch.equal(tl.educe(plane, liner, background=own).answer, as_it_is.answer)
+    assert float(of_plane.answer.real) < float(as_it_is.answer.real)
+
+
+def test_moments_are_as_good_as_planes(liner):
+    plane, quiet = plane_of(), quiet_of()
+    wanted = tl.educe(plane, liner, background=quiet, interval=None).answer
+    reduced = tl.moments(quiet, liner, TONE)
+    assert torch.allclose(tl.educe(plane, liner, background=reduced, interval=None).answer, wanted, rtol=1e-9)
+    known = tl.moments(plane, liner, background=quiet)
+    assert torch.allclose(tl.educe(known, liner, background=quiet, interval=None).answer, wanted, rtol=1e-5)
+    with pytest.raises(ValueError, match="background"):
+        tl.educe(known, liner, background=quiet_of(0.4))
+
+
+def test_one_cell_stands_for_several(liner):
+    """A quiet run of the same spacing and another extent gives one rms."""
+    quiet = quiet_of()
+    part = dataclasses.replace(quiet, velocity=quiet.velocity[:8], x=quiet.x[:8])
+    found = tl.educe(plane_of(), liner, background=part)
+    assert len(found.choices["background"]["rms"]) == 1
+
+
+def test_interval_holds_that_of_the_background(liner):
+    """A quiet record of few periods is known worse, and so is R."""
+    plane, quiet = plane_of(), quiet_of()
+    stated = tl.educe(plane, liner, background=0.8).liner["phase-locked"]
+    measured = tl.educe(plane, liner, background=quiet).liner["phase-locked"]
+    short = dataclasses.replace(quiet, velocity=quiet.velocity[:, : SAMPLES // 3])
+    shorter = tl.educe(plane, liner, background=short).liner["phase-locked"]
+    widths = [float(each.interval.widths[0]) for each in (stated, measured, shorter)]
+    assert widths == sorted(widths)
+
+
+def test_heights_are_interpolated_to_half_a_hole(liner):
+    """Half of 1.2 mm lies in the middle of two planes at 0.5 and 0.7 mm: so does the rms."""
+    one = liner.replace(cell_pitch=None, orifice_diameter=1.2e-3)
+    low, high = quiet_of(0.6, height=5e-4), quiet_of(1.0, height=7e-4)
+    rms = [
+        tl.educe(plane_of(height=h), one, background=q).choices["background"]["rms"][0]
+        for q, h in ((low, 5e-4), (high, 7e-4))
+    ]
+    found = tl.educe(plane_of(height=5e-4), one, background=[high, low]).choices["background"]
+    assert found["rms"][0] == pytest.approx(sum(rms) / 2, rel=1e-6)
+    assert found["height"] == pytest.approx(6e-4)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (lambda: quiet_of(height=1e-3), ("height", "0.6 mm", "1 mm")),
+        (lambda: quiet_of(mach=0.3), ("Mach number", "0.3", "0.2")),
+        (lambda: dataclasses.replace(quiet_of(), x=2 * quiet_of().x), ("spacing along x", "0.5 mm", "1 mm")),
+        (lambda: plane_of(), ("holds the tone of 1400 Hz", "run without sound")),
+        (lambda: [quiet_of(height=8e-4), quiet_of(height=1e-3)], ("0.8, 1 mm", "half a hole diameter", "0.6001 mm")),
+        (lambda: [quiet_of(), quiet_of(height=None)], ("heights",)),
+        (lambda: 0.0, ("background", "above 0")),
+        (lambda: -1.0, ("background", "above 0")),
+        (lambda: torch.ones(3), ("background", "one number")),
+        (lambda: ["quiet.h5"], ("background is str",)),
+    ],
+)
+def test_backgrounds_that_are_refused(liner, given, words):
+    with pytest.raises((ValueError, TypeError)) as fault:
+        tl.educe(plane_of(), liner, background=given())
+    assert all(word in str(fault.value) for word in words), str(fault.value)
+
+
+# How strong the sound is.
+
+
+def test_velocity_ratio_in_closed_form(liner):
+    """|V1|/(phi M c), with a note above 0.1 that a background silences."""
+    found = tl.educe(plane_of(2.0), liner)
+    wanted = 2.0 / (liner.surface_porosity * 0.2 * float(found.fluid.sound_speed))
+    assert found.choices["velocity_ratio"] == pytest.approx(wanted, rel=0.1)
+    (note,) = [note for note in found.notes if note.code == "velocity-ratio"]
+    assert 0 < note.size < float(found.answer.real)
+    assert "velocity-ratio" not in codes(tl.educe(plane_of(2.0), liner, background=0.8))
+    assert "velocity-ratio" not in codes(tl.educe(plane_of(0.2), liner))
+    assert tl.educe(plane_of(2.0, mach=None), liner).choices["velocity_ratio"] is None
+
+
+def test_share_falls_from_one_to_a_half():
+    assert [likely_share(ratio) for ratio in (0.0, 0.1, 0.3, 2.0)] == [1.0, 1.0, 0.5, 0.5]
+    assert likely_share(math.sqrt(0.03)) == pytest.approx(0.75)
+
+
+# The tone.
+
+
+def test_noise_of_a_stated_tone_has_none(liner):
+    """White noise declared at 1500 Hz: the mean of admittances, with a note; no phase can be found."""
+    noise = plane_of(0.0, 1.5, frequency=1500.0)
+    found = tl.educe(noise, liner)
+    assert "no-tone" in codes(found)
+    assert found.averaging == "admittance" == found.choices["averaging"]
+    assert torch.equal(found.answer, found.liner["admittance"].impedance)
+    with pytest.raises(ValueError, match="no tone of 1500 Hz"):
+        tl.educe(noise, liner, phase="self-consistent")
+    assert "no-tone" not in codes(tl.educe(plane_of(0.2), liner))
+
+
+def test_chance_is_what_it_says(liner):
+    """Of 100 records of noise about one is taken for a tone."""
+    one = liner.replace(cell_pitch=None)
+    noisy = [plane_of(0.0, 1.0, seed, height=None) for seed in range(100)]
+    passed = sum("no-tone" not in codes(tl.educe(each, one, interval=None, averaging="velocity")) for each in noisy)
+    assert passed <= 4
+    assert coherence_by_chance(3) == pytest.approx(0.9)
+
+
+# The level.
+
+
+def test_a_level_that_agrees_changes_nothing(liner):
+    """With the level that the check implies the share is 1 and Z the answer, to the bit."""
+    plane = plane_of()
+    gap = float(tl.educe(plane, liner).level_check.liner.level[2, 0])
+    agrees = dataclasses.replace(plane, incident_level=140.0 + gap)
+    found = tl.educe(agrees, liner, level_matched=True)
+    assert float(found.level_matched.share) == pytest.approx(1.0, abs=1e-4)
+    assert complex(found.level_matched.impedance) == pytest.approx(complex(found.answer), rel=1e-4)
+
+
+def test_level_matched_gives_the_level(liner, tmp_path):
+    """The velocity so scaled, given as background, passes the check at 0 dB; a doubtful level widens the bounds."""
+    plane = plane_of()
+    gap = float(tl.educe(plane, liner).level_check.liner.level[2, 0])
+    louder = dataclasses.replace(plane, incident_level=140.0 + gap - 0.3)
+    sure, unsure = (tl.educe(louder, liner, level_matched=True, level_uncertainty=u) for u in (0.0, 0.5))
+    share = float(sure.level_matched.share)
+    assert share < 1
+    own = tl.educe(louder, liner).level_check
+    assert float(own.liner.level[2, 0]) == pytest.approx(0.3, abs=1e-6)
+    rms = share * tl.educe(louder, liner, background=plane_rms(louder, liner)).choices["background"]
+    checked = tl.educe(louder, liner, background=rms)
+    assert float(checked.level_check.liner.level[2, 0]) == pytest.approx(0.0, abs=0.02)
+    assert complex(checked.answer) == pytest.approx(complex(sure.level_matched.impedance), rel=5e-3)
+    widths = [float(each.level_matched.high.real - each.level_matched.low.real) for each in (sure, unsure)]
+    assert widths[0] < widths[1]
+    unsure.write(tmp_path / "map.h5")
+    again = tl.read_map(tmp_path / "map.h5").level_matched
+    assert vars(again).keys() == vars(unsure.level_matched).keys()
+    assert complex(again.low) == complex(unsure.level_matched.low)
+    assert again.uncertainty == 0.5
+
+
+def plane_rms(plane: tl.VelocityPlane, liner) -> float:
+    """Mean of the incoherent rms of both cells, which differ little."""
+    from torchliner.engine.drives import incoherent_square
+
+    known = tl.moments(plane, liner)
+    return float(incoherent_square(known.survey, known.membership).mean().sqrt())
+
+
+@pytest.mark.parametrize(
+    ("facts", "choices", "words"),
+    [
+        ({"noise": 1e-4}, {}, ("dB by a factor e", "0.5")),
+        ({"incident_level": 180.0}, {}, ("4 times", "model")),
+        ({"source_side": "unknown"}, {}, ("source_side",)),
+    ],
+)
+def test_levels_that_say_nothing(liner, facts, choices, words):
+    found = tl.educe(plane_of(**facts), liner, level_matched=True, **choices)
+    (note,) = [note for note in found.notes if note.code == "level-matched"]
+    assert all(word in note.text for word in words), note.text
+    assert found.level_matched is None or not bool(found.level_matched.share.isfinite().any())
+
+
+@pytest.mark.parametrize("kind", ["moments", "averaging"])
+def test_level_matched_needs_samples_and_phase_locking(liner, kind):
+    plane, choices = (
+        (tl.moments(plane_of(), liner), {}) if kind == "moments" else (plane_of(), {"averaging": "velocity"})
+    )
+    with pytest.raises(ValueError, match="level_matched"):
+        tl.educe(plane, liner, level_matched=True, **choices)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "value", "verdict", "failed"),
+    [(0.0, 0.2, 0.1, PASSES, False), (0.1, 0.9, 0.5, INCONCLUSIVE, True), (0.4, 0.6, 0.5, FAILS, True)],
+)
+def test_a_value_beyond_the_limit_counts(liner, low, high, value, verdict, failed):
+    """Whatever its interval; the sentence names what is beyond which limit."""
+    check = tl.educe(plane_of(), liner).level_check
+    gap = check.liner
+    numbers = {"level": value, "level_low": low, "level_high": high}
+    stated = {name: torch.full_like(gap.level, number) for name, number in numbers.items()}
+    check = dataclasses.replace(check, liner=dataclasses.replace(gap, **stated))
+    assert (check.verdict(check.averaging), check.failed) == (verdict, failed)
+    sentence = check.sentence(check.averaging, TONE)
+    assert ("+0.50 dB beyond the limit of 0.3 dB" in sentence) == failed

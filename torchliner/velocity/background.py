@@ -1,0 +1,236 @@
+"""The turbulence of the flow without the sound: its rms, to which the incoherent velocity of a run is scaled.
+
+Sound over a flow makes jets, whose vortices pass the plane as if they were turbulence. What drives the liner is the
+turbulence that is there without the sound (docs/background.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchliner.checks import one_number, require_positive
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import Drive, incoherent_power, incoherent_square
+from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife, replicates
+from torchliner.engine.membership import Membership
+from torchliner.engine.moments import Moments
+from torchliner.engine.sums import Job, PlaneRecord, reduce
+from torchliner.engine.survey import Survey, harmonics_of, survey_of, survey_sums
+from torchliner.liners.model import LinerModel
+from torchliner.records import VelocityPlane
+from torchliner.records.cells import sort_into_cells
+from torchliner.records.notes import Note
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.tone import CHANCE, coherence_by_chance, tone_coherence
+
+SAME = 0.02  # relative: heights, spacings and Mach numbers that differ by less are the same
+HALF = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts (docs/background.md)
+NEAR = (0.45, 0.55)  # hole diameters that count as this height
+LEVEL = 0.95  # of the interval of the rms
+
+
+@dataclass(frozen=True)
+class Background:
+    """rms of the velocity without the sound, which stands in ``choices["background"]`` of a result.
+
+    Args:
+        rms: m/s, one for the whole plane, or one a cell.
+        low, high: of its 95 % statistical interval, likewise; empty where none is known.
+        source: names of the planes; none of a stated number.
+        height: of the rms, m; None where it is not stated.
+    """
+
+    rms: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    source: tuple[str, ...] = ()
+    height: float | None = None
+
+    def scale(self, seen: Survey, cells: Membership) -> Tensor:
+        """Factor on the incoherent velocity of each probe, at most 1, (P,)."""
+        own = incoherent_square(seen, cells)
+        if len(self.rms) == 1:
+            return (self.rms[0] / own.sqrt().clamp(min=1e-300)).clamp(max=1)
+        of_cells = torch.tensor(self.rms, dtype=own.dtype).to(own.device)
+        of_probes = torch.cat([of_cells, of_cells.mean()[None]])[cells.labels]
+        return (of_probes / own.sqrt().clamp(min=1e-300)).clamp(max=1)
+
+    def describe(self) -> Any:
+        """Plain values for a file: the number alone, or all fields."""
+        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()}
+        return plain if self.source else self.rms[0]
+
+
+def with_background(plane: VelocityPlane, chosen: Choices, liner: LinerModel | None, pitch: float | None) -> Choices:
+    """Choices whose background is measured: a ``Background``, or None.
+
+    Args:
+        plane: with sound.
+        chosen: whose ``background`` is a number, m/s, a plane without sound or its moments, or planes of several
+            heights, between which the rms is interpolated to half a hole diameter.
+        liner: whose holes and cells count; None for moments of any liner.
+        pitch: of the cells, m.
+    Raises:
+        TypeError: something else.
+        ValueError: a plane of another height, grid or flow, or with sound; no plane near half a hole diameter.
+    """
+    given = chosen.background
+    if given is None or isinstance(given, Background):
+        return chosen
+    if not isinstance(given, (VelocityPlane, Moments, list, tuple)):
+        require_positive("background (m/s)", given)
+        return dataclasses.replace(chosen, background=Background((one_number("background", given),)))
+    several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
+    if not all(isinstance(each, VelocityPlane | Moments) for each in several):
+        kinds = ", ".join(type(each).__name__ for each in several)
+        raise TypeError(f"background is {kinds}; a number in m/s, planes or moments are needed")
+    known = [_measured(each, plane, pitch, same_height=len(several) == 1) for each in several]
+    diameter = None if liner is None else liner.hole_diameter
+    found = known[0] if len(known) == 1 else _interpolated(known, HALF * diameter if diameter else plane.height)
+    return dataclasses.replace(chosen, background=found)
+
+
+def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_height: bool) -> Background:
+    """rms of the incoherent velocity of each cell without sound; of all probes where only the spacing is the same."""
+    about = quiet.plane if isinstance(quiet, Moments) else quiet
+    tone = plane.frequency or about.frequency
+    same_grid = _require_same(about, plane, same_height)
+    seen = quiet.survey if isinstance(quiet, Moments) else survey_of_plane(quiet, tone)
+    cells = sort_into_cells(about, pitch if same_grid else None)
+    members = Membership.of(cells.labels, cells.count, seen.sums.device)
+    if tone is not None and seen.blocks.count > 2:
+        found = float(tone_coherence(seen, members, torch.tensor([tone], dtype=torch.float64)).nan_to_num(0).max())
+        limit = coherence_by_chance(seen.blocks.count)
+        if found > limit:
+            raise ValueError(
+                f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}, by chance "
+                f"above {limit:.2g} in {100 * CHANCE:g} % of records): give a run without sound, or a number in m/s"
+            )
+    power = replicates(members.mean(incoherent_power(seen, members)), seen.lengths)  # (B, C)
+    rms, ends = power[0].sqrt(), {}
+    if seen.blocks.count >= FEWEST_BLOCKS:
+        shares = seen.lengths / seen.lengths.sum()
+        change = (power / power[:1]).clamp(min=1e-12).log().to(torch.complex128) / 2
+        interval = jackknife(change, shares, LEVEL, ITSELF)
+        ends = {name: _plain(rms * getattr(interval, name).real.exp()) for name in ("low", "high")}
+    return Background(_plain(rms), **ends, source=(about.name,), height=about.height)
+
+
+def _plain(values: Tensor) -> tuple[float, ...]:
+    return tuple(values.tolist())
+
+
+def survey_of_plane(plane: VelocityPlane, tone: float | None) -> Survey:
+    """Survey with the harmonics of a tone, Hz, which the plane need not have; without one, blocks of 32nds."""
+    rate = plane.sampling_rate
+    blocks = Blocks.of(plane.samples, rate, tone or 32.5 * rate / plane.samples)
+    device = plane.velocity.device if isinstance(plane.velocity, Tensor) else torch.device("cpu")
+    lines = torch.tensor(harmonics_of(tone, rate), dtype=torch.float64)
+    job = Job(Drive(), survey_sums, lines.to(device), largest=1)
+    (found,) = reduce(PlaneRecord(plane, torch.float64, device), blocks, [job])
+    return survey_of(found, blocks, lines, len(lines))
+
+
+def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool) -> bool:
+    """Whether both have the same probes; refuse another spacing, flow or height.
+
+    Raises:
+        ValueError: what differs.
+    """
+    facts = {
+        "Mach number": (quiet.mach, plane.mach, 1.0, ""),
+        "spacing along x": (_spacing(quiet.x), _spacing(plane.x), 1e3, " mm"),
+        "spacing along z": (_spacing(quiet.z), _spacing(plane.z), 1e3, " mm"),
+    }
+    if same_height:
+        facts["height"] = (quiet.height, plane.height, 1e3, " mm")
+    for what, (there, here, factor, unit) in facts.items():
+        if there is not None and here is not None and abs(there - here) > SAME * max(abs(there), abs(here)):
+            raise ValueError(
+                f"background {quiet.name} has {what} {factor * there:.4g}{unit} and {plane.name} "
+                f"{factor * here:.4g}{unit}; give the same plane of the same flow without sound, or its rms in m/s"
+            )
+    pairs = ((quiet.x, plane.x), (quiet.z, plane.z))
+    alike = all((a is None) == (b is None) for a, b in pairs) and quiet.probe_shape == plane.probe_shape
+    step = min((each for each in (_spacing(plane.x), _spacing(plane.z)) if each), default=math.inf)
+    return alike and all(a is None or b is None or float((a - b).abs().max()) <= SAME * step for a, b in pairs)
+
+
+def _spacing(values: Tensor | None) -> float | None:
+    """Median step of coordinates, m; None where there is none."""
+    points = torch.unique(values) if values is not None else torch.zeros(0)
+    return float(points.diff().median()) if len(points) > 1 else None
+
+
+def _interpolated(known: Sequence[Background], target: float | None) -> Background:
+    """Between planes of several heights, linearly in height.
+
+    Raises:
+        ValueError: heights that are not stated, or all above or below the target.
+    """
+    if target is None or any(each.height is None for each in known):
+        raise ValueError("background: several planes need their heights, and a hole diameter of the liner; state them")
+    ordered = sorted(known, key=lambda each: each.height or 0.0)
+    heights = torch.tensor([each.height for each in ordered], dtype=torch.float64)
+    if not heights[0] * (1 - SAME) <= target <= heights[-1] * (1 + SAME):
+        shown = ", ".join(f"{1e3 * each:.4g}" for each in heights.tolist())
+        raise ValueError(
+            f"background: planes at {shown} mm, and none is on either side of half a hole diameter, "
+            f"{1e3 * target:.4g} mm; add one, or give the plane at the height of the run alone"
+        )
+    above = int(torch.searchsorted(heights, target).clamp(1, len(heights) - 1))
+    lower, upper = ordered[above - 1], ordered[above]
+    share = float((target - heights[above - 1]) / (heights[above] - heights[above - 1]))
+    if len(lower.rms) != len(upper.rms):
+        raise ValueError("background: the planes have different cells; give planes of one grid")
+
+    def between(first: Sequence[float], second: Sequence[float]) -> tuple[float, ...]:
+        both = bool(first) and bool(second)
+        return tuple(a + share * (b - a) for a, b in zip(first, second, strict=True)) if both else ()
+
+    ends = {name: between(getattr(lower, name), getattr(upper, name)) for name in ("rms", "low", "high")}
+    return Background(**ends, source=(*lower.source, *upper.source), height=target)
+
+
+def review_background(chosen: Choices, liner: LinerModel | None) -> Iterator[Note]:
+    """A plane that is not near half a hole diameter, at which alone the rule is known."""
+    found, diameter = chosen.background, None if liner is None else liner.hole_diameter
+    if found is None or not found.source or not diameter or found.height is None:
+        return
+    share = found.height / diameter
+    if not NEAR[0] <= share <= NEAR[1]:
+        text = (
+            f"the rms without sound is that at {1e3 * found.height:.3g} mm, {share:.2g} hole diameters. It acts at "
+            f"half a diameter, {1e3 * HALF * diameter:.3g} mm: in resolved cases R was off by -47 and -38 % at 0.25 "
+            "diameters, by -12 to -5 % at 0.41, by +21 and +42 % at 0.7. Give planes on either side of it, between "
+            "which the rms is interpolated (--background LOW HIGH)"
+        )
+        yield Note("background-height", text)
+
+
+def background_words(choices: Mapping[str, Any]) -> str:
+    """'incoherent velocity scaled by 0.43 to 1.38 m/s ...': what a result says of its background; "" without one."""
+    found = choices.get("background")
+    if found is None:
+        return ""
+    stated = isinstance(found, float | int)
+    rms = [float(found)] if stated else found["rms"]
+    text = f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {_range(rms)} m/s"
+    if stated:
+        return f"{text}, as stated"
+    if found["low"]:
+        text += f" ({_range([min(found['low']), max(found['high'])])})"
+    height = "" if found["height"] is None else f", at {1e3 * found['height']:.3g} mm"
+    return f"{text}, the rms without sound of {' and '.join(found['source'])}{height}"
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = (f"{end:.3g}" for end in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
