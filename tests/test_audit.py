@@ -277,7 +277,7 @@ def test_planes_of_other_cases_are_no_heights(onera, planes):
         audit([planes[0], dataclasses.replace(planes[1], mach=0.3)], onera)
     with pytest.raises(ValueError, match="are both at 2 mm"):
         audit([planes[0], make_plane(3)], onera)
-    with pytest.raises(TypeError, match="planes holds str; VelocityPlane is needed"):
+    with pytest.raises(TypeError, match="plane is str; a VelocityPlane or Moments"):
         audit(["plane.h5"], onera)
 
 

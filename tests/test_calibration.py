@@ -13,21 +13,18 @@ from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulen
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
-from torchliner.engine.nodes import Chebyshev, Levels
 from torchliner.least_squares import with_slopes
 from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
 from torchliner.report.studies import parameter_table
 from torchliner.studies.calibrate import calibrate
+from torchliner.studies.fit import drawn_impedances, impedances, residuals_of
 from torchliner.studies.laws import parameter_law
+from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import held, read_run
-from torchliner.studies.solve import Posterior, drawn_impedances, impedances, residuals_of, sample_posterior
 from torchliner.velocity import reading
 from torchliner.velocity.choices import Choices
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*lasts .* ms, less than the kernel"),
-]
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}
 TRUE = {"vena_contracta": 0.68, "offset_resistance": 0.05, "offset_reactance": -0.11}
 
@@ -65,9 +62,7 @@ def test_known_parameters_are_recovered(averaging):
     wanted = references(averaging)
     found = calibrate(planes(), start(), wanted, BOUNDS, averaging=averaging, draws=0)
     true = torch.tensor([TRUE[name] for name in found.law.names], dtype=torch.float64)
-    # R at any |v| is known to ``model_error``, to 1e-9 in the references; its mean far better.
     assert float((found.values - true).abs().max()) < 1e-7
-    assert 1e-9 < found.model_error < 1e-5
     again = [complex(impedance(each, found.liner, averaging)) for each in planes()]
     assert [row.impedance for row in found.rows] == pytest.approx(again, abs=1e-7)
     assert found.on_bound == found.unseen == ()
@@ -76,8 +71,7 @@ def test_known_parameters_are_recovered(averaging):
 def test_liners_of_their_own_share_the_parameters():
     """Two cavities, one vena contracta and offset; rms |v| is that of the columns averaged over."""
     deep = [start(), start().replace(cavity_depth=30e-3)]
-    wanted = [complex(impedance(each, liner.with_numbers(TRUE)))
-              for each, liner in zip(planes(), deep, strict=True)]  # fmt: skip
+    wanted = [complex(impedance(each, liner.with_numbers(TRUE))) for each, liner in zip(planes(), deep, strict=True)]
     found = calibrate(planes(), deep, wanted, BOUNDS, draws=0)
     assert found.values.tolist() == pytest.approx(list(TRUE.values()), abs=1e-7)
     cells = [each.velocity.unflatten(0, (2, 4)).mean(1) for each in planes()]
@@ -120,24 +114,16 @@ def test_models_with_kinks_are_fitted():
     """Their basis is that of tables, whatever the numbers; Chebyshev would miss the kink."""
     true = Kinked(0.2, 0.15, 1e-4, 0.04)
     wanted = [impedance(each, true, "admittance") for each in planes()]
-    found = calibrate(planes(), true.replace(a=0.05), wanted, {"a": (0.01, 1.0)},
-                      averaging="admittance", draws=0)  # fmt: skip
+    found = calibrate(planes(), true.replace(a=0.05), wanted, {"a": (0.01, 1.0)}, averaging="admittance", draws=0)
     assert isinstance(found.liner, Kinked)
     assert float(found.values[0]) == pytest.approx(0.15, abs=1e-6)
-
-
-def test_what_the_interpolation_leaves_is_noted(monkeypatch):
-    monkeypatch.setattr("torchliner.studies.calibrate.LARGEST_MODEL_ERROR", 1e-12)
-    with pytest.warns(tl.DataWarning, match=r"known to \S+ only \(limit 1e-12\)"):
-        calibrate(planes(), start(), references(), BOUNDS, draws=0)
 
 
 def test_any_model_that_states_numbers_is_fitted():
     """References made with a = 0.15 give it back from a start at 0.05."""
     true = Resistive(0.2, 0.15, 1e-4, 0.04)
     wanted = tl.educe(planes()[1], true, dtype="float64").liner["admittance"].impedance
-    found = calibrate(planes()[1], true.replace(a=0.05), [wanted], {"a": (0.01, 1.0)},
-                      averaging="admittance", draws=0)  # fmt: skip
+    found = calibrate(planes()[1], true.replace(a=0.05), [wanted], {"a": (0.01, 1.0)}, averaging="admittance", draws=0)
     assert float(found.values[0]) == pytest.approx(0.15, abs=1e-7)
     assert found.liner.r0 == 0.2
     assert isinstance(found.liner.a, float)
@@ -159,12 +145,6 @@ def test_the_sum_over_speeds_is_the_eduction(averaging):
         assert abs(complex(found - wanted)) < 1e-7 * abs(complex(wanted))
 
 
-@pytest.mark.parametrize("nodes", [Chebyshev(12, 0.7), Levels((0.0, 0.5, 2.0), 4)])
-def test_coefficients_of_one_sample_interpolate(nodes):
-    one = nodes.functions(torch.tensor([0.9], dtype=torch.float64))[0]
-    assert float(nodes.coefficients(1 / (1 + nodes.speeds)) @ one) == pytest.approx(1 / 1.9, rel=1e-3)
-
-
 @pytest.mark.parametrize("shared", [True, False])
 def test_many_draws_are_one_by_one(shared):
     """A draw's impedances do not depend on its neighbours, nor on whether runs share one liner."""
@@ -179,34 +159,20 @@ def test_many_draws_are_one_by_one(shared):
             assert torch.allclose(many[i], one, rtol=1e-13, atol=0)
 
 
-def prior_and_run():
-    """A law with a prior, and one run with its reference."""
-    law = parameter_law(
-        {"vena_contracta": (0.5, 1.0), "cavity_depth": (0.01, 0.05)}, start(), {"vena_contracta": (0.8, 0.1)}
-    )
-    return law, held([run_of()], [1 + 0.2j], noise=0.01 + 0.02j)
-
-
 def test_gradient_equals_differences():
-    """The Jacobian of the least squares, prior included."""
-    (law, runs), at = prior_and_run(), torch.tensor([0.7, 0.038], dtype=torch.float64)
-    left, slopes = residuals_of(law, at, runs)
-    assert slopes.shape == (3, 2)
+    """The Jacobian of the least squares; R over u(R), X over u(X)."""
+    law = parameter_law({"vena_contracta": (0.5, 1.0), "cavity_depth": (0.01, 0.05)}, start())
+    runs, at = held([run_of()], [1 + 0.2j], noise=0.01 + 0.02j), torch.tensor([0.7, 0.038], dtype=torch.float64)
+    _, slopes = residuals_of(law, at, runs)
+    assert slopes.shape == (2, 2)
     for i, step in enumerate((1e-6, 1e-8)):
         along = torch.zeros(2, dtype=torch.float64)
         along[i] = step
         above, below = (residuals_of(law, at + sign * along, runs)[0] for sign in (1, -1))
         difference = (above - below) / (2 * step)
         assert float((slopes[:, i] - difference).abs().max()) < 1e-6 * float(slopes[:, i].abs().max())
-    assert float(left.abs().max()) > 0.1
-
-
-def test_residuals_by_hand():
-    """R over u(R), X over u(X), the prior over its spread."""
-    law, (run,) = prior_and_run()
-    assert run.residuals(torch.tensor([1.03 + 0.3j], dtype=torch.complex128)).tolist() == pytest.approx([3.0, 5.0])
-    values = torch.tensor([0.9, 0.02], dtype=torch.float64)
-    assert (law.prior @ (values - law.centre)).tolist() == pytest.approx([1.0])
+    found = runs[0].residuals(torch.tensor([1.03 + 0.3j], dtype=torch.complex128))
+    assert found.tolist() == pytest.approx([3.0, 5.0])
 
 
 def linear_toy(seed, count=8):
@@ -298,36 +264,29 @@ def test_noise_scales_the_uncertainty(with_noise):
     assert float((with_noise.standard / one.standard - 2).abs().max()) < 1e-6
 
 
-def test_a_prior_holds_what_the_data_do_not_see():
-    """Thickness and offset act alike at one frequency: with a prior the prior comes back."""
-    free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.5, 0.5)}
-    prior = {"facesheet_thickness": (8e-4, 1e-5)}
-    found = calibrate(planes()[0], start(), references()[0], free, noise=1e-3, prior=prior,
-                      draws=0)  # fmt: skip
-    assert float(found.values[0]) == pytest.approx(8e-4, rel=1e-6)
-    assert float(found.standard[0]) == pytest.approx(1e-5, rel=1e-3)
-
-
 def test_what_cannot_be_told_apart_is_named():
     """At one frequency a thickness moves Z as some offset does, but for the window's side lines."""
     free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.9, 0.9)}
     with pytest.warns(tl.DataWarning, match=r"do not tell facesheet_thickness.* apart"):
-        found = calibrate(planes(), true_liner(), references(), free, noise=1e-3, draws=0,
-                          )  # fmt: skip
+        found = calibrate(
+            planes(),
+            true_liner(),
+            references(),
+            free,
+            noise=1e-3,
+            draws=0,
+        )
     (group,) = found.unseen
     assert group[0] == "facesheet_thickness"
     assert set(group[1:]) <= {"offset_resistance", "offset_reactance"}
-    assert float(found.singular_values[-1]) < 1e-3 * float(found.singular_values[0])
 
 
 def test_two_frequencies_tell_them_apart():
     """The mass of the thickness grows with frequency, an offset does not."""
     free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.5, 0.5)}
-    wanted = tl.educe(planes()[0], true_liner().replace(facesheet_thickness=7e-4),
-                      [1000.0, 2000.0], dtype="float64")  # fmt: skip
+    wanted = tl.educe(planes()[0], true_liner().replace(facesheet_thickness=7e-4), [1000.0, 2000.0], dtype="float64")
     wanted = wanted.liner["velocity"].impedance
-    found = calibrate(planes()[0], true_liner(), [wanted], free, frequency=[1000.0, 2000.0],
-                      noise=1e-4, draws=0)  # fmt: skip
+    found = calibrate(planes()[0], true_liner(), [wanted], free, frequency=[1000.0, 2000.0], noise=1e-4, draws=0)
     assert found.unseen == ()
     assert float(found.values[0]) == pytest.approx(7e-4, abs=1e-9)
 
@@ -335,50 +294,45 @@ def test_two_frequencies_tell_them_apart():
 def test_a_bound_is_named_with_the_remedy():
     """A coefficient that had to be smaller than its bound."""
     with pytest.warns(tl.DataWarning) as said:
-        found = calibrate(planes(), start(), references(), {"vena_contracta": (0.75, 1.0)},
-                          noise=0.01, draws=0)  # fmt: skip
-    wanted = "vena_contracta ends on its bound, 0.75: the"
-    assert any(wanted in str(each.message) for each in said)
+        found = calibrate(planes(), start(), references(), {"vena_contracta": (0.75, 1.0)}, noise=0.01, draws=0)
+    assert any("vena_contracta on its bound, 0.75" in str(each.message) for each in said)
     assert found.on_bound == ("vena_contracta",)
     assert float(found.values[0]) == pytest.approx(0.75, abs=1e-3)
-    assert any("widen the bound" in note for note in found.notes)
     assert any("times the stated noise" in note for note in found.notes)
 
 
 def test_as_many_data_as_parameters_say_nothing_of_the_noise():
     with pytest.warns(tl.DataWarning, match="nothing left over.*state noise"):
-        found = calibrate(planes()[0], start(), references()[0], {"offset": (-0.5, 0.5)},
-                          )  # fmt: skip
+        found = calibrate(
+            planes()[0],
+            start(),
+            references()[0],
+            {"offset": (-0.5, 0.5)},
+        )
     assert found.posterior is None
     assert all(math.isnan(u) for u in found.standard.tolist())
     assert math.isnan(found.predict(planes()[0])[0].standard.real)
 
 
 MISTAKES = [
-    ({"parameters": {**BOUNDS, "porosity": (0.01, 0.1)}, "planes": 1},
-     r"2 data \(R and X of 1 impedances\) and 0 priors cannot fix 4 parameters \(vena_contracta,"),
+    ({"parameters": {**BOUNDS, "porosity": (0.01, 0.1)}, "planes": 1}, r"2 data .* 4 parameters \(vena_contracta,"),
     ({"parameters": {}}, "no parameter is free"),
-    ({"parameters": {"vena_contracta": (0.9, 0.5)}}, "0.9 to 0.5; finite ones are needed"),
-    ({"parameters": {"porosity": (0.0, 0.5)}}, "it is above 0 and at most 1"),
-    ({"parameters": {"porosity": (-0.1, 0.5)}}, "-0.1 to 0.5; .* it is above 0"),
-    ({"parameters": {"vena_contracta": (0.5, 1.5)}}, "0.5 to 1.5; .* it is above 0 and at most 1"),
-    ({"parameters": {"porosty": (0.1, 0.5)}}, r"did you mean 'porosity'"),
-    ({"references": "true"}, r"holds no reference 'true' \(it holds: none\)"),
-    ({"references": None}, "no reference is given"),
+    ({"parameters": {"vena_contracta": (0.9, 0.5)}}, "0.9 to 0.5"),
+    ({"parameters": {"porosity": (0.0, 0.5)}}, "above 0 and at most 1"),
+    ({"parameters": {"vena_contracta": (0.5, 1.5)}}, "0.5 to 1.5; .* at most 1"),
+    ({"parameters": {"porosty": (0.1, 0.5)}}, "'porosity'"),
+    ({"references": "true"}, r"no reference 'true' \(it holds: none\)"),
     ({"references": [1 + 0j]}, "1 references for 2 planes"),
-    ({"references": [complex("nan"), 1.0]}, "is not finite"),
-    ({"references": [[1.0, 2.0], [1.0]]}, "has 1 frequencies and 2 reference impedances"),
-    ({"noise": 0.0}, "finite and above 0"),
-    ({"noise": [0.1, 0.1, 0.1]}, "3 values for 2 planes"),
-    ({"prior": {"vena_contracta": (0.8, 0.1)}}, "state noise too"),
-    ({"prior": {"vena_contracta": (0.8, 0.0)}, "noise": 0.1}, "standard deviation above 0"),
-    ({"prior": {"porosity": (0.8, 0.1)}, "noise": 0.1}, "unknown parameter of a prior"),
-    ({"averaging": "admitance"}, "did you mean 'admittance'"),
-    ({"drive": "rms"}, "another drive than 'rms'"),
-    ({"phase": "given"}, "phase is 'given', and a fit"),
-    ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes phase"),
-    ({"liners": 3}, "2 planes and 3 liners"),
-]  # fmt: skip
+    ({"references": [complex("nan"), 1.0]}, "finite"),
+    ({"references": [[1.0, 2.0], [1.0]]}, "1 frequencies and references"),
+    ({"noise": 0.0}, "above 0"),
+    ({"noise": [0.1, 0.1, 0.1]}, "3 noises for 2 planes"),
+    ({"averaging": "admitance"}, "'admittance'"),
+    ({"drive": "rms"}, "drive is 'rms'"),
+    ({"phase": "given"}, "phase is 'given'"),
+    ({"wall_filter": 0.5}, "wall_filter is 0.5"),
+    ({"liners": 3}, "3 liners for 2 planes"),
+]
 
 
 @pytest.mark.parametrize(("changes", "message"), MISTAKES, ids=[m[:30] for _, m in MISTAKES])
@@ -413,9 +367,28 @@ FILES = [str(DATA / f"slit_{case}_y2.5mm.h5") for case in ("n115", "n130", "g01_
 def test_command_fits_predicts_and_writes(capsys, tmp_path):
     """The file written is the liner that was fitted, and says to what."""
     target, picture = tmp_path / "mine.toml", tmp_path / "z.png"
-    code = main(["calibrate", *FILES[:2], "--free", "vena_contracta=0.5:1.0", "--free", "offset",
-                 "--noise", "0.002", "--predict", FILES[2], "--draws", "100", "-o", str(target),
-                 "--figure", str(picture), "--json", "--quiet"])  # fmt: skip
+    code = main(
+        [
+            "calibrate",
+            *FILES[:2],
+            "--free",
+            "vena_contracta=0.5:1.0",
+            "--free",
+            "offset",
+            "--noise",
+            "0.002",
+            "--predict",
+            FILES[2],
+            "--draws",
+            "100",
+            "-o",
+            str(target),
+            "--figure",
+            str(picture),
+            "--json",
+            "--quiet",
+        ]
+    )
     found = json.loads(capsys.readouterr().out)
     assert code == DONE
     values = {row["parameter"]: row["value"] for row in found["parameters"]}
@@ -433,12 +406,11 @@ def test_command_fits_predicts_and_writes(capsys, tmp_path):
 
 
 def test_command_ends_with_1_on_a_bound(capsys):
-    code = main(["calibrate", FILES[1], "--free", "vena_contracta=0.9:1.0", "--noise", "0.002",
-                 "--draws", "0"])  # fmt: skip
+    code = main(["calibrate", FILES[1], "--free", "vena_contracta=0.9:1.0", "--noise", "0.002", "--draws", "0"])
     out, err = capsys.readouterr()
     assert code == CHECK_FAILED
     assert "vena_contracta" in out
-    assert "ends on its bound" in err
+    assert "on its bound" in err
 
 
 @pytest.mark.parametrize(
@@ -449,8 +421,8 @@ def test_command_ends_with_1_on_a_bound(capsys):
         (["--free", "offset", "--reference", "tru"], "holds no reference 'tru'"),
         (["--free", "offset", "--reference", "1+1j", "no"], "cannot be read"),
         (["--free", "offset", "-o", FILES[0]], "is an input"),
-        (["--free", "offset", "--figure", "x.png"], "name planes with --predict"),
-        (["--free", "offset", "--free", "porosity"], "2 data (R and X of 1 impedances)"),
+        (["--free", "offset", "--figure", "x.png"], "--predict"),
+        (["--free", "offset", "--free", "porosity"], "2 data"),
     ],
 )
 def test_command_refuses(capsys, words, message):
@@ -468,25 +440,6 @@ def test_the_script_weighs_planes_of_one_run_once():
     ]
     assert float((sure[1] / sure[0] - 1).abs().max()) < 0.02
     assert FREQUENCY == 1400.0
-
-
-def test_planes_of_several_liners_are_refused(capsys):
-    """A slit and an orifice are not one liner, neither to fit nor to predict."""
-    slits = [str(DATA / f"slit_{case}_y2.5mm.h5") for case in ("n115", "n130")]
-    orifice = str(DATA / "orifice_o115_y2.5mm.h5")
-    for words in ([*slits, orifice], [*slits, "--predict", orifice]):
-        assert main(["calibrate", *words, "--free", "offset"]) == 2
-        assert "name different liners, lbm_orifice, lbm_slit" in capsys.readouterr().err
-    assert main(["calibrate", *slits, "--free", "offset", "--draws", "3"]) == 2
-    assert "needs at least 100" in capsys.readouterr().err
-
-
-def test_negative_references_are_read(capsys):
-    """A minus before a digit begins a number, not an option."""
-    words = ["calibrate", FILES[1], "--free", "offset", "--noise", "0.01", "--draws", "0"]
-    main([*words, "--reference", "-0.1-0.066j", "--json", "--quiet"])
-    found = json.loads(capsys.readouterr().out)
-    assert found["fitted"][0]["true"] == {"resistance": -0.1, "reactance": -0.066}
 
 
 def test_a_parameter_that_z_does_not_use_has_slopes_of_zero():

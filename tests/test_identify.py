@@ -18,15 +18,13 @@ from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text
 from torchliner.liners.model import LinerModel
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import fit_law
+from torchliner.studies.fit import fit_law, residuals_of
 from torchliner.studies.identify import candidate_of
-from torchliner.studies.laws import BOUNDS, CurveShape, Knots
-from torchliner.studies.solve import residuals_of
+from torchliner.studies.laws import BOUNDS, Curves, Knots
 
 FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*lasts .* ms, less than the kernel"),
     pytest.mark.filterwarnings("ignore:without it, "),  # the fastest run is always alone there
     pytest.mark.filterwarnings("ignore:.*predicted by the other runs, off by more"),
 ]
@@ -66,16 +64,21 @@ def known(levels=LEVELS):
 
 @functools.cache
 def curve_of(**options):
-    return tl.identify(planes(), base(), known(), **{"noise": 1e-3, "freedom": 1.0, **options},
-                       averaging=ORDER)  # fmt: skip
+    return tl.identify(planes(), base(), known(), **{"noise": 1e-3, "freedom": 1.0, **options}, averaging=ORDER)
 
 
 def test_frozen_speeds_are_interpolated():
     """With |v| constant Z of a plane is the curve at that |v|, so exact references are met."""
     speeds = [0.05, 0.3, 1.0, 2.5, 5.0]
     wanted = true_liner().impedance(FREQUENCY, speeds)
-    found = tl.identify([frozen_plane(v, name=f"{v}") for v in speeds], base(), wanted.tolist(),
-                        noise=1e-3, freedom=2.0, averaging=ORDER)  # fmt: skip
+    found = tl.identify(
+        [frozen_plane(v, name=f"{v}") for v in speeds],
+        base(),
+        wanted.tolist(),
+        noise=1e-3,
+        freedom=2.0,
+        averaging=ORDER,
+    )
     best, low, high = found.fit.band(FREQUENCY, speeds)
     assert float((best - wanted).abs().max()) < 5e-3  # of 8.1, read between Chebyshev's speeds
     assert [row.fitted for row in found.rows] == pytest.approx(wanted.tolist(), abs=1e-3)
@@ -91,9 +94,7 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
     best, least, most = found.fit.band(FREQUENCY, speed)
     moved = tl.reflection_from_impedance(torch.stack([best, wanted])).diff(dim=0).abs()
     assert float(moved.max()) < 0.03
-    before = tl.reflection_from_impedance(
-        torch.stack([base().impedance(FREQUENCY, speed), wanted])
-    ).diff(dim=0).abs()  # fmt: skip
+    before = tl.reflection_from_impedance(torch.stack([base().impedance(FREQUENCY, speed), wanted])).diff(dim=0).abs()
     assert float(before.max()) > 0.2  # what the prior alone would be off by
     inside = (least.real <= wanted.real) & (wanted.real <= most.real)
     assert float(inside.double().mean()) > 0.9
@@ -112,15 +113,17 @@ class Rising(LinerModel):
 @settings(max_examples=30)
 @given(
     parameters=st.lists(st.floats(-BOUNDS, BOUNDS), min_size=39, max_size=39),
-    top=st.floats(0.1, 30), rising=st.booleans(),
-)  # fmt: skip
+    top=st.floats(0.1, 30),
+    rising=st.booleans(),
+)
 def test_curves_are_monotone_and_passive(parameters, top, rising):
     """Whatever their parameters, and beyond the last knot too."""
     knots = Knots(top)
-    made = CurveShape(Rising() if rising else base(), FREQUENCY, knots, 1.0)
+    liner = Rising() if rising else base()
+    made = Curves(liner, [FREQUENCY], knots, 1.0)
     at = torch.tensor(parameters, dtype=torch.float64)
     speed = torch.linspace(0, 2 * top**0.5, 500, dtype=torch.float64).square()
-    found = made.values(at, knots.rising(speed))
+    (found,) = made(at, liner, torch.tensor([FREQUENCY]), speed)
     tiny = 1e-9 * found.abs().max()
     sign = 1 if rising else -1
     assert float(found.real.min()) > 0
@@ -162,15 +165,13 @@ def normal(level):
     for _ in range(9):  # |v| of the instant drives R: a sinusoid of this amplitude
         plane = sinusoid(max(speed, 1e-4))
         speed = speed / 2 + 2 * pressure / (411.0 * abs(impedance(plane, liner) + 1)) / 2
-    about = {"incident_level": level, "source_side": "normal", "height": 1e-6,
-             "name": f"{level:g} dB"}  # fmt: skip
+    about = {"incident_level": level, "source_side": "normal", "height": 1e-6, "name": f"{level:g} dB"}
     return dataclasses.replace(sinusoid(speed), **about)
 
 
 def sinusoid(amplitude):
     time = torch.arange(480, dtype=torch.float64) / 42000.0
-    return plane_of(amplitude * torch.cos(2 * math.pi * FREQUENCY * time).expand(2, -1),
-                    x=[0.0, 1e-3])  # fmt: skip
+    return plane_of(amplitude * torch.cos(2 * math.pi * FREQUENCY * time).expand(2, -1), x=[0.0, 1e-3])
 
 
 def test_leaving_out_is_a_refit_by_hand():
@@ -197,9 +198,15 @@ def test_parameters_left_out_are_those_of_calibrate():
     names = {"vena_contracta": (0.2, 1.0), "mass_loss": (0.0, 10.0)}
     found = tl.identify(runs, base(), wanted, models=[names], noise=0.02, averaging=ORDER)
     left, out = [0, 1, 3, 4], 2
-    other = calibrate([runs[i] for i in left], tl.AdjustedSDoFLiner.of(base()),
-                      [wanted[i] for i in left], names, noise=0.02, averaging=ORDER,
-                      draws=0)  # fmt: skip
+    other = calibrate(
+        [runs[i] for i in left],
+        tl.AdjustedSDoFLiner.of(base()),
+        [wanted[i] for i in left],
+        names,
+        noise=0.02,
+        averaging=ORDER,
+        draws=0,
+    )
     assert found.rows[out].impedance == pytest.approx(other.predict(runs[out])[0].impedance, abs=1e-7)
 
 
@@ -219,8 +226,7 @@ def test_order_of_planes_changes_nothing():
     runs, wanted = [planes()[i] for i in turned], [known()[i] for i in turned]
     found = tl.identify(runs, base(), wanted, noise=1e-3, freedom=1.0, averaging=ORDER)
     speed = [0.0, 0.3, 1.0, 4.0, 20.0]
-    assert (found.fit.band(FREQUENCY, speed)[0] - curve_of().fit.band(FREQUENCY, speed)[0]).abs().max() \
-        < 1e-5  # fmt: skip
+    assert (found.fit.band(FREQUENCY, speed)[0] - curve_of().fit.band(FREQUENCY, speed)[0]).abs().max() < 1e-5
     predicted = {row.label: row.impedance for row in curve_of().rows}
     for row in found.rows:
         assert row.impedance == pytest.approx(predicted[row.label], abs=1e-5)
@@ -245,8 +251,10 @@ def test_parameters_are_recovered_and_chosen():
 def test_a_term_of_the_flow_takes_each_planes_mach():
     """Three Mach numbers, one coefficient."""
     made = [tl.AdjustedSDoFLiner.of(base(), mach=m, mach_resistance=0.08) for m in (0, 0.1, 0.3)]
-    runs = [dataclasses.replace(sinusoid(v), mach=each.mach, name=f"{v}")
-            for v, each in zip((0.3, 1.0, 2.0), made, strict=True)]  # fmt: skip
+    runs = [
+        dataclasses.replace(sinusoid(v), mach=each.mach, name=f"{v}")
+        for v, each in zip((0.3, 1.0, 2.0), made, strict=True)
+    ]
     wanted = [impedance(run, each) for run, each in zip(runs, made, strict=True)]
     found = tl.identify(runs, base(), wanted, models=[("mach_resistance",)], averaging=ORDER)
     assert found.fit.numbers["mach_resistance"] == pytest.approx(0.08, abs=1e-7)
@@ -263,9 +271,11 @@ def test_the_table_predicts_what_the_curve_does(tmp_path):
         if float(plane.velocity.abs().max()) > liner.speed_max:
             with pytest.warns(tl.DataWarning, match="the table reaches to"):
                 drawn = found.fit.table(1.01 * float(plane.velocity.abs().max()))
-        moved = tl.reflection_from_impedance(
-            torch.tensor([impedance(plane, drawn), row.fitted], dtype=torch.complex128)
-        ).diff().abs()  # fmt: skip
+        moved = (
+            tl.reflection_from_impedance(torch.tensor([impedance(plane, drawn), row.fitted], dtype=torch.complex128))
+            .diff()
+            .abs()
+        )
         assert float(moved) < 5e-3
 
 
@@ -301,8 +311,10 @@ def test_several_frequencies_have_a_curve_each():
 def test_liners_of_their_own_keep_their_linear_part():
     """Two offsets, one change over |v|."""
     own = [base(impedance_offset=0.1j * i) for i in range(3)]
-    wanted = [impedance(each, tl.AdjustedSDoFLiner.of(liner, **TRUE))
-              for each, liner in zip(planes(LEVELS[:3]), own, strict=True)]  # fmt: skip
+    wanted = [
+        impedance(each, tl.AdjustedSDoFLiner.of(liner, **TRUE))
+        for each, liner in zip(planes(LEVELS[:3]), own, strict=True)
+    ]
     found = tl.identify(planes(LEVELS[:3]), own, wanted, noise=1e-3, freedom=1.0, averaging=ORDER)
     assert [row.fitted for row in found.rows] == pytest.approx(wanted, abs=5e-3)
     assert found.fit.misfit < 1
@@ -336,31 +348,31 @@ def test_a_stated_linear_part_is_kept():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"planes": 2}, r"2 run\(s\) \(run 0.2, run 0.7\) cannot tell: .* curve needs at least 3"),
-        ({"planes": 1, "models": [("mass_loss",)]}, r"1 run\(s\) .* a parameter needs at least 2"),
+        ({"planes": 2}, r"2 run\(s\) \(run 0.2, run 0.7\) .* at least 3"),
+        ({"planes": 1, "models": [("mass_loss",)]}, r"1 run\(s\) .* at least 2"),
         ({"groups": ["a"] * 5}, r"1 run\(s\) \(a\) cannot tell"),
         ({"groups": ["a"]}, r"1 groups for 5 planes"),
         ({"references": known()[:4]}, r"4 references for 5 planes"),
         ({"references": "true"}, r"run 0.2 holds no reference 'true'"),
-        ({"references": None}, r"no reference is given"),
-        ({"references": [-0.1 + 1j, *known()[1:]]}, r"run 0.2: its reference has a resistance of "
-                                                    r"-0.1; the response of a passive liner"),
+        (
+            {"references": [-0.1 + 1j, *known()[1:]]},
+            r"run 0.2: its reference has a resistance of "
+            r"-0.1; the response of a passive liner",
+        ),
         ({"references": "level-check"}, r"run 0.2 cannot be fitted to its level"),
         ({"references": "in-situ"}, r"run 0.2 holds no reference 'in situ'"),
         ({"models": [("mas_loss",)]}, r"unknown parameter 'mas_loss' \(did you mean 'mass_loss'\?"),
         ({"models": ["curv"]}, r"unknown model 'curv' \(did you mean 'curve'\?\)"),
         ({"models": []}, r"no model is named"),
-        ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane, .* cannot be free"),
-        ({"models": [("mach_resistance",)]}, r"mach_resistance cannot be told: run 0.2 states no"),
+        ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane"),
         ({"models": [{"mass_loss": (-1, 2)}]}, r"bounds of mass_loss are -1 to 2; .* it is at l"),
-        ({"models": [(*FACTORS[:3], "vena_contracta")], "planes": 2},
-         r"2 data \(R and X of 1 impedances\) and 0 priors cannot fix 4 parameters"),
+        ({"models": [(*FACTORS[:3], "vena_contracta")], "planes": 2}, r"2 data .* cannot fix 4 parameters"),
         ({"models": [{"offset_resistance": (-3.0, -2.0)}]}, r"no fit is passive: R falls to -"),
         ({"drive": "rms"}, "another drive than 'rms'"),
         ({"wall_filter": 0.5}, "wall_filter is 0.5, and a fit takes phase"),
         ({"noise": -1.0}, r"noise is -1"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_refused(changes, message):
     count = changes.pop("planes", 5)
     options = {"references": known()[:count], "freedom": 1.0, "averaging": ORDER, **changes}
@@ -370,12 +382,17 @@ def test_bad_input_is_refused(changes, message):
 
 def test_runs_at_one_speed_are_refused():
     runs = [moving(1.0, seed) for seed in range(3)]
-    with pytest.raises(ValueError, match=r"all runs are at one speed: rms \|v\| is .*, a ratio of "
-                       r"1 \(at least 1.25"):  # fmt: skip
+    with pytest.raises(ValueError, match=r"all runs are at one speed: rms \|v\| is 1 to 1 m/s"):
         tl.identify(runs, base(), [1 + 0j] * 3, groups="abc", averaging=ORDER)
     wide = base(vena_contracta=0.6)
-    found = tl.identify(runs, base(), [impedance(each, wide) for each in runs],
-                        models=[("vena_contracta",)], groups="abc", averaging=ORDER)  # fmt: skip
+    found = tl.identify(
+        runs,
+        base(),
+        [impedance(each, wide) for each in runs],
+        models=[("vena_contracta",)],
+        groups="abc",
+        averaging=ORDER,
+    )
     assert found.fit.numbers["vena_contracta"] == pytest.approx(0.6, abs=1e-6)
 
 
@@ -390,8 +407,10 @@ def test_references_of_other_frequencies_are_refused():
 def test_references_that_planes_hold_are_those_of_their_tone(name):
     """Asked for another frequency, identify and calibrate say so and what would help."""
     held = {"true": 1 - 0.2j, "in situ": 1 - 0.2j}
-    runs = [plane_of(turbulence((4, 420), i, 1.0 + i), name=f"run {i}", frequency=FREQUENCY,
-                     reference=held) for i in range(3)]  # fmt: skip
+    runs = [
+        plane_of(turbulence((4, 420), i, 1.0 + i), name=f"run {i}", frequency=FREQUENCY, reference=held)
+        for i in range(3)
+    ]
     message = rf"run 0 holds its reference '{name.replace('-', ' ')}' at 1400 Hz, and 1500 Hz is"
     with pytest.raises(ValueError, match=message):
         tl.identify(runs, base(), name, frequency=1500.0, freedom=1.0, averaging=ORDER)
@@ -446,9 +465,14 @@ def test_each_factor_does_what_it_says():
 
 def test_factors_go_through_files_and_gradients(tmp_path):
     made = tl.AdjustedSDoFLiner.of(
-        base(), end_correction=0.5, mass_loss=1.5, mass_loss_speed=2.0, mach=0.2,
-        mach_resistance=-0.1, mach_mass_loss=0.3,
-    )  # fmt: skip
+        base(),
+        end_correction=0.5,
+        mass_loss=1.5,
+        mass_loss_speed=2.0,
+        mach=0.2,
+        mach_resistance=-0.1,
+        mach_mass_loss=0.3,
+    )
     (tmp_path / "a.toml").write_text(liner_text(made, "a test"))
     assert tl.load_liner(tmp_path / "a.toml").describe() == made.describe()
     at = [0.5, 1.5, 2.0, 0.2, 0.1, 0.3]
@@ -478,8 +502,21 @@ def files(*cases):
 
 def test_command_writes_a_liner_that_is_read(tmp_path, capsys, unrendered):
     table, picture = tmp_path / "mine.toml", tmp_path / "a.png"
-    code = main(["identify", *files("o115", "o130", "o145"), "--rest", "0.01+0.01j", "--freedom",
-                 "1", "-o", str(table), "--figure", str(picture), "--quiet"])  # fmt: skip
+    code = main(
+        [
+            "identify",
+            *files("o115", "o130", "o145"),
+            "--rest",
+            "0.01+0.01j",
+            "--freedom",
+            "1",
+            "-o",
+            str(table),
+            "--figure",
+            str(picture),
+            "--quiet",
+        ]
+    )
     shown = capsys.readouterr().out
     assert code == DONE
     assert picture.exists()
@@ -492,9 +529,22 @@ def test_command_writes_a_liner_that_is_read(tmp_path, capsys, unrendered):
 
 def test_command_compares_parameters(tmp_path, capsys):
     out = tmp_path / "mine.toml"
-    code = main(["identify", *files("o115", "o130"), "--free", "vena_contracta=0.3:0.9",
-                 "--free", "mass_loss", "--json", "-o", str(out), "--quiet",
-                 "--predict", *files("o145")])  # fmt: skip
+    code = main(
+        [
+            "identify",
+            *files("o115", "o130"),
+            "--free",
+            "vena_contracta=0.3:0.9",
+            "--free",
+            "mass_loss",
+            "--json",
+            "-o",
+            str(out),
+            "--quiet",
+            "--predict",
+            *files("o145"),
+        ]
+    )
     found = json.loads(capsys.readouterr().out)
     assert code == CHECK_FAILED  # o145 is beyond both
     assert {each["model"] for each in found["models"]} == {"mass_loss", "vena_contracta"}
@@ -552,21 +602,23 @@ def test_bands_cover_the_truth():
     """Curves drawn from the prior, references with noise: 95 % bands hold them where runs see."""
     generator, inside, checked = torch.Generator().manual_seed(3), 0, 0
     first = curve_of(freedom=0.5).fit
-    shape = CurveShape(first.runs[0].in_flow, FREQUENCY, first.knots, 0.5)
+    liner, lines = first.runs[0].in_flow, torch.tensor([FREQUENCY])
+    shape = Curves(liner, [FREQUENCY], first.knots, 0.5)
     factor = torch.linalg.cholesky(torch.linalg.inv(shape.prior.T @ shape.prior))
     speed = torch.tensor([0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)
     for _ in range(60):
-        drawn = factor @ torch.randn(shape.count, generator=generator, dtype=torch.float64)
+        drawn = factor @ torch.randn(len(factor), generator=generator, dtype=torch.float64)
         noise = torch.randn(len(first.runs), 2, generator=generator, dtype=torch.float64)
         made = []
         for run, away in zip(first.runs, noise, strict=True):
-            values = shape.values(drawn, shape.knots.rising(run.nodes.speeds))
-            z = run.impedance(values[None]) + 0.01 * torch.complex(*away)
+            z = run.impedance(shape(drawn, liner, lines, run.nodes.speeds)) + 0.01 * torch.complex(*away)
             made.append(dataclasses.replace(run, wanted=z, noise=torch.full_like(run.noise, 0.01 + 0.01j)))
         _best, low, high = fit_law(first.law, made, first.choices, first.knots, stated=True).band(FREQUENCY, speed)
-        wanted = shape.values(drawn, shape.knots.rising(speed))
-        held = [(low.real <= wanted.real) & (wanted.real <= high.real),
-                (low.imag <= wanted.imag) & (wanted.imag <= high.imag)]  # fmt: skip
+        (wanted,) = shape(drawn, liner, lines, speed)
+        held = [
+            (low.real <= wanted.real) & (wanted.real <= high.real),
+            (low.imag <= wanted.imag) & (wanted.imag <= high.imag),
+        ]
         inside += int(torch.stack(held).sum())
         checked += 2 * len(speed)
     # 600 values, those of one fit alike: 60 to 150 independent ones, 0.95 +- 0.03.

@@ -36,7 +36,10 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(total, options.planes[0].name, options) as step:
         found = tl.audit(records, liner, options.frequency, progress=step, **chosen)
     show_results(
-        options, format_audit(found), found,
-        output=audit_table(found, everything=True).write_csv, figure=lambda path: draw_audit(found, path),
-    )  # fmt: skip
+        options,
+        format_audit(found),
+        found,
+        output=audit_table(found, everything=True).write_csv,
+        figure=lambda path: draw_audit(found, path),
+    )
     return 0

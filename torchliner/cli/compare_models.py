@@ -41,7 +41,10 @@ def run(options: argparse.Namespace) -> int:
     with progress_bar(2 * planes_of([record])[0].samples, options.plane.name, options) as step:
         found = tl.compare_models(record, liners, options.frequency, progress=step, **chosen)
     show_results(
-        options, format_models(found), plain_of(found),
-        output=models_table(found).write_csv, figure=lambda path: draw_models(found, path),
-    )  # fmt: skip
+        options,
+        format_models(found),
+        plain_of(found),
+        output=models_table(found).write_csv,
+        figure=lambda path: draw_models(found, path),
+    )
     return 0

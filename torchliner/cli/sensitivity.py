@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import torchliner as tl
 from torchliner import names
 from torchliner.cli import options as opt
-from torchliner.cli.choices import NO_GIVEN_PHASE, READING, choices
+from torchliner.cli.choices import READING, choices
 from torchliner.cli.files import only_liner, planes_of, read_records, show_results
 from torchliner.cli.messages import progress_bar
 
 EXAMPLES = ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",)
-FORMS = {"tolerance": "NAME=VALUE", "correlation": "NAME,NAME=VALUE, as a,b=0.5"}
-CHOICES = choices("phase drive mean missing allow_short", phase=NO_GIVEN_PHASE)
+CHOICES = choices("drive mean missing allow_short")
 OWN = [
     opt.ONE_PLANE,
     opt.Option("--parameters", "of the liner, e.g. porosity; default: all", opt.Kind("NAME"), nargs="+"),
@@ -26,7 +24,6 @@ OWN = [
         many=True,
     ),
     opt.Option("--limits", "half-widths are limits (u = half-width/sqrt 3), or u; default rectangular", names.LIMITS),
-    opt.Option("--correlation", "of two parameters, -1 to 1; default 0", opt.Kind("NAME,NAME=VALUE"), many=True),
     *opt.figure("draw bars of the contributions at the first frequency"),
     opt.averaging("velocity"),
 ]
@@ -39,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report.study_figures import draw_contributions
     from torchliner.studies.sensitivities import correlation_of
 
-    tolerances, correlation = _tolerances(options)
+    tolerances = _tolerances(options)
     (plane,) = planes = read_records([options.plane], options)
     liner = only_liner(options.liner, planes, [options.plane])
     parameters, chosen = options.parameters or (list(tolerances) or None), opt.given(options, CHOICES)
@@ -48,13 +45,10 @@ def run(options: argparse.Namespace) -> int:
     frequency, averaging, limits = found.found.frequency.tolist(), options.averaging, options.limits or "rectangular"
     table, words, meaning, together = slope_table(found, averaging), list[str](), "p in the unit shown", None
     if tolerances:
-        budget = found.propagate(tolerances, limits=limits, correlation=correlation)
+        budget = found.propagate(tolerances, limits=limits)
         table, words = budget_table(budget, found, averaging), budget_notes(budget, found, averaging)
         meaning, together = f"tolerances are {limits}", [correlation_of(each) for each in budget.covariance[averaging]]
-    words.append(
-        f"Z by rho c, averaging: {averaging}; {meaning}; first order, interpolation error of a derivative up to "
-        f"{float(found.level_error.max()):.1e} of it"
-    )
+    words.append(f"Z by rho c, averaging: {averaging}; {meaning}; first order")
     plain = {
         "averaging": averaging,
         "limits": limits if tolerances else None,
@@ -67,29 +61,23 @@ def run(options: argparse.Namespace) -> int:
     first = [row for row in table.as_rows() if row["frequency"] == frequency[0]]
     title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
     show_results(
-        options, "\n".join([table.as_text(), *words]), plain, output=table.write_csv,
+        options,
+        "\n".join([table.as_text(), *words]),
+        plain,
+        output=table.write_csv,
         figure=lambda path: draw_contributions(first, title, path),
-    )  # fmt: skip
+    )
     return 0
 
 
-def _tolerances(options: argparse.Namespace) -> tuple[dict[str, str], dict[Any, float]]:
-    """Half-widths as written by parameter, and correlations by pair of parameters."""
-    pairs: dict[str, dict[Any, str]] = {"tolerance": {}, "correlation": {}}
-    for option, known in pairs.items():
-        for text in getattr(options, option):
-            name, equals, value = text.partition("=")
-            key = tuple(part.strip() for part in name.split(","))
-            if not equals or len(key) != 1 + (option == "correlation"):
-                raise ValueError(f"--{option} {text!r} cannot be read; write {FORMS[option]}")
-            if key in known or key[::-1] in known:
-                raise ValueError(f"--{option} names {' and '.join(key)} twice; give it once")
-            known[key] = value.strip()
-    tolerances = {name: value for (name,), value in pairs["tolerance"].items()}
-    for name in ("correlation", "limits"):
-        if getattr(options, name) and not tolerances:
-            raise ValueError(f"--{name} is one of tolerances; state them with --tolerance")
-    try:
-        return tolerances, {pair: float(value) for pair, value in pairs["correlation"].items()}
-    except ValueError:
-        raise ValueError(f"--correlation {options.correlation} cannot be read; write {FORMS['correlation']}") from None
+def _tolerances(options: argparse.Namespace) -> dict[str, str]:
+    """Half-widths as written, by parameter."""
+    found: dict[str, str] = {}
+    for text in options.tolerance:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or name in found:
+            raise ValueError(f"--tolerance {text!r} cannot be read; write NAME=VALUE, once a parameter")
+        found[name] = value
+    if options.limits and not found:
+        raise ValueError("--limits is one of tolerances; state them with --tolerance")
+    return found

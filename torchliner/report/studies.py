@@ -181,7 +181,6 @@ def plain_fit(found: Fit) -> dict[str, Any]:
         "law": found.law.label,
         "parameters": None if found.law.frequencies else parameter_table(found).as_rows(),
         "covariance": found.covariance.tolist(),
-        "singular_values": found.singular_values.tolist(),
         "unseen": [list(group) for group in found.unseen],
         "sum_of_squares": float(found.residuals.square().sum()),
         "degrees_of_freedom": found.freedom,
@@ -250,23 +249,18 @@ def format_identification(found: Study) -> str:
 
 
 def height_table(study: Study) -> Table:
-    """A row a height and averaging length, with the facts of the height in CSV."""
-    facts = {one.height: one for one in study.facts}
-    shown = "height,length,probes,windows,admittance,spread of admittance,velocity,spread of velocity"
-    return table_of([Row(facts[row.height] | row) for row in study.rows], shown)
+    """A row a height: Z by averaging, and what else speaks of the height."""
+    shown = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
+    shown += "".join(f",level_check.{name}" for name in study.rows[0].level_check)
+    return table_of(study.rows, shown + ",coherence,velocity_rms,modulation,between" + if_known(study.rows, "drift"))
 
 
 def format_heights(study: Study, found: Study) -> str:
-    """Rows, facts, and which height."""
-    facts, sound = study.facts, "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
-    shown = "height" + "".join(f",impedance.{name}" for name in facts[0].impedance)
-    shown += "".join(f",level_check.{name}" for name in facts[0].level_check)
-    shown += ",coherence,velocity_rms,modulation,between,streamwise_modulation,jet_velocity,jet_height"
+    """Rows, decay, and which height."""
+    sound = "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
     lines = [
-        f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt); spread: standard deviation of R and X "
-        "over windows",
+        f"{study.title}, {study.frequency:g} Hz; Z is p/(rho c v), exp(+jwt), of the whole plane",
         height_table(study).as_text(),
-        f"\nwhole plane\n{table_of(facts, shown + if_known(facts, 'drift')).as_text()}",
     ]
     for name, words in (("decay", "cell-periodic modulation"), ("first_decay", "first harmonic of v_rms")):
         if study[name] is not None:

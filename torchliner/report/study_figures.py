@@ -16,7 +16,6 @@ from torchliner.report.figure import (
     ONE_ROW,
     PARTS,
     REFERENCES,
-    U_RMS,
     V_RMS,
     Figure,
     draw_band,
@@ -37,7 +36,6 @@ from torchliner.studies.rows import Row, Study
 STYLES = ("-", "--", ":", "-.") * 99
 ELLIPSE = 2.4477  # radius that holds 95 % of a two-dimensional Gaussian
 DRAWN = 200  # speeds of a picture
-MOST_LENGTHS = 5  # curves a reader can tell apart
 
 
 def _name_lines(axis: Any, names: Sequence[str], shown: bool) -> None:
@@ -210,45 +208,30 @@ def draw_identification(found: Study, path: str | Path | None = None) -> Figure:
 
 @styled
 def draw_heights(study: Study, path: str | Path | None = None) -> Figure:
-    """R and X over height: admittance over probes, and velocity averaged over several lengths."""
+    """R and X over height, by averaging."""
     figure, panels = impedance_panels(3.2, "$y$ (mm)")
-    known = {row.length for row in study.rows if row.velocity == row.velocity}
-    lengths = [length for length in study.lengths[1:] if length in known]
-    if len(lengths) > MOST_LENGTHS:
-        keep = np.unique(np.linspace(0, len(lengths) - 1, MOST_LENGTHS).round().astype(int))
-        lengths = [lengths[i] for i in keep]
+    heights = [1e3 * row.height for row in study.rows]
     for axis, part in panels:
-        rows = study.of(length=study.lengths[0])
-        heights = [1e3 * row.height for row in rows]
-        values = [part_of(row.admittance, part) for row in rows]
-        axis.plot(heights, values, "k*-", label="admittance over probes", markersize=6, zorder=4)
-        for i, length in enumerate(lengths):
-            rows = study.of(length=length)
-            shifted = [h + 0.02 * (i - len(lengths) / 2) for h in heights]
-            values, spread = ([part_of(row[name], part) for row in rows] for name in ("velocity", "velocity_spread"))
-            style: Any = {"marker": MARKERS[i], "color": COLOURS[i], "capsize": 2, "elinewidth": 0.7}
-            label = f"velocity over {1e3 * length:.3g} mm"
-            axis.errorbar(shifted, values, spread, markerfacecolor="white", label=label, **style)
+        for i, name in enumerate(study.rows[0].impedance):
+            values = [part_of(row.impedance[name], part) for row in study.rows]
+            axis.plot(heights, values, MARKERS[i] + "-", color=COLOURS[i], label=name)
         if "true" in study.reference:
             axis.axhline(part_of(study.reference["true"], part), label="reference", **REFERENCES[0])
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
-    title = f"{study.title}{hard}, {study.frequency:g} Hz; bars: standard deviation over windows"
-    return finish(figure, path, title, legend=3)
+    return finish(figure, path, f"{study.title}{hard}, {study.frequency:g} Hz", legend=4)
 
 
 @styled
 def draw_modulation(study: Study, path: str | Path | None = None) -> Figure:
     """Cell-periodic modulation over height, its fitted decay and that of an evanescent sound field."""
     figure, axes = subplots(1, 1, 3.4)
-    axis, decay, heights = axes[0, 0], study.decay, np.array([one.height for one in study.facts])
+    axis, decay, heights = axes[0, 0], study.decay, np.array([one.height for one in study.rows])
     names = {
         "modulation": rf"{V_RMS}, all harmonics",
         "first_harmonic": rf"{V_RMS}, first harmonic",
         "between": rf"{V_RMS}, between harmonics",
-        "mean_modulation": "$v_0$",
-        "streamwise_modulation": U_RMS,
     }
-    columns = {name: [one[name] for one in study.facts] for name in names}
+    columns = {name: [one[name] for one in study.rows] for name in names}
     shown = {name: each for name, each in columns.items() if any(value is not None for value in each)}
     for i, (name, each) in enumerate(shown.items()):
         fitted = decay is not None and decay.follows and name == "modulation"

@@ -24,7 +24,6 @@ def _misses(value: complex | None) -> str:
 
 
 HEADINGS: dict[str, tuple[Any, ...]] = {  # heading, format, scale, and where the value is
-    "admittance": ("admittance over probes", format_complex),
     "band": ("+- 95 %", format_pair, 1, lambda row: (row.high - row.low) / 2),
     "before": ("as it was", format_complex),
     "between": ("between", ".4f"),
@@ -44,11 +43,8 @@ HEADINGS: dict[str, tuple[Any, ...]] = {  # heading, format, scale, and where th
     "height": ("y mm", ".2f", 1e3),
     "impedance": ("Z", format_complex),
     "interval": ("interval", format_bounds, 1, ends_of),
-    "jet_height": ("H_j mm", ".2f", 1e3),
-    "jet_velocity": ("U_j m/s", ".1f"),
     "label": ("plane",),
     "judged": ("value", ".3g", 1, "value"),
-    "length": ("length mm", ".4g", 1e3),
     "level_check": ("level check dB", "+.2f"),
     "limit": ("limit", ".3g"),
     "lowest": ("least R", ".3f"),
@@ -57,7 +53,6 @@ HEADINGS: dict[str, tuple[Any, ...]] = {  # heading, format, scale, and where th
     "model_error": ("error in R", ".0e"),
     "modulation": ("modulation v_rms", ".4f"),
     "outside": ("unseen %", ".0f", 100.0),
-    "probes": ("probes", "d"),
     "R": ("dR", "+.5f", 1, "impedance.real"),
     "X": ("dX", "+.5f", 1, "impedance.imag"),
     "range": (
@@ -76,17 +71,12 @@ HEADINGS: dict[str, tuple[Any, ...]] = {  # heading, format, scale, and where th
     "step of R": ("dR per 1 %", "+.5f", 1, "step.real"),
     "step of X": ("dX per 1 %", "+.5f", 1, "step.imag"),
     "speed": ("|v| m/s", ".3g"),
-    "spread of admittance": ("spread", format_pair, 1, "admittance_spread"),
-    "spread of velocity": ("spread", format_pair, 1, "velocity_spread"),
     "standard": ("u(R), u(X)", lambda value: format_pair(value, 4)),
-    "streamwise_modulation": ("modulation u_rms", ".4f"),
     "true": ("reference", format_complex),
     "u(p)": ("u(p)", ".3g", 1, "standard"),
     "value": ("value", ".6g"),
     "variant": ("changed to",),
-    "velocity": ("velocity averaged", format_complex),
     "velocity_rms": ("v_rms m/s", ".3f"),
-    "windows": ("windows", "d"),
     "x": ("x mm", ".2f", 1e3),
     "z": ("z mm", ".2f", 1e3),
 }

@@ -70,15 +70,19 @@ def audit(
         ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
     """
     several = [planes] if isinstance(planes, Records) else list(planes)
-    if wrong := [type(each).__name__ for each in several if not isinstance(each, Records)]:
-        raise TypeError(f"planes holds {wrong[0]}; VelocityPlane is needed")
     if len(several) > 1:
         planes_by_height([plane_of(each) for each in several])
     record, model, plane = several[0], as_liner(liner), plane_of(several[0])
-    stated = _choices(record, averaging, choices)
+    require_choice("averaging", averaging, AVERAGINGS)
+    if choices.get("phase") is not None:
+        raise ValueError("phase cannot be chosen for an audit, which varies it from a base of the phase averaged")
     if len(plane.asked(frequency)) != 1:
         raise ValueError(f"an audit has one frequency; {len(plane.asked(frequency))} are given")
-    quiet, skipped = dataclasses.replace(stated, interval=None), dict[str, str]()
+    stated = Choices(**choices)
+    if isinstance(record, Moments):
+        stated = dataclasses.replace(stated, averaging=record.settings["averaging"])
+        require_choice(f"averaging of moments reduced with {stated.averaging!r}:", averaging, stated.averagings)
+    skipped = dict[str, str]()
     others = _other_liners(model, skipped)
     turns = lambda f: (2 * float(f[0]), plane.sampling_rate / 2)  # noqa: E731
     source = Source(record, [model, *others.values()], frequency, stated, more_turns=turns, progress=progress)
@@ -89,6 +93,7 @@ def audit(
         raise ValueError(
             f"{plane.name}: the base has no admittance: every probe counts as wall; lower or leave out wall_filter"
         )
+    quiet = dataclasses.replace(stated, interval=None)
     base = Base(source, float(source.frequency[0]), averaging, quiet, skipped)
     variants = [base.variant(*labels, liner=other) for labels, other in others.items()]
     for factor, make in FACTORS.items():
@@ -105,15 +110,15 @@ def audit(
         readings += above.readings
     rows = [Row(each, change=each.impedance - complex(z[0])) for each in rows]
     size = {row.factor: max(abs(each.change) for each in rows if each.factor == row.factor) for row in rows}
-    notes = tuple(note.text for note in found.notes)
-    tell(notes)
-    ends = found.bounds_of_liner(averaging) or (None, None)
+    tell(notes := tuple(note.text for note in found.notes))
+    low, high = found.bounds_of_liner(averaging) or (None, None)
     return Study(
         title=found.title or plane.name,
         frequency=base.frequency,
         averaging=averaging,
         base=complex(z[0]),
-        **dict(zip(("low", "high"), ends, strict=True)),
+        low=low,
+        high=high,
         level=found.level,
         level_check=source.level_of(z)[0],
         level_check_words=found.level_check_words,
@@ -124,21 +129,6 @@ def audit(
         nearest_case=nearest_case(found),
         notes=notes,
     )
-
-
-def _choices(record: Records, averaging: str, choices: dict[str, Any]) -> Choices:
-    """Those of the base; refuses one that an audit varies itself, or that the moments do not hold."""
-    require_choice("averaging", averaging, AVERAGINGS)
-    if choices.get("phase") is not None:
-        raise ValueError(
-            "phase cannot be chosen for an audit: its base is the phase averaged, and the other rules are among what "
-            "it varies"
-        )
-    chosen = Choices(**choices)
-    if isinstance(record, Moments):
-        chosen = dataclasses.replace(chosen, averaging=record.settings["averaging"])
-        require_choice(f"averaging of moments reduced with {chosen.averaging!r}:", averaging, chosen.averagings)
-    return chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,10 +179,9 @@ def _kernels(base: Base) -> Iterator[Variant]:
     band = max(min(BAND[0], base.frequency), reach[0]), min(max(BAND[1], base.frequency), reach[1])
     if source.known.nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
+    speeds, rate = source.known.nodes.speeds, source.plane.sampling_rate
     for kind, words in KERNELS.items():
-        found = response_at(
-            liner, source.frequency, source.known.nodes.speeds, source.plane.sampling_rate, kind, band
-        ).T
+        found = response_at(liner, source.frequency, speeds, rate, kind, band).T
         yield base.variant("kernel", kind + words, moments=_projected(source.known, found, source.frequency))
 
 
@@ -213,12 +202,8 @@ def _half_rate(base: Base) -> Iterator[Variant]:
     if rate < FEWEST_SAMPLES_PER_PERIOD * base.frequency:
         samples = f"{rate / base.frequency:.3g} samples per period, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         raise ValueError(f"{rate:g} Hz would leave {samples}")
-    if known.nodes is None:
-        raise ValueError("|v| is constant, and its square is known of all samples together")
-    if not bool((known.turns == rate).any()):
-        raise ValueError(
-            "the moments were reduced without the rows of alternating sign, which an audit of the plane itself sums"
-        )
+    if known.nodes is None or not bool((known.turns == rate).any()):
+        raise ValueError("rows of alternating sign are needed, which an audit of the plane itself sums over |v|")
     yield base.variant("sampling rate", f"every second sample, {rate:.6g} Hz", moments=every_second(known))
 
 
@@ -231,10 +216,7 @@ def _averagings(base: Base) -> Iterator[Variant]:
 def _phase_rules(base: Base) -> Iterator[Variant]:
     source, known, f = base.source, base.source.known, base.frequency
     if base.chosen.drive != "rms" and not bool((known.turns == 2 * f).any()):
-        raise ValueError(
-            "the moments were reduced without the rows of phase rules; reduce the plane again with "
-            "phase='self-consistent'"
-        )
+        raise ValueError("the moments hold no rows of phase rules; reduce the plane with phase='self-consistent'")
     of_one, least = known, base.chosen.minimum_coherence
     if known.nodes is not None:  # many phases are quicker asked of R of one liner
         of_one = _projected(known, response(source.liner, source.frequency, known.nodes.speeds), source.frequency)
@@ -294,10 +276,7 @@ def _lengths(base: Base) -> Iterator[Variant]:
     grid = grid_of(source.plane)
     shares = [share for share in LENGTHS if grid.spacing <= share * pitch <= grid.length * (1 + 1e-6)]
     if not shares:
-        raise ValueError(
-            f"none of {', '.join(f'{share:g}' for share in LENGTHS)} cells lies between the spacing, "
-            f"{1e3 * grid.spacing:.3g} mm, and the plane's length, {1e3 * grid.length:.3g} mm"
-        )
+        raise ValueError(f"none of {', '.join(map('{:g}'.format, LENGTHS))} cells fits between probe spacing and plane")
     used = source.known.used.reshape(grid.rows, grid.columns)
     chosen = {"averaging": "velocity", "background": None}
     for share in shares:

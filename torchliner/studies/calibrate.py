@@ -13,15 +13,14 @@ from torchliner.checks import tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, named_numbers
 from torchliner.records import VelocityPlane
-from torchliner.studies.fit import Fit, fit_law
+from torchliner.studies.fit import Fit, drawn_impedances, fit_law, knots_for
 from torchliner.studies.laws import parameter_law
+from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import choices_of_fit, held, planes_and_liners, read_run
-from torchliner.studies.solve import Posterior, drawn_impedances, knots_for, sample_posterior
 from torchliner.velocity.review import texts
 
 FEWEST_EFFECTIVE = 100.0
 FAR = 2.0  # times the stated noise from which a misfit is one of the model
-LARGEST_MODEL_ERROR = 1e-4  # in R, of the interpolation over |v|, that goes without a note
 
 
 def calibrate(
@@ -33,7 +32,6 @@ def calibrate(
     averaging: str = "velocity",
     pressure: Any = None,
     noise: Any = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
     frequency: Any = None,
     draws: int = 2000,
     seed: int = 0,
@@ -53,14 +51,13 @@ def calibrate(
         pressure: records for the last two, one a plane or None.
         noise: standard uncertainty of R and X of each reference: one number, a complex number u(R) + j u(X), or one by
             plane; of levels dB. None: equal and unknown, taken from the residual.
-        prior: mean and standard deviation of parameters known beforehand; needs ``noise``.
         frequency: Hz; default each plane's tone.
         draws, seed: of the posterior; 0 draws for none.
         choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
     Raises:
         TypeError: a liner without numbers.
         ValueError: fewer data (R and X of each plane and frequency) than parameters, bounds that no liner can have,
-            references that are missing, a prior without noise.
+            references that are missing.
         RuntimeError: the least squares do not converge.
     Warns:
         DataWarning: a parameter on a bound, parameters that cannot be told apart, a misfit beyond the stated noise, too
@@ -70,9 +67,7 @@ def calibrate(
     """
     several, models = planes_and_liners(planes, liners)
     chosen = choices_of_fit(averaging, choices)
-    if prior and noise is None:
-        raise ValueError("a prior weighs against data of known uncertainty; state noise too")
-    law = parameter_law(parameters, models[0], prior)
+    law = parameter_law(parameters, models[0])
     for liner in models[1:]:
         named_numbers(liner, law.names)
     runs = [read_run(plane, liner, frequency, chosen) for plane, liner in zip(several, models, strict=True)]
@@ -92,10 +87,8 @@ def _posterior(fit: Fit, draws: int, seed: int) -> tuple[Posterior | None, list[
     lowest = [square_of_fit]
 
     def log_density(at: Tensor) -> Tensor:
-        values = law.low + at * width
-        found = zip(fit.runs, drawn_impedances(law, values, fit.runs), strict=True)
-        square = sum(run.residuals(z).square().sum(1) for run, z in found)
-        square = square + ((values - law.centre) @ law.prior.T).square().sum(1)
+        found = zip(fit.runs, drawn_impedances(law, law.low + at * width, fit.runs), strict=True)
+        square = sum((run.residuals(z).square().sum(1) for run, z in found), torch.zeros(1, dtype=torch.float64))
         lowest.append(float(square.min()))
         # Unknown noise, equally likely on a logarithmic scale, is integrated out.
         return -square / 2 if fit.stated else -fit.data / 2 * torch.log(square.clamp(min=1e-300))
@@ -118,28 +111,30 @@ def _posterior(fit: Fit, draws: int, seed: int) -> tuple[Posterior | None, list[
 
 def warnings_of(fit: Fit) -> list[str]:
     """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
-    law, numbers = fit.law, fit.runs[0].liner.numbers() if not fit.law.frequencies else {}
-    notes = [
-        f"{name} ends on its bound, {fit.numbers[name]:.4g} {numbers[name].unit.replace('1', '')}".rstrip()
-        + ": the data ask for more than the bounds allow, and its uncertainty means little; widen the bound if that is "
-        "physical, else free another parameter"
-        for name in fit.on_bound
-        if name in numbers
-    ]
+    law, notes = fit.law, list[str]()
+    if fit.on_bound and law.frequencies:
+        notes.append(
+            f"{len(fit.on_bound)} of {len(fit.values)} parameters of the curve end at a factor of 400 of the prior "
+            "shape: the references ask for a step or the other direction; state more noise"
+        )
+    elif fit.on_bound:
+        where = ", ".join(f"{name} on its bound, {fit.numbers[name]:.4g}" for name in fit.on_bound)
+        notes.append(
+            f"{where}: the data ask for more than the bounds allow; widen them if that is physical, else free another "
+            "parameter"
+        )
     for group in fit.unseen:
         what = f"tell {' and '.join(group)} apart" if len(group) > 1 else f"see {group[0]}"
+        notes.append(f"the data do not {what} within the bounds; fix one, or add data at another frequency")
+    if fit.stated and fit.freedom and fit.misfit > FAR * (1 + 2 / fit.freedom) ** 0.5:
         notes.append(
-            f"the data do not {what} within the bounds; fix one, give a prior, or add data at another frequency"
+            f"{law.label}: the misfit is {fit.misfit:.3g} times the stated noise: no such law gives all references (or "
+            "it is far from its prior); predictions to first order are widened by that factor, a posterior, which "
+            "knows the noise alone, is too narrow"
         )
-    doubts = {
-        f"{len(fit.on_bound)} of {len(fit.values)} parameters of the curve end at a factor of 400 of the prior shape: "
-        "the references ask for a step or the other direction; state more noise": law.frequencies and fit.on_bound,
-        f"{law.label}: the misfit is {fit.misfit:.3g} times the stated noise: no such law gives all references (or it "
-        "is far from its prior); predictions to first order are widened by that factor, a posterior, which knows the "
-        "noise alone, is too narrow": fit.stated and fit.freedom and fit.misfit > FAR * (1 + 2 / fit.freedom) ** 0.5,
-        f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: no residual says how uncertain "
-        "they are; state noise": not fit.stated and fit.freedom == 0,
-        f"R of {law.label} is known to {fit.model_error:.2g} only (limit {LARGEST_MODEL_ERROR:g}) between the speeds "
-        "at which a fit reads it; compare with educe of that liner": fit.model_error > LARGEST_MODEL_ERROR,
-    }
-    return notes + [text for text, holds in doubts.items() if holds]
+    if not fit.stated and fit.freedom == 0:
+        notes.append(
+            f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: no residual says how uncertain "
+            "they are; state noise"
+        )
+    return notes

@@ -37,19 +37,16 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
     Raises:
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
-    both = (first, second)
     if averaging is None and first.averaging != second.averaging:
-        held = ", ".join(each for each in first.averagings if each in second.averagings)
         raise ValueError(
-            f"the maps answer by averaging {first.averaging!r} and {second.averaging!r}; name one that both hold with "
-            f"averaging= ({held})"
+            f"the maps answer by averaging {first.averaging!r} and {second.averaging!r}; name one that both hold"
         )
     averaging = averaging or first.averaging
-    for each in both:
+    for each in (first, second):
         require_choice("averaging", averaging, each.averagings)
     order, same = _require_alike(first, second), _same_run(first, second)
     level = None if None in (first.level, second.level) else first.level
-    (here, own), (there, other) = (_values(each, averaging) for each in both)
+    (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
     there, other = there[:, order], [end[:, order] for end in other]
     low = high = [[None] * len(order)] * len(here)
     if level is not None:
@@ -73,11 +70,9 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
         )
         for i, k in itertools.product(range(len(x)), range(len(order)))
     ]
+    how = "an upper bound: both rest on one run, half-widths added" if same else "of independent records"
     words = "no intervals: one of the maps has none"
-    if level is not None:
-        how = "an upper bound: both rest on one run, half-widths added"
-        how = how if same else "of independent records: variances added"
-        words = f"{100 * level:g} % statistical interval, {how}"
+    words = words if level is None else f"{100 * level:g} % statistical interval, {how}"
     return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
 
 
@@ -102,24 +97,19 @@ def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
 
 def _require_alike(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
     """Where the frequencies of the first map are in the second."""
-    lists = [", ".join(f"{f:g}" for f in each.frequency.tolist()) for each in (first, second)]
-    found = [index_of_frequency(second.frequency, f) for f in first.frequency.tolist()]
-    order = [i for i in found if i is not None]
-    if len(order) != len(found) or len(found) != len(second.frequency):
-        raise ValueError(
-            f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the same ones "
-            "(--frequency)"
-        )
+    lists = [each.frequency.tolist() for each in (first, second)]
+    order = [i for f in lists[0] if (i := index_of_frequency(second.frequency, f)) is not None]
+    if len(order) != len(lists[0]) or len(order) != len(lists[1]):
+        raise ValueError(f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the same")
     counts = [len(each.cell_x) for each in (first, second)]
     pairs = ((first.cell_x, second.cell_x), (first.cell_z, second.cell_z))
     if counts[0] != counts[1] or not all(torch.allclose(*pair, 0, SAME_PLACE, equal_nan=True) for pair in pairs):
-        where = f"{counts[0]} each, elsewhere" if counts[0] == counts[1] else f"{counts[0]} and {counts[1]}"
         raise ValueError(
-            f"the maps have other cells ({where}); educe planes of the same extent with liners of one cell_pitch"
+            f"the maps have other cells ({counts[0]} and {counts[1]}); educe planes of the same extent with liners of "
+            "one cell_pitch"
         )
-    levels = [f"{100 * each.level:g} %" for each in (first, second) if each.level is not None]
-    if len({*levels}) > 1:
-        raise ValueError(f"the maps have intervals of {' and '.join(levels)}; educe both with the same --interval")
+    if None not in (first.level, second.level) and first.level != second.level:
+        raise ValueError(f"the maps have intervals of {first.level} and {second.level}; educe both with the same")
     return order
 
 

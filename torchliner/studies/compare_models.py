@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import copy
+import math
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
-import torch
-
-from torchliner.checks import SAME_FREQUENCY, require_positive, tell
+from torchliner.checks import SAME_FREQUENCY, DataWarning, require_positive, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.records import VelocityPlane
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.rows import Row, Study
-from torchliner.studies.variants import Records, Source, Variant, plane_of
+from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import moments
 from torchliner.velocity.reading import Progress
-from torchliner.velocity.review import review_liner, review_record, review_table
 
 FIRST = ("true", "in situ")  # references by which models are sorted, before others
 
@@ -55,54 +55,50 @@ def compare_models(
     Warns:
         DataWarning: of the data and of each model, as ``educe``; models of other cells.
     """
-    if not isinstance(plane, Records):
-        raise TypeError(f"plane is {type(plane).__name__}; a VelocityPlane or Moments is needed")
+    facts, chosen = plane_of(plane), Choices(**choices)
     if len(liners) < 2:
         raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
     models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
-    chosen = Choices(**choices)
     if (chosen.phase == "given") != (reference_phase is not None):
         raise ValueError("phase 'given' and reference_phase, in rad, go together; state both, or neither")
-    source = Source(plane, [*models.values()], frequency, chosen, progress=progress)
-    known, facts, lines = source.known, source.plane, source.frequency
-    for model in models.values():
-        known.require_speeds(model)
-    every = source.evaluate(
-        [
-            Variant({"model": name}, averaging, chosen, liner=model, psi=reference_phase)
-            for name, model in models.items()
-            for averaging in chosen.averagings
-        ]
-    )
+    known = plane
+    if isinstance(known, VelocityPlane):
+        known = moments(known, [*models.values()], frequency, progress=progress, **vars(chosen))  # type: ignore[arg-type]
+    lines, about = facts.asked(frequency), {"reference_phase": reference_phase, **vars(chosen)}
     tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
-    notes += [note.text for note in (*known.notes, *review_record(facts, lines))]
-    rows, sizes = list[Row](), dict[str, float]()
-    for name, model in models.items():
-        mine = [row for row in every if row.model == name]
-        own = [row for row in mine if row.averaging == chosen.averaging]
-        error, doubts = review_table(facts, known, model, lines, torch.tensor([row.impedance for row in own]))
-        notes += [f"{name}: {note.text}" for note in (*review_liner(facts, model), *doubts)]
-        for row in own:
-            held = facts.reference if abs(row.frequency - tone) < SAME_FREQUENCY * tone else {}
-            distance = {reference: abs(row.impedance - value) for reference, value in held.items()}
-            averagings = {each.averaging: each.impedance for each in mine if each.frequency == row.frequency}
-            rows.append(Row(row, averagings=averagings, distance=distance, model_error=error))
-            off = next((distance[key] for key in (*FIRST, *distance) if key in distance), None)
-            sizes[name] = max(sizes.get(name, 0.0), abs(row.level_check or 0.0) if off is None else off)
+    key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), None)
+    rows, sizes, shared = list[Row](), dict[str, float](), list[Any]()
+    maps: dict[str, ImpedanceMap] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # told once, below
+        for name, model in models.items():
+            maps[name] = known.educe(model, frequency, **about)
+    shared = [note for note in next(iter(maps.values())).notes if all(note in each.notes for each in maps.values())]
+    notes += [note.text for note in shared]
+    for name, found in maps.items():
+        notes += [f"{name}: {note.text}" for note in found.notes if note not in shared and note.code != "level-check"]
+        check, level = found.level_check, math.nan
+        for i, f in enumerate(lines.tolist()):
+            z = {each: complex(educed.impedance[i]) for each, educed in found.liner.items()}
+            low, high = found.bounds_of_liner(chosen.averaging, i) or (None, None)
+            if check is not None:
+                level = float(check.liner.level[check.averagings.index(chosen.averaging), i])
+            held = facts.reference if abs(f - tone) < SAME_FREQUENCY * tone else {}
+            row = Row(model=name, averaging=chosen.averaging, frequency=f, impedance=z[chosen.averaging])
+            row |= {"low": low, "high": high, "level_check": level if math.isfinite(level) else None, "averagings": z}
+            row["distance"] = {reference: abs(row.impedance - value) for reference, value in held.items()}
+            rows.append(Row(row, model_error=found.choices["model_error"]))
+            sizes[name] = max(sizes.get(name, 0.0), row.distance.get(key, abs(row.level_check or 0.0)))
     tell(notes)
-    references = next((dict(facts.reference) for row in rows if row.distance), {})
-    key = next((name for name in (*FIRST, *references) if name in references), None)
-    by = "as given" if rows[0].level_check is None else "|level check|"
+    referred, checked = any(row.distance for row in rows), rows[0].level_check is not None
     return Study(
         title=facts.title or facts.name,
         averaging=chosen.averaging,
         level=None if rows[0].low is None else chosen.interval,
-        sorted_by=by if key is None else f"|Z - {key}|",
-        references=references,
+        sorted_by=f"|Z - {key}|" if referred else "|level check|" if checked else "as given",
+        references=dict(facts.reference) if referred else {},
         rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
-        level_check_words=source.level_words
-        if by == "as given"
-        else f"off {source.level_words}, limit {chosen.level_limit + chosen.level_uncertainty:g} dB",
+        level_check_words=next(iter(maps.values())).level_check_words,
         notes=tuple(notes),
     )
 

@@ -1,40 +1,41 @@
-"""Fits: how sure the values are, what they predict, and what is doubtful."""
+"""Least squares of a law and runs: how sure the values are, what they predict, and what is doubtful."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, tell
-from torchliner.conversions import reflection_from_impedance
-from torchliner.engine.nodes import checked_speeds
 from torchliner.least_squares import with_slopes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedance_at
+from torchliner.studies.posterior import Posterior
 from torchliner.studies.rows import Row
 from torchliner.studies.runs import NEPER, Run, read_run
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
-from torchliner.studies.solve import Posterior, curves_at_nodes, drawn_impedances, impedances, solve, weights_of
 from torchliner.studies.variants import Records
 from torchliner.velocity.choices import Choices
 
+START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 ON_BOUND = 1e-3  # of the box
 UNSEEN = 1e-6  # singular value, relative to the largest, of a direction the data do not see
 NAMED = 0.2  # share in such a direction from which a parameter is named
 WIDTH = 1.959964  # standard deviations of a 95 % interval
+WITHIN = 0.995  # of a plane's weight lies below the last knot
+CREST, FINE = 4.0, 60  # times the rms no |v| that matters is larger; steps in sqrt |v| by which the last knot is found
 SEEN = 0.02  # of a plane's weight: a spline that no plane gives as much is not seen
 OUTSIDE = 0.1  # of a plane's weight, at speeds beyond those that others saw, that is warned of
-MARGIN = 1.25  # times the last knot, to which a table reaches
-ROWS = 120  # speeds of a table, uniform in sqrt |v|
+MARGIN, ROWS = 1.25, 120  # times the last knot, to which a table reaches; its speeds, uniform in sqrt |v|
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +47,6 @@ class Fit:
         knots: of splines, by whose weights speeds count as seen.
         stated: whether the noise is known; else the residual stands for it.
         values, residuals, jacobian: best, (n,); there, of the data and then of the prior, (m,) and (m, n).
-        data, freedom: numbers that the runs are held to; these and priors less parameters.
-        scale: variance of a residual: 1, or that of the residuals; nan without a degree of freedom.
-        on_bound, unseen: parameters that end on a bound, and those of directions that the data do not determine.
-        singular_values: of the Jacobian over the noise, in units of the box, of a curve of the spread of its prior.
-        determined, misfit: how many parameters the data determine; rms of what is left of them over the noise.
-        covariance, widened: Gauss-Newton, (n, n); and where the misfit is above stated noise by that, 0 on a bound.
         posterior, notes: draws, None where the noise is unknown; warnings, with numbers.
     """
 
@@ -63,18 +58,75 @@ class Fit:
     values: Tensor
     residuals: Tensor
     jacobian: Tensor
-    data: int
-    freedom: int
-    scale: float
-    on_bound: tuple[str, ...]
-    unseen: tuple[tuple[str, ...], ...]
-    singular_values: Tensor
-    determined: float
-    misfit: float
-    covariance: Tensor
-    widened: Tensor
     posterior: Posterior | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def data(self) -> int:
+        """Numbers that the runs are held to."""
+        return sum(run.data for run in self.runs)
+
+    @property
+    def freedom(self) -> int:
+        """Data and priors less parameters."""
+        return len(self.residuals) - len(self.values)
+
+    @property
+    def scale(self) -> float:
+        """Variance of a residual: 1, or that of the residuals; nan without a degree of freedom."""
+        square = float(self.residuals.square().sum())
+        return 1.0 if self.stated else square / self.freedom if self.freedom else math.nan
+
+    @property
+    def _inside(self) -> Tensor:
+        share = (self.values - self.law.low) / (self.law.high - self.law.low)
+        return (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
+
+    @property
+    def on_bound(self) -> tuple[str, ...]:
+        """Parameters that end on a bound."""
+        return tuple(name for name, inside in zip(self.law.names, self._inside.tolist(), strict=True) if not inside)
+
+    @property
+    def unseen(self) -> tuple[tuple[str, ...], ...]:
+        """Parameters in each direction of the box that the data do not determine; none of a curve."""
+        if self.law.frequencies:
+            return ()
+        _, singular, axes = torch.linalg.svd(self.jacobian * (self.law.high - self.law.low), full_matrices=False)
+        # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
+        limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(self.scale) else (12 * self.scale) ** 0.5)
+        dark = axes[singular <= limit]
+        return tuple(tuple(self.law.names[int(i)] for i in (axis.abs() > NAMED).nonzero()) for axis in dark)
+
+    @functools.cached_property
+    def determined(self) -> float:
+        """How many parameters the data determine: all, but of a curve, which its prior holds too."""
+        if not self.law.frequencies:
+            return float(len(self.values))
+        own = self.jacobian[:, self._inside]
+        return float(torch.linalg.solve(own.T @ own, own[: self.data].T @ own[: self.data]).trace())
+
+    @functools.cached_property
+    def misfit(self) -> float:
+        """rms of what is left of the data over the noise."""
+        return float(self.residuals[: self.data].square().sum() / max(self.data - self.determined, 1.0)) ** 0.5
+
+    @functools.cached_property
+    def covariance(self) -> Tensor:
+        """Gauss-Newton, (n, n)."""
+        return self.scale * _inverse(self.jacobian, self.law.high - self.law.low)
+
+    @functools.cached_property
+    def widened(self) -> Tensor:
+        """``covariance``; with stated noise wider by a misfit above it, and 0 on a bound."""
+        if not self.stated:
+            return self.covariance
+        free, rows, found = self._inside, self.jacobian.clone(), torch.zeros_like(self.covariance)
+        rows[: self.data] /= max(1.0, self.misfit)
+        if bool(free.any()):
+            width = (self.law.high - self.law.low)[free]
+            found[torch.outer(free, free)] = _inverse(rows[:, free], width).flatten()
+        return found
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -100,38 +152,22 @@ class Fit:
 
     def table(self, reach: float = 0.0) -> TabulatedLiner:
         """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs, or to ``reach``,
-        m/s, if that is more; TypeError where parameters were found."""
-        if not self.law.frequencies:
-            raise TypeError(f"parameters were found ({self.law.label}), not a curve; take the liner")
-        top, first = self.knots.top, self.runs[0].liner
+        m/s, if that is more."""
+        top, first = self.knots.top, self.runs[0]
         if reach > MARGIN * top:
             tell(
                 f"the table reaches to {reach:.4g} m/s, {reach / top:.3g} times the largest |v| of the runs "
                 f"({top:.4g} m/s): R goes on along its tangent there and X stays, which no data support"
             )
         speed = torch.linspace(0, max(MARGIN * top, reach) ** 0.5, ROWS, dtype=torch.float64).square()
-        lines, name = torch.tensor(self.law.frequencies, dtype=torch.float64), f"{first.name} identified"
-        values = self.law.curve(self.values, self.runs[0].in_flow, lines, speed)
-        return TabulatedLiner(self.law.frequencies, values, speed, first.cell_pitch, name)
+        lines = torch.tensor(self.law.frequencies, dtype=torch.float64)
+        values, name = self.law.curve(self.values, first.in_flow, lines, speed), f"{first.liner.name} identified"
+        return TabulatedLiner(self.law.frequencies, values, speed, first.liner.cell_pitch, name)
 
     @functools.cached_property
     def rows(self) -> list[Row]:
         """Of the runs themselves, see ``predict``."""
         return [row for run in self.runs for row in self.rows_of(run)]
-
-    @functools.cached_property
-    def model_error(self) -> float:
-        """Largest error in R of the interpolation over |v|, at any |v| of the data; that of a mean is far less."""
-        worst = 0.0
-        for run in self.runs:
-            speed = checked_speeds(self.knots.top if self.law.frequencies else run.known.top_speed(run.liner))
-            at_nodes, wanted = (
-                reflection_from_impedance(self.law.curve(self.values, run.in_flow, run.frequency, each))
-                for each in (run.nodes.speeds, speed)
-            )
-            between = run.nodes.coefficients(at_nodes) @ run.nodes.functions(speed).T.to(wanted)
-            worst = max(worst, float((between - wanted).abs().max()))
-        return worst
 
     def band(self, frequency: float, speed: Any) -> Tensor:
         """Z of the first liner at |v|, m/s, (V,), and the ends of the 95 % bands of R and X apart, (3, V).
@@ -186,8 +222,7 @@ class Fit:
         if run.ratio is not None:
             columns |= {"level_check": (run.errors(z).real / NEPER).tolist(), "off": run.off(z).tolist()}
         elif len(run.wanted):
-            own = torch.tensor([noise.real, noise.imag], dtype=torch.float64)
-            total = torch.view_as_real(standard).hypot(own)
+            total = torch.view_as_real(standard).hypot(torch.tensor([noise.real, noise.imag], dtype=torch.float64))
             misses = torch.view_as_complex(torch.view_as_real(z - run.wanted) / total)
             columns |= {"true": run.wanted.tolist(), "misses": misses.tolist(), "off": run.off(z).tolist()}
         about = {"label": str(plane.provenance.get("case") or plane.name), "group": run.group, "height": plane.height}
@@ -237,13 +272,12 @@ class Fit:
 
     def beyond(self, name: str, outside: float) -> list[str]:
         """Whether a plane leaves the speeds that the runs saw."""
-        if outside <= OUTSIDE:
-            return []
         low, high = self.seen_speeds
-        return [
+        text = (
             f"{name}: {100 * outside:.0f} % of its weight lies at |v| that no other run saw (seen: about {low:.3g} to "
             f"{high:.3g} m/s); what the law misses there is not in the uncertainty: add a run at its level"
-        ]
+        )
+        return [text] if outside > OUTSIDE else []
 
 
 def with_flow(liner: LinerModel) -> LinerModel:
@@ -254,44 +288,95 @@ def with_flow(liner: LinerModel) -> LinerModel:
     return AdjustedSDoFLiner.of(liner) if isinstance(liner, SDoFLiner) else liner
 
 
+def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> Iterator[Tensor]:
+    """Z at the frequencies and node speeds of each run, (F, K), differentiable; each liner is asked once."""
+    every = torch.cat([run.frequency for run in runs]).unique()
+    made: dict[Any, Tensor] = {}
+    for run in runs:
+        key = (id(run.liner), run.plane.mach, run.nodes)
+        if key not in made:
+            made[key] = law.curve(values, run.in_flow, every, run.nodes.speeds)
+        yield made[key][torch.searchsorted(every, run.frequency)]
+
+
+def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z of each run, (F,), differentiable in the values."""
+    return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
+
+
+def drawn_impedances(law: Law, draws: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z of each run for many values, (M, n) to (M, F) each."""
+    rows = zip(*(curves_at_nodes(law, values, runs) for values in draws), strict=True)
+    return [run.impedance(torch.stack(each)) for run, each in zip(runs, rows, strict=True)]
+
+
+def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:
+    """Residuals of the data and then of the prior, (m,), and their derivatives in the values, (m, n)."""
+
+    def made(at: Tensor) -> Tensor:
+        return torch.cat([run.residuals(z) for run, z in zip(runs, impedances(law, at, runs), strict=True)])
+
+    left, by = with_slopes(made, values)
+    return torch.cat([left, law.prior @ values]), torch.cat([by, law.prior])
+
+
 def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
-    """Least squares, and what they say; ``stated``: the noise is known.
+    """Least squares by trust-region reflective steps (scipy) with the exact Jacobian; ``stated``: the noise is known.
 
     Raises:
-        ValueError, RuntimeError: as ``solve``.
+        ValueError: fewer data than parameters, a prior counting as one datum each.
+        RuntimeError: the least squares do not converge.
     """
-    values, residuals, jacobian = solve(law, runs)
-    width, data, freedom = law.high - law.low, sum(run.data for run in runs), len(residuals) - len(values)
-    share, square = (values - law.low) / width, float(residuals.square().sum())
-    free = (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
-    scale = 1.0 if stated else square / freedom if freedom else math.nan
-    over = jacobian * width  # slopes over what is known beforehand: the box, or the prior of a curve
-    if law.frequencies:
-        factor = torch.linalg.cholesky(law.prior[:, free].T @ law.prior[:, free])
-        over = torch.linalg.solve_triangular(factor, jacobian[:data, free].T, upper=False).T
-    _, singular, axes = torch.linalg.svd(over, full_matrices=False)
-    sharp = singular / (scale**0.5 if scale > 0 else 1.0)
-    determined = float((sharp**2 / (1 + sharp**2)).sum()) if law.frequencies else float(len(values))
-    misfit = float(residuals[:data].square().sum() / max(data - determined, 1.0)) ** 0.5
-    # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
-    limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(scale) else (12 * scale) ** 0.5)
-    dark = [] if law.frequencies else [axis for value, axis in zip(singular, axes, strict=True) if value <= limit]
-    covariance = widened = scale * _inverse(jacobian, width)
-    if stated:
-        rows, widened = jacobian.clone(), torch.zeros_like(covariance)
-        rows[:data] /= max(1.0, misfit)
-        if bool(free.any()):
-            widened[torch.outer(free, free)] = _inverse(rows[:, free], width[free]).flatten()
-    return Fit(
-        *(law, tuple(runs), choices, knots, stated, values, residuals, jacobian, data, freedom, scale),
-        on_bound=tuple(name for name, inside in zip(law.names, free.tolist(), strict=True) if not inside),
-        unseen=tuple(tuple(law.names[int(i)] for i in (axis.abs() > NAMED).nonzero()) for axis in dark),
-        singular_values=sharp,
-        determined=determined,
-        misfit=misfit,
-        covariance=covariance,
-        widened=widened,
+    from scipy.optimize import least_squares
+
+    data = sum(run.data for run in runs)
+    if data + len(law.prior) < len(law.names):
+        raise ValueError(
+            f"{data} data of {len(runs)} planes cannot fix {len(law.names)} parameters ({', '.join(law.names)}); add "
+            "planes or frequencies, or free fewer"
+        )
+    width = law.high - law.low
+    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
+
+    @functools.lru_cache(maxsize=1)
+    def both(place: bytes) -> tuple[Tensor, Tensor]:
+        return residuals_of(law, start + width * torch.from_numpy(np.frombuffer(place).copy()), runs)
+
+    bounds = tuple(((end - start) / width).numpy() for end in (law.low, law.high))
+    how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
+    found = least_squares(
+        lambda at: both(at.tobytes())[0].numpy(),
+        np.zeros(len(width)),
+        lambda at: (both(at.tobytes())[1] * width).numpy(),
+        bounds=bounds,
+        **how,
     )
+    if not found.success:
+        raise RuntimeError(
+            f"the least squares do not settle in {found.nfev} evaluations ({found.message}), sum of squares "
+            f"{2 * found.cost:.3g}; narrow the bounds, state a larger noise, or free fewer parameters"
+        )
+    place = np.asarray(found.x, dtype=np.float64)
+    values = start + width * torch.from_numpy(place)
+    return Fit(law, tuple(runs), choices, knots, stated, values, *both(place.tobytes()))
+
+
+def weights_of(run: Run, values: Tensor, knots: Knots) -> Tensor:
+    """Share of each spline of a curve in Z of a plane, (F, n), which sum to 1; ``values``: Z at the nodes, (F, K)."""
+    at = values.detach().requires_grad_()
+    (slopes,) = torch.autograd.grad(run.impedance(at).real.sum(), at)
+    found = (slopes @ knots.splines(run.nodes.speeds).to(slopes)).abs()
+    return found / found.sum(-1, keepdim=True)
+
+
+def knots_for(runs: Sequence[Run]) -> Knots:
+    """Up to the |v| below which nearly all of every plane's weight lies."""
+    fine, last = Knots(CREST * max(float(run.squares.max()) for run in runs) ** 0.5, FINE), 0
+    for run in runs:
+        curves = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
+        below = (weights_of(run, curves, fine).cumsum(-1) < WITHIN).sum(-1)
+        last = max(last, int(below.max()))
+    return Knots(float(fine.speeds[last]))
 
 
 def _inverse(rows: Tensor, width: Tensor) -> Tensor:

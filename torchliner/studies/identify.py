@@ -7,7 +7,6 @@ is compared is how well each of them predicts the runs that it has not seen.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,18 +17,16 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.studies.calibrate import warnings_of
-from torchliner.studies.fit import fit_law, with_flow
-from torchliner.studies.laws import CurveShape, Knots, Law, bounds_for, curve_law, parameter_law, place_of
+from torchliner.studies.fit import fit_law, knots_for, with_flow
+from torchliner.studies.laws import Curves, Knots, Law, bounds_for, parameter_law, place_of
 from torchliner.studies.rows import Row, Study
-from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, planes_and_liners, read_run
-from torchliner.studies.solve import knots_for
+from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, one_each, planes_and_liners, read_run
 from torchliner.studies.variants import plane_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.review import texts
 
 CURVE = "curve"
 FREEDOMS = (0.1, 0.3, 1.0, 3.0)  # of which leaving out chooses
-FEWEST = {CURVE: 3, "parameter": 2}  # runs: two are left where one of three is left out
 SPREAD = 1.25  # ratio of the rms |v| of the fastest and the slowest run
 SHARE = 0.02  # of |Z|: noise of references for which none is stated
 LEVEL_NOISE = 0.2  # dB, of levels
@@ -86,12 +83,18 @@ def identify(
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
     several, given = planes_and_liners(planes, liners)
-    chosen = choices_of_fit(averaging, choices)
-    facts = [plane_of(each) for each in several]
-    names = _groups(facts, groups, CURVE in models)
+    chosen, facts = choices_of_fit(averaging, choices), [plane_of(each) for each in several]
+    own = [each.provenance.get("case") or each.name for each in facts]
+    names = [str(each) for each in one_each("groups", own if groups is None else groups, facts)]
+    fewest = 3 if CURVE in models else 2  # where one is left out, the others are still to say something
+    if len(set(names)) < fewest:
+        raise ValueError(
+            f"{len(set(names))} run(s) ({', '.join(dict.fromkeys(names))}) cannot tell: each is left out in turn, and "
+            f"at least {fewest} are needed; planes of one case count as one run: add levels or flows, or name groups"
+        )
     made = {id(each): with_flow(each) for each in given}  # planes of one liner share one object, which a fit asks once
     bases = [made[id(each)] for each in given]
-    laws = _parameter_laws(models, bases[0], facts)
+    laws = [law for names_of_one in models for law in _parameter_law(names_of_one, bases[0])]
     runs = [
         dataclasses.replace(read_run(plane, liner, frequency, chosen, any_curve=True), group=name)
         for plane, liner, name in zip(several, bases, names, strict=True)
@@ -101,21 +104,22 @@ def identify(
     runs = [_passive(run, own_noise=noise is None) for run in runs]
     knots = knots_for(runs)
     if CURVE in models:
-        _require_spread(runs)
+        speeds = [run.speed for run in runs]
+        if not max(speeds) >= SPREAD * min(speeds):
+            raise ValueError(
+                f"all runs are at one speed: rms |v| is {min(speeds):.3g} to {max(speeds):.3g} m/s (a ratio of "
+                f"{SPREAD:g} is needed to tell a curve over |v|); add runs at other levels, or fit one parameter"
+            )
         lines: list[float] = []
         for f in sorted(f for run in runs for f in run.frequency.tolist()):
-            if not lines or f > lines[-1] * (1 + SAME_FREQUENCY):
-                lines.append(f)
-        for walk in FREEDOMS if freedom is None else (freedom,):
-            about = (knots, walk, rest)
-            laws.append(curve_law([CurveShape(runs[0].in_flow, f, *about) for f in lines]))
+            lines += [f] if not lines or f > lines[-1] * (1 + SAME_FREQUENCY) else []
+        walks = FREEDOMS if freedom is None else (freedom,)
+        laws += [Curves(runs[0].in_flow, lines, knots, walk, rest).law() for walk in walks]
     candidates = sorted((candidate_of(law, runs, chosen, knots) for law in laws), key=lambda c: (c.lowest < 0, c.error))
-    if candidates[0].lowest < 0:
-        raise ValueError(
-            f"no fit is passive: R falls to {candidates[0].lowest:.3g} with {candidates[0].label}; fit a curve, which "
-            "cannot, or narrow the bounds"
-        )
-    best = candidates[0]
+    best = candidates[0] if candidates else Row(lowest=0.0)
+    if not candidates or best.lowest < 0:
+        why = f"R falls to {best.lowest:.3g} with {best.label}" if candidates else "no model is named"
+        raise ValueError(f"no fit is passive: {why}; fit a curve, which is, or narrow the bounds")
     notes = [*texts(note for run in runs for note in run.notes), *warnings_of(best.fit)]
     notes += [f"without it, {text}" for text in best.beyond]
     far = [row.label for row in best.rows if row.misses and max(abs(row.misses.real), abs(row.misses.imag)) > WIDE]
@@ -124,11 +128,8 @@ def identify(
             f"{', '.join(dict.fromkeys(far))}: predicted by the other runs, off by more than {WIDE:g} standard "
             "deviations; the uncertainty of the fit does not cover what its law misses"
         )
-    notes += [
-        f"{each.label} is not passive: R falls to {each.lowest:.3g}; it was not chosen"
-        for each in candidates
-        if each.lowest < 0
-    ]
+    active = [each for each in candidates if each.lowest < 0]
+    notes += [f"{each.label} is not passive: R falls to {each.lowest:.3g}; it was not chosen" for each in active]
     tell(notes)
     return Study(fit=best.fit, rows=best.rows, candidates=tuple(candidates), notes=tuple(notes))
 
@@ -152,48 +153,19 @@ def candidate_of(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots) 
     rows = tuple(Row(row, fitted=own.impedance) for row, own in both)
     speeds = torch.linspace(0, knots.top**0.5, CHECKED, dtype=torch.float64).square()
     lowest = min(float(law.curve(fit.values, run.in_flow, run.frequency, speeds).real.min()) for run in runs)
-    return Row(
-        label=law.label, fit=fit, rows=rows, error=(sum(errors) / len(errors)) ** 0.5, lowest=lowest, beyond=beyond
-    )
+    error = (sum(errors) / len(errors)) ** 0.5
+    return Row(label=law.label, fit=fit, rows=rows, error=error, lowest=lowest, beyond=beyond)
 
 
-def _groups(planes: Sequence[VelocityPlane], groups: Sequence[str] | None, curve: bool) -> list[str]:
-    found = [str(each) for each in groups or [plane.provenance.get("case") or plane.name for plane in planes]]
-    if len(found) != len(planes):
-        raise ValueError(f"{len(found)} groups for {len(planes)} planes; one each")
-    what = CURVE if curve else "parameter"
-    if len(set(found)) < FEWEST[what]:
-        raise ValueError(
-            f"{len(set(found))} run(s) ({', '.join(dict.fromkeys(found))}) cannot tell: each is left out in turn, and "
-            f"a {what} needs at least {FEWEST[what]}; planes of one case count as one run: add levels or flows, or "
-            "name groups"
-        )
-    return found
-
-
-def _parameter_laws(models: Sequence[Any], liner: LinerModel, planes: Sequence[VelocityPlane]) -> list[Law]:
-    if not models:
-        raise ValueError("no model is named; leave models out for a curve")
-    found = []
-    for names in models:
-        if isinstance(names, str):
-            require_choice("model", names, [CURVE])
-            continue
-        bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, liner)
-        if "mach" in bounds:
-            raise ValueError(
-                "mach is that of each plane, as its file states it, and cannot be free; free mach_resistance or "
-                "mach_mass_loss"
-            )
-        still = [plane.name for plane in planes if plane.mach is None]
-        flow = [name for name in bounds if name.startswith("mach")]
-        if flow and (still or not any(plane.mach for plane in planes)):
-            fault = f"{still[0]} states no Mach number" if still else "no plane has a flow"
-            raise ValueError(
-                f"{', '.join(flow)} cannot be told: {fault}; state --mach in the files, or free another parameter"
-            )
-        found.append(parameter_law(bounds, liner))
-    return found
+def _parameter_law(names: Any, liner: LinerModel) -> list[Law]:
+    """That of a model of parameters; none of a curve, whose knots are not known yet."""
+    if isinstance(names, str):
+        require_choice("model", names, [CURVE])
+        return []
+    bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, liner)
+    if "mach" in bounds:
+        raise ValueError("mach is that of each plane and cannot be free; free mach_resistance or mach_mass_loss")
+    return [parameter_law(bounds, liner)]
 
 
 def _passive(run: Run, own_noise: bool) -> Run:
@@ -202,19 +174,8 @@ def _passive(run: Run, own_noise: bool) -> Run:
         return run
     if (lowest := float(run.wanted.real.min())) < 0:
         raise ValueError(
-            f"{run.plane.name}: its reference has a resistance of {lowest:.3g}; the response of a passive liner, R at "
-            "least 0 at every |v|, cannot give it: leave that plane out"
+            f"{run.plane.name}: its reference has a resistance of {lowest:.3g}; the response of a passive liner cannot "
+            "give it: leave that plane out"
         )
     usual = SHARE * run.wanted.abs()
     return dataclasses.replace(run, noise=torch.complex(usual, usual)) if own_noise else run
-
-
-def _require_spread(runs: Sequence[Run]) -> None:
-    """Runs at different speeds, by which a curve can be told."""
-    low, high = min(run.speed for run in runs), max(run.speed for run in runs)
-    if high < SPREAD * low or not math.isfinite(high):
-        raise ValueError(
-            f"all runs are at one speed: rms |v| is {low:.3g} to {high:.3g} m/s, a ratio of "
-            f"{high / low if low > 0 else math.nan:.3g} (at least {SPREAD:g} is needed to tell a curve over |v|); add "
-            "runs at other levels, or fit one parameter instead (models=[('vena_contracta',)])"
-        )

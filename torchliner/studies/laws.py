@@ -7,10 +7,9 @@ rise from 0 to 1, so that
 .. math:: R = R_0 e^{q_0} + \sum_j \delta_j e^{q_j} I_j, \qquad
           X = X_0 + x_0 + \sum_j \delta'_j e^{q'_j} I_j
 
-is monotone, and R above 0, for all q: no bound has to hold them there. The steps :math:`\delta` are those of a prior
-shape, so that q = 0 is that shape and equal q the same shape times a factor. The logarithm of the ratio to the prior
-shape walks at random over |v|, with the standard deviation ``freedom`` from rest to the last knot. At rest both have no
-slope in s; beyond the last knot R goes on along its tangent in |v|, X stays.
+is monotone, and R above 0, for all q. The steps :math:`\delta` are those of a prior shape, the liner's law, so that
+q = 0 is that shape and equal q the same shape times a factor. The logarithm of the ratio to the prior shape walks at
+random over |v|, with the standard deviation ``freedom`` from rest to the last knot.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, require_choice
+from torchliner.checks import SAME_FREQUENCY
 from torchliner.liners.model import LinerModel, named_numbers
 from torchliner.liners.response import complex_tensor, impedance_of
 
@@ -57,7 +56,7 @@ class Law:
         label, names: of tables, and of the n parameters.
         low, high, start: bounds, and where the search begins, (n,).
         curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
-        centre, prior: residuals of the prior are ``prior @ (values - centre)``, (n,) and (r, n).
+        prior: residuals of the prior are ``prior @ values``, (r, n).
         tolerance, frequencies: of the search, relative; Hz, of curves, which hold there alone.
     """
 
@@ -67,7 +66,6 @@ class Law:
     high: Tensor
     start: Tensor
     curve: Callable[[Tensor, LinerModel, Tensor, Tensor], Tensor]
-    centre: Tensor
     prior: Tensor
     tolerance: float = 1e-12
     frequencies: tuple[float, ...] = ()
@@ -82,19 +80,16 @@ def bounds_for(names: Sequence[str], liner: LinerModel) -> dict[str, tuple[float
     return found
 
 
-def parameter_law(
-    bounds: Mapping[str, tuple[float, float]], liner: LinerModel, known: Mapping[str, tuple[float, float]] | None = None
-) -> Law:
+def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) -> Law:
     """The liner's own law with some of its numbers free, shared by all runs.
 
     Args:
         bounds: SI, by name of a parameter or group.
         liner: that states them.
-        known: mean and standard deviation of parameters known beforehand.
     Raises:
         ValueError: no parameter, an unknown one, or bounds that are reversed or that no liner has.
     """
-    numbers, known = named_numbers(liner, bounds), known or {}
+    numbers = named_numbers(liner, bounds)
     if not numbers:
         raise ValueError("no parameter is free; name at least one with its bounds")
     pairs = {each: pair for name, pair in bounds.items() for each in liner.groups.get(name, (name,))}
@@ -108,22 +103,13 @@ def parameter_law(
                 f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first, and it is "
                 f"{least} {number.low:g} and at most {number.high:g}{unit}"
             )
-    for name, (mean, spread) in known.items():
-        require_choice("parameter of a prior", name, numbers)
-        if not (math.isfinite(mean) and 0 < spread < math.inf):
-            raise ValueError(
-                f"prior of {name} is {mean:g} +- {spread:g}; a mean and a standard deviation above 0 are needed"
-            )
     names = tuple(numbers)
     ends = torch.tensor([(*pairs[name], numbers[name].value) for name in names], dtype=torch.float64)
-    prior = torch.tensor([known.get(name, (0.0, math.inf)) for name in names], dtype=torch.float64)
 
     def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
-    rows = torch.diag(1 / prior[:, 1])[prior[:, 1].isfinite()]
-    box: dict[str, Any] = dict(zip(("low", "high", "start"), ends.unbind(1), strict=True))
-    return Law(", ".join(bounds), names, **box, curve=curve, centre=prior[:, 0], prior=rows)
+    return Law(", ".join(bounds), names, *ends.unbind(1), curve, ends.new_zeros(0, len(names)))
 
 
 @dataclass(frozen=True)
@@ -168,83 +154,66 @@ def impedance_at(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
     return complex_tensor(found, type(liner).__name__).detach()
 
 
-@dataclass(frozen=True, eq=False)
-class CurveShape:
-    """Curves at one frequency; their parameters are q_0, x_0, q, q'.
+class Curves:
+    """A curve at each frequency, whose parameters are q_0, x_0, q, q'.
 
     Args:
         base: liner whose law is the prior shape, which is kept where nothing is known, and says whether the reactance
             falls or rises over |v|; another liner's curve differs by its Z at rest.
-        frequency, knots: Hz; of the splines.
+        frequencies, knots: Hz; of the splines.
         freedom, rest: of the walk over |v|; standard uncertainty u(R) + j u(X) at rest, None for ``REST``.
     """
 
-    base: LinerModel
-    frequency: float
-    knots: Knots
-    freedom: float
-    rest: complex | None = None
+    def __init__(
+        self,
+        base: LinerModel,
+        frequencies: Sequence[float],
+        knots: Knots,
+        freedom: float,
+        rest: complex | None = None,
+    ) -> None:
+        self.base, self.frequencies, self.knots, self.freedom = base, tuple(frequencies), knots, freedom
+        shapes = torch.stack([impedance_at(base, f, knots.speeds) for f in frequencies])
+        steps = shapes.diff()[:, 1:]
+        sign = torch.where(shapes[:, -1:].imag > shapes[:, :1].imag, 1.0, -1.0)
+        self.resistance, self.reactance = shapes[:, :1].real.clamp(min=LEAST_RESISTANCE), shapes[:, :1].imag
+        self.up, self.across = _above_floor(steps.real), sign * _above_floor(sign * steps.imag[:, :-1])
+        blocks = []
+        for resistance in self.resistance[:, 0].tolist():
+            spread = REST if rest is None else (rest.real / resistance, rest.imag)
+            blocks.append(torch.diag(1 / torch.tensor(spread, dtype=torch.float64)))
+            for size in (self.up.shape[1], self.across.shape[1]):
+                walk = torch.eye(size, dtype=torch.float64).diff(dim=0) * (size - 1) ** 0.5 / freedom
+                blocks.append(torch.cat([walk, torch.full((1, size), 1 / (size * LEVEL), dtype=torch.float64)]))
+        self.prior = torch.block_diag(*blocks)
+        self._kept: dict[Any, Any] = {}  # of nodes and liners that are asked again and again
 
-    @functools.cached_property
-    def _shape(self) -> tuple[float, float, Tensor, Tensor]:
-        """R and X at rest, and the steps of both: of R above 0, of X of one sign."""
-        values = impedance_at(self.base, torch.tensor(self.frequency, dtype=torch.float64), self.knots.speeds)
-        steps, sign = values.diff()[1:], 1.0 if values[-1].imag > values[0].imag else -1.0
-        resistance = max(float(values[0].real), LEAST_RESISTANCE)
-        across = sign * _above_floor(sign * steps.imag[:-1])
-        return resistance, float(values[0].imag), _above_floor(steps.real), across
+    def law(self) -> Law:
+        """Whose start is the prior shape."""
+        start = torch.zeros(self.prior.shape[1], dtype=torch.float64)
+        names, box = tuple(f"q{i}" for i in range(len(start))), (start - BOUNDS, start + BOUNDS, start)
+        label = f"curve, freedom {self.freedom:g}"
+        return Law(label, names, *box, self, self.prior, 1e-9, self.frequencies)
 
-    @property
-    def count(self) -> int:
-        """Parameters."""
-        return 2 + len(self._shape[2]) + len(self._shape[3])
-
-    @functools.cached_property
-    def prior(self) -> Tensor:
-        """Residuals of the prior are these times the parameters, (r, n)."""
-        resistance, _, *steps = self._shape
-        rest = REST if self.rest is None else (self.rest.real / resistance, self.rest.imag)
-        blocks = [torch.diag(1 / torch.tensor(rest, dtype=torch.float64))]
-        for size in map(len, steps):
-            walk = torch.eye(size, dtype=torch.float64).diff(dim=0)
-            mean = torch.full((1, size), 1 / (size * LEVEL), dtype=torch.float64)
-            blocks.append(torch.cat([walk * (size - 1) ** 0.5 / self.freedom, mean]))
-        return torch.block_diag(*blocks)
-
-    def values(self, parameters: Tensor, rising: tuple[Tensor, Tensor]) -> Tensor:
-        """Z of the base, (..., V), from parameters (..., n) and ``Knots.rising``."""
-        resistance, reactance, up, across = self._shape
-        first, second, q, x = parameters.split([1, 1, len(up), len(across)], -1)
-        real = resistance * first.exp() + (up * q.exp()) @ rising[0].T
-        return torch.complex(real, reactance + second + (across * x.exp()) @ rising[1].T)
-
-
-def curve_law(shapes: Sequence[CurveShape]) -> Law:
-    """Curves at several frequencies, each with its own parameters; the prior shapes are the start and the centre."""
-    start = torch.zeros(sum(shape.count for shape in shapes), dtype=torch.float64)
-    frequencies, knots = tuple(shape.frequency for shape in shapes), shapes[0].knots
-    kept: dict[Any, Any] = {}  # of nodes and liners that are asked again and again
-
-    def rising(speed: Tensor) -> tuple[Tensor, Tensor]:
+    def __call__(self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
+        """Z, (F, V), as ``Law.curve``."""
         key = speed.numpy().tobytes()
-        return kept[key] if key in kept else kept.setdefault(key, knots.rising(speed))
+        if key not in self._kept:
+            self._kept[key] = self.knots.rising(speed)
+        up, across = self._kept[key]
+        sizes = [1, 1, self.up.shape[1], self.across.shape[1]]
+        first, second, q, x = values.unflatten(0, (len(self.frequencies), -1)).split(sizes, -1)
+        real = self.resistance * first.exp() + (self.up * q.exp()) @ up.T
+        found = torch.complex(real, self.reactance + second + (self.across * x.exp()) @ across.T)
+        return (found + self._more(liner))[[place_of(self.frequencies, f) for f in frequency.tolist()]]
 
-    def more(shape: CurveShape, liner: LinerModel) -> complex:
-        """Z at rest of a liner above that of the base."""
-        key = (shape.frequency, id(liner))
-        if key not in kept:
-            own, base = (complex(each.impedance(shape.frequency, STILL)[0]) for each in (liner, shape.base))
-            kept[key] = own - base, liner
-        return kept[key][0]
-
-    def curve(values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
-        parts, sums = values.split([shape.count for shape in shapes]), rising(speed)
-        places = [place_of(frequencies, f) for f in frequency.tolist()]
-        return torch.stack([shapes[i].values(parts[i], sums) + more(shapes[i], liner) for i in places])
-
-    prior, label = torch.block_diag(*(shape.prior for shape in shapes)), f"curve, freedom {shapes[0].freedom:g}"
-    names = tuple(f"q{i}" for i in range(len(start)))
-    return Law(label, names, start - BOUNDS, start + BOUNDS, start, curve, start, prior, 1e-9, frequencies)
+    def _more(self, liner: LinerModel) -> Tensor:
+        """Z at rest of a liner above that of the base, (F, 1)."""
+        if id(liner) not in self._kept:
+            both = [[each.impedance(f, STILL) for f in self.frequencies] for each in (liner, self.base)]
+            own, base = (torch.tensor([[complex(z[0])] for z in each], dtype=torch.complex128) for each in both)
+            self._kept[id(liner)] = own - base, liner  # which is kept, so that no other gets its id
+        return self._kept[id(liner)][0]
 
 
 def place_of(known: Sequence[float], frequency: float) -> int:
@@ -259,6 +228,6 @@ def place_of(known: Sequence[float], frequency: float) -> int:
 
 
 def _above_floor(steps: Tensor) -> Tensor:
-    """Those of the wrong direction, and of parts that do not change, are small."""
-    mean = float(steps.abs().mean())
-    return steps.clamp(min=FLOOR * mean if mean > 0 else STEP * FLOOR)
+    """Those of the wrong direction, and of parts that do not change, are small; (F, m)."""
+    mean = steps.abs().mean(1, keepdim=True)
+    return steps.maximum(torch.where(mean > 0, FLOOR * mean, STEP * FLOOR))

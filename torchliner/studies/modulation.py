@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +18,7 @@ FEWEST_HEIGHTS = 3  # for a decay law
 MOST_SCATTER = 1.3
 
 
-@dataclass(frozen=True)
-class Modulation:
+class Modulation(NamedTuple):
     """Harmonics of the cell pitch in a profile along x.
 
     Args:
@@ -47,33 +45,23 @@ class Modulation:
 
 
 def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation:
-    """Cell-periodic part of a profile along x.
+    """Cell-periodic part of a profile along x, m/s at evenly rising x, m, (N,); ``pitch`` is L_c, m.
 
-    Harmonics rather than the profile folded into one cell: they need no probe to sit at the same place of every cell,
-    do not grow with the number of probes a cell, and each has its own decay with height. They are fitted by least
-    squares over whole cells, together with a mean and, from two cells on, a linear growth along x and the waves between
-    the harmonics; on whole cells with even probes and no growth this is the discrete Fourier sum.
+    Harmonics are fitted by least squares over whole cells, together with a mean and, from two cells on, a linear growth
+    along x and the waves between the harmonics: no probe has to sit at the same place of every cell.
 
-    Args:
-        x: m, evenly rising, (N,).
-        values: m/s, (N,).
-        pitch: L_c, m.
     Raises:
-        ValueError: the probes span no whole cell, or fewer than four of them stand in one (with several cells more than
+        ValueError: the probes span no whole cell, or fewer than four of them are in one (with several cells more than
             four are needed, for the waves between the harmonics).
     """
     places, profile = np.asarray(x, np.float64), np.asarray(values, np.float64)
     spacing = float(np.diff(places).mean())
     cells = math.floor(len(places) * spacing / pitch + WHOLE)
-    if cells < 1:
-        raise ValueError(
-            f"the probes span {1e3 * len(places) * spacing:.4g} mm, less than one cell of {1e3 * pitch:.4g} mm"
-        )
     most = math.ceil(pitch / (2 * spacing)) - (1 if cells == 1 else 2)
-    if most < 1 or pitch / spacing < FEWEST_PROBES - 1e-6:
+    if cells < 1 or most < 1 or pitch / spacing < FEWEST_PROBES - 1e-6:
         raise ValueError(
-            f"{pitch / spacing:.3g} probes to a cell of {1e3 * pitch:.4g} mm do not resolve it; at least "
-            f"{FEWEST_PROBES} are needed, with several cells more than that"
+            f"the probes span {1e3 * len(places) * spacing:.4g} mm with {pitch / spacing:.3g} to a cell of "
+            f"{1e3 * pitch:.4g} mm; a whole cell with {FEWEST_PROBES} is needed at least, of several cells more"
         )
     inside = places - places[0] < cells * pitch - (0.5 - WHOLE) * spacing
     phase = (places[inside] - places[0]) / pitch

@@ -1,9 +1,8 @@
 r"""Runs of a liner: Z of each plane as a function of what its liner reflects, and what that Z is held to.
 
-The educed reflection is linear in the response R(f, |v|) of the liner. Interpolated over |v| from the speeds v_k of the
-nodes it is :math:`R_c = \sum_k W_{ck} R(f, v_k)` for each column c (a probe, or a cell), with weights that follow from
-the moments of |v| alone: they are the same for every liner and every frequency. So the data enter once, and a fit, its
-exact Jacobian and thousands of draws cost no further reading.
+The educed reflection is linear in the response of the liner: :math:`R_c = \sum_k W_{ck} R(f, v_k)` for each column c (a
+probe, or a cell), v_k the speeds of the nodes. The weights W follow from the moments of |v|, whatever the liner and the
+frequency: a fit, its exact Jacobian and thousands of draws cost no further reading.
 """
 
 from __future__ import annotations
@@ -48,8 +47,8 @@ class Run:
         known, averaging, frequency: moments of the plane, and of what in them at which lines, Hz, (F,).
         liner: of the plane, whose parameters are varied.
         weights, share: W, complex128, (C, K) for C columns; of each in the mean admittance, (C,).
-        notes, group: warnings so far; label of the run: planes of one run share one reference.
-        wanted: reference impedance, (F,); nan where a level alone is known, empty where nothing is.
+        group: label of the run: planes of one run share one reference.
+        wanted: reference impedance, (F,); empty where a level, or nothing, is known.
         noise: u(R) + j u(X), (F,); of a level u of level (nepers) and phase (rad).
         ratio, has_phase: implied over known pressure, from Z (F,), None with references; whether its phase is known.
     """
@@ -60,7 +59,6 @@ class Run:
     liner: LinerModel
     weights: Tensor
     share: Tensor
-    notes: tuple[Note, ...]
     group: str = ""
     wanted: Tensor = NOTHING
     noise: Tensor = NOTHING
@@ -71,6 +69,12 @@ class Run:
     def plane(self) -> VelocityPlane:
         """Its facts."""
         return self.known.plane
+
+    @property
+    def notes(self) -> list[Note]:
+        """Warnings of the plane and the liner."""
+        own = review_record(self.plane, self.frequency), review_liner(self.plane, self.liner)
+        return list(dict.fromkeys([*self.known.notes, *own[0], *own[1]]))
 
     @functools.cached_property
     def in_flow(self) -> LinerModel:
@@ -92,7 +96,7 @@ class Run:
 
     @property
     def speed(self) -> float:
-        """rms over the record and the columns of the |v| that drives the model, m/s."""
+        """rms of the |v| that drives the model, m/s."""
         return float(self.squares.mean().clamp(min=0).sqrt())
 
     @property
@@ -129,15 +133,15 @@ class Run:
 def choices_of_fit(averaging: str, choices: dict[str, Any]) -> Choices:
     """All choices, float64 by default; refuses what a sum over node speeds does not know."""
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
-    for name, known in (
+    for name, fits in (
         ("phase", chosen.phase == "averaged"),
         ("drive", chosen.drive != "rms"),
         ("wall_filter", chosen.wall_filter is None),
     ):
-        if not known:
+        if not fits:
             raise ValueError(
                 f"{name} is {getattr(chosen, name)!r}, and a fit takes phase 'averaged', another drive than 'rms' and "
-                "all probes for liner: leave it out, and read a region without walls"
+                "all probes: leave it out"
             )
     return chosen
 
@@ -146,10 +150,8 @@ def planes_and_liners(planes: Any, liners: Any) -> tuple[list[Records], list[Lin
     """Several planes and the liner of each; one liner is one object, which a fit asks once."""
     several = [planes] if isinstance(planes, Records) else list(planes)
     given = list(liners) if isinstance(liners, list | tuple) else [liners] * len(several)
-    if not several or len(given) != len(several):
-        raise ValueError(f"{len(several)} planes and {len(given)} liners; give one liner, or one a plane")
     made = {id(each): as_liner(each) for each in given}
-    return several, [made[id(each)] for each in given]
+    return several, [made[id(each)] for each in one_each("liners", given, several)]
 
 
 def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> Run:
@@ -163,16 +165,19 @@ def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices,
     else:
         about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
         known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
-    averaging, nodes = chosen.averaging, known.nodes
+    return run_of(known, chosen.averaging, liner, asked)
+
+
+def run_of(known: Moments, averaging: str, liner: LinerModel, frequency: Tensor) -> Run:
+    """Of moments that hold an averaging; ``frequency`` in Hz, (F,)."""
+    nodes = known.nodes
     assert nodes is not None
-    columns = _columns(known, averaging)
-    sums = known.sums[averaging][:, 0].sum(0).cpu()[:, columns] / known.survey.lengths.sum().cpu()
-    transform = nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64))
+    sums = known.sums[averaging][:, 0].sum(0).cpu()[:, _columns(known, averaging)] / known.survey.lengths.sum().cpu()
     size = known.cells.weight if averaging == "velocity" else None
     size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
-    notes = [*known.notes, *review_record(known.plane, asked), *review_liner(known.plane, liner)]
-    weights, share = (transform @ sums).T.to(torch.complex128), (size / size.sum()).to(torch.complex128)
-    return Run(known, averaging, asked, liner, weights, share, tuple(dict.fromkeys(notes)))
+    weights = (nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64)) @ sums).T
+    wide = (weights.to(torch.complex128), (size / size.sum()).to(torch.complex128))
+    return Run(known, averaging, frequency, liner, *wide)
 
 
 def _columns(known: Moments, averaging: str) -> Tensor:
@@ -183,51 +188,64 @@ def _columns(known: Moments, averaging: str) -> Tensor:
 
 
 def held(runs: Sequence[Run], references: Any, pressure: Any = None, noise: Any = None) -> list[Run]:
-    """Runs with what they are held to.
-
-    Args:
-        runs: planes.
-        references: values by plane, (F,) each; the name of an impedance that every plane holds; "in-situ" (by Dean's
-            method from ``pressure``, else what the plane holds as "in situ"); or "level-check" (the level alone).
-        pressure: records for these two, one a plane or None, in the order of the planes.
-        noise: standard uncertainty of R and X, one number, u(R) + j u(X), or one by plane; of levels dB. None: 1.
-    Raises:
-        ValueError: something is missing or does not fit.
-    """
+    """Runs with what they are held to; arguments and errors as of ``calibrate``, noise 1 where it is unknown."""
     name = references if isinstance(references, str) else ""
-    if references is None:
-        raise ValueError("no reference is given; name one of the planes' or give values")
     if pressure is not None and name not in (IN_SITU, LEVEL_CHECK):
-        raise ValueError(
-            "pressures are for references 'in-situ' and 'level-check'; name one of these, or leave pressure out"
-        )
-    records = [None] * len(runs) if pressure is None else _each(pressure)
-    values: list[Any] = list(runs) if name else _each(references)
-    for what, given in (("pressures", records), ("references", values)):
-        if len(given) != len(runs):
-            raise ValueError(f"{len(given)} {what} for {len(runs)} planes; one each")
-    spread = _noise(noise, runs, name)
-    if name == LEVEL_CHECK:
-        return [_held_to_level(*each) for each in zip(runs, records, spread, strict=True)]
-    if name:
-        values = [
-            _in_situ(*each) if name == IN_SITU else _stated(each[0], name) for each in zip(runs, records, strict=True)
-        ]
-    found = []
-    for run, value, noise_of_run in zip(runs, values, spread, strict=True):
-        wanted = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
-        if len(wanted) != len(run.frequency):
-            count = f"{len(run.frequency)} frequencies and {len(wanted)} reference impedances"
-            raise ValueError(f"{run.plane.name} has {count}; one each")
-        if not bool(torch.isfinite(wanted.abs()).all()):
-            raise ValueError(f"{run.plane.name}: a reference impedance is not finite")
-        found.append(replace(run, wanted=wanted, noise=noise_of_run))
+        raise ValueError("pressures are for references 'in-situ' and 'level-check'; name one of these")
+    records = one_each("pressures", [None] * len(runs) if pressure is None else pressure, runs)
+    values = one_each("references", [name] * len(runs) if name else references, runs)
+    unknown = 1 / NEPER if name == LEVEL_CHECK else 1.0
+    noises = one_each("noises", [unknown] * len(runs) if noise is None else noise, runs, shared=True)
+    return [_held(*each) for each in zip(runs, values, records, noises, strict=True)]
+
+
+def one_each(what: str, given: Any, runs: Sequence[Any], *, shared: bool = False) -> list[Any]:
+    """As many values as runs; with ``shared`` one may be of all."""
+    found = list(given) if isinstance(given, Iterable) else [given]
+    found = found * len(runs) if shared and len(found) == 1 else found
+    if len(found) != len(runs) or not runs:
+        raise ValueError(f"{len(found)} {what} for {len(runs)} planes; one each")
     return found
 
 
-def _stated(run: Run, name: str) -> Tensor:
-    """An impedance that a plane holds by name, at its tone, (1,)."""
+def _held(run: Run, reference: Any, record: Any, noise: Any) -> Run:
+    """One run with its reference, a value or a name."""
+    u, level = complex(noise), isinstance(reference, str) and reference == LEVEL_CHECK
+    u = u if isinstance(noise, complex) else complex(u.real, u.real)
+    if not (0 < u.real < math.inf and 0 < u.imag < math.inf) or (level and u.real != u.imag):
+        raise ValueError(
+            f"noise is {noise}; u(R) and u(X), by rho c, or one number of dB with 'level-check', are finite and above "
+            "0 (None: unknown)"
+        )
+    spread = torch.full((len(run.frequency),), u, dtype=torch.complex128)
+    if level:
+        known = run.known
+        case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
+        pressures = known_pressure(case, record)
+        if isinstance(pressures, str) or not bool(torch.isfinite(pressures.liner.abs()).all()):
+            words = pressures if isinstance(pressures, str) else f"not at all frequencies: {pressures.words}"
+            raise ValueError(f"{run.plane.name} cannot be fitted to its level: {words}")
+        ratio = ratio_of_pressures(known, case, pressures)
+        return replace(run, noise=NEPER * spread, ratio=ratio, has_phase=pressures.has_phase)
+    if isinstance(reference, str):
+        reference = _named(run, reference, record)
+    wanted = torch.as_tensor(reference, dtype=torch.complex128).reshape(-1)
+    if len(wanted) != len(run.frequency) or not bool(torch.isfinite(wanted.abs()).all()):
+        raise ValueError(
+            f"{run.plane.name} has {len(run.frequency)} frequencies and references {wanted.tolist()}; one each is "
+            "needed, finite"
+        )
+    return replace(run, wanted=wanted, noise=spread)
+
+
+def _named(run: Run, name: str, record: Any) -> Any:
+    """In situ Z from the record of the run, else an impedance that the plane holds by name, at its tone."""
     plane, asked = run.plane, run.frequency.tolist()
+    if name == IN_SITU and record is not None:
+        require_same_run(plane, record)
+        short = bool(run.known.settings["allow_short"])
+        return in_situ(record, run.frequency, interval=None, allow_short=short).liner_impedance_pressure_first
+    name = "in situ" if name == IN_SITU else name
     if name not in plane.reference:
         there = ", ".join(plane.reference) or "none"
         raise ValueError(f"{plane.name} holds no reference {name!r} (it holds: {there}); give the values")
@@ -237,43 +255,4 @@ def _stated(run: Run, name: str) -> Tensor:
             f"{plane.name} holds its reference {name!r} at {tone:g} Hz, and {', '.join(f'{f:g}' for f in asked)} Hz is "
             "asked for; leave frequency out, or give the values there"
         )
-    return torch.tensor([complex(plane.reference[name])], dtype=torch.complex128)
-
-
-def _in_situ(run: Run, record: Any) -> Tensor:
-    """In situ Z from the record of the run, or that which the plane holds."""
-    if record is None:
-        return _stated(run, "in situ")
-    require_same_run(run.plane, record)
-    short = bool(run.known.settings["allow_short"])
-    return in_situ(record, run.frequency, interval=None, allow_short=short).liner_impedance_pressure_first
-
-
-def _held_to_level(run: Run, record: Any, spread: Tensor) -> Run:
-    """Held to the level check: implied over known pressure."""
-    known = run.known
-    case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
-    pressures = known_pressure(case, record)
-    if isinstance(pressures, str) or not bool(torch.isfinite(pressures.liner.abs()).all()):
-        words = pressures if isinstance(pressures, str) else f"not at all frequencies: {pressures.words}"
-        raise ValueError(f"{run.plane.name} cannot be fitted to its level: {words}")
-    ratio, unknown = ratio_of_pressures(known, case, pressures), torch.full_like(spread, complex(math.nan, math.nan))
-    return replace(run, wanted=unknown, noise=NEPER * spread, ratio=ratio, has_phase=pressures.has_phase)
-
-
-def _noise(noise: Any, runs: Sequence[Run], name: str) -> list[Tensor]:
-    """u(R) + j u(X) of every run, (F,) each, of levels in dB; 1 + 1j (of levels a neper) where it is unknown."""
-    stated = _each((1 / NEPER if name == LEVEL_CHECK else 1.0) if noise is None else noise)
-    if name == LEVEL_CHECK and any(isinstance(value, complex) for value in stated):
-        raise ValueError(f"noise is {noise}, and with {name} it is of levels: state dB, one number, or one by plane")
-    stated = stated * len(runs) if len(stated) == 1 else stated
-    if len(stated) != len(runs):
-        raise ValueError(f"noise has {len(stated)} values for {len(runs)} planes; one, or one each")
-    both = [value if isinstance(value, complex) else complex(value, value) for value in stated]
-    if not all(0 < part < math.inf for u in both for part in (u.real, u.imag)):
-        raise ValueError(f"noise is {noise}; u(R) and u(X), by rho c, are finite and above 0 (None: unknown)")
-    return [torch.full((len(run.frequency),), u, dtype=torch.complex128) for u, run in zip(both, runs, strict=True)]
-
-
-def _each(given: Any) -> list[Any]:
-    return list(given) if isinstance(given, Iterable) else [given]
+    return complex(plane.reference[name])

@@ -74,17 +74,14 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     with torch.no_grad():
         seen = answer(source.known, model, source.frequency, replace(source.chosen, phase="averaged"))
     psi = reference_wave_phase(plane, seen)
-    read = [Variant({}, chosen.averaging, replace(chosen, drive=drive, mean=mean)) for drive, mean in DRIVES]
     variants = [
         Variant(
             {"rule": (*drive, phase)},
             averaging,
-            replace(way.chosen, phase=phase),
-            moments=known,
+            replace(chosen, drive=drive[0], mean=drive[1], phase=phase),
             psi=psi if phase == "given" else None,
         )
-        for drive, way, known in zip(DRIVES, read, source.moments_of(read), strict=True)
-        for phase, averaging in itertools.product(PHASES, seen.averagings)
+        for drive, phase, averaging in itertools.product(DRIVES, PHASES, seen.averagings)
     ]
     about = {
         "case": str(plane.provenance.get("case", plane.title)),

@@ -16,7 +16,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from torchliner.conversions import impedance_from_admittance, mean_impedance
+from torchliner.conversions import mean_impedance
 from torchliner.engine.drives import Drive
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
@@ -34,7 +34,6 @@ from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
 Records = VelocityPlane | Moments
-DRIVING = ("drive", "mean", "running_window")  # choices that make another |v|
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +63,11 @@ class Variant:
         phase = None if self.psi is None else torch.full((known.plane.probes, 1), self.psi, dtype=torch.float64)
         with torch.no_grad():
             return average(known, Asked.of(known, self.liner or liner, frequency, self.chosen, phase), self.averaging)
+
+    @property
+    def speed(self) -> tuple[Any, ...]:
+        """What makes its |v|."""
+        return self.chosen.drive, self.chosen.mean, self.chosen.running_window, self.windows
 
 
 class Source:
@@ -107,11 +111,7 @@ class Source:
         self.reading = reading if bool(used.all()) else reading.without(~used)
 
     def samples(self) -> Reading:
-        """How another |v| is read.
-
-        Raises:
-            ValueError: the samples are not there.
-        """
+        """How another |v| is read; ValueError if the samples are not there."""
         if self.reading is None:
             raise ValueError("the time samples are gone: the plane was reduced to moments")
         return self.reading
@@ -121,12 +121,24 @@ class Source:
 
         Returns:
             A row a variant and frequency: its labels, averaging, frequency, impedance (over windows 1/<Y> of those that
-            hold a probe), low, high, level_check, and spread: standard deviation of R + that of X times j over the
-            cells or windows, nan for fewer than two.
+            hold a probe), low, high, level_check.
         Raises:
             ValueError: another |v| is asked of moments.
         """
-        return [row for pair in zip(variants, self.moments_of(variants), strict=True) for row in self._rows(*pair)]
+        groups: dict[Any, list[Variant]] = {}
+        for each in variants:
+            if each.moments is None and not self._is_known(each):
+                groups.setdefault(each.speed, []).append(each)
+        ways = {speed: self._way(each) for speed, each in groups.items()}
+        jobs = [job for _, each, _ in ways.values() for job in each.values()]
+        how = (self.samples().record(self.progress), self.samples().blocks, jobs) if jobs or ways else ()
+        found = iter(self._reduce(*how) if jobs else [])
+        made = {
+            speed: reading.moments(self.known.survey, locked, {name: next(found) for name in each})
+            for speed, (reading, each, locked) in ways.items()
+        }
+        asked = [each.moments or made.get(each.speed, self.known) for each in variants]
+        return [row for pair in zip(variants, asked, strict=True) for row in self._rows(*pair)]
 
     def level_of(self, impedance: Tensor) -> list[float | None]:
         """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; None if none is."""
@@ -141,18 +153,6 @@ class Source:
         """What the level is checked against, or why it is not."""
         return self._pressure if isinstance(self._pressure, str) else self._pressure.words
 
-    def moments_of(self, variants: Sequence[Variant]) -> list[Moments]:
-        """Moments that each variant asks, as ``evaluate`` reads them."""
-        ways = {id(each): self._way(each) for each in variants if self._is_read(each)}
-        jobs = [job for _, each, _ in ways.values() for job in each.values()]
-        how = (self.samples().record(self.progress), self.samples().blocks, jobs) if jobs else ()
-        found = iter(self._reduce(*how) if jobs else [])
-        made = {
-            key: reading.moments(self.known.survey, locked, {name: next(found) for name in each})
-            for key, (reading, each, locked) in ways.items()
-        }
-        return [each.moments or made.get(id(each), self.known) for each in variants]
-
     @functools.cached_property
     def _case(self) -> Case:
         known = self.known
@@ -162,20 +162,16 @@ class Source:
     def _pressure(self) -> KnownPressure | str:
         return known_pressure(self._case)
 
-    def _is_read(self, variant: Variant) -> bool:
-        chosen = variant.chosen
-        same = chosen.drive == "rms" or all(getattr(chosen, name) == getattr(self.chosen, name) for name in DRIVING)
-        return variant.moments is None and (variant.windows is not None or not same)
+    def _is_known(self, variant: Variant) -> bool:
+        own = Variant({}, variant.averaging, self.chosen)
+        return variant.windows is None and (variant.chosen.drive == "rms" or variant.speed == own.speed)
 
     def _rows(self, variant: Variant, known: Moments) -> list[Row]:
         found = variant.averages(known, self.liner, self.frequency)
-        over_cells = found.cells.admittance.cpu()
-        over_cells = over_cells[torch.isfinite(over_cells.real).all(1)]
-        each, ends = impedance_from_admittance(over_cells), found.liner.interval
-        z = found.liner.impedance.cpu() if variant.windows is None else mean_impedance(over_cells)
-        spread = torch.full_like(z, complex(torch.nan, torch.nan))
-        if len(each) > 1:
-            spread = torch.complex(each.real.std(0), each.imag.std(0))
+        z, ends = found.liner.impedance.cpu(), found.liner.interval
+        if variant.windows is not None:
+            over_windows = found.cells.admittance.cpu()
+            z = mean_impedance(over_windows[torch.isfinite(over_windows.real).all(1)])
         return [
             Row(
                 variant.labels,
@@ -184,7 +180,6 @@ class Source:
                 impedance=complex(z[i]),
                 **dict(zip(("low", "high"), (None, None) if ends is None else ends.bounds(i), strict=True)),
                 level_check=level,
-                spread=complex(spread[i]),
             )
             for i, level in enumerate(self.level_of(z))
         ]
@@ -193,25 +188,29 @@ class Source:
         self.readings += 1
         return reduce(*how)
 
-    def _way(self, variant: Variant) -> tuple[Reading, dict[str, Job], Drive | None]:
-        """How a variant is read, what is summed, and the drive of phase-locked averaging."""
-        chosen, reading = variant.chosen, self.samples()
-        rms = chosen.drive == "rms"
+    def _way(self, variants: Sequence[Variant]) -> tuple[Reading, dict[str, Job], Drive | None]:
+        """How variants of one |v| are read, what is summed, and the drive of phase-locked averaging."""
+        chosen, windows, reading = variants[0].chosen, variants[0].windows, self.samples()
         locked = self.known.locked if "phase-locked" in chosen.averagings else None
-        turns = self.frequency[:0] if chosen.phase == "averaged" else 2 * self.frequency
-        reading = dataclasses.replace(reading, chosen=chosen, nodes=None if rms else self.nodes, turns=turns)
-        left_out = {SURVEY} if rms else {SURVEY, "square of cells"}
-        if variant.windows is not None:
+        averaged = all(each.chosen.phase == "averaged" for each in variants)
+        turns = self.frequency[:0] if averaged else 2 * self.frequency
+        reading = dataclasses.replace(reading, chosen=chosen, nodes=self.nodes, turns=turns)
+        left_out = {SURVEY} if chosen.drive == "rms" else {SURVEY, "square of cells"}
+        if chosen.drive == "rms":
+            reading = dataclasses.replace(reading, nodes=None)
+        if windows is not None:
             left_out.add("admittance")
             # They have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
-            membership, cells = cast(Membership, variant.windows), dataclasses.replace(reading.cells, weight=None)
+            membership, cells = cast(Membership, windows), dataclasses.replace(reading.cells, weight=None)
             reading = dataclasses.replace(reading, membership=membership, cells=cells)
         jobs = reading.first_jobs() | reading.second_jobs(self.known.survey, locked)
         return reading, {name: job for name, job in jobs.items() if name not in left_out}, locked
 
 
 def plane_of(record: Records) -> VelocityPlane:
-    """What is stated of a plane, or of that which was reduced."""
+    """What is stated of a plane, or of that which was reduced; TypeError for anything else."""
+    if not isinstance(record, Records):
+        raise TypeError(f"plane is {type(record).__name__}; a VelocityPlane or Moments is needed")
     return record.plane if isinstance(record, Moments) else record
 
 
@@ -219,9 +218,8 @@ def of_blocks(known: Moments, part: slice) -> Moments:
     """Moments of some consecutive blocks, with the phase-locked velocity of the whole record."""
     blocks = known.survey.blocks
     first, last = (blocks.periods * i // blocks.count for i in (part.start, part.stop))
-    borders = blocks.borders[part.start : part.stop + 1]
+    own = dataclasses.replace(blocks, borders=blocks.borders[part.start : part.stop + 1], periods=last - first)
     rows = {name: getattr(known.survey, name)[part] for name in ("sums", "squares", "peaks", "gram")}
-    own = dataclasses.replace(blocks, borders=borders, periods=last - first)
     survey = dataclasses.replace(known.survey, blocks=own, **rows)
     return dataclasses.replace(known, survey=survey, sums={name: sums[part] for name, sums in known.sums.items()})
 
@@ -237,9 +235,5 @@ def every_second(known: Moments) -> Moments:
     gram = seen.gram.clone()
     signs = seen.blocks.wave_sums(torch.tensor([rate]))[:, 0].real
     gram[:, 0, 0] = (gram[:, 0, 0] + signs.to(gram)) / 2
-    return dataclasses.replace(
-        known,
-        survey=dataclasses.replace(seen, gram=gram),
-        turns=known.turns[:0],
-        sums={n: (v[:, :1] + v[:, row : row + 1]) / 2 for n, v in known.sums.items() if v.shape[1] > 1},
-    )
+    sums = {n: (v[:, :1] + v[:, row : row + 1]) / 2 for n, v in known.sums.items() if v.shape[1] > 1}
+    return dataclasses.replace(known, survey=dataclasses.replace(seen, gram=gram), turns=known.turns[:0], sums=sums)
