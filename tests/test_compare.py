@@ -176,7 +176,7 @@ def test_the_command_takes_maps_and_moments(tmp_path, capsys):
     assert float(first["low_reactance"]) == pytest.approx(rows[0]["low"]["reactance"], rel=1e-9)
     made(1, tones=(1000.0,)).write(tmp_path / "c.h5")
     assert main([*words[:2], str(tmp_path / "c.h5")]) == BAD_INPUT
-    assert "other frequencies: 1400 Hz and 1000 Hz" in capsys.readouterr().err
+    assert "other frequencies" in capsys.readouterr().err
 
 
 def test_excluded_cells_stay_unknown():

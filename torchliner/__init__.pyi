@@ -26,12 +26,12 @@ from torchliner.conversions import reflection_from_impedance as reflection_from_
 from torchliner.duct.dispersion import impedance_from_wavenumber as impedance_from_wavenumber
 from torchliner.duct.dispersion import wavenumber_from_impedance as wavenumber_from_impedance
 from torchliner.duct.flow_profiles import TanhProfile as TanhProfile
+from torchliner.duct.flow_table import displacement_thickness as displacement_thickness
 from torchliner.duct.growing_wave import growing_wave as growing_wave
 from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
 from torchliner.duct.settled import solve_settled as solve_settled
 from torchliner.duct.solver import DuctSolver as DuctSolver
-from torchliner.duct.flow_table import displacement_thickness as displacement_thickness
 from torchliner.engine.kernels import build_kernels as build_kernels
 from torchliner.engine.kernels import VelocityGrid as VelocityGrid
 from torchliner.engine.moments import Moments as Moments
@@ -114,4 +114,4 @@ class _Choices(TypedDict, total=False):
     dtype: str | torch.dtype | None
 def educe(plane: Any, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
 def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, **choices: Unpack[_Choices]) -> Moments: ...
-def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, reference_phase: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...
+def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...

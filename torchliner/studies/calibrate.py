@@ -66,7 +66,7 @@ def calibrate(
         section 2.1. Trust-region reflective steps of scipy.
     """
     several, models = planes_and_liners(planes, liners)
-    chosen = choices_of_fit(averaging, choices)
+    chosen = choices_of_fit(averaging=averaging, **choices)
     law = parameter_law(parameters, models[0])
     for liner in models[1:]:
         named_numbers(liner, law.names)

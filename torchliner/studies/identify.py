@@ -83,7 +83,7 @@ def identify(
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
     several, given = planes_and_liners(planes, liners)
-    chosen, facts = choices_of_fit(averaging, choices), [plane_of(each) for each in several]
+    chosen, facts = choices_of_fit(averaging=averaging, **choices), [plane_of(each) for each in several]
     own = [each.provenance.get("case") or each.name for each in facts]
     names = [str(each) for each in one_each("groups", own if groups is None else groups, facts)]
     fewest = 3 if CURVE in models else 2  # where one is left out, the others are still to say something

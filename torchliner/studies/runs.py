@@ -130,9 +130,9 @@ class Run:
         return torch.cat(parts[: 1 + self.has_phase], dim=-1)
 
 
-def choices_of_fit(averaging: str, choices: dict[str, Any]) -> Choices:
+def choices_of_fit(**choices: Any) -> Choices:
     """All choices, float64 by default; refuses what a sum over node speeds does not know."""
-    chosen = Choices(**{"dtype": "float64", "interval": None, **choices, "averaging": averaging})
+    chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
     for name, fits in (
         ("phase", chosen.phase == "averaged"),
         ("drive", chosen.drive != "rms"),

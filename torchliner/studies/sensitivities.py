@@ -97,7 +97,6 @@ def sensitivities(
     frequency: Any = None,
     parameters: Sequence[str] | None = None,
     *,
-    averaging: str = "phase-locked",
     progress: Progress | None = None,
     **choices: Any,
 ) -> Sensitivities:
@@ -110,7 +109,6 @@ def sensitivities(
         parameters: names of ``liner.numbers()``; default all. ``temperature`` and
             ``pressure`` change c, rho and eta of the liner's gas as those of dry air; the plane's
             own gas, which scales inferred waves alone, stays.
-        averaging: of the answer, one of ``names.AVERAGINGS``.
         progress: called with numbers of samples read.
         choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
     Raises:
@@ -121,7 +119,7 @@ def sensitivities(
     Source: Roncen et al. (2026), section 3, differentiated.
     """
     model = as_liner(liner).in_flow(plane_of(plane).mach)
-    numbers, chosen, known = named_numbers(model, parameters), choices_of_fit(averaging, choices), plane
+    numbers, chosen, known = named_numbers(model, parameters), choices_of_fit(**choices), plane
     if isinstance(known, VelocityPlane):
         known = moments(known, model, frequency, progress=progress, **vars(chosen))
     found: ImpedanceMap = known.educe(model, frequency, **vars(chosen))
