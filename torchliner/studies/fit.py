@@ -342,15 +342,15 @@ def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, st
     def both(place: bytes) -> tuple[Tensor, Tensor]:
         return residuals_of(law, start + width * torch.from_numpy(np.frombuffer(place).copy()), runs)
 
-    bounds = tuple(((end - start) / width).numpy() for end in (law.low, law.high))
+    def residuals(at: np.ndarray) -> np.ndarray:
+        return both(at.tobytes())[0].numpy()
+
+    def jacobian(at: np.ndarray) -> np.ndarray:
+        return (both(at.tobytes())[1] * width).numpy()
+
+    low, high = (((end - start) / width).numpy() for end in (law.low, law.high))
     how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
-    found = least_squares(
-        lambda at: both(at.tobytes())[0].numpy(),
-        np.zeros(len(width)),
-        lambda at: (both(at.tobytes())[1] * width).numpy(),
-        bounds=bounds,
-        **how,
-    )
+    found = least_squares(residuals, np.zeros(len(width)), jacobian, bounds=(low, high), **how)
     if not found.success:
         raise RuntimeError(
             f"the least squares do not settle in {found.nfev} evaluations ({found.message}), sum of squares "
