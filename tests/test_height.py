@@ -38,7 +38,7 @@ def planes():
 
 def test_a_row_is_the_eduction_of_its_plane(planes, liner):
     """Lowest first, of planes and of moments, with every choice."""
-    for options in ({}, {"phase": "self-consistent"}, {"wall_filter": 0.3}, {"background": 0.5}):
+    for options in ({}, {"wall_filter": 0.3}, {"background": 0.5}):
         found = study_heights(planes, liner, **options)
         for row, plane in zip(found.rows, planes[::-1], strict=True):
             wanted = tl.educe(plane, liner, interval=None, **options).liner

@@ -109,8 +109,8 @@ def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) 
     def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
-    least, most, first = ends.unbind(1)
-    return Law(", ".join(bounds), names, least, most, first, curve, ends.new_zeros(0, len(names)))
+    box = ends.unbind(1)
+    return Law(", ".join(bounds), names, box[0], box[1], box[2], curve, ends.new_zeros(0, len(names)))
 
 
 @dataclass(frozen=True)
