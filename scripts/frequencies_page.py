@@ -14,8 +14,7 @@ from torch import Tensor
 import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import impedance_from_reflection
-from torchliner.liners.model import LinerModel
-from torchliner.liners.response import reflection_of
+from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.report.figure import COLOURS, LINES, finish, label_axes, panels_of, styled
 from torchliner.report.figures import draw_spectrum
 

@@ -15,7 +15,7 @@ from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.engine.kernels import build_kernels, interpolate
-from torchliner.liners.readings import porosity_readings
+from torchliner.liners.sdof import porosity_readings
 from torchliner.records.boxes import grid_of, windows_of
 from torchliner.studies.audit import audit
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 import torch
-from conftest import DATA
 from test_in_situ import FREQUENCY, RATE, file_of, record_of, standing_wave
 
 import torchliner as tl
-from torchliner.cli.main import main
 from torchliner.pressure.dean import with_in_situ
 
 AVERAGINGS = ("", "_pressure_first")
@@ -42,15 +39,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say(options):
     share = np.mean(held, 0)
     assert share.min() > 0.85
     assert found.uncertainty.settings["blocks"] == (20 if not options else 9)
-
-
-def test_width_follows_record_and_level():
-    """A record eight times as long: a third of the width and less; 68 % is narrower than 95 %."""
-    short, long = (tl.in_situ(noisy(3, samples=count)) for count in (571, 8 * 571))
-    widths = [each.uncertainty.liner.high - each.uncertainty.liner.low for each in (short, long)]
-    assert float(widths[1].real) < float(widths[0].real) / 2
-    error = tl.in_situ(noisy(3), interval=0.68).uncertainty.liner
-    assert float((error.high - error.low).real) < 0.7 * float(widths[0].real)
 
 
 def test_a_steady_tone_has_none_to_speak_of():
@@ -105,29 +93,6 @@ def test_microphones_have_intervals_and_a_pair_no_residual():
     assert tl.decompose_waves(record, interval=None).interval is None
 
 
-def test_files_and_tables_carry_them(tmp_path, capsys):
-    """netCDF there and back, CSV of points, rows of the command; called statistical in print."""
-    path = str(DATA / "pressure_g03_145.h5")
-    found = tl.in_situ(tl.read_pressure(path), [1400.0, 1500.0])
-    found.write(tmp_path / "points.h5")
-    again = tl.read_points(tmp_path / "points.h5")
-    for name, value in vars(found.uncertainty.cells_pressure_first).items():
-        assert torch.equal(getattr(again.uncertainty.cells_pressure_first, name), value)
-    assert again.uncertainty.settings == found.uncertainty.settings
-    found.write(tmp_path / "points.csv")
-    assert "pressure_first_resistance_low" in (tmp_path / "points.csv").read_text()
-    assert main(["insitu", path, "--json", "--interval", "0.9", "--quiet"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["interval_level"] == 0.9
-    row = told["rows"][5]
-    assert row["resistance_low"] < row["resistance"] < row["resistance_high"]
-    assert told["rows"][6]["residual"] is None  # two microphones
-    assert main(["insitu", path, "--quiet"]) == 0
-    assert "95 % statistical interval" in capsys.readouterr().out
-    assert main(["insitu", path, "--no-intervals", "--quiet"]) == 0
-    assert "%" not in capsys.readouterr().out.splitlines()[-2]
-
-
 def test_maps_keep_their_level(tmp_path):
     """The in situ values beside a map have intervals of the map's level, in its file too."""
     record, liner = noisy(1), tl.load_liner("lbm_slit")
@@ -140,14 +105,3 @@ def test_maps_keep_their_level(tmp_path):
         beside.write(tmp_path / "map.h5")
         again = tl.read_map(tmp_path / "map.h5").alongside[0]
         assert again.bounds_of_liner() == beside.alongside[0].bounds_of_liner()
-
-
-def test_the_page_states_the_intervals_of_the_cases():
-    """R of g03, pressure first, and of o145 between its best two microphones."""
-    page = (DATA.parent / "docs" / "in_situ.md").read_text(encoding="utf-8")
-    slit, orifice = (tl.read_pressure(DATA / f"pressure_{case}.h5") for case in ("g03_145", "o145"))
-    with pytest.warns(tl.DataWarning, match="they are rough"):
-        slit = tl.in_situ(slit)
-    pair = tl.decompose_waves(orifice, microphones="pair")
-    for bounds in (slit.bounds_of_liner("_pressure_first"), pair.interval.bounds(0)):
-        assert f"{bounds[0].real:.3f}-{bounds[1].real:.3f}" in page

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.engine.kernels import VelocityGrid, build_kernels, interpolate
-from torchliner.liners.response import impedance_of, reflection_of
+from torchliner.liners.model import impedance_of, reflection_of
 
 F64 = torch.float64
 

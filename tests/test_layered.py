@@ -137,26 +137,6 @@ def test_two_degrees_of_freedom_worked_by_hand():
     )
     assert complex(liner.impedance(1000.0, speed)) == pytest.approx(wanted, rel=2e-6)
     assert abs(ratio - 1) > 0.05  # the septum does not just see |v|
-    for stated, here in (({"septum_ratio": 0.5}, 1.0), ({"septum_speed": 3.0}, 3.0)):
-        loud = 0.5 + 0.3 * here + 2e-5j * omega + behind
-        wanted = 0.1 + 0.05 * speed + up(loud)
-        assert complex(liner.replace(**stated).impedance(1000.0, speed)) == pytest.approx(wanted, rel=2e-6)
-
-
-@pytest.mark.parametrize("nonlinear", [0, 1])
-def test_each_of_two_septa_sees_its_own_speed(nonlinear):
-    """Three cavities: |v| at one septum as its ratio stated, the other being linear."""
-    septa = [Weave(0.4, 0.5, 1e-5), Weave(0.9, 0.0, 2e-5)][:: 1 - 2 * nonlinear]
-    depths = [11e-3, 17e-3, 8e-3]
-    layers = [Weave(0.1), cavity(depths[0]), septa[0], cavity(depths[1]), septa[1], cavity(depths[2])]
-    liner = tl.LayeredLiner(layers, fluid=SMOOTH)
-    k, ratio = 2 * math.pi * 2300.0 / AIR.sound_speed, 1.0
-    for i in range(nonlinear + 1):
-        below = tl.LayeredLiner(layers[2 * i + 2 :], fluid=SMOOTH).impedance(2300.0, 0.0)
-        turn = k * depths[i]
-        ratio /= abs(math.cos(turn) + 1j * math.sin(turn) * complex(below))
-    wanted = liner.replace(septum_ratio=ratio).impedance(2300.0, 2.5)
-    assert complex(liner.impedance(2300.0, 2.5)) == pytest.approx(complex(wanted), rel=1e-6)
 
 
 def test_a_transparent_septum_is_one_deep_cavity():
@@ -231,10 +211,9 @@ def test_energy_goes_where_the_resistances_are(frequency, upper, lower, speed):
 DOUBLE = tl.LayeredLiner([PLATE, cavity(15e-3, 0.9), perforate(0.8e-3, 0.3e-3, 0.04), cavity(22e-3, 0.9)])
 
 
-@pytest.mark.parametrize("stated", [{}, {"septum_ratio": 0.6}])
-def test_every_number_has_a_gradient(stated):
+def test_every_number_has_a_gradient():
     """gradcheck of Z over all numbers, backward and forward, through the speed at the septum."""
-    liner = DOUBLE.replace(impedance_offset=0.1 + 0.05j, open_area_fraction=0.7, **stated)
+    liner = DOUBLE.replace(impedance_offset=0.1 + 0.05j, open_area_fraction=0.7)
     names = [name for name in liner.numbers() if not name.startswith("offset")]
     scales = [liner.numbers()[name].value for name in names]
 
@@ -254,7 +233,6 @@ def test_numbers_are_named_by_layer():
     assert list(DOUBLE.named_layers()) == ["facesheet", "cavity", "septum", "cavity2"]
     assert (numbers["septum.porosity"].value, numbers["septum.porosity"].high) == (0.04, 1.0)
     assert (numbers["cavity2.depth"].value, numbers["cavity2.depth"].unit) == (22e-3, "m")
-    assert "septum_ratio" not in numbers
     moved = DOUBLE.with_numbers({"cavity2.depth": 30e-3, "temperature": 350.0})
     assert moved.layers[:3] == DOUBLE.layers[:3]
     assert moved.layers[3] == cavity(30e-3, 0.9)
@@ -264,7 +242,7 @@ def test_numbers_are_named_by_layer():
         DOUBLE.with_numbers({"cavity2.depth": -0.01})
 
 
-@pytest.mark.parametrize("more", [{}, SHARED, {"septum_ratio": 0.4}, {"septum_speed": 2.5}])
+@pytest.mark.parametrize("more", [{}, SHARED])
 def test_a_liner_is_read_back_from_its_text(tmp_path, more):
     (tmp_path / "mine.toml").write_text(liner_text(DOUBLE.replace(**more), "me"))
     assert tl.load_liner(tmp_path / "mine.toml") == DOUBLE.replace(**more)
@@ -281,104 +259,38 @@ def test_a_new_law_needs_no_code_in_the_files(tmp_path):
         tl.sheet("weave", resist=0.3)
 
 
-def test_all_mistakes_of_a_file_are_listed_at_once(tmp_path):
-    text = """
-    model = "layered"
-    septum_ratio = -1
-    [[layers]]
-    kind = "weave"
-    resistence = 0.1
-    slope = -0.5
-    [[layers]]
-    kind = "cavty"
-    [[layers]]
-    depth = 1
-    [[layers]]
-    kind = "cavity"
-    depth = -5e-3
-    hydraulic_radius = "5 mm"
-    porosity = 55
-    [fluid]
-    densty = 1
-    """
-    (tmp_path / "a.toml").write_text(text)
-    with pytest.raises(ValueError, match=r"a.toml has 10 mistake\(s\)") as caught:
-        tl.load_liner(tmp_path / "a.toml")
-    for line in (
-        "septum_ratio = -1: input should be greater than 0",
-        "layers.0.weave.resistance: missing",
-        "layers.0.weave.resistence: no such key (did you mean 'resistance'?)",
-        "layers.0.weave.slope = -0.5: input should be greater than or equal to 0",
-        "layers.1: kind is 'cavty' (did you mean 'cavity'?); it is one of perforate,",
-        "layers.2: kind is missing",
-        "layers.3.cavity.depth = -0.005: input should be greater than 0",
-        "layers.3.cavity.hydraulic_radius = '5 mm': input should be a valid number",
-        "layers.3.cavity.porosity = 55: input should be less than or equal to 1",
-        "fluid.densty: no such key (did you mean 'density'?)",
-    ):
-        assert line in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"a.toml has 1 mistake\(s\):\s+layers: missing"),
-        ("[layers]\nkind = 'cavity'", r"write \[\[layers\]\], with two brackets"),
-        ("layers = [3]", r"layers.0 = 3: input should be a table"),
-        ("layers = []", r"a.toml: liner 'a' has layers none; the first is the sheet"),
+        ("", "layers: missing"),
+        ("layers = [3]", r"layers\.0 = 3.*\[\[layers\]\]"),
+        ("layers = []", "layers none; the first is the sheet"),
+        ("[[layers]]\ndepth = 1", r"layers\.0: kind is None.*perforate"),
+        ("[[layers]]\nkind = 'cavty'", r"layers\.0: kind is 'cavty'.*'cavity'"),
         (
-            "[[layers]]\nkind = 'cavity'\ndepth = 0.1\nhydraulic_radius = 1e-3",
-            r"a.toml: liner 'a' has layers cavity; the first is the sheet",
+            "[[layers]]\nkind = 'weave'\nresistence = 1",
+            r"layers\.0\.weave\.resistence: .*'resistance'",
         ),
-        (
-            "[[layers]]\nkind = 'cavity'\ndepth = 38.1\nhydraulic_radius = 1e-3",
-            r"layers.0.cavity.depth = 38.1: input should be less than or equal to 10",
-        ),
+        ("[[layers]]\nkind = 'cavity'\ndepth = 38.1\nhydraulic_radius = 1e-3", "depth is 38.1 m; .*at most 10 m"),
     ],
 )
 def test_files_that_are_no_stack_are_refused(tmp_path, text, message):
     (tmp_path / "a.toml").write_text(f"model = 'layered'\n{text}\n")
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=f"a.toml: .*{message}"):
         tl.load_liner(tmp_path / "a.toml")
 
 
 @pytest.mark.parametrize(
     ("layers", "more", "message"),
     [
-        ([], {}, r"liner 'layered' has layers none; the first is the sheet"),
-        ([cavity(), PLATE, cavity()], {}, r"has layers cavity, septum, cavity2; the first is the sheet"),
-        ([PLATE, cavity(), PLATE], {}, r"has layers facesheet, cavity, septum; .* the last a cavity"),
-        ([PLATE], {}, r"has layers facesheet; .* the last a cavity"),
-        ([PLATE, cavity()], {"septum_ratio": 0.5}, r"septum_ratio stated; .* none if there are no such sheets"),
-        (
-            [PLATE, cavity(), PLATE, cavity()],
-            {"septum_ratio": 0.5, "septum_speed": 1.0},
-            r"septum_ratio and septum_speed stated; one of them",
-        ),
-        ([PLATE, cavity(), PLATE, cavity()], {"septum_speed": -1.0}, r"septum_speed is -1 m/s; it is above 0"),
-        ([PLATE, cavity()], {"cell_pitch": 0.5e-3}, r"orifice_diameter is 0.001 m, larger than"),
-        ([PLATE, cavity()], {"open_area_fraction": 55}, r"open_area_fraction is 55; it is above 0 and at most 1"),
+        ([cavity(), PLATE, cavity()], {}, "layers cavity, septum, cavity2; the first is the sheet"),
+        ([PLATE, cavity(), PLATE], {}, "layers facesheet, cavity, septum; .* the last a cavity"),
+        ([PLATE, cavity()], {"cell_pitch": 0.5e-3}, "orifice_diameter is 0.001 m, larger than"),
+        ([PLATE, cavity()], {"open_area_fraction": 55}, "open_area_fraction is 55; .* at most 1"),
     ],
 )
 def test_stacks_that_are_no_liner_are_refused(layers, more, message):
     with pytest.raises(ValueError, match=message):
         tl.LayeredLiner(layers, **more)
-
-
-def test_layers_and_speeds_of_another_kind_are_refused():
-    with pytest.raises(TypeError, match=r"liner 'layered': layer 2 is 0.02; a sheet or a Cavity"):
+    with pytest.raises(TypeError, match=r"layer 2 is 0\.02; a sheet or a Cavity"):
         tl.LayeredLiner([PLATE, 0.02])
-    with pytest.raises(ValueError, match=r"'cavity': depth is 0 m; it is above 0 m"):
-        tl.Cavity(0.0, 5e-3)
-    with pytest.raises(ValueError, match=r"speed is \|v\| in m/s; it must be finite"):
-        DOUBLE.impedance(1000.0, -1.0)
-
-
-def test_an_eduction_records_every_layer():
-    """With |v| frozen the map has the model's own Z, and its provenance the layers."""
-    steady = torch.full((2, 900), 3.0, dtype=torch.float64)
-    plane = tl.VelocityPlane(steady, sampling_rate=42e3, frequency=1400.0)
-    found = tl.educe(plane, DOUBLE, interval=None)
-    assert abs(complex(found.answer[0]) - complex(DOUBLE.impedance(1400.0, 3.0))) < 1e-7
-    assert found.choices["liner"] == DOUBLE.describe()
-    assert found.choices["liner"]["layers"][2]["kind"] == "perforate"

@@ -81,14 +81,6 @@ def test_a_wall_that_gives_energy_becomes_passive_and_says_what_that_cost() -> N
     assert model.error > 0.01
 
 
-@pytest.mark.parametrize("liner", tl.preset_names())
-def test_every_preset_becomes_a_stable_and_passive_wall(liner: str) -> None:
-    model = of(liner, 5)
-    assert excess(model) < 1e-11
-    assert max(float(p.real.max()) for p in (model.poles, model.admittance()[0])) < 0
-    assert model.error < 0.035
-
-
 @pytest.mark.parametrize("poles", [3, 6])
 @pytest.mark.parametrize("kind", ["noise", "conjugate", "soft", "narrow"])
 def test_what_is_no_wall_becomes_a_passive_one_all_the_same(kind: str, poles: int) -> None:
@@ -198,17 +190,3 @@ def test_what_cannot_be_fitted_is_refused(change: dict[str, object], message: st
     arguments: dict[str, object] = {"frequency": FREQUENCY, "impedance": resonator(FREQUENCY), "poles": 4} | change
     with pytest.raises(ValueError, match=message):
         tl.fit_multipole(**arguments)
-
-
-def test_frequencies_may_stand_in_any_order() -> None:
-    order, z = torch.randperm(len(FREQUENCY)), resonator(FREQUENCY)
-    rising, mixed = tl.fit_multipole(FREQUENCY, z, 2), tl.fit_multipole(FREQUENCY[order], z[order], 2)
-    assert mixed.band == rising.band
-    assert torch.equal(mixed.poles, rising.poles)
-
-
-def test_a_multipole_is_a_liner() -> None:
-    model = of()
-    plane = tl.VelocityPlane(torch.full((2, 900), 5.0).double(), sampling_rate=42e3, frequency=1400.0)
-    found = tl.educe(plane, model, interval=None)
-    torch.testing.assert_close(found.answer, model.impedance(found.frequency))

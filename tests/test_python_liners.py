@@ -60,46 +60,21 @@ def test_a_python_file_may_hold_an_object(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("def impedance(f, v:\n    return f", r"mine.py, line 1: SyntaxError: '\(' was never c"),
-        ("x = 1\n\ny = x / 0", r"mine.py, line 3: ZeroDivisionError: division by zero"),
-        ("import nothing_of_that_name", r"mine.py, line 1: ModuleNotFoundError: No module named"),
-        ("import sys\nsys.exit(3)", r"mine.py, line 2: SystemExit: 3"),
-        (
-            "def impedence(f, v): return 1j",
-            r"mine.py defines no function impedance\(frequency, "
-            r"speed\) \(did you mean 'impedence'\?\)",
-        ),
-        ("impedance = 3", r"mine.py defines no function impedance"),
-        ("liner = 'onera'", r"mine.py defines no function impedance.* and no object 'liner'"),
-        ("fluid = 'air'\ndef impedance(f, v): return 1j", r"mine.py: fluid is 'air'; a torchliner"),
+        ("def impedance(f, v:\n    return f", r"line 1: SyntaxError: '\(' was never c"),
+        ("x = 1\n\ny = x / 0", "line 3: ZeroDivisionError"),
+        ("import sys\nsys.exit(3)", "line 2: SystemExit: 3"),
+        ("def impedence(f, v): return 1j", r"must define a function impedance\(frequency, speed\)"),
+        ("fluid = 'air'\ndef impedance(f, v): return 1j", r"fluid.* torchliner\.Fluid"),
+        ("def impedance(f, v):\n    x = 1\n    return f.nothing", r"line 3: AttributeError.*\(2,\)"),
+        ("def impedance(f, v): return f + v", "gave real numbers"),
+        ("def impedance(f, v): return [1j] * 3", r"gave shape \(3,\) .* \(2,\) is needed"),
+        ("def impedance(f, v): return f * float('nan') + 1j", "gave nan, inf or -1 between 500 and 800 Hz"),
     ],
 )
-def test_python_files_that_are_no_liner_are_refused(tmp_path, text, message):
-    with pytest.raises(ValueError, match=message):
-        tl.load_liner(write(tmp_path / "mine.py", text))
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        (
-            "    x = 1\n    return f.nothing",
-            r"mine.py, line 3: .* fails on tensors of shape "
-            r"\(2,\) and \(\): AttributeError: .*nothing",
-        ),
-        ("    return f + v", r"mine.py, line 1: .* gave real numbers; .* add 1j times"),
-        (
-            "    return [1j] * 3",
-            r"mine.py, line 1: .* gave shape \(3,\) for frequency \(2,\) "
-            r"and speed \(\); \(2,\) is needed",
-        ),
-        ("    return f * float('nan') + 1j", r"mine.py, line 1: .* gave nan, inf or -1 between 50"),
-    ],
-)
-def test_functions_that_fail_are_named_with_their_line(tmp_path, body, message):
-    found = tl.load_liner(write(tmp_path / "mine.py", "def impedance(f, v):", body))
-    with pytest.raises(ValueError, match=message):
-        found.impedance([500.0, 800.0], 0.0)
+def test_files_and_functions_that_fail_are_named(tmp_path, text, message):
+    path = write(tmp_path / "mine.py", text)
+    with pytest.raises(ValueError, match=f"mine.py.*{message}"):
+        tl.load_liner(path).impedance([500.0, 800.0], 0.0)
 
 
 def test_no_toml_runs_a_python_file(tmp_path):

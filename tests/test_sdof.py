@@ -39,24 +39,7 @@ def test_bessel_ratio_against_mpmath(size):
     assert abs(found - wanted) <= 1e-12 * abs(wanted)
 
 
-def test_bessel_ratio_gradient():
-    """The closed-form slope agrees with finite differences, on both sides of the series."""
-    s = torch.tensor([0.2 + 0.3j, 4 + 4j, 30 + 31j], dtype=torch.complex128, requires_grad=True)
-    assert torch.autograd.gradcheck(ratio_i2_i0, (s,), eps=1e-6, atol=1e-8)
-
-
 # Origin: 40-digit evaluation of (2.2), phi_p = 3.95 %, phi_c = 1, r_c = D/2.
-FROZEN_LINEAR = {
-    200.0: 0.199725391961607285 - 6.79900864116535933j,
-    1400.0: 0.110928309183128547 + 0.269990980796316172j,
-}
-
-
-@pytest.mark.parametrize(("frequency", "wanted"), FROZEN_LINEAR.items())
-def test_linear_impedance_to_twelve_digits(frequency, wanted):
-    """Two values of the 40-digit table, for machines without it."""
-    found = complex(ONERA_GLOBAL.impedance(frequency))
-    assert abs(found - wanted) < 1e-12 * abs(wanted)
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="high-precision tables are not here")
@@ -103,31 +86,12 @@ def test_passive_everywhere(frequency, speed, porosity, reading):
     assert abs(found) <= 1
 
 
-def test_velocity_readings_differ_as_stated():
-    """'conserved' is 'as_measured' at |v|/alpha."""
-    measured = tl.load_liner("onera")
-    conserved = measured.replace(velocity_reading="conserved")
-    alpha = measured.open_area_fraction
-    found, wanted = conserved.impedance(1500.0, 2.0), measured.impedance(1500.0, 2.0 / alpha)
-    assert abs(complex(found - wanted)) < 1e-12
-    assert abs(complex(found - measured.impedance(1500.0, 2.0))) > 0.5
-
-
 def test_onera_reproduces_the_papers_reactance():
     """At the paper's resistance 2.33 the local preset has the paper's reactance -0.30."""
     speeds = torch.linspace(0, 5, 2001, dtype=torch.float64)
     values = tl.load_liner("onera").impedance(1500.0, speeds)
     at = int((values.real - 2.33).abs().argmin())
     assert float(values.imag[at]) == pytest.approx(-0.30, abs=0.03)
-
-
-def test_broadcasting_and_kinds():
-    """Frequency and speed broadcast; floats, lists, arrays and tensors give complex128."""
-    liner = tl.load_liner("polito")
-    found = liner.impedance(np.array([[1000.0], [1400.0]]), [0.0, 1.0, 2.0])
-    assert found.shape == (2, 3)
-    assert found.dtype == torch.complex128
-    assert complex(found[1, 2]) == complex(liner.impedance(1400, 2))
 
 
 def test_every_parameter_has_a_gradient():
@@ -161,57 +125,35 @@ def test_goodrich_shift_of_the_paper():
     assert shifts == pytest.approx([1.22, 1.03], abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("numbers", "match"),
-    [
-        ((0.3, 0.05, 2e-3, 0), "diameter is 0 m; it is above 0 m"),
-        ((0.3, 0.0, 2e-3, 1e-3), "flow_facing_porosity is 0; it is above 0 and at most 1"),
-        ((0.3, 5.0, 2e-3, 1e-3), r"flow_facing_porosity is 5; .* at most 1 \(5 % is 0.05\)"),
-        ((torch.tensor([0.3, 30.0]), 0.05, 2e-3, 1e-3), "bulk_mach is 30; .* at most 1"),
-        ((0.3, 0.05, -2e-3, 1e-3), "displacement_thickness is -0.002 m; it is at least 0 m"),
-        ((float("nan"), 0.05, 2e-3, 1e-3), "bulk_mach is nan"),
-    ],
-)
-def test_goodrich_ranges(numbers, match):
-    with pytest.raises(ValueError, match=f"goodrich_resistance: {match}"):
-        goodrich_resistance(*numbers)
-
-
-BAD = [
-    ({"porosity": -0.1}, "porosity is -0.1"),
-    ({"porosity": 5.5}, r"liner 'onera': porosity is 5.5; it is above 0 and at most 1 \(5 % is 0.05\)"),
-    ({"open_area_fraction": 1.2}, "open_area_fraction is 1.2.*at most 1"),
-    ({"orifice_diameter": 0.02}, "orifice_diameter is 0.02 m, larger than cell_pitch"),
-    ({"cavity_depth": 0.0}, "cavity_depth"),
-    ({"cavity_depth": float("nan")}, "cavity_depth.*is nan"),
-    ({"velocity_reading": "as_mesured"}, "did you mean 'as_measured'"),
-]
-
-
-@pytest.mark.parametrize(("change", "message"), BAD)
-def test_bad_geometry(change, message):
-    """Values outside their range are named with the limit."""
-    with pytest.raises(ValueError, match=message):
-        tl.load_liner("onera").replace(**change)
-
-
-@pytest.mark.parametrize(
-    ("frequency", "speed", "message"),
-    [
-        (0.0, 1.0, "frequency.*is 0"),
-        (-5.0, 1.0, "is -5"),
-        (1400.0, -1.0, "not negative"),
-        (1400.0, float("nan"), "finite"),
-    ],
-)
-def test_bad_arguments(frequency, speed, message):
-    """A frequency of 0 or a negative |v| has no impedance."""
-    with pytest.raises(ValueError, match=message):
-        tl.load_liner("polito").impedance(frequency, speed)
-
-
 def test_a_plate_that_would_feed_sound_is_refused(liner):
     """Thin and more than 77 % open: eq. (2.2b) makes mass and resistance negative."""
     assert float(liner.replace(facesheet_thickness=1e-4, porosity=0.75).impedance(1400.0).real) > 0
     with pytest.raises(ValueError, match=r"end corrections are -\S+ m together at porosity 1"):
         liner.replace(facesheet_thickness=1e-4, porosity=1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"porosity": -0.1}, "porosity is -0.1"),
+        ({"open_area_fraction": 1.2}, "open_area_fraction is 1.2.*at most 1"),
+        ({"cavity_depth": float("nan")}, "cavity_depth.*is nan"),
+        ({"velocity_reading": "as_mesured"}, "as_mesured.*'as_measured'"),
+    ],
+)
+def test_bad_geometry(change, message):
+    with pytest.raises(ValueError, match=message):
+        tl.load_liner("onera").replace(**change)
+
+
+def test_bad_arguments():
+    for frequency, speed, message in ((0.0, 1.0, "frequency.*is 0"), (1400.0, -1.0, "not negative")):
+        with pytest.raises(ValueError, match=message):
+            tl.load_liner("polito").impedance(frequency, speed)
+    for numbers, message in (
+        ((0.3, 0.05, 2e-3, 0), "diameter is 0 m; it is above 0 m"),
+        ((0.3, 5.0, 2e-3, 1e-3), "flow_facing_porosity is 5; .* at most 1"),
+        ((torch.tensor([0.3, 30.0]), 0.05, 2e-3, 1e-3), "bulk_mach is 30"),
+    ):
+        with pytest.raises(ValueError, match=f"goodrich_resistance: {message}"):
+            goodrich_resistance(*numbers)

@@ -19,8 +19,7 @@ from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.engine.threads import is_differentiated, one_thread
-from torchliner.liners.model import Liner
-from torchliner.liners.response import reflection_of
+from torchliner.liners.model import Liner, reflection_of
 from torchliner.names import INTERPOLATIONS, KERNELS, SPACINGS
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's rig

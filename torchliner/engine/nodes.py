@@ -21,8 +21,7 @@ import torch
 from torch import Tensor
 
 from torchliner.engine import chebyshev_sums
-from torchliner.liners.model import LinerModel
-from torchliner.liners.response import reflection_of
+from torchliner.liners.model import LinerModel, reflection_of
 
 TOP_SPEED = 100.0  # m/s, up to which the error of Chebyshev nodes is stated
 COUNTS = (16, 20, 24, 28, 32, 40, 48, 64, 96, 128)

@@ -5,30 +5,22 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union
-
-from pydantic import AfterValidator, Field, create_model
-from torch import Tensor
+from typing import Any
 
 from torchliner import toml_files
-from torchliner.fluid import Fluid
 from torchliner.liners.layered import layer_kinds
 from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import arguments_of, parameters_of
+from torchliner.liners.parameters import arguments_of
 from torchliner.liners.plates import Layer
 from torchliner.liners.python_file import read_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
-from torchliner.toml_files import FluidTable, Pair, Strict, preset_or_file, validated
+from torchliner.toml_files import FluidTable, preset_or_file, validated
 
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
-ABOUT = {"name": (str, ""), "description": (str, ""), "source": (str, "")}
-IN_FILE = {  # how fields that are no parameters stand in a file, by type
-    Fluid: Annotated[FluidTable, AfterValidator(FluidTable.build)],
-    complex | Tensor: Annotated[Pair, AfterValidator(lambda pair: complex(*pair))],
-}
+ABOUT = ("model", "name", "description", "source")
+NOT_GIVEN = ("model", "description", "source", "kind")  # keys of a file that are no arguments
 
 
 def preset_names() -> list[str]:
@@ -53,9 +45,8 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
             ``impedance(frequency, speed)`` or an object ``liner``. Or what ``describe`` of a model from a preset, TOML
             or CSV gives, as ``choices["liner"]`` of a map: the same liner, from its numbers alone.
     Raises:
-        ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are listed, each
-            mistyped key with the nearest valid one; of a Python file the line. A description without the numbers of its
-            model.
+        ValueError: no such preset (the nearest is named), or a file with mistakes: keys that are missing, and those
+            that there are not, with the nearest valid one. A description without the numbers of its model.
         FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
@@ -95,41 +86,46 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
         near = did_you_mean(str(kind), list(LINER_MODELS))
         raise ValueError(f"{path}: model is {kind!r}{near}; it is one of {', '.join(LINER_MODELS)}")
     made: type[LinerModel] = resolve(LINER_MODELS[kind])
-    keys = {**ABOUT, **(made.file_keys or _keys(made)), "model": (str, ...)}
-    layers: dict[str, type[Strict]] = {}
-    if "layers" in keys:
-        kinds = layer_kinds()
-        layers = {each: _table(each, kind=(Literal[each], ...), **_keys(own)) for each, own in kinds.items()}
-        built = [Annotated[table, AfterValidator(partial(_layer, kinds[each]))] for each, table in layers.items()]
-        one: Any = Annotated[Union[*built], Field(discriminator="kind")]
-        keys["layers"] = (list[one], ...)
-    table = validated(_table(made.__name__, **keys), content, path, {"fluid": FluidTable, **layers})
-    given = {name: getattr(table, name) for name in keys if name not in ("model", "description", "source")}
     try:
-        return made.from_file({**given, "name": given["name"] or path.stem}, path.parent)
+        given = _arguments(made, content, "", ABOUT)
+        if "fluid" in given:
+            given["fluid"] = validated(FluidTable, given["fluid"], path, {}).build()
+        return made.from_file({**given, "name": given.get("name") or path.stem}, path.parent)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(str(error) if str(error).startswith(f"{path} has ") else f"{path}: {error}") from error
 
 
-def _layer(kind: type[Layer], table: Strict) -> Layer:
-    return kind(**table.model_dump(exclude={"kind"}))
+def _arguments(made: type, table: Mapping[str, Any], place: str, about: tuple[str, ...]) -> dict[str, Any]:
+    """Arguments of a class from a table; ValueError with all keys that it lacks or has too many, and what else is no
+    argument."""
+    known, keys = arguments_of(made), getattr(made, "file_keys", None)
+    needed = () if keys else (name for name, (_, default) in known.items() if default is inspect.Parameter.empty)
+    valid = [*about, *(keys or known)]
+    wrong = [f"{place}{key}: no such key{did_you_mean(key, valid)}" for key in table if key not in valid]
+    wrong += [f"{place}{name}: missing" for name in needed if name not in table]
+    if wrong:
+        raise ValueError("; ".join(wrong))
+    given = {key: value for key, value in table.items() if key not in NOT_GIVEN}
+    if "impedance_offset" in given:
+        pair = given["impedance_offset"]
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            raise ValueError(f"impedance_offset is {pair!r}; two numbers are needed, [resistance, reactance]")
+        given["impedance_offset"] = complex(*pair)
+    if "layers" in given:
+        given["layers"] = [_layer(table, f"layers.{i}") for i, table in enumerate(given["layers"])]
+    return given
 
 
-def _table(title: str, /, **keys: Any) -> type[Strict]:
-    made: type[Strict] = create_model(title, __base__=Strict, **keys)
-    return made
-
-
-def _keys(declared: type) -> dict[str, tuple[Any, Any]]:
-    """Keys of a file, for pydantic, from the arguments of a class."""
-    found: dict[str, tuple[Any, Any]] = {}
-    for name, (hint, default) in arguments_of(declared).items():
-        needed = ... if default is inspect.Parameter.empty else default
-        found[name] = (IN_FILE.get(hint, hint), needed)
-        if within := parameters_of(declared).get(name):
-            limits: dict[str, Any] = {"ge" if within.low_included else "gt": within.low, "le": within.high}
-            found[name] = (float | None if default is None else float, Field(needed, **limits))
-    return found
+def _layer(table: Any, place: str) -> Layer:
+    kinds = layer_kinds()
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{place} = {table!r} is no table; write [[layers]], with two brackets, for each of them")
+    kind = table.get("kind")
+    if kind not in kinds:
+        raise ValueError(
+            f"{place}: kind is {kind!r}{did_you_mean(str(kind), [*kinds])}; it is one of {', '.join(kinds)}"
+        )
+    return kinds[kind](**_arguments(kinds[kind], table, f"{place}.{kind}.", ("kind",)))
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:

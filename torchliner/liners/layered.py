@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -23,7 +23,7 @@ from torchliner.fluid import Fluid
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.laws import LAWS
-from torchliner.liners.parameters import Depth, Factor, Number, Share
+from torchliner.liners.parameters import Depth, Number, Share
 from torchliner.liners.plates import Layer, Sheet
 
 
@@ -81,20 +81,17 @@ class LayeredLiner(CellLiner):
 
     The measured |v| is that at the upper sheets, which no cavity parts from the flow. At a sheet behind a cavity (a
     septum) it is what the linear transfer makes of it, :math:`|v_s| = |v|\,|v_s/v|`, at the frequency asked for and
-    with all sheets below at rest, or what ``septum_ratio`` or ``septum_speed`` state.
+    with all sheets below at rest.
 
     Args:
         layers: from the flow down: ``sheet``s and ``Cavity``s. The first is a sheet, the last a cavity. In ``numbers``
             and messages they are called facesheet, facesheet2, ... (above the first cavity), septum, septum2, ...,
             cavity, cavity2, ...
-        septum_ratio: |v| at every septum over |v| at the upper sheet; None: the linear transfer.
-        septum_speed: |v| at every septum, m/s, whatever |v| is above.
         open_area_fraction, velocity_reading, velocity_gain, impedance_offset, cell_pitch, flow_facing_porosity, fluid,
             name: by keyword, see ``CellLiner``.
     Raises:
         TypeError: something else than layers.
-        ValueError: an order of layers that is no liner; both rules for the septum, or one where there is none; a value
-            outside its range.
+        ValueError: an order of layers that is no liner; a value outside its range.
     Source: transfer matrices of plane waves; cavities and, with the law ``perforate``, sheets as Roncen et al. (2026),
         eqs (2.2) and (2.4): with one of each it is ``SDoFLiner``. The paper names liners of two degrees of freedom in
         section 7.5 and gives no equations; that the sheets below count as at rest for |v| at a septum is a choice made
@@ -110,8 +107,6 @@ class LayeredLiner(CellLiner):
     model = "layered"
 
     layers: tuple[Layer, ...]
-    septum_ratio: Factor = None
-    septum_speed: Annotated[Any, Number(unit="m/s")] = None
 
     def __post_init__(self) -> None:
         self.settle(layers=tuple(self.layers), name=self.name or self.model)
@@ -119,16 +114,10 @@ class LayeredLiner(CellLiner):
             if not isinstance(layer, Layer):
                 raise TypeError(f"{self.label}: layer {place} is {layer!r}; a sheet or a Cavity")
         named = self.named_layers()
-        rules = [name for name in ("septum_ratio", "septum_speed") if getattr(self, name) is not None]
         if not (named and isinstance(self.layers[0], Sheet) and isinstance(self.layers[-1], Cavity)):
             raise ValueError(
                 f"{self.label} has layers {', '.join(named) or 'none'}; the first is the sheet that faces the flow, "
                 "the last a cavity, whose depth is that from the lowest sheet to the backplate"
-            )
-        if len(rules) > ("septum" in named):
-            raise ValueError(
-                f"{self.label}: {' and '.join(rules)} stated; one of them says |v| at sheets behind a cavity, none if "
-                "there are no such sheets"
             )
         super().__post_init__()
         flow = sum(layer.flow_resistance for layer in self.layers if isinstance(layer, Sheet))
@@ -167,10 +156,6 @@ class LayeredLiner(CellLiner):
     def _speeds(self, omega: Tensor, upper: Tensor) -> list[Tensor]:
         """|v| at each layer, from the flow down, m/s; ``upper``: at the upper sheet."""
         speeds = [upper]
-        if self.septum_ratio is not None or self.septum_speed is not None:
-            first = [isinstance(layer, Cavity) for layer in self.layers].index(True)
-            behind = upper * (self.septum_ratio or 0.0) + (self.septum_speed or 0.0)
-            return speeds * first + [behind] * (len(self.layers) - first)
         if "septum" not in self.named_layers():
             return speeds * len(self.layers)
         for each in self._stack(omega, [0 * omega] * len(self.layers))[1][:0:-1]:

@@ -1,4 +1,4 @@
-"""What a liner is to the rest of the package: an impedance, and what a model may state besides."""
+"""What a liner is to the rest of the package: an impedance, its checked values, and what a model may state besides."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
+import numpy as np
+import torch
+from torch import Tensor
+
 from torchliner.checks import plain_number, require_choice
+from torchliner.conversions import reflection_from_impedance
 from torchliner.fluid import Fluid
 from torchliner.liners.parameters import Declared, Number
 
@@ -27,7 +32,7 @@ class LinerModel(Declared):
 
     Attributes:
         model: its name in liner files, a key of ``names.LINER_MODELS``.
-        file_keys: keys of its liner files, for pydantic; None: its fields.
+        file_keys: keys of its liner files, none of which is needed; None: its fields.
         groups: names that stand for several of ``numbers``.
         name: for labels.  cell_pitch: L_c, m, for averages over cells.  fluid: gas, compared with that of the data.
         files: names of the files it was read from; of presets and changed copies none.
@@ -40,7 +45,7 @@ class LinerModel(Declared):
     """
 
     model: ClassVar[str] = ""
-    file_keys: ClassVar[Mapping[str, Any] | None] = None
+    file_keys: ClassVar[tuple[str, ...] | None] = None
     groups: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     name: str = ""
     cell_pitch: float | None = None
@@ -132,3 +137,49 @@ def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict
                 raise ValueError(f"parameter {each} is named twice")
             found[each] = numbers[each]
     return found
+
+
+def reflection_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
+    """R = (Z - 1)/(Z + 1), complex128, of the broadcast shape of frequency (Hz) and |v| (m/s)."""
+    return reflection_from_impedance(impedance_of(liner, frequency, speed))
+
+
+def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
+    """``liner.impedance`` of any user's object, as ``checked_impedance``."""
+    name = f"{type(liner).__name__}.impedance(frequency, speed)"
+    return checked_impedance(liner.impedance(frequency, speed), frequency, speed, name)
+
+
+def checked_impedance(impedance: Any, frequency: Tensor, speed: Tensor, name: str) -> Tensor:
+    """What a user's function ``name`` gave, as complex128 of the broadcast shape.
+
+    Raises:
+        TypeError: None, text.
+        ValueError: another shape, nan, inf or -1, for which R has no value.
+    """
+    found = complex_tensor(impedance, name)
+    if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
+        raise ValueError(
+            f"{name} gave nan, inf or -1 between {float(frequency.min()):g} and {float(frequency.max()):g} Hz and up "
+            f"to {float(speed.max()):g} m/s; R = (Z - 1)/(Z + 1) has no value there"
+        )
+    shape = np.broadcast_shapes(frequency.shape, speed.shape)
+    try:
+        return found.broadcast_to(shape)
+    except RuntimeError as error:
+        raise ValueError(
+            f"{name} gave shape {tuple(found.shape)} for frequency {tuple(frequency.shape)} and speed "
+            f"{tuple(speed.shape)}; {tuple(shape)} is needed"
+        ) from error
+
+
+def complex_tensor(impedance: Any, name: str) -> Tensor:
+    """Tensor, array, list or number as complex128; TypeError for None and text, with the ``name`` that gave it."""
+    if isinstance(impedance, Tensor):
+        return impedance.to(torch.complex128)
+    array = np.asarray(impedance)  # torch takes Python's own numbers in its default precision
+    if array.dtype.kind not in "fiuc":
+        raise TypeError(
+            f"{name} gave {type(impedance).__name__} of {array.dtype}; numbers are needed, normalised by rho c"
+        )
+    return torch.as_tensor(array.astype(np.complex128))

@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor, tell
+from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Pitch
-from torchliner.text_columns import LABEL, cells_of, header_line, number_of, read_lines, read_table, separator_of
+from torchliner.text_columns import LABEL, cells_of, header_line, read_lines, read_table, separator_of
 
 COLUMNS: dict[str, str | None] = {
     "frequency": "frequency",
@@ -41,11 +41,7 @@ class TabulatedLiner(LinerModel):
     """
 
     model = "table"
-    file_keys: ClassVar = {
-        "file": (str | None, None),
-        "cell_pitch": (float | None, None),
-        **dict.fromkeys(COLUMNS, (list[Any] | None, None)),
-    }
+    file_keys: ClassVar = ("file", "cell_pitch", *COLUMNS)
 
     frequency: Any
     values: Any
@@ -98,13 +94,6 @@ class TabulatedLiner(LinerModel):
             words = [(found[1] if (found := LABEL.fullmatch(label)) else label).lower() for label in labels]
             others = set(words) - set(COLUMNS)
             columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["speed"], others=others)
-            rows = [cells_of(line, separator) for line in lines[start + 1 :]] if others and separator == "," else []
-            passed = [cell for row in rows for cell, word in zip(row, words, strict=False) if word in others]
-            if not np.isnan([number_of(cell) for cell in passed]).all():  # shifted by decimal commas?
-                tell(
-                    f"{path}: numbers in the columns {', '.join(map(repr, sorted(others)))} are passed over; decimal "
-                    "commas need semicolons between cells"
-                )
             frequency, row = np.unique(columns["frequency"], return_inverse=True)
             speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
             values, times = np.zeros((2, len(frequency), len(speed)), dtype=complex)
@@ -120,11 +109,11 @@ class TabulatedLiner(LinerModel):
     @classmethod
     def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
         """See ``LinerModel``: a CSV beside the file, or the numbers as ``describe`` has them."""
-        about = {name: keys[name] for name in ("name", "cell_pitch")}
-        frequency, speed, *parts = (keys[name] for name in COLUMNS)
-        if keys["file"] is not None and not any((frequency, speed, *parts)):
-            return cls.read_csv(folder / keys["file"], **about)
-        if keys["file"] is not None or frequency is None or None in parts:
+        about = {name: keys.get(name) for name in ("name", "cell_pitch")}
+        file, frequency, speed, *parts = (keys.get(name) for name in ("file", *COLUMNS))
+        if file is not None and not any((frequency, speed, *parts)):
+            return cls.read_csv(folder / file, **about)
+        if file is not None or frequency is None or None in parts:
             raise ValueError("a table is file, a .csv beside this one, or frequency, [speed,] resistance and reactance")
         real, imaginary = (real_tensor(part, name=name) for part, name in zip(parts, [*COLUMNS][2:], strict=True))
         if real.shape != imaginary.shape:

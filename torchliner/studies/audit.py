@@ -20,8 +20,7 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import OfOneLiner, response
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.liners.readings import porosity_readings, velocity_readings
-from torchliner.liners.sdof import SDoFLiner
+from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readings
 from torchliner.names import AVERAGINGS, DRIVES, MEANS, PHASES
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import grid_of, windows_of

@@ -25,8 +25,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
-from torchliner.liners.model import LinerModel, named_numbers
-from torchliner.liners.response import complex_tensor, impedance_of
+from torchliner.liners.model import LinerModel, complex_tensor, impedance_of, named_numbers
 
 ORDER = 3  # cubic
 PARTS = 18  # steps in sqrt |v|, from rest to the last knot

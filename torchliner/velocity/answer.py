@@ -13,9 +13,8 @@ from torchliner.checks import index_of_frequency, phase_tensor, real_tensor
 from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
-from torchliner.liners.model import LinerModel
+from torchliner.liners.model import LinerModel, impedance_of
 from torchliner.liners.plates import goodrich_resistance
-from torchliner.liners.response import impedance_of
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.averaged import Educed
 from torchliner.records.level_check import Gap

@@ -22,8 +22,7 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.survey import Survey
 from torchliner.engine.threads import in_order, is_differentiated
-from torchliner.liners.model import LinerModel
-from torchliner.liners.response import reflection_of
+from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.records.averaged import Educed
 from torchliner.records.uncertainty import Interval
 from torchliner.velocity.choices import Choices

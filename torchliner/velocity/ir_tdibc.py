@@ -14,8 +14,7 @@ from torchliner.checks import frequency_tensor, real_tensor, require_choice, req
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
 from torchliner.engine.kernels import AFTER, BAND, HIGHEST, VelocityGrid, build_kernels, interpolate
 from torchliner.fluid import Fluid
-from torchliner.liners.model import LinerModel, as_liner
-from torchliner.liners.response import impedance_of, reflection_of
+from torchliner.liners.model import LinerModel, as_liner, impedance_of, reflection_of
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
 from torchliner.records.incident import BandNoise, Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_reflection
-from torchliner.liners.model import LinerModel
-from torchliner.liners.response import reflection_of
+from torchliner.liners.model import LinerModel, reflection_of
 
 SETTLED, UNSETTLED = 1e-3, 5e-2  # drift above which there is a warning, and an error
 PLACES = 2001  # speeds at which the frequency domain is looked at, closer towards rest; two roots in one gap are lost
