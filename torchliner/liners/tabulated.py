@@ -109,7 +109,7 @@ class TabulatedLiner(LinerModel):
     @classmethod
     def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
         """See ``LinerModel``: a CSV beside the file, or the numbers as ``describe`` has them."""
-        about = {name: keys.get(name) for name in ("name", "cell_pitch")}
+        about: dict[str, Any] = {name: keys.get(name) for name in ("name", "cell_pitch")}
         file, frequency, speed, *parts = (keys.get(name) for name in ("file", *COLUMNS))
         if file is not None and not any((frequency, speed, *parts)):
             return cls.read_csv(folder / file, **about)
