@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.drives import survey_of_locked
-from torchliner.engine.intervals import FEWEST_BLOCKS, QUARTERS, jackknife, replicates
+from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
 from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
@@ -28,6 +28,7 @@ from torchliner.records.uncertainty import Interval
 from torchliner.velocity.choices import Choices
 
 ELEMENTS = 1 << 17  # complex values that a thread works on at once on a CPU
+Reflection = Callable[[slice], Tensor]  # R of some columns, from all blocks and without each of them, (B, n, F)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class Averages:
         cells: (C, F).
         liner: (F,).
         along_x: of the admittance averaged over z, (X, F); None for planes without rows and for ``velocity``.
-        of_liner, of_cells: R from all blocks and without each of them, (B, F) and (B, C, F), for the level check.
+        replicates: R of the liner and of the cells from all blocks and without each of them, (B, 1 + C, F).
         held: where the phase rule could be used, bool, (N, F); N probes or cells.
     """
 
@@ -79,120 +80,63 @@ class Averages:
     cells: Educed
     liner: Educed
     along_x: Educed | None
-    of_liner: Tensor
-    of_cells: Tensor
+    replicates: Tensor
     held: Tensor
 
 
 def average(known: Moments, asked: Asked, averaging: str) -> Averages:
     """R of probes, cells and liner under one averaging."""
-    return Columns.of(known, asked, averaging).averages()
+    chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, None
+    count = known.membership.count if averaging == "velocity" else known.plane.probes
+    held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
+    if chosen.drive == "rms" or chosen.phase == "self-consistent":
+        seen = survey_of_columns(known, averaging)
+        if chosen.phase == "self-consistent":
+            held = seen.coherence(frequency) >= chosen.minimum_coherence
+    bars = _interval(lengths, chosen) is not None
 
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """R of the columns of one averaging, part by part.
-
-    Args:
-        known, asked, averaging: what is asked of which moments.
-        lengths: samples of the blocks, (S,).
-        held: where the phase rule can be used, bool, (N, F).
-        survey: of the columns; None where neither phase rule nor drive needs one.
-    """
-
-    known: Moments
-    asked: Asked
-    averaging: str
-    lengths: Tensor
-    held: Tensor
-    survey: Survey | None
-
-    @classmethod
-    def of(cls, known: Moments, asked: Asked, averaging: str) -> Columns:
-        """From the sums of the moments."""
-        chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, None
-        count = known.membership.count if averaging == "velocity" else known.plane.probes
-        held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
-        if chosen.drive == "rms" or chosen.phase == "self-consistent":
-            seen = survey_of_columns(known, averaging)
-            if chosen.phase == "self-consistent":
-                held = seen.coherence(frequency) >= chosen.minimum_coherence
-        return cls(known, asked, averaging, lengths, held, seen)
-
-    def averages(self) -> Averages:
-        """R of probes, cells and liner."""
-        return _of_cell_velocity(self, self.known) if self.averaging == "velocity" else _of_probes(self, self.known)
-
-    @property
-    def count(self) -> int:
-        """N."""
-        return len(self.held)
-
-    def means(self, sums: Tensor) -> Tensor:
+    def means(sums: Tensor) -> Tensor:
         """From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...)."""
-        if self.interval is None:
-            return self.known.survey.mean_of(sums)
-        return replicates(sums, self.lengths)
+        return replicates(sums, lengths) if bars else known.survey.mean_of(sums)
 
-    @property
-    def interval(self) -> Callable[[Tensor], Interval] | None:
-        """What makes the interval of R with all its replicates, (B, ...); None where there are none."""
-        level = self.asked.chosen.interval
-        if level is None or len(self.lengths) < FEWEST_BLOCKS:
-            return None
-        shares = self.lengths / self.lengths.sum()
-        return lambda reflection: jackknife(reflection, shares, level)
-
-    def parts(self) -> Iterator[slice]:
-        """Slices of columns: the bits of a column do not depend on them."""
-        size = self.count
-        if self.lengths.device.type == "cpu":
-            size = max(1, ELEMENTS // ((1 + len(self.lengths)) * len(self.asked.frequency)))
-        return (slice(left, min(left + size, self.count)) for left in range(0, self.count, size))
-
-    def reflection(self, part: slice) -> Tensor:
-        """R from all blocks and without each of them, (B, n, F)."""
-        if self.asked.chosen.drive == "rms" and self.survey is not None:
-            return self._of_rms(part, self.survey)
-        sums = self.known.sums[self.averaging][..., part]
-        coefficients = torch.view_as_real(self.asked.coefficients)  # (F, J, 2)
-        of_all = coefficients.transpose(0, 1).flatten(1)
-        mean = torch.view_as_complex((self.means(sums[:, 0]).transpose(1, 2) @ of_all).unflatten(2, (-1, 2)))
-        turned = self._turned(sums, coefficients, mean) if sums.shape[1] > 1 else torch.zeros_like(mean)
-        found = PHASE_RULES[self.asked.chosen.phase](mean, turned, self._sound(part))
-        locked = self.known.locked
-        if self.averaging == "phase-locked" and locked is not None and locked.scale is not None:
+    def reflection(part: slice) -> Tensor:
+        if chosen.drive == "rms" and seen is not None:  # R at the rms over the record, and without each block
+            square = means(seen.squares[:, part])
+            if chosen.mean == "removed":
+                square = square - means(seen.sums[:, 0, part]) ** 2
+            speed = square.clamp(min=0).sqrt()
+            return reflection_of(asked.liner, frequency, speed.cpu()[..., None]).to(speed.device)
+        mean, turned = _mean_reflection(known, asked, known.sums[averaging][..., part], means)
+        velocity = None if seen is None else -seen.tone(frequency, means, part) / 2
+        phase = asked.phase
+        if phase is not None and averaging == "velocity":
+            phase = mean_direction(known.membership, phase).angle()
+        sound = Sound(velocity, held[part], None if phase is None else phase[part])
+        found = PHASE_RULES[chosen.phase](mean, turned, sound)
+        if averaging == "phase-locked" and known.locked is not None and known.locked.scale is not None:
             # The record's own level of turbulence, which varies from block to block, was replaced by a stated one.
-            found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])
+            found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / known.locked.scale[part, None]])
         return found
 
-    def _turned(self, sums: Tensor, coefficients: Tensor, mean: Tensor) -> Tensor:
-        """<R e^{-2 j omega t}> less what the mean of R leaves in it, (B, n, F)."""
-        place = [int((self.known.turns - 2 * f).abs().argmin()) for f in self.asked.frequency.tolist()]
-        count = len(self.known.turns)
-        cosine, sine = (
-            torch.view_as_complex(self.means(sums[:, [first + i for i in place]]).transpose(2, 3) @ coefficients)
-            for first in (1, 1 + count)
-        )
-        waves = self.known.survey.blocks.wave_sums(2 * self.asked.frequency).to(mean.device)
-        return (cosine - 1j * sine).transpose(1, 2) - self.means(waves)[:, None] * mean
+    return averages_of(known, asked, averaging, lengths, reflection, held)
 
-    def _sound(self, part: slice) -> Sound:
-        velocity = None
-        if self.survey is not None:
-            velocity = -self.survey.tone(self.asked.frequency, self.means, part) / 2
-        phase = self.asked.phase
-        if phase is not None and self.averaging == "velocity":
-            phase = mean_direction(self.known.membership, phase).angle()
-        return Sound(velocity, self.held[part], None if phase is None else phase[part])
 
-    def _of_rms(self, part: slice, seen: Survey) -> Tensor:
-        """R at the rms of v over the record, and over the record without each block."""
-        square = self.means(seen.squares[:, part])
-        if self.asked.chosen.mean == "removed":
-            square = square - self.means(seen.sums[:, 0, part]) ** 2
-        speed = square.clamp(min=0).sqrt()
-        return reflection_of(self.asked.liner, self.asked.frequency, speed.cpu()[..., None]).to(speed.device)
+def _mean_reflection(
+    known: Moments, asked: Asked, sums: Tensor, means: Callable[[Tensor], Tensor]
+) -> tuple[Tensor, Tensor]:
+    """<R> and <R e^{-2 j omega t}> less what the mean of R leaves in it, (B, n, F); 0 where nobody asks for that."""
+    coefficients = torch.view_as_real(asked.coefficients)  # (F, J, 2)
+    of_all = coefficients.transpose(0, 1).flatten(1)
+    mean = torch.view_as_complex((means(sums[:, 0]).transpose(1, 2) @ of_all).unflatten(2, (-1, 2)))
+    if sums.shape[1] == 1:
+        return mean, torch.zeros_like(mean)
+    place = [int((known.turns - 2 * f).abs().argmin()) for f in asked.frequency.tolist()]
+    cosine, sine = (
+        torch.view_as_complex(means(sums[:, [first + i for i in place]]).transpose(2, 3) @ coefficients)
+        for first in (1, 1 + len(known.turns))
+    )
+    waves = known.survey.blocks.wave_sums(2 * asked.frequency).to(mean.device)
+    return mean, (cosine - 1j * sine).transpose(1, 2) - means(waves)[:, None] * mean
 
 
 def survey_of_columns(known: Moments, averaging: str) -> Survey:
@@ -212,65 +156,79 @@ def mean_direction(cells: Membership, phase: Tensor) -> Tensor:
     return cells.mean(torch.exp(1j * phase).T).T
 
 
-def _of_probes(columns: Columns, known: Moments) -> Averages:
-    asked, cells, labels = columns.asked, known.membership, known.membership.labels
-    interval, used = columns.interval, known.counted[:, None]
-    counted = used if columns.averaging == "admittance" else used & (labels < cells.count)[:, None]
-    x, count = _places_along_x(known)
-    size = 1 + len(columns.lengths) + QUARTERS if interval is not None else 1
+def averages_of(
+    known: Moments, asked: Asked, averaging: str, lengths: Tensor, reflection: Reflection, held: Tensor
+) -> Averages:
+    """Averages of the admittances of columns: probes or, of averaging ``velocity``, cells.
+
+    Args:
+        known, asked, averaging: what is asked of which moments.
+        lengths: weights of the blocks, (S,).
+        reflection: R of some columns.
+        held: where the phase rule could be used, bool, (N, F).
+    """
+    cells, interval, share, x = known.membership, _interval(lengths, asked.chosen), None, None
+    of_cells, device = averaging == "velocity", lengths.device
+    if of_cells:
+        labels, counted = torch.arange(cells.count, device=device), torch.ones_like(held[:, :1])
+        share = None if known.cells.weight is None else known.cells.weight.to(device)
+    else:
+        labels, counted = cells.labels, known.counted[:, None]
+        counted = counted if averaging == "admittance" else counted & (labels < cells.count)[:, None]
+        shape = known.plane.probe_shape
+        x = torch.arange(known.plane.probes, device=device) % shape[1] if len(shape) == 2 else None
     # Sums of admittances over each cell, the probes of no cell, and each x, side by side.
-    sums = counted.new_zeros(size, cells.count + 1 + count, len(asked.frequency), dtype=torch.complex128)
-    numbers = counted.new_zeros(sums.shape[1], dtype=torch.float64)
+    groups = cells.count + 1 + (0 if x is None else known.plane.probe_shape[1])
+    numbers, sums = torch.zeros(groups, dtype=torch.float64, device=device), torch.empty(0)
     found: list[Educed] = []
 
-    def work(part: slice) -> tuple[slice, Tensor, Educed]:
-        reflection = columns.reflection(part)
-        admittance = admittance_from_reflection(reflection)
+    def work(part: slice) -> tuple[slice, Tensor, Educed | None]:
+        each = reflection(part)
         leave = ~counted[part]
-        if asked.wall is not None:
+        if asked.wall is not None and not of_cells:
             leave = leave | asked.wall[part]
-        return part, admittance.masked_fill(leave, 0), _educed(reflection, interval)
+        admittance = admittance_from_reflection(each).masked_fill(leave, 0)
+        return part, admittance, None if of_cells else _educed(each, interval)
 
     alone = is_differentiated(asked.coefficients)
-    for part, admittance, educed in in_order(work, columns.parts(), sums.device, alone=alone):
-        found.append(educed)
-        for place in [labels[part]] + [cells.count + 1 + x[part]] * (count > 0):
+    for part, admittance, educed in in_order(work, _parts(held, lengths), device, alone=alone):
+        found += [] if educed is None else [educed]
+        if not sums.numel():
+            sums = admittance.new_zeros(len(admittance), groups, held.shape[1])
+        weight = counted[part, 0].double() if share is None else share[part]
+        admittance = admittance if share is None else admittance * weight[:, None]
+        for place in [labels[part]] + ([] if x is None else [cells.count + 1 + x[part]]):
             sums.index_add_(1, place, admittance)
-            numbers.index_add_(0, place, counted[part, 0].double())
+            numbers.index_add_(0, place, weight)
     every = slice(cells.count + 1)
-    sums, numbers = (
+    sums, number = (
         torch.cat([each[..., every, :].sum(-2, keepdim=True), each], -2) for each in (sums, numbers[:, None])
     )
-    averaged = reflection_from_admittance(sums / torch.where(numbers > 0, numbers, torch.nan))
+    averaged = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
     joined = _educed(averaged, interval)
-    of_cells = slice(1, 1 + cells.count)
     return Averages(
-        probes=_joined(found, used),
-        cells=joined.map(lambda value: value[of_cells]),
+        probes=None if of_cells else _joined(found, known.counted[:, None]),
+        cells=joined.map(lambda value: value[1 : 1 + cells.count]),
         liner=joined.map(lambda value: value[0]),
-        along_x=joined.map(lambda value: value[2 + cells.count :]) if count else None,
-        of_liner=averaged[:, 0],
-        of_cells=averaged[:, of_cells],
-        held=columns.held,
+        along_x=None if x is None else joined.map(lambda value: value[2 + cells.count :]),
+        replicates=averaged[:, : 1 + cells.count],
+        held=held,
     )
 
 
-def _of_cell_velocity(columns: Columns, known: Moments) -> Averages:
-    found = torch.cat([columns.reflection(part) for part in columns.parts()], 1)
-    weight = known.cells.weight
-    share = torch.ones_like(found[0, :, 0]) if weight is None else weight.to(found)
-    liner = torch.einsum("bcf,c->bf", admittance_from_reflection(found), share / share.sum())
-    averaged = torch.cat([reflection_from_admittance(liner)[:, None], found], 1)
-    every = _educed(averaged, columns.interval)
-    return Averages(
-        probes=None,
-        cells=every.map(lambda value: value[1:]),
-        liner=every.map(lambda value: value[0]),
-        along_x=None,
-        of_liner=averaged[:, 0],
-        of_cells=found,
-        held=columns.held,
-    )
+def _interval(lengths: Tensor, chosen: Choices) -> Callable[[Tensor], Interval] | None:
+    """What makes the interval of R with all its replicates, (B, ...); None where there are none."""
+    level = chosen.interval
+    if level is None or len(lengths) < FEWEST_BLOCKS:
+        return None
+    return lambda reflection: jackknife(reflection, lengths / lengths.sum(), level)
+
+
+def _parts(held: Tensor, lengths: Tensor) -> list[slice]:
+    """Slices of columns: the bits of a column do not depend on them."""
+    count = len(held)
+    size = max(1, ELEMENTS // ((1 + len(lengths)) * held.shape[1])) if held.device.type == "cpu" else count
+    return [slice(left, min(left + size, count)) for left in range(0, count, size)]
 
 
 def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -> Educed:
@@ -279,21 +237,10 @@ def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -
 
 def _joined(parts: list[Educed], used: Tensor) -> Educed:
     """All probes; nan where a probe was left out."""
-    one = parts[0]
-    if len(parts) > 1:
-        intervals = [part.interval for part in parts if part.interval is not None]
-        joined = Interval.joined(intervals) if intervals else None
-        one = Educed(torch.cat([part.reflection for part in parts]), joined)
+    intervals = [part.interval for part in parts if part.interval is not None]
+    joined = Interval.joined(intervals) if intervals else None
 
     def mask(value: Tensor) -> Tensor:
-        nothing = complex(math.nan, math.nan) if value.is_complex() else math.nan
-        return torch.where(used, value, nothing)
+        return torch.where(used, value, complex(math.nan, math.nan) if value.is_complex() else math.nan)
 
-    return one.map(mask)
-
-
-def _places_along_x(known: Moments) -> tuple[Tensor, int]:
-    """Which x each probe of a (z, x) plane has, and how many there are; 0 of other planes."""
-    shape = known.plane.probe_shape
-    count = shape[1] if len(shape) == 2 else 0
-    return torch.arange(known.plane.probes, device=known.membership.labels.device) % max(count, 1), count
+    return Educed(torch.cat([part.reflection for part in parts]), joined).map(mask)

@@ -44,7 +44,7 @@ def check_level(
     ratios, bounds = [], []
     lengths = case.blocks.lengths
     for each in found.values():
-        z = impedance_from_reflection(torch.cat([each.of_liner[:, None], each.of_cells], 1).detach()).cpu()
+        z = impedance_from_reflection(each.replicates.detach()).cpu()
         ratio = _implied(case, known, z, velocity[: len(z)]) / pressure
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.incident import ComplexTones, as_incident
 from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
-from torchliner.velocity.averages import Asked, Averages, Columns
+from torchliner.velocity.averages import Asked, Averages, averages_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress, Reading, take_moments
 
@@ -157,7 +156,7 @@ def replay(
     averages: dict[str, Averages] = {}
     for name, part in zip(AVERAGED, values.split([plane.probes, known.cells.count], 1), strict=True):
         held = torch.ones(part.shape[1:], dtype=torch.bool, device=reading.device)
-        averages[name] = _Replayed(known, about, name, lengths.double(), held, None, part).averages()
+        averages[name] = averages_of(known, about, name, lengths.double(), lambda each, r=part: r[:, each], held)
     chief, held = averages[averaging].liner, averages["admittance"].held
     notes += replay_checks.review_replay(kernels, wave, sent, error, chief)
     if segment is not None and interval is not None:
@@ -165,17 +164,6 @@ def replay(
     tell([note.text for note in notes])
     facts["blocks"] = len(lengths)
     return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
-
-
-@dataclass(frozen=True, eq=False)
-class _Replayed(Columns):
-    """Columns whose R is known from all segments and without each of them, (B, N, F)."""
-
-    values: Tensor
-
-    def reflection(self, part: slice) -> Tensor:
-        """Of some columns."""
-        return self.values[:, part]
 
 
 def _replicates(found: Transfer, interval: float | None) -> Tensor:
