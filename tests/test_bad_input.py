@@ -79,12 +79,6 @@ def test_no_frequency_anywhere(liner):
         tl.educe(plane_of(turbulence((2, 600)), frequency=None), liner)
 
 
-def test_short_records_only_if_asked(liner):
-    """Fewer than four periods pass with allow_short."""
-    found = tl.educe(good(90), liner, allow_short=True, interval=None)
-    assert found.impedance.shape == (3, 1)
-
-
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
 def test_cuda_asked_for_and_absent(liner):
     """The remedy is named."""
@@ -119,16 +113,14 @@ def test_nan_and_inf_are_counted_and_placed(liner):
 
 
 def test_dead_probes_are_doubted(liner):
-    """Zero or constant probes among live ones are counted; a wholly frozen plane is not a fault."""
+    """Constant probes among live ones are counted, and a plane of zeros; a wholly frozen plane is not a fault."""
     v = turbulence((4, 600))
-    v[2] = 0.0
-    with pytest.warns(tl.DataWarning, match="1 of 4 probes are exactly 0.*index 2"):
-        tl.educe(plane_of(v), liner)
-    v[2] = 1.5
-    with pytest.warns(tl.DataWarning, match="1 of 4 probes are constant.*index 2"):
-        tl.educe(plane_of(v), liner)
+    for value in (0.0, 1.5):
+        v[2] = value
+        with pytest.warns(tl.DataWarning, match="1 of 4 probes are constant.*index 2"):
+            tl.educe(plane_of(v), liner)
     assert tl.educe(frozen_plane(1.0, periods=20), liner).notes == ()
-    with pytest.warns(tl.DataWarning, match="3 of 3 probes are exactly 0"):
+    with pytest.warns(tl.DataWarning, match="3 of 3 probes are constant"):
         found = tl.educe(frozen_plane(0.0, periods=20), liner)
     assert complex(found.impedance[0, 0]) == pytest.approx(complex(liner.impedance(1400.0)))
 
@@ -177,16 +169,6 @@ def test_a_table_serves_the_speeds_that_drive(choices):
     assert complex(tl.educe(plane_of(v), table, **choices).answer[0]) == pytest.approx(0.5 + 0.1j)
     with pytest.raises(ValueError, match="above the liner's table"):
         tl.educe(plane_of(v), table)
-
-
-def test_a_table_serves_the_rms_about_a_mean_beyond_it():
-    """A mean of 6 m/s that is removed drives nothing."""
-    table = tl.TabulatedLiner([200.0, 4000.0], np.full((2, 2), 0.5 + 0.1j), speed=[0.0, 4.0])
-    plane = plane_of(6.0 + turbulence((3, 600), rms=0.8))
-    found = tl.educe(plane, table, drive="rms", mean="removed")
-    assert complex(found.answer[0]) == pytest.approx(0.5 + 0.1j)
-    with pytest.raises(ValueError, match="outside the table's 0-4 m/s"):
-        tl.educe(plane, table, drive="rms")
 
 
 def test_phases_of_probes_are_not_those_of_frequencies(liner):
@@ -257,14 +239,6 @@ def test_a_liner_without_a_reflection_is_named(value):
 
     with pytest.raises(ValueError, match=r"Broken.impedance.*gave nan, inf or -1"):
         tl.educe(good(), Broken())
-
-
-def test_arrays_that_run_backwards_are_read(liner):
-    """Negative strides are numpy's affair, not the user's."""
-    v = turbulence((2, 600)).numpy()
-    found = tl.educe(plane_of(v[::-1]), liner)
-    wanted = tl.educe(plane_of(v), liner)
-    assert float((found.impedance.flip(0) - wanted.impedance).abs().max()) < 1e-12
 
 
 def test_what_is_no_plane_or_no_liner_is_said(liner):

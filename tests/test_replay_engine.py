@@ -18,7 +18,6 @@ from torchliner.engine import replay as engine
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.kernels import build_kernels, interpolate
-from torchliner.engine.membership import Membership
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held, Job, linear, reduce
 from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, parse_signal
@@ -179,15 +178,6 @@ def test_segments_are_welchs(kernels):
     assert (found.reflected.shape, found.incident.shape) == ((8, 2, 25), (8, 25))
     stored = transfer(held(y), noise, f, RATE, segment=n, window="hann").reflection
     assert float((stored - found.reflection).abs().max()) < 1e-13
-
-
-def test_drives_of_other_columns_and_with_a_reach(kernels):
-    v, noise = velocity(500, 4), BandNoise(500, 3000)
-    rms = Drive(Membership.of(torch.zeros(4, dtype=torch.int64), 1, v.device), window=31, samples=500)
-    signal = Replay(held(v), kernels, noise, rms, reach=rms.reach)
-    y = torch.cat(list(signal.slabs([(0, 100), (100, 310), (310, 500)])))
-    assert signal.columns == 1
-    assert float((y - whole(rms(v, 0), kernels, noise)).abs().max()) < 1e-11
 
 
 def test_beyond_the_levels_only_that_column_is_nan(kernels):

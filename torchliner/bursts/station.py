@@ -17,7 +17,6 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel
 from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.review import texts
 from torchliner.velocity.review_answer import review_rule
 from torchliner.version import __version__
 
@@ -66,8 +65,8 @@ def educe_station(
     coherence = steady if reference is None else coherence
     notes = [
         *kept.notes,
-        *texts(known.moments.notes),
-        *texts(review_rule(held, seen.blocks.count, choices)),
+        *(note.text for note in known.moments.notes),
+        *(note.text for note in review_rule(held, seen.blocks.count, choices)),
         *cut.notes,
     ]
     # Over the whole record a tone that wanders has less amplitude than in its segments.

@@ -45,7 +45,6 @@ class Replay:
         drive: columns (t, N) whose |v| acts on the liner, such as ``drives.Drive()``.
         edge: ``silent``: nothing is emitted outside the record, eq. (3.2) to the letter, which costs 3e-4 in R with a
             Hann window over 16 periods. ``periodic``: velocity and wave repeat. Default that of the wave.
-        reach: samples before and after a slab that ``drive`` needs.
         store: called with y and its first sample whenever a part of it is complete.
     Raises:
         ValueError: a wave that does not suit the record, or cannot repeat with it.
@@ -57,7 +56,6 @@ class Replay:
     incident: Incident
     drive: Columns
     edge: str | None = None
-    reach: int = 0
     store: Callable[[Tensor, int], None] | None = None
     columns: int = 0
 
@@ -80,13 +78,12 @@ class Replay:
         if not self.periodic:
             ends = [min(max(end, 0), n) for end in ends]
         pieces = [[*self._pieces(*each)] for each in pairwise(ends)]
-        inside = [(max(0, a - self.reach), min(n, b + self.reach)) for each in pieces for a, b in each]
-        read = self.record.slabs(inside)
+        read = self.record.slabs([piece for each in pieces for piece in each])
         held, at = torch.empty(0), ends[0] + first  # y from sample ``at`` on, its last K - 1 samples incomplete
         sent, table = self.sent, pad(self.kernels.taps, (0, BATCH))
         for (begin, end), (low, high), parts in zip(bounds, pairwise(ends), pieces, strict=True):
             if parts:
-                speed = torch.cat([self._speed(next(read), *part) for part in parts]).T
+                speed = torch.cat([self.drive(next(read), part[0]).abs() for part in parts]).T
                 if not held.numel():
                     sent, table = sent.to(speed), table.to(speed)
                     held = speed.new_zeros(len(speed), len(sent), taps - 1)
@@ -103,11 +100,6 @@ class Replay:
         for a, b in pairwise([low, *range((low // n + 1) * n, high, n), high]):
             if a < b:
                 yield a % n, a % n + b - a
-
-    def _speed(self, slab: Tensor, begin: int, end: int) -> Tensor:
-        """|v| that drives samples begin .. end - 1, (t, N)."""
-        low = max(0, begin - self.reach)
-        return self.drive(slab, low)[begin - low : end - low].abs()
 
     def _received(self, held: Tensor, speed: Tensor, sent: Tensor, table: Tensor) -> Tensor:
         """Receptions (N, C, M), the last K - 1 incomplete, and t more: of waves (C, t) sent at |v| (N, t)."""
@@ -175,8 +167,7 @@ def transfer(
         each = torch.complex(cosine, -sine)
         whole = (each if parts == 1 else each[:-1] + each[1:]).transpose(2, 3)
         if window == "hann":
-            sign = torch.ones(len(whole), 1, 1, dtype=torch.float64, device=signal.device)
-            sign[1::2] = -1
+            sign = (-1.0) ** torch.arange(len(whole), dtype=torch.float64, device=signal.device)[:, None, None]
             whole[:, 0] = whole[:, 0] / 2 - sign * (whole[:, 1] + whole[:, 2]) / 4
         if not sent.is_complex():
             return whole[:, 0]

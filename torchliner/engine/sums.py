@@ -125,9 +125,10 @@ class Job:
     def join(self, found: Tensor, part: Tensor) -> None:
         """Add to what was found of a block, (..., R, K, N), in place, what was found of another part of it."""
         sums = found.shape[-3] - self.largest
-        found[..., :sums, :, :] += part[..., :sums, :, :]
+        found[..., :sums, :, :].add_(part[..., :sums, :, :])
         if self.largest:
-            found[..., sums:, :, :] = torch.maximum(found[..., sums:, :, :], part[..., sums:, :, :])
+            most = found[..., sums:, :, :]
+            most.copy_(torch.maximum(most, part[..., sums:, :, :]))
 
 
 def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:

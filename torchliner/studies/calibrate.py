@@ -17,7 +17,6 @@ from torchliner.studies.fit import Fit, drawn_impedances, fit_law, knots_for
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import choices_of_fit, held, planes_and_liners, read_run
-from torchliner.velocity.review import texts
 
 FEWEST_EFFECTIVE = 100.0
 FAR = 2.0  # times the stated noise from which a misfit is one of the model
@@ -74,7 +73,7 @@ def calibrate(
     runs = held(runs, references, pressure, noise)
     fit = fit_law(law, runs, chosen, knots_for(runs), stated=noise is not None)
     posterior, messages = _posterior(fit, draws, seed)
-    notes = (*texts(note for run in runs for note in run.notes), *messages, *warnings_of(fit))
+    notes = (*(note.text for run in runs for note in run.notes), *messages, *warnings_of(fit))
     tell(notes)
     return dataclasses.replace(fit, posterior=posterior, notes=notes)
 

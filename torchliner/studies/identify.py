@@ -23,7 +23,6 @@ from torchliner.studies.rows import Row, Study
 from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, one_each, planes_and_liners, read_run
 from torchliner.studies.variants import plane_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.review import texts
 
 CURVE = "curve"
 FREEDOMS = (0.1, 0.3, 1.0, 3.0)  # of which leaving out chooses
@@ -120,7 +119,7 @@ def identify(
     if not candidates or best.lowest < 0:
         why = f"R falls to {best.lowest:.3g} with {best.label}" if candidates else "no model is named"
         raise ValueError(f"no fit is passive: {why}; fit a curve, which is, or narrow the bounds")
-    notes = [*texts(note for run in runs for note in run.notes), *warnings_of(best.fit)]
+    notes = [*(note.text for run in runs for note in run.notes), *warnings_of(best.fit)]
     notes += [f"without it, {text}" for text in best.beyond]
     far = [row.label for row in best.rows if row.misses and max(abs(row.misses.real), abs(row.misses.imag)) > WIDE]
     if far:

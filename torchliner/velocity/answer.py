@@ -82,9 +82,8 @@ def answer(
         *review_ratio(known, liner, frequency, ratio, share),
         *review_answer.review_other_tones(plane, known, liner, frequency, share),
         *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
-        *review_answer.review_phase(known, asked.phase),
         *review_answer.review_rule(found["admittance"].held, count, chosen),
-        *review_answer.review_intervals(plane, chief, seen.blocks, frequency, chosen.window(frequency)),
+        *review_answer.review_intervals(plane, chief, seen.blocks, frequency),
     ]
     case = Case(plane, frequency, known.cells, known.cell_pitch, seen.blocks)
     pressures = known_pressure(case, pressure)

@@ -251,8 +251,7 @@ def reading_of(
             kept = OfOneLiner.of(nodes, known.to(_device_of(plane, chosen)), asked)
     reading = Reading.of(plane, chosen, asked, kept, pitch)
     notes = (
-        *review.review_cells(plane, pitch, asked, reading.cells, chosen),
-        *review.review_blocks(plane, reading.blocks, plane.frequency or float(asked.min()), chosen),
+        *review.review_reading(plane, pitch, asked, reading.blocks, chosen),
         *review_background(chosen, liners[0] if liners else None),
     )
     return dataclasses.replace(reading, notes=notes)

@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.engine.blocks import SLAB, Blocks
+from torchliner.engine.blocks import SLAB
 from torchliner.engine.intervals import FEWEST_BLOCKS, remaining
 from torchliner.engine.kernels import build_kernels
 from torchliner.engine.replay import Replay, Transfer, transfer
-from torchliner.engine.sums import Job, largest, reduce
 from torchliner.io.reflected_file import reflected_file
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -96,7 +95,10 @@ def replay(
     model, wave = as_liner(liner).in_flow(plane.mach), as_incident(incident, ComplexTones)
     rate, samples = plane.sampling_rate, plane.samples
     length = samples if segment is None else replay_checks.segment_length(segment, plane)
-    window = window or (wave.window if segment is None else "hann")
+    how: dict[str, Any] = {
+        "segment": None if segment is None else length,
+        "window": window or (wave.window if segment is None else "hann"),
+    }
     sent, asked = wave.sampled(samples, rate), replay_checks.lines_of(wave, frequency, plane, length)
     band = replay_checks.kernel_band(wave, asked, model, rate)
     if reflected is not None and sent.is_complex():
@@ -109,7 +111,6 @@ def replay(
     reading = Reading.of(plane, chosen, tones, None, model.cell_pitch)
     with torch.no_grad():
         known = take_moments(reading)
-    notes += known.notes
     reading, members, still = reading.without(~known.used), known.membership, known.survey.mean * (mean == "removed")
 
     def drive(v: Tensor, begin: int) -> Tensor:
@@ -117,13 +118,9 @@ def replay(
         v = v - still.to(v)
         return torch.cat([v, members.mean(v)], 1)
 
-    with torch.no_grad():  # over all samples: the survey has whole periods alone
-        peaks = Job(drive, largest, largest=1)
-        (top,) = reduce(reading.record(), Blocks((0, samples), rate, 1), [peaks])
-    limit = replay_checks.velocity_limit(velocity_max, top[0, 0, 0, : plane.probes].cpu(), plane, model)
+    limit = replay_checks.velocity_limit(velocity_max, known, reading, still, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
-    how: dict[str, Any] = {"segment": None if segment is None else length, "window": window}
     speed = float(known.survey.mean_square.median().sqrt())
     error = replay_checks.still_error(kernels, wave, asked, speed, samples, how)
     facts = {
@@ -137,7 +134,7 @@ def replay(
         "band": list(kernels.band),
         "incident": wave.label,
         "edge": wave.edge,
-        "window": window,
+        "window": how["window"],
         "segment": segment,
         "phase": "averaged" if sent.is_complex() else "signal",
         "signal_error": error,
@@ -151,18 +148,19 @@ def replay(
         if store and rest < samples:
             for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(rest, samples, SLAB)]):
                 pass
-    values, lengths = _replicates(found, interval), torch.ones(len(found.incident), device=reading.device)
-    about = Asked(model, asked, torch.empty(0), chosen)
-    averages: dict[str, Averages] = {}
-    for name, part in zip(AVERAGED, values.split([plane.probes, known.cells.count], 1), strict=True):
-        held = torch.ones(part.shape[1:], dtype=torch.bool, device=reading.device)
-        averages[name] = averages_of(known, about, name, lengths.double(), lambda each, r=part: r[:, each], held)
-    chief, held = averages[averaging].liner, averages["admittance"].held
-    notes += replay_checks.review_replay(kernels, wave, sent, error, chief)
+    count = facts["blocks"] = len(found.incident)
+    lengths, about = torch.ones(count, device=reading.device).double(), Asked(model, asked, torch.empty(0), chosen)
+    parts = _replicates(found, interval).split([plane.probes, known.cells.count], 1)
+    held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
+    averages: dict[str, Averages] = {
+        name: averages_of(known, about, name, lengths, lambda each, r=part: r[:, each], held[: part.shape[1]])
+        for name, part in zip(AVERAGED, parts, strict=True)
+    }
+    notes += known.notes
+    notes += replay_checks.review_replay(kernels, wave, sent, error, averages[averaging].liner)
     if segment is not None and interval is not None:
-        notes += replay_checks.review_segments(len(lengths), segment, chief)
+        notes += replay_checks.review_segments(count, segment, averages[averaging].liner)
     tell([note.text for note in notes])
-    facts["blocks"] = len(lengths)
     return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
 
 

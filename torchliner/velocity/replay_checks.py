@@ -10,8 +10,9 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_positive
 from torchliner.engine.drives import Drive
-from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS
+from torchliner.engine.intervals import FEWEST_RUNS
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable
+from torchliner.engine.moments import Moments
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held
 from torchliner.liners.model import LinerModel
@@ -19,6 +20,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.averaged import Educed
 from torchliner.records.incident import ComplexTones, Incident
 from torchliner.records.notes import Note
+from torchliner.velocity.reading import Reading
 
 LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
 LARGEST_GAIN = 10.0  # 1.3 on the default band, 5 up to 5 kHz
@@ -70,16 +72,22 @@ def kernel_band(wave: Incident, frequency: Tensor, liner: LinerModel, sampling_r
     return low, high
 
 
-def velocity_limit(stated: float | None, largest: Tensor, plane: VelocityPlane, liner: LinerModel) -> float:
+def velocity_limit(stated: float | None, known: Moments, reading: Reading, still: Tensor, liner: LinerModel) -> float:
     """Top of the levels, m/s, rounded up to a power of the root of 2, so that the levels rarely depend on the data.
 
     Args:
         stated: by the user, if at all.
-        largest: |v| of each probe over the whole record, m/s, (P,).
-        plane, liner: what is replayed.
+        known: the survey, which has whole periods alone.
+        reading: of the same plane, for what follows the last of them.
+        still: mean that is taken off, m/s, (P,).
+        liner: what is replayed.
     Raises:
         ValueError: nan, or |v| beyond the levels.
     """
+    plane, last = reading.plane, known.survey.blocks.borders[-1]
+    (rest,) = reading.record().slabs([(min(last, plane.samples - 1), plane.samples)])
+    peak = torch.maximum(known.survey.peak, rest.detach().abs().amax(0).double()) + still.abs()
+    largest = torch.where(known.counted, peak, 0).cpu()
     top, table = largest.max().item(), liner.speed_max or math.inf
     place = tuple(int(i) for i in torch.unravel_index(largest.argmax(), plane.probe_shape))
     if not math.isfinite(top):
@@ -111,24 +119,28 @@ def review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, still: flo
     """Warnings; ``sent`` is the wave, ``still`` the ``still_error``, ``chief`` the R to quote."""
     low, high = kernels.band
     size = float((1 + chief.impedance.detach()).abs().square().max()) / 2  # of dZ, over that of dR
-    notes = []
-
-    def note(code: str, error: float, text: str) -> None:
-        notes.append(Note(code, f"{text} (in Z up to {error * size:.2g})", error * size))
-
+    found = []
     if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
         remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
         text = (
             f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
             f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); {remedy}"
         )
-        note("kernel", kernels.error, text)
+        found.append(("kernel", kernels.error, text))
     if kernels.level_error > LARGEST_ERROR:
         text = (
             f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
             f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic'"
         )
-        note("levels", kernels.level_error, text)
+        found.append(("levels", kernels.level_error, text))
+    if still > STILL_ERROR:
+        text = (
+            f"where |v| never changes, R from {wave.label} is off by {still:.2g} (limit {STILL_ERROR:g}): replies last "
+            f"{1e3 * kernels.taps.shape[1] / kernels.sampling_rate:.3g} ms and cross the ends of the segments; take "
+            "longer ones, or lines of noise over the whole record"
+        )
+        found.append(("signal", still, text))
+    notes = [Note(code, f"{text} (in Z up to {error * size:.2g})", error * size) for code, error, text in found]
     if wave.band is None:
         power = torch.fft.rfft(sent).abs().square()
         lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
@@ -139,23 +151,13 @@ def review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, still: flo
                 "kernels, where the reflected signal is not the liner's; filter it"
             )
             notes.append(Note("signal-band", text))
-    if still > STILL_ERROR:
-        text = (
-            f"where |v| never changes, R from {wave.label} is off by {still:.2g} (limit {STILL_ERROR:g}): replies last "
-            f"{1e3 * kernels.taps.shape[1] / kernels.sampling_rate:.3g} ms and cross the ends of the segments; take "
-            "longer ones, or lines of noise over the whole record"
-        )
-        note("signal", still, text)
     return notes
 
 
 def review_segments(count: int, duration: float, chief: Educed) -> list[Note]:
     """Too few segments, of so many s, for the error bars of ``chief``."""
-    interval = chief.interval
-    runs = 0.0 if interval is None else float(interval.runs.min())
+    runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
     if runs >= FEWEST_RUNS:
         return []
-    found = f"rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
-    if interval is None:
-        found = f"need {FEWEST_BLOCKS} segments"
-    return [Note("few-segments", f"error bars {found}: there are {count} segments of {duration:.3g} s; shorten them")]
+    text = f"error bars rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
+    return [Note("few-segments", f"{text}: there are {count} segments of {duration:.3g} s; shorten them")]

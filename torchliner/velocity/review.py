@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
-from torchliner.engine.blocks import MOST_BLOCKS, Blocks
+from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
 from torchliner.engine.moments import Moments
@@ -80,19 +80,15 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> Iterator[Note]:
         yield Note("gas", text)
 
 
-def review_cells(
-    plane: VelocityPlane, cell_pitch: float | None, frequency: Tensor, cells: Cells, chosen: Choices
+def review_reading(
+    plane: VelocityPlane, cell_pitch: float | None, frequency: Tensor, blocks: Blocks, chosen: Choices
 ) -> Iterator[Note]:
-    """Where the phase-locked velocity of a cell is not what its name says; before any sample is read."""
-    if "phase-locked" not in chosen.averagings:
-        return
-    if plane.frequency is None and len(frequency) > 1:
+    """What is known to be doubtful before any sample is read: no tone, one cell of all, too short a record."""
+    locked = "phase-locked" in chosen.averagings
+    if locked and plane.frequency is None and len(frequency) > 1:
         text = f"{plane.name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is "
         yield Note("no-stated-tone", f"{text}averaged over the cells; state frequency= of the data")
-    if plane.probes > 1 and int(torch.bincount(cells.labels[cells.labels >= 0]).max()) == 1:
-        text = "no cell holds more than one probe, so that averaging 'phase-locked' is 'admittance'"
-        yield Note("one-probe-cells", f"{plane.name}: {text}; more probes a cell are needed")
-    if cell_pitch is None and plane.x is not None:
+    if locked and cell_pitch is None and plane.x is not None:
         length, wave = float(plane.x.max() - plane.x.min()), float(plane.fluid.sound_speed) / float(frequency.max())
         if length > LONG_CELL * wave:
             text = (
@@ -101,18 +97,11 @@ def review_cells(
                 "choose averaging='admittance'"
             )
             yield Note("no-cell-pitch", text)
-
-
-def review_blocks(plane: VelocityPlane, blocks: Blocks, tone: float, chosen: Choices) -> Iterator[Note]:
-    """Records too short for intervals, or to tell what of v is periodic; fewer blocks because of very many probes."""
-    if blocks.count < min(MOST_BLOCKS, blocks.periods):
-        text = f"of its {plane.probes} probes sums are kept over {blocks.count} blocks instead of {MOST_BLOCKS}"
-        yield Note("many-probes", f"{plane.name}: {text}, which saves memory and makes the error bars rougher")
     if chosen.interval is not None and blocks.count < FEWEST_FOR_INTERVALS:
-        text = f"no error bars, since the record holds {blocks.periods} whole periods of {tone:g} Hz"
+        text = f"no error bars, since the record holds {blocks.periods} whole periods of the tone"
         least = f"{FEWEST_FOR_INTERVALS} are the least, and 16 periods give a fair interval"
         yield Note("no-intervals", f"{plane.name}: {text}; {least}")
-    if "phase-locked" in chosen.averagings and blocks.count < FEWEST_BLOCKS and not chosen.allow_short:
+    if locked and blocks.count < FEWEST_BLOCKS and not chosen.allow_short:
         text = "is too short to tell what of v is periodic and what is turbulence: all that a fit of the tone finds"
         yield Note("short-for-phase-locked", f"{plane.name} {text} counts as periodic; {FEWEST_BLOCKS} periods are due")
 
@@ -161,24 +150,18 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterat
         yield Note("excluded-probes", f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
     mean, square = seen.mean.cpu(), seen.mean_square.cpu()
     flat = (square - mean**2 <= 1e-12 * square) & used
-    still = flat & (square == 0)
-    if bool(still.any()):
-        text = f"exactly 0 throughout, the first at index {int(still.nonzero()[0])}; they give the liner at rest"
-        yield Note("probes-at-rest", f"{plane.name}: {int(still.sum())} of {plane.probes} probes are {text}")
-    elif bool(flat.any()) and not bool(flat[used].all()):
+    if bool(flat.any()) and (not bool(flat[used].all()) or not bool(square[used].any())):
         text = f"constant, the first at index {int(flat.nonzero()[0])}; dead sensors look like this"
         yield Note("constant-probes", f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are {text}")
     ratio = mean_ratio(known)
     if ratio > DOUBTFUL_MEAN and known.settings["mean"] == "kept":
         text = f"the mean of v is {ratio:.3g} times its rms: this may be a velocity along the flow, or the wall blows"
         yield Note("large-mean", f"{plane.name}: {text}; mean='removed' (--mean removed) takes the mean off")
-    if gone := cells.count - known.cells.count:
-        text = f"{gone} of {cells.count} cells hold no probe that is left; they count in no average"
-        yield Note("lost-cells", f"{plane.name}: {text}")
-    if known.cells.weight is not None:
-        short = known.cells.weight[known.cells.weight < 1]
-        text = f"{len(short)} of {cells.count} cells have lost some of their probes; in averages over cells each "
-        yield Note("short-cells", f"{plane.name}: {text}weighs the share it has, the least {float(short.min()):.2g}")
+    gone, weight = cells.count - known.cells.count, known.cells.weight
+    if gone or weight is not None:
+        least = 1.0 if weight is None else float(weight.min())
+        text = f"{gone} of {cells.count} cells hold no probe that is left and count in no average; others weigh the "
+        yield Note("lost-cells", f"{plane.name}: {text}share of their probes that they have, the least {least:.2g}")
 
 
 def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
@@ -259,8 +242,3 @@ def review_walls(
         if plane.frequency is not None and abs(f / plane.frequency - 1) > SAME_FREQUENCY:
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         yield Note("wall-filter", text)
-
-
-def texts(notes: Iterable[Note]) -> list[str]:
-    """The words of each."""
-    return [note.text for note in notes]

@@ -18,29 +18,12 @@ from torchliner.engine.nodes import response
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import Note
-from torchliner.velocity.averages import Averages, mean_direction
+from torchliner.velocity.averages import Averages
 from torchliner.velocity.choices import Choices
 
-LONGEST_WINDOW = 0.25  # of a running rms, in records
-LEAST_DIRECTION = 0.9  # mean of e^{j psi}: phases over 90 degrees, evenly
 CHANCE = 0.01  # of probes that pass a limit of coherence without any tone, above which a warning is given
 PHASES = 64  # of the tone, and equally likely values of the turbulence
 LARGEST_CHANGE = 0.05  # of Z by the tone's part, relative to |Z|, that goes without a note
-
-
-def review_phase(known: Moments, phase: Tensor | None) -> Iterator[Note]:
-    """Stated phases so far apart within a cell that their mean direction says little, or nothing; (P, F or 1)."""
-    if phase is None:
-        return
-    length = mean_direction(known.membership, phase).abs().cpu()
-    wide = length < LEAST_DIRECTION
-    if bool(wide.any()):
-        text = (
-            f"reference_phase differs within {int(wide.any(1).sum())} of {known.cells.count} cells: the mean of "
-            f"e^(j psi) is as short as {float(length.min()):.2g} (1 where all agree, limit {LEAST_DIRECTION:g}), so "
-            "that averaging 'velocity' means little there; use the probes' values"
-        )
-        yield Note("phases-in-a-cell", text)
 
 
 def review_rule(held: Tensor, count: int, chosen: Choices) -> Iterator[Note]:
@@ -58,10 +41,8 @@ def review_rule(held: Tensor, count: int, chosen: Choices) -> Iterator[Note]:
         yield Note("coherence-by-chance", f"self-consistent phase: {text}; {remedy}")
 
 
-def review_intervals(
-    plane: VelocityPlane, found: Averages, blocks: Blocks, frequency: Tensor, window: float | None
-) -> Iterator[Note]:
-    """Fewer than eight runs; a running rms that hardly varies; a large bias of a mean of admittances."""
+def review_intervals(plane: VelocityPlane, found: Averages, blocks: Blocks, frequency: Tensor) -> Iterator[Note]:
+    """Fewer than eight runs; a large bias of a mean of admittances."""
     interval = found.liner.interval
     if interval is None:
         return
@@ -75,12 +56,6 @@ def review_intervals(
             f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
         )
         yield Note("few-blocks", text, width / 2 if math.isfinite(width) else None)
-    if window is not None and window > LONGEST_WINDOW * plane.duration:
-        text = (
-            f"{plane.name}: the running rms is over {window:.3g} s of a record of {plane.duration:.3g} s, so that it "
-            "hardly varies in it, and the error bars are too narrow; take a shorter running_window, or drive='rms'"
-        )
-        yield Note("long-window", text)
     for f, bias, error in zip(
         frequency.tolist(), interval.bias.tolist(), interval.standard_error.tolist(), strict=True
     ):
