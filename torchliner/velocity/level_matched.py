@@ -69,7 +69,7 @@ def match_level(
             drive = phase_locked(known.survey, known.membership, share * scale)
             moments = known if share == 1 else with_drive(reading, known, drive)
             found = average(moments, Asked.of(moments, liner, frequency, chosen), "phase-locked")
-            z = impedance_from_reflection(found.of_liner.detach()).cpu()
+            z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
             seen[share] = z, ratios_of_liner(known, case, pressures, z).log()
         return seen[share]
 

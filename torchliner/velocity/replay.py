@@ -20,7 +20,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.incident import ComplexTones, as_incident
 from torchliner.velocity import replay_checks, review
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
-from torchliner.velocity.averages import Asked, Averages, averages_of
+from torchliner.velocity.averages import Asked, Averages, Reflection, averages_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress, Reading, take_moments
 
@@ -153,7 +153,7 @@ def replay(
     parts = _replicates(found, interval).split([plane.probes, known.cells.count], 1)
     held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
     averages: dict[str, Averages] = {
-        name: averages_of(known, about, name, lengths, lambda each, r=part: r[:, each], held[: part.shape[1]])
+        name: averages_of(known, about, name, lengths, _columns_of(part), held[: part.shape[1]])
         for name, part in zip(AVERAGED, parts, strict=True)
     }
     notes += known.notes
@@ -162,6 +162,10 @@ def replay(
         notes += replay_checks.review_segments(count, segment, averages[averaging].liner)
     tell([note.text for note in notes])
     return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
+
+
+def _columns_of(values: Tensor) -> Reflection:
+    return lambda part: values[:, part]
 
 
 def _replicates(found: Transfer, interval: float | None) -> Tensor:
