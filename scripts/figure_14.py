@@ -19,7 +19,7 @@ from typing import Any
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
-from torchliner.conversions import pressure_amplitude_from_spl
+from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.duct.presets import load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import FieldFit, WallEduction
@@ -139,8 +139,8 @@ def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any
 def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
     """A row a microphone: as solved, as fitted by KT, and the range over its draws."""
     assert isinstance(one.by_modes.draws, WallEduction)
-    fitted = one.by_modes.level_at(one.line.x)[:, 0]
-    drawn = one.by_modes.draws.level_at(one.line.x)[..., 0]
+    fitted = spl_from_pressure_amplitude(one.by_modes.pressure_at(one.line.x))[:, 0]
+    drawn = spl_from_pressure_amplitude(one.by_modes.draws.pressure_at(one.line.x))[..., 0]
     return [
         {"facility": facility.name, "source": side, "x (m)": float(x),
          "SPL (dB)": float(one.line.level[i, 0]), "KT (dB)": float(fitted[i]),

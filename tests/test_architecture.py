@@ -80,7 +80,7 @@ def test_every_outlet_leads_somewhere():
     assert sum(issubclass(each, Written) for each in kinds) == 9
     for kind in kinds:
         if issubclass(kind, Written):
-            assert callable(resolve(kind.FILE).write)
+            assert callable(resolve(kind.FILE))
         if issubclass(kind, Drawn):
             assert kind.__name__ in str(
                 next(iter(inspect.signature(resolve(kind.PLOT)).parameters.values())).annotation

@@ -8,7 +8,7 @@ from scipy.io import savemat
 import torchliner as tl
 from torchliner import names
 from torchliner.io.arrays import read_array
-from torchliner.io.burst_format import BurstFormat
+from torchliner.io.burst_text import BurstFormat
 
 CUBE = np.random.default_rng(0).normal(size=(2, 3, 5))  # z, x, time: all lengths differ
 

@@ -22,8 +22,10 @@ from fuzzing import Case, Outcome, call, command
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat, wavfile
+from test_burst_files import write_burst_csv
 from test_cli import parsers
 from test_liner_files import table_rows
+from test_microphone_line import write_microphone_csv
 from test_stations import station
 from test_two_wave_fit import both_ways
 from test_wall_pressure import line_of
@@ -97,13 +99,15 @@ def make(name: str, folder: Path) -> Case:
         tl.moments(plane, liner, phase="self-consistent").write(path)
         words = ["educe", *told, "--no-intervals", "--phase", "self-consistent"]
     elif kind == "kt":
-        line_of(both_ways("upstream")[0], "upstream", title="fuzz").write(path)
+        line = line_of(both_ways("upstream")[0], "upstream", title="fuzz")
+        line.write(path) if path.suffix == ".h5" else write_microphone_csv(line, path)
         words = ["kt", *told]
     elif kind == "insitu":
         path.write_bytes((DATA / "pressure_n130.h5").read_bytes())
         words = ["insitu", *told]
     elif kind in ("ldv info", "ldv educe"):
-        station(0, seconds=0.2).write(path)
+        bursts = station(0, seconds=0.2)
+        bursts.write(path) if path.suffix == ".h5" else write_burst_csv(bursts, path)
         words = [*kind.split(), *told]
         words += ["--segment", "0.04", "--liner", "onera"] if kind == "ldv educe" else []
     elif kind in ("liner", "liner layers"):
@@ -211,7 +215,7 @@ VALUES = (
 )  # fmt: skip
 COMMANDS = {
     "educe": ["plane.h5", "--no-intervals"], "info": ["plane.h5"], "validate": ["plane.h5"],
-    "sensitivity": ["plane.h5"], "kt": ["line.csv"], "liner": ["onera"], "ldv info": ["bursts.csv"],
+    "sensitivity": ["plane.h5"], "kt": ["line.h5"], "liner": ["onera"], "ldv info": ["bursts.csv"],
     "ldv educe": ["bursts.csv", "--segment", "0.04", "--liner", "onera"],
     "duct modes": ["b2a", "--count", "1"], "insitu": ["record.h5"],
     "convert": ["v.npy", "-o", "out.h5", "--axes", "time,x", *RATE],
@@ -226,8 +230,8 @@ def test_mutated_options(tmp_path, monkeypatch, set_threads):
     monkeypatch.chdir(tmp_path)
     set_threads(1)
     plane_file(Path("plane.h5"))
-    line_of(both_ways("upstream")[0], "upstream", title="fuzz").write("line.csv")
-    station(0, seconds=0.2).write("bursts.csv")
+    line_of(both_ways("upstream")[0], "upstream", title="fuzz").write("line.h5")
+    write_burst_csv(station(0, seconds=0.2), Path("bursts.csv"))
     np.save("v.npy", np.random.default_rng(0).normal(size=(60, 4)))
     Path("record.h5").write_bytes((DATA / "pressure_n130.h5").read_bytes())
     known, counts, faults = dict(parsers()), {}, []

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
+from test_burst_files import write_burst_csv
 from test_moments_file import same_bits
 from test_station_references import drifting
 from test_stations import FREQUENCY, station
@@ -16,8 +17,7 @@ from test_stations import FREQUENCY, station
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
 from torchliner.cli.main import main
-from torchliner.io.burst_csv import write_burst_csv
-from torchliner.io.burst_file import write_bursts
+from torchliner.io.burst_sources import write_bursts
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SHORT = ["--segment", "0.04", "--liner", "onera"]
@@ -66,8 +66,8 @@ def test_one_command_from_files_to_numbers(folder, known, tmp_path, capsys):
     assert f"{float(known.impedance[1, 0].real):.3f}" in text
     rows = (tmp_path / "line.csv").read_text().splitlines()
     assert len(rows) == 4
-    assert "resistance spread over segments" in rows[0]
-    assert "resistance low" in rows[0]
+    assert "segment_spread_resistance" in rows[0]
+    assert "resistance_low" in rows[0]
 
 
 def counted(monkeypatch, fail_at=None):

@@ -14,7 +14,7 @@ from conftest import turbulence
 
 import torchliner as tl
 from torchliner.io.flow_noise import reject_flow_noise
-from torchliner.io.microphone_file import read_microphones
+from torchliner.io.microphone_file import STATED, read_microphones
 from torchliner.records import MicrophoneLine
 
 RATE = 20e3
@@ -41,25 +41,19 @@ def test_levels_by_hand():
     assert line.pressure.shape == (2, 1)
     assert line.level[:, 0].tolist() == pytest.approx([96.9897, 93.9794], abs=1e-4)
     assert line.phase[:, 0].tolist() == pytest.approx([0.0, 90.0])
-    again = MicrophoneLine.from_levels(
-        line.x, line.level, line.phase, 500.0, duct_height=0.05
-    )  # fmt: skip
+    again = MicrophoneLine.from_levels(line.x, line.level, line.phase, 500.0, duct_height=0.05)
     assert float((again.pressure - line.pressure).abs().max()) < 1e-14
 
 
 def test_spacing_is_asked_for():
     """An even grid within 0.5 %; the one microphone that is off is named."""
-    assert line_of().equally_spaced
     assert line_of().require_equal_spacing("KT") == pytest.approx(0.012)
     places = list(PLACES)
     places[4] += 0.0005
-    line = line_of(places)
-    assert not line.equally_spaced
-    with pytest.raises(ValueError, match=r"KT needs equal spacing, but microphone 4 at x = 48\.5 mm"
-                       r" is \+0\.45 mm off an even grid of 12 mm"):  # fmt: skip
-        line.require_equal_spacing("KT")
+    with pytest.raises(ValueError, match=r"KT needs .*microphone 4 at x = 48\.5 mm is \+0\.45 mm .* 12 mm"):
+        line_of(places).require_equal_spacing("KT")
     places[4] = PLACES[4] + 0.00005
-    assert line_of(places).equally_spaced
+    assert line_of(places).require_equal_spacing("KT") == pytest.approx(0.012)
 
 
 def test_selection():
@@ -73,44 +67,45 @@ def test_selection():
     one = line.at([1500.0])
     assert torch.equal(one.pressure, line.pressure[:, 1:])
     assert torch.equal(one.coherence, line.coherence[:, 1:])
-    with pytest.raises(ValueError, match=r"has microphones 0 to 11; \[3, 12\] asked"):
-        line.select([3, 12])
-    with pytest.raises(TypeError, match=r"microphones are \[0\.5, 1\.0\]; whole numbers"):
-        line.select([0.5, 1])
+    for wrong in ([3, 12], [0.5, 1]):
+        with pytest.raises(ValueError, match="has microphones 0 to 11"):
+            line.select(wrong)
     with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
         line_of(liner_start=0.02, liner_end=0.03).over_liner()
+    for margin in (-5e-3, math.nan, math.inf):  # below 0 it would take in microphones beside the liner
+        with pytest.raises(ValueError, match="margin is"):
+            line_of().over_liner(margin)
 
 
 @pytest.mark.parametrize(
-    ("change", "match"),
+    ("change", "words"),
     [
-        ({"x": [0.0]}, "1 microphone is given; at least two make a line"),
-        ({"x": [0.0, 0.02, 0.01]}, "x goes from 20 mm at microphone 1 to 10 mm at 2; sort"),
-        ({"x": [0.0, 0.0, 0.01]}, "x goes from 0 mm at microphone 0 to 0 mm at 1"),
+        ({"x": [0.0]}, "x has 1 microphones"),
+        ({"x": [0.0, 0.02, 0.01]}, "20 mm is not below the next"),
+        ({"x": [0.0, 0.0, 0.01]}, "0 mm is not below the next"),
         ({"x": [0.0, math.nan, 0.01]}, "x holds values that are not finite"),
-        ({"pressure": np.ones((2, 1)) + 0j}, r"shape \(2, 1\); \(draws, 3 microphone, 1 frequency\)"),
-        ({"pressure": np.array([1, 0, 1j])}, r"microphone 1 \(x = 10 mm\) is zero, which has no "
-         "level at 900 Hz"),
-        ({"pressure": np.array([1, math.inf, 1j])}, r"microphone 1 \(x = 10 mm\) is not finite"),
-        ({"pressure": np.array([1, 1e200, 1j])}, "at 900 Hz has 4091 dB, above 194 dB; complex"),
-        ({"pressure": np.full(3, 1e-30j)}, "at 900 Hz has -509 dB, below -126 dB"),
-        ({"frequency": 0.0}, r"frequency \(Hz\) is 0"),
-        ({"duct_height": 0.0}, r"duct_height \(m\) is 0"),
-        ({"duct_width": -1.0}, r"duct_width is -1"),
-        ({"mach": 1.0}, r"mach is 1; it must be at least 0 .* and below 1 \(a Mach number"),
-        ({"mach": -0.3}, r"mach is -0\.3; it must be at least 0 \(count x along the flow\)"),
-        ({"source_side": "up"}, "unknown microphones: source_side 'up'; choose one of: upstream"),
-        ({"liner_start": 0.1}, "liner_start and liner_end go together"),
-        ({"liner_start": 0.1, "liner_end": 0.0}, "the liner runs from 100 to 0 mm"),
-        ({"coherence": np.ones((2, 1))}, r"coherence has shape \(2, 1\); \(3 microphone, 1 frequency\)"),
+        ({"pressure": np.ones((2, 1)) + 0j}, "pressure has shape (2, 1); (draws, 3 microphone, 1 frequency)"),
+        ({"pressure": np.array([1, 0, 1j])}, "pressure is 0 Pa at 1, 0"),
+        ({"pressure": np.array([1, math.inf, 1j])}, "pressure is inf Pa at 1, 0"),
+        ({"pressure": np.array([1, 1e200, 1j])}, "at 900 Hz has 4091 dB, not within -126 and 194 dB"),
+        ({"pressure": np.full(3, 1e-30j)}, "at 900 Hz has -509 dB"),
+        ({"frequency": 0.0}, "frequency (Hz) is 0"),
+        ({"duct_height": 0.0}, "duct_height is 0 m; (0, inf) m"),
+        ({"duct_width": -1.0}, "duct_width is -1 m"),
+        ({"mach": 1.0}, "mach is 1; [0, 1) is needed (bulk Mach number"),
+        ({"source_side": "up"}, "source_side 'up'; choose one of: upstream"),
+        ({"liner_start": 0.1}, "liner_start is 0.1 m and liner_end None"),
+        ({"liner_start": 0.1, "liner_end": 0.0}, "liner_start is 0.1 m and liner_end 0.0 m"),
+        ({"liner_start": -math.inf, "liner_end": 0.0}, "liner_start is -inf m; finite"),
+        ({"coherence": np.ones((2, 1))}, "coherence has shape (2, 1); (3 microphone, 1 frequency)"),
     ],
-)  # fmt: skip
-def test_records_are_checked(change, match):
-    good = {"x": [0.0, 0.01, 0.02], "pressure": np.array([1, 1j, -1]), "frequency": 900.0,
-            "duct_height": 0.05}  # fmt: skip
+)
+def test_records_are_checked(change, words):
+    good = {"x": [0.0, 0.01, 0.02], "pressure": np.array([1, 1j, -1]), "frequency": 900.0, "duct_height": 0.05}
     MicrophoneLine(**good)
-    with pytest.raises(ValueError, match=match):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
         MicrophoneLine(**{**good, **change})
+    assert words in str(error.value)
 
 
 def test_levels_are_no_pressures():
@@ -122,18 +117,19 @@ def test_levels_are_no_pressures():
     with pytest.warns(tl.DataWarning, match=r"b2a.csv: the highest level is 2 dB; are these pasc"):
         found = MicrophoneLine.from_levels(line.x, line.pressure.abs(), line.phase, line.frequency, **about)
     assert "are these pascals" in found.notes[0]
-    with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, while a plane wave turns "
-                      r"by 208 degrees along the line; are these radians"):  # fmt: skip
+    with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, .* 208 degrees, .*are these radians"):
         MicrophoneLine.from_levels(line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about)
     long = line_of(frequency=(900.0, 3000.0))
-    unwrapped = torch.as_tensor(np.unwrap(long.phase.numpy(), axis=0, period=360))
-    given = (long.x, long.level, torch.deg2rad(unwrapped), long.frequency)
-    with pytest.warns(tl.DataWarning, match=r"change by 5\.\d* in sum, .* 7\.25 rad, 415 degrees; a"):
-        MicrophoneLine.from_levels(*given[:2], given[2] - 4, given[3], **about)
-    with pytest.raises(ValueError, match="a level is 100000 dB, above 194 dB, where the rms pressure is"):
-        MicrophoneLine.from_levels([0, 1], [1e5, 1.0], [0.0, 0.0], 900.0, **about)
-    with pytest.raises(ValueError, match=r"level has shape \(2,\), phase \(1,\)"):
-        MicrophoneLine.from_levels([0, 1], [90.0, 80.0], [0.0], 900.0, **about)
+    unwrapped = torch.deg2rad(torch.as_tensor(np.unwrap(long.phase.numpy(), axis=0, period=360))) - 4
+    with pytest.warns(tl.DataWarning, match=r"415 degrees, 7\.25 rad; are these radians"):
+        MicrophoneLine.from_levels(long.x, long.level, unwrapped, long.frequency, **about)
+    for level, phase, words in (
+        ([1e5, 1.0], [0.0, 0.0], "a level is 100000 dB"),
+        ([90.0, 0.0], [0.0, 0.0], "a level is 0 dB; .*within 1 and 194 dB"),
+        ([90.0, 80.0], [0.0], r"level has shape \(2,\), phase \(1,\)"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            MicrophoneLine.from_levels([0, 1], level, phase, 900.0, **about)
 
 
 @pytest.mark.parametrize("reflection", [0.0, 0.95, 0.95j, -0.95])
@@ -152,6 +148,18 @@ def test_degrees_are_not_doubted(hertz, reflection):
 # --- files --------------------------------------------------------------------------------------
 
 
+def write_microphone_csv(line, path):
+    """As a laboratory writes it: what is stated, then a header, then a row each microphone and frequency."""
+    stated = {name: f"{value!r} {STATED[name]}" for name in STATED
+              if isinstance(value := getattr(line, name, getattr(line.fluid, name, None)), float)}  # fmt: skip
+    stated |= {name: value for name in ("title", "source_side", "liner") if (value := getattr(line, name))}
+    text = [f"# {name} = {value}" for name, value in stated.items()] + ["x [m],frequency [Hz],SPL [dB],phase [deg]"]
+    for n, x in enumerate(line.x.tolist()):
+        for i, f in enumerate(line.frequency.tolist()):
+            text.append(",".join(map(repr, (x, f, float(line.level[n, i]), float(line.phase[n, i])))))
+    path.write_text("\n".join(text))
+
+
 def test_csv_gives_the_line_back(tmp_path):
     """All that its lines can say; a field may be stated anew."""
     line = line_of(
@@ -159,26 +167,15 @@ def test_csv_gives_the_line_back(tmp_path):
         fluid=tl.Fluid.from_temperature(290.0),
     )  # fmt: skip
     path = tmp_path / "line.csv"
-    line.write(path)
+    write_microphone_csv(line, path)
     again = read_microphones(path)
     assert float((again.pressure - line.pressure).abs().max()) < 1e-13
-    assert float((again.x - line.x).abs().max()) < 1e-15
+    assert torch.equal(again.x, line.x)
     assert torch.equal(again.frequency, line.frequency)
     for label in ("duct_height", "duct_width", "mach", "source_side", "liner_start", "liner_end",
                   "fluid", "liner", "title", "reference", "notes"):  # fmt: skip
         assert getattr(again, label) == getattr(line, label), label
     assert read_microphones(path, source_side="downstream").source_side == "downstream"
-    with pytest.raises(ValueError, match=r"a .csv holds one line, not \(3, 2\); write .h5"):
-        line_of(batch=(3, 2)).write(tmp_path / "draws.csv")
-
-
-@pytest.mark.parametrize("title", ["two\nlines", " blanks around"])
-def test_texts_that_would_not_come_back_are_refused(tmp_path, title):
-    with pytest.raises(ValueError, match=r"title is .*; a .csv holds one line of it"):
-        line_of(title=title).write(tmp_path / "a.csv")
-    assert not (tmp_path / "a.csv").exists()
-    line_of(title=title).write(tmp_path / "a.h5")
-    assert read_microphones(tmp_path / "a.h5").title == title
 
 
 CSV = """# duct_height = 50 mm
@@ -191,14 +188,6 @@ x [mm];phase [deg];SPL [dB];frequency [kHz]
 0;10;130;1,5
 24;-91;129;1,5
 """
-
-
-@pytest.mark.parametrize("margin", [-5e-3, math.nan, math.inf])
-@pytest.mark.parametrize("about", [{}, {"liner_start": 0.0, "liner_end": 0.132}])
-def test_margins_that_are_none(margin, about):
-    """Below 0 it would take in microphones beside the liner."""
-    with pytest.raises(ValueError, match=rf"margin is {1e3 * margin:g} mm; it must be finite and"):
-        line_of(**about).over_liner(margin)
 
 
 def test_a_table_by_hand(tmp_path):
@@ -214,7 +203,7 @@ def test_a_table_by_hand(tmp_path):
     assert read_microphones(path, 1500.0).frequency.tolist() == [1500.0]
     path.write_text(CSV.replace("50 mm", "50mm"))
     assert float(read_microphones(path).duct_height) == 0.05
-    with pytest.raises(ValueError, match="has no 1400 Hz; it holds 1 from 1500 to 1500 Hz"):
+    with pytest.raises(ValueError, match=r"has no 1400 Hz; it holds \[1500.0\] Hz"):
         read_microphones(path, 1400.0)
     with pytest.raises(ValueError, match="holds amplitudes, no time signals; leave segment and"):
         read_microphones(path, segment=0.1)
@@ -222,7 +211,7 @@ def test_a_table_by_hand(tmp_path):
     path.write_text("# frequency = 1.5 kHz\n" + text)
     assert torch.equal(read_microphones(path).pressure, line.pressure)
     path.write_text(text)
-    with pytest.raises(ValueError, match=r"no column 'frequency \[Hz\]' and no line"):
+    with pytest.raises(ValueError, match=r"a column 'frequency \[Hz\]' or a line"):
         read_microphones(path)
 
 
@@ -230,11 +219,11 @@ def test_a_table_by_hand(tmp_path):
     ("old", "new", "match"),
     [
         ("# duct_height = 50 mm\n", "", "the duct height is missing; add '# duct_height = 50 mm'"),
-        ("50 mm", "fifty mm", "line 1, duct_height is 'fifty mm'; it cannot be read"),
+        ("50 mm", "fifty mm", "line 1, duct_height is 'fifty mm'"),
         ("50 mm", "50 mn", r"line 1, duct_height has units 'mn' .did you mean 'm'"),
         ("duct_height", "duct_hight", "line 1 states 'duct_hight' .did you mean 'duct_height'"),
         ("# mach = 0.3 1", "# mach = 0.3 1\n# mach = 0.2 1", "line 3 states 'mach' a second time"),
-        ("# mach", "# frequency = 1 kHz\n# mach", "states a frequency above a column of freq"),
+        ("# mach", "# frequency = 1 kHz\n# mach", "either a column .frequency"),
         ("x [mm]", "x", "column 'x' has no unit"),
         ("SPL [dB]", "SPL [Pa]", "column 'spl' has units 'Pa'.*a level is needed in one of dB"),
         ("SPL [dB]", "level [dB]", r"unknown column 'level \[dB\]'"),
@@ -246,10 +235,10 @@ def test_a_table_by_hand(tmp_path):
         ("129,5", "nan", "line 7, column 'spl' is 'nan'; a number is needed"),
         ("129,5", "loud", "line 7, column 'spl' is 'loud'; a number is needed"),
         (";1,5\n0;", "\n0;", "line 7, column 'frequency' is ''; a number is needed"),
-        ("129;1,5", "129;1,2", "1.5 kHz|1500 Hz has 2 microphones, 1200 Hz 1, or they stand elsew"),
+        ("129;1,5", "129;1,2", r"has \[1, 2\] microphones at \[1200.0, 1500.0\] Hz"),
         ("290 K", "17 K", "temperature is 17 K; Sutherland's law"),
         ("290 K", "290 K\n# density = 1.2 kg/m3", "states a temperature and density"),
-        ("0.3", "1.3", "mach is 1.3; it must be"),
+        ("0.3", "1.3", "mach is 1.3; .* is needed"),
     ],
 )  # fmt: skip
 def test_tables_with_faults(tmp_path, old, new, match):
@@ -270,21 +259,11 @@ def test_other_files_are_refused(tmp_path):
         (tmp_path / "a.csv").write_text(text)
         with pytest.raises(ValueError, match=match):
             read_microphones(tmp_path / "a.csv")
-    with pytest.raises(FileNotFoundError, match="no such file"):
-        read_microphones(tmp_path / "b.h5")
-    path = tmp_path / "c.h5"
-    for change, match in (
-        (lambda f: f.__delitem__("duct_height"), ":/duct_height is missing"),
-        (lambda f: f.__delitem__("x"), ":/x is missing"),
-        (lambda f: f.__delitem__("pressure_imaginary"), ":/pressure_imaginary is missing"),
-        (lambda f: f.__delitem__("pressure_real"), ":/pressure is missing"),
-        (lambda f: f["pressure_real"].attrs.__setitem__("units", "dB"), "units 'dB'"),
-    ):
-        line_of().write(path)
-        with h5py.File(path, "a") as file:
-            change(file)
-        with pytest.raises(ValueError, match=match):
-            read_microphones(path)
+    line_of().write(tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "a") as file:
+        del file["pressure_real"]
+    with pytest.raises(ValueError, match=":/pressure is missing"):
+        read_microphones(tmp_path / "c.h5")
 
 
 # --- signals and flow noise ---------------------------------------------------------------------

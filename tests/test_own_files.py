@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 
 import h5py
 import numpy as np
@@ -12,16 +13,15 @@ import torch
 import xarray
 from conftest import turbulence
 from test_burst_files import record_of
-from test_map_file import hand_map, made_map
 from test_microphone_line import line_of
 from test_moments_file import grid_plane, same_bits
 from test_plane_file import LAYOUTS, make_plane
 from test_pressure_file import record
-from test_results_out import line, made, points
+from test_results_out import hand_map, line, made, points
 from test_wall_file import field_fit, noisy
 
 import torchliner as tl
-from torchliner.io.burst_file import read_burst_file
+from torchliner.records.averaged import Educed
 from torchliner.records.notes import Note
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -45,26 +45,15 @@ PRESSURES = {
 
 def noted():
     """A map with all that may stand beside Z."""
-    found = made_map("plane", **FACTS)
-    return dataclasses.replace(
-        found, notes=(*found.notes, Note("by-hand", "of some size", 0.1)), holes=tl.Holes((0.01,), (1e-3,))
-    )
-
-
-def checked():
-    """A map whose level is known."""
-    time = torch.arange(900, dtype=torch.float64) / 42e3
-    plane = tl.VelocityPlane(
-        torch.cos(2 * torch.pi * 1400 * time).expand(3, -1).contiguous(), sampling_rate=42e3, frequency=1400.0,
-        incident_level=150.0, source_side="normal", x=[0.0, 0.01, 0.02],
-    )  # fmt: skip
-    return tl.educe(plane, tl.load_liner("polito")).with_alongside(points())
+    found = made("plane", **FACTS).with_alongside(points())
+    notes = (*found.notes, Note("by-hand", "of some size", 0.1))
+    return dataclasses.replace(found, notes=notes, holes=tl.Holes((0.01,), (1e-3,)), title="Überströmt")
 
 
 def tones(**about):
     return line_of(
         liner_start=0.0, liner_end=0.132, duct_width=0.05, liner="onera", title="a line", notes=("doubt",),
-        provenance={"a": 1}, reference={"true": 2 - 1j}, **about,
+        provenance={"a": 1}, reference={"true": 2 - 1j}, coherence=torch.rand(12, 2).double(),
     )  # fmt: skip
 
 
@@ -79,20 +68,11 @@ def microphones():
     return noisy("upstream", provenance={"who": "me"}, reference={"true": 1 + 0j})
 
 
-def read_one(path):
-    return read_burst_file(path)[0]
-
-
-def read_first(path):
-    return tl.read_wall(path)[0]
-
-
 RECORDS = {
-    **{f"map, {place}": (lambda place=place: made_map(place), tl.read_map)
-       for place in ("plane", "bare plane", "line", "bare line", "one probe")},
+    **{f"map, {place}": (lambda place=place: made(place), tl.read_map)
+       for place in ("plane", "bare", "line", "scattered", "one probe")},
     "map by hand": (hand_map, tl.read_map),
     "map with all": (noted, tl.read_map),
-    "map with a level check": (checked, tl.read_map),
     "line of stations": (line, tl.read_line),
     "points": (points, tl.read_points),
     **{f"plane, {layout}": (lambda layout=layout: make_plane(LAYOUTS[layout][0], **LAYOUTS[layout][1]), tl.read_plane)
@@ -101,11 +81,11 @@ RECORDS = {
     **{f"pressure, {name}": (lambda about=about: record(**about), tl.read_pressure)
        for name, about in PRESSURES.items()},
     "moments": (lambda: tl.moments(grid_plane(), cell_pitch=0.02), tl.read_moments),
-    "microphones": (lambda: tones(coherence=torch.rand(12, 2).double()), tl.read_microphones),
+    "microphones": (tones, tl.read_microphones),
     "lines of microphones": (lambda: line_of(batch=(3, 2), title="draws"), tl.read_microphones),
-    "waves": (lambda: tl.kumaresan_tufts(microphones(), draws=3), read_first),
-    "fit of the field": (lambda: field_fit(microphones()), read_first),
-    "bursts": (bursts, read_one),
+    "waves": (lambda: tl.kumaresan_tufts(microphones(), draws=3), lambda path: tl.read_wall(path)[0]),
+    "fit of the field": (lambda: field_fit(microphones()), lambda path: tl.read_wall(path)[0]),
+    "bursts": (bursts, lambda path: tl.read_bursts(path)[0]),
 }  # fmt: skip
 
 
@@ -118,39 +98,45 @@ def written(request, tmp_path):
     return made, tmp_path / "a.nc", read
 
 
+def with_plain_choices(found):
+    """JSON has lists alone."""
+    plain = json.loads(json.dumps(found.choices, default=lambda each: each.tolist()))
+    return dataclasses.replace(found, choices=plain)
+
+
 def test_it_comes_back_to_the_bit(written):
     wanted, path, read = written
     found = read(path)
-    if hasattr(wanted, "choices"):  # JSON has lists alone
-        plain = json.loads(json.dumps(wanted.choices, default=lambda each: each.tolist()))
-        wanted = dataclasses.replace(wanted, choices=plain)
+    if hasattr(wanted, "choices"):
+        wanted = with_plain_choices(wanted)
     if hasattr(wanted, "velocity"):
         assert torch.equal(found.velocity, wanted.velocity)
         wanted = dataclasses.replace(wanted, title=wanted.title or path.stem)
     if hasattr(wanted, "sampling_rate"):
         assert found.sampling_rate == pytest.approx(wanted.sampling_rate, rel=1e-12)
         wanted = dataclasses.replace(wanted, sampling_rate=found.sampling_rate)
-    if getattr(wanted, "draws", None) is not None:  # they share what an eduction says of itself
-        wanted = dataclasses.replace(wanted, draws=dataclasses.replace(wanted.draws, choices=wanted.choices))
+    if getattr(wanted, "draws", None) is not None:
+        wanted = dataclasses.replace(wanted, draws=with_plain_choices(wanted.draws))
     assert same_bits(found, wanted)
 
 
-def attributes(path):
+def owners(path):
+    """Groups and datasets of a file, by name."""
     with h5py.File(path) as file:
-        owners = {"/": file}
-        file.visititems(lambda name, each: owners.update({name: each}))
-        for name, owner in owners.items():
-            for key in owner.attrs:
-                yield name, key, owner.attrs.get_id(key).dtype
+        found = {"/": file}
+        file.visititems(lambda name, each: found.update({name: each}))
+        yield from found.items()
 
 
 def test_other_programs_open_it(written):
     """netCDF-4 with named dimensions, units and texts of fixed length, which nco and Octave read."""
     _, path, _ = written
-    for name, key, dtype in attributes(path):
-        assert dtype.kind != "O" or key in ("DIMENSION_LIST", "REFERENCE_LIST"), (name, key)
-    with h5py.File(path) as file:
-        groups = [None, *(name for name, each in file.items() if isinstance(each, h5py.Group))]
+    groups = [None]
+    for name, owner in owners(path):
+        groups += [name] * (isinstance(owner, h5py.Group) and name != "/")
+        for key in owner.attrs:
+            fixed = owner.attrs.get_id(key).dtype.kind != "O"
+            assert fixed or key in ("DIMENSION_LIST", "REFERENCE_LIST"), (name, key)
     for group in groups:
         with xarray.open_dataset(path, engine="h5netcdf", group=group) as data:
             assert not [dim for dim in data.dims if str(dim).startswith("phony")]
@@ -158,25 +144,17 @@ def test_other_programs_open_it(written):
                 assert "units" in each.attrs or each.dtype.kind in "OTUM" or str(each.dtype) == "object", name
 
 
-def datasets(path):
-    """Names of what is read: indices are not."""
-    with h5py.File(path) as file:
-        found = {}
-        file.visititems(lambda name, each: found.update({name: each}))
-        return [name for name, each in found.items() if isinstance(each, h5py.Dataset)
-                and not each.attrs.get("long_name", b"").startswith(b"number of the ")
-                and not (each.is_scale and each.attrs["NAME"].startswith(b"This is"))]  # fmt: skip
-
-
-def some(names, count):
-    """So many of them, evenly."""
+def some(path, count=9):
+    """Names of datasets that are read, so many of them, evenly: indices are not read."""
+    names = [name for name, each in owners(path) if isinstance(each, h5py.Dataset)
+             and not each.attrs.get("long_name", b"").startswith(b"number of the ")
+             and not (each.is_scale and each.attrs["NAME"].startswith(b"This is"))]  # fmt: skip
     return names[:: -(-len(names) // count)]
 
 
 def cut(file, name):
     """One value less along the last axis, or a list for a number."""
-    values, about = file[name][()], dict(file[name].attrs)
-    kind = file[name].dtype
+    values, about, kind = file[name][()], dict(file[name].attrs), file[name].dtype
     del file[name]
     file.create_dataset(name, data=values[..., :-1] if values.ndim else [values] * 2, dtype=kind)
     if "units" in about:
@@ -200,7 +178,7 @@ def test_another_shape_is_refused_with_its_place(written):
     """Of every variable, those that follow from others as well."""
     _, path, read = written
     whole = path.read_bytes()
-    for name in some(datasets(path), 9):
+    for name in some(path):
         path.write_bytes(whole)
         with h5py.File(path, "r+") as file:
             cut(file, name)
@@ -209,20 +187,20 @@ def test_another_shape_is_refused_with_its_place(written):
 
 @pytest.mark.parametrize("kind", ["map, plane", "line of stations", "points", "waves", "microphones", "moments"])
 def test_damage_is_refused(kind, tmp_path):
-    """Another schema, no unit, no number, infinite values, half a file; and no file at all."""
+    """Another schema, no unit, another unit, half a file, no file at all, another ending."""
     make, read = RECORDS[kind]
     path = tmp_path / "a.h5"
     make().write(path)
     whole, seen = path.read_bytes(), []
-    for name in some(datasets(path), 9):
-        for change, value in (("units", None), ("units", "furlong")):
+    for name in some(path):
+        for unit in (None, "furlong"):
             path.write_bytes(whole)
             with h5py.File(path, "r+") as file:
                 if "units" not in file[name].attrs or file[name].is_scale:
                     continue
-                del file[name].attrs[change]
-                if value is not None:
-                    file[name].attrs[change] = value
+                del file[name].attrs["units"]
+                if unit is not None:
+                    file[name].attrs["units"] = unit
             if said := fault(read, path):
                 assert f"{path}:/{name}" in said
                 seen.append(name)
@@ -230,14 +208,11 @@ def test_damage_is_refused(kind, tmp_path):
     path.write_bytes(whole)
     with h5py.File(path, "r+") as file:
         file.attrs["schema"] = "torchliner plan 1"
-    with pytest.raises(ValueError, match="its schema is 'torchliner plan 1', not 'torchliner"):
-        read(path)
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(OSError, match=r"a.h5 is truncated: .*; copy it again, or write it anew"):
-        read(path)
-    path.write_text("not HDF5")
-    with pytest.raises(OSError, match=r"a.h5 is not an HDF5 \(netCDF-4\) file"):
-        read(path)
+    assert "'torchliner plan 1'" in fault(read, path)
+    for content, words in ((whole[: len(whole) // 2], "a.h5 is truncated"), (b"not HDF5", "a.h5 is not an HDF5")):
+        path.write_bytes(content)
+        with pytest.raises(OSError, match=words):
+            read(path)
     with pytest.raises(FileNotFoundError, match=r"b.h5: no such file"):
         read(tmp_path / "b.h5")
     with pytest.raises(OSError, match="is a folder"):
@@ -253,8 +228,18 @@ def raised(name, amount):
     return change
 
 
+def named(*names):
+    """Other averagings."""
+
+    def change(file):
+        del file["averaging"]
+        file["averaging"] = names
+
+    return change
+
+
 @pytest.mark.parametrize(
-    ("kind", "change", "message"),
+    ("kind", "change", "words"),
     [
         ("map, plane", raised("liner_resistance", 1e-3), "liner_resistance is not what follows"),
         ("map, plane", raised("liner_resistance_low", 1e3), "liner_resistance_low or its other part is above"),
@@ -264,29 +249,45 @@ def raised(name, amount):
         ("map, plane", lambda file: file.pop("reactance_high"), "reactance_high is missing"),
         ("map, plane", lambda file: file.pop("coherence"), "coherence is missing; the file holds: absorp"),
         ("map, plane", lambda file: file.attrs.pop("title") and file.attrs.update(notes="{"), "'notes' is not JSON"),
-        ("map with a level check", lambda file: file.pop("known_pressure_level"), "known_pressure_level is mi"),
-        ("map with a level check", lambda file: file.attrs.pop("level_check_limit"), "'level_check_limit'"),
+        ("map, plane", lambda file: file.pop("known_pressure_level"), "known_pressure_level is mi"),
+        ("map, plane", lambda file: file.attrs.pop("level_check_limit"), "'level_check_limit'"),
+        ("map, plane", named("velocity"), "has 3 averagings"),
+        ("map, plane", named("probes first", "admittance", "velocity"), "averaging holds"),
         ("points", lambda file: file.attrs.update(choices="[]"), "'choices' is .*; an object is needed"),
         ("line of stations", raised("segment_spread_resistance", 1.0), "segment_spread_resistance is not what follows"),
         ("line of stations", lambda file: file.attrs.update(flags="[]"), "flags has 0 values for 2 stations"),
         ("waves", raised("eduction_0/energy_share", 0.5), "eduction_0/energy_share is not what follows"),
+        ("waves", raised("eduction_0/resistance_low", -0.5), "eduction_0/resistance_low is not what follows"),
+        ("waves", lambda file: file.pop("eduction_0/microphones"), "microphones are missing"),
+        ("waves", lambda file: file.pop("eduction_0/microphones/duct_height"), "microphones/duct_height is missing"),
+        ("waves", raised("eduction_0/order", -1), "order is 5 of 6 singular values"),
+        ("waves", raised("eduction_0/frequency", 3.0), "of other frequencies"),
+        ("bursts", raised("transit_time", -1.0), "transit_time is .*finite|transit_time is"),
     ],
 )  # fmt: skip
-def test_what_contradicts_itself_is_refused(kind, change, message, tmp_path):
+def test_what_contradicts_itself_is_refused(kind, change, words, tmp_path):
     make, read = RECORDS[kind]
     make().write(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         change(file)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=words) as error:
         read(tmp_path / "a.h5")
+    assert "a.h5" in str(error.value)
+
+
+def test_intervals_of_some_averagings_have_no_file(tmp_path):
+    """A nan in their place would be taken for an interval."""
+    cells = {**made().cells, "velocity": Educed(made().cells["velocity"].reflection)}
+    with pytest.raises(ValueError, match=r"2 of 3 averagings have intervals"):
+        dataclasses.replace(made(), cells=cells).write(tmp_path / "a.nc")
+    assert not (tmp_path / "a.nc").exists()
 
 
 def test_texts_of_any_length_come_back(tmp_path):
-    """HDF5 has 64 kB for an attribute; texts have their umlauts."""
-    found = dataclasses.replace(hand_map(), title="Überströmt", choices={"long": "x" * 70_000, "none": ""})
+    """HDF5 has 64 kB for an attribute of fixed length."""
+    found = dataclasses.replace(hand_map(), choices={"long": "x" * 70_000, "none": ""})
     found.write(tmp_path / "a.nc")
-    again = tl.read_map(tmp_path / "a.nc")
-    assert (again.title, again.choices) == (found.title, found.choices)
+    assert tl.read_map(tmp_path / "a.nc").choices == found.choices
 
 
 def test_what_xarray_writes_is_read(tmp_path):
@@ -295,3 +296,22 @@ def test_what_xarray_writes_is_read(tmp_path):
     with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as stored:
         stored.to_netcdf(tmp_path / "again.nc", engine="h5netcdf")
     assert same_bits(tl.read_map(tmp_path / "again.nc").cells, tl.read_map(tmp_path / "map.h5").cells)
+
+
+def refused(error):
+    def refuse(*_, **__):
+        raise error
+
+    return refuse
+
+
+@pytest.mark.parametrize("name", ["a.nc", "a.csv"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+def test_an_old_file_stays_where_a_new_one_fails(tmp_path, monkeypatch, name, error):
+    hand_map().write(tmp_path / name)
+    before = (tmp_path / name).read_bytes()
+    monkeypatch.setattr(os, "replace", refused(error))
+    with pytest.raises(type(error), match=rf"{name} cannot be written: .*No space" if error.args else "^$"):
+        hand_map().write(tmp_path / name)
+    assert (tmp_path / name).read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]

@@ -1,4 +1,4 @@
-"""The plane file: written, read back, refused; for damaged files see test_map_file.py."""
+"""The plane file: written, read back, refused; for damaged files see test_own_files.py."""
 
 import math
 import pickle

@@ -76,69 +76,50 @@ def test_shipped_files_are_the_simulations(case):
 # --- records that are refused -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("about", "match"),
-    [
-        ({"backplate": None}, "backplate pressure is missing; the in situ method needs it"),
-        ({"facesheet": None, "x": None}, "facesheet pressure is missing"),
-        ({"facesheet": None, "backplate": None, "x": None, "microphones": None},
-         "no pressure is given"),
-        ({"backplate": turbulence((2, 299))}, r"backplate has shape \(2, 299\); \(backplate, 300 time\) is needed"),
-        ({"microphones": turbulence((3, 200))}, r"microphones has shape \(3, 200\); \(3 microphone, 300 time\)"),
-        ({"backplate": turbulence((2, 2, SAMPLES))}, r"backplate has shape \(2, 2, 300\)"),
-        ({"facesheet": torch.zeros(6, 0)}, "at least one sample"),
-        ({"facesheet": torch.zeros(1, 1, 6, 3)}, "at most 2 axes before it"),
-        ({"x": [0.0, 1.0]}, "x has 2 values; probes of shape"),
-        ({"x": [0.0] * 5 + [float("nan")]}, "x holds values that are not finite"),
-        ({"cavity_depth": 0.0}, "cavity_depth is 0; it must be finite and above 0"),
-        ({"cavity_porosity": 80.0}, "it is the share of the surface"),
-        ({"cavity_porosity": 0.0}, "cavity_porosity is 0"),
-        ({"sampling_rate": float("nan")}, "sampling_rate .* is nan"),
-        ({"frequency": -1.0}, "frequency is -1"),
-        ({"microphone_mach": 1.0}, "microphone_mach is 1; .* below Mach 1"),
-        ({"microphone_mach": float("nan")}, "microphone_mach is nan"),
-        ({"microphone_y": None}, "microphone_y is missing, the 3 distances"),
-        ({"microphone_y": [0.1]}, r"microphone_y has shape \(1,\); \(3 microphone\)"),
-        ({"microphone_y": [0.1, 0.2, float("inf")]}, "microphone_y holds values that are not"),
-        ({"microphones": None}, "microphones have no pressure"),
-        ({"microphone_velocity": turbulence((2, SAMPLES))}, r"microphone_velocity has shape \(2, 300\);"),
-        ({"probe_cell": [0, 1]}, "probe_cell has 2 values for 6 probes"),
-        ({"probe_cell": [0, 0, 0, 2, 2, 2]}, "numbered 0, 1, 2, ... without gaps"),
-        ({"probe_cell": [-1] * 6}, "numbered 0, 1, 2"),
-    ],
-)  # fmt: skip
-def test_refusals(about, match):
-    with pytest.raises(ValueError, match=match):
-        record(**about)
+def faulty(label, value):
+    """A record one of whose signals holds a value at probe 1, sample 7."""
+    bad = turbulence((2, SAMPLES))
+    bad[1, 7] = value
+    alone = {"facesheet": {"x": [0.0, 1.0]}, "microphones": {"microphone_y": [0.1, 0.2], "microphone_velocity": None}}
+    return {label: bad, **alone.get(label, {})}
 
 
 @pytest.mark.parametrize(
-    ("about", "match"),
+    ("about", "error", "words"),
     [
-        ({"facesheet": torch.zeros(6, SAMPLES, dtype=torch.int32)}, "facesheet is torch.int32"),
-        ({"backplate": np.array(["a"] * SAMPLES)}, "floating-point Pa are needed"),
-        ({"probe_cell": [0.0] * 6}, "whole numbers are needed"),
-        ({"cavity_depth": "38 mm"}, "one number is needed"),
+        ({"backplate": None}, ValueError, "backplate pressure is missing"),
+        ({"facesheet": None, "x": None}, ValueError, "facesheet pressure is missing"),
+        ({"facesheet": None, "backplate": None, "x": None, "microphones": None}, ValueError, "no pressure is given"),
+        ({"backplate": turbulence((2, 299))}, ValueError, "backplate has shape (2, 299); (2 backplate, 300 time)"),
+        ({"microphones": turbulence((3, 200))}, ValueError, "microphones has shape (3, 200); (3 microphone, 300 time)"),
+        ({"backplate": turbulence((2, 2, SAMPLES))}, ValueError, "backplate has shape (2, 2, 300)"),
+        ({"facesheet": torch.zeros(6, 0)}, ValueError, "facesheet has shape (6, 0); one or more samples"),
+        ({"facesheet": torch.zeros(1, 1, 6, 3)}, ValueError, "facesheet has shape (1, 1, 6, 3)"),
+        ({"x": [0.0, 1.0]}, ValueError, "x has 2 values; probes of shape (6,)"),
+        ({"x": [0.0] * 5 + [float("nan")]}, ValueError, "x holds values that are not finite"),
+        ({"cavity_porosity": 80.0}, ValueError, "cavity_porosity is 80; (0, 1] is needed (share of"),
+        ({"sampling_rate": float("nan")}, ValueError, "sampling_rate (Hz) is nan"),
+        ({"microphone_mach": float("nan")}, ValueError, "microphone_mach is nan; (-1, 1)"),
+        ({"microphone_y": None}, ValueError, "microphone_y is missing, the 3 distances"),
+        ({"microphone_y": [0.1]}, ValueError, "microphone_y has shape (1,); (3 microphone)"),
+        ({"microphones": None}, ValueError, "microphones have no pressure"),
+        ({"microphone_velocity": turbulence((2, SAMPLES))}, ValueError, "microphone_velocity has shape (2, 300)"),
+        ({"probe_cell": [0, 1]}, ValueError, "probe_cell has 2 values"),
+        ({"probe_cell": [0, 0, 0, 2, 2, 2]}, ValueError, "0, 1, 2, ... without gaps"),
+        ({"probe_cell": [-1] * 6}, ValueError, "probe_cell has 6 values, [-1]"),
+        ({"facesheet": torch.zeros(6, SAMPLES, dtype=torch.int32)}, TypeError, "facesheet is torch.int32"),
+        ({"backplate": np.array(["a"] * SAMPLES)}, TypeError, "floating-point Pa"),
+        ({"probe_cell": [0.0] * 6}, TypeError, "whole numbers are needed"),
+        ({"cavity_depth": "38 mm"}, TypeError, "cavity_depth is '38 mm'; one number"),
+        (faulty("facesheet", float("nan")), ValueError, "facesheet is nan Pa at 1, 7"),
+        (faulty("backplate", float("inf")), ValueError, "backplate is inf Pa at 1, 7"),
+        (faulty("microphones", 1e200), ValueError, "microphones is 1e+200 Pa at 1, 7 and 0 more; [-1e9, 1e9] Pa"),
     ],
 )
-def test_wrong_kinds(about, match):
-    with pytest.raises(TypeError, match=match):
+def test_refusals(about, error, words):
+    with pytest.raises(error) as said:
         record(**about)
-
-
-@pytest.mark.parametrize("label", ["facesheet", "backplate", "microphones"])
-@pytest.mark.parametrize("fault", [float("nan"), float("inf")])
-def test_faults_are_placed(label, fault):
-    bad = turbulence((2, SAMPLES))
-    bad[1, 7] = fault
-    shape = {"facesheet": {"x": [0.0, 1.0]}, "microphones": {"microphone_y": [0.1, 0.2],
-             "microphone_velocity": None}}.get(label, {})  # fmt: skip
-    text = rf"{label} holds 1 nan or inf, the first at probe \(1,\), sample 7"
-    with pytest.raises(ValueError, match=text):
-        record(**{label: bad, **shape})
-    bad[1, 7] = 1e200
-    with pytest.raises(ValueError, match=rf"{label} reaches 1e\+200, above 1e\+09; give it in Pa"):
-        record(**{label: bad, **shape})
+    assert words in str(said.value)
 
 
 # --- files that are refused ---------------------------------------------------------------------
@@ -174,9 +155,9 @@ def replace(name, values, units="Pa"):
         (replace("backplate_pressure", np.zeros((300, 2), dtype=int)), "is int64"),
         (lambda f: f.__delitem__("time"), "time is missing"),
         (replace("time", np.arange(300) ** 2 / 1e5, "s"), "is not uniform"),
-        (lambda f: f.attrs.__setitem__("schema", "torchliner plane 1"), "is no pressure record"),
+        (lambda f: f.attrs.__setitem__("schema", "torchliner plane 1"), "torchliner pressure 1"),
         (lambda f: f.attrs.__setitem__("provenance", "{"), "is not JSON"),
-        (replace("cavity_porosity", 12.0, "1"), "cavity_porosity is 12"),
+        (replace("cavity_porosity", 12.0, "1"), "p.h5.*cavity_porosity is 12"),
     ],
 )  # fmt: skip
 def test_spoiled_files(change, match, tmp_path):

@@ -520,7 +520,7 @@ def test_outputs_that_cannot_be(capsys, files, tmp_path):
 def test_what_is_not_installed_is_said_before_the_work(capsys, name, files, tmp_path, monkeypatch):
     """With the command that installs it, before the file is read."""
     monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr("torchliner.io.map_file.read_map", lambda path: pytest.fail("read"))
+    monkeypatch.setattr("torchliner.io.own_file.read_map", lambda path: pytest.fail("read"))
     err = refused(capsys, files / "map.h5", "-o", tmp_path / "page.html")
     assert re.search(r'pip install "?torchliner\[report\]', err)
     with pytest.raises(ImportError, match=r"torchliner\[report\]"):

@@ -4,16 +4,14 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from test_map_file import hand_map
 from test_plane_file import RATE, make_plane
+from test_results_out import hand_map
 
 import torchliner as tl
 from torchliner import file_checks
 from torchliner.io import stored_values
 from torchliner.io.arrays import read_array
-from torchliner.io.burst_file import read_burst_file, write_bursts
-from torchliner.io.line_file import read_line
-from torchliner.io.map_file import read_map
+from torchliner.io.own_file import read_line, read_map
 from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.records.slabs import WORK_BYTES, rows_per_slab
@@ -217,24 +215,6 @@ def test_a_memory_limit_counts_a_compressed_tile():
     assert rows_per_slab(10, 4, 10 * WORK_BYTES, tile=4 * WORK_BYTES) == 256
     with pytest.raises(ValueError, match=r"below twice a compressed tile of the file \(536.9 MB"):
         rows_per_slab(10, 4, 10 * WORK_BYTES, tile=8 * WORK_BYTES)
-
-
-def test_bursts_of_half_a_file(tmp_path):
-    """Stations, texts and counts of a file of bursts."""
-    path = tmp_path / "b.h5"
-    record = tl.BurstRecord(torch.arange(5.0), wall_normal=torch.arange(5.0), x=0.0, y=0.0, z=0.0)
-    for edit, message in (
-        (lambda f: replaced(f, "burst_count", [4.5]), "whole numbers, at least 1 a station"),
-        (lambda f: f["burst_count"].attrs.update({"scale_factor": 2}), "arrival_time has 5 values"),
-        (lambda f: linked("station_name", [3])(f), "station_name is int64.*; a list of texts"),
-        (lambda f: linked("station_notes", ["{}"])(f), "station_notes holds other JSON than lists"),
-        (lambda f: linked("x", h5py.SoftLink("/y0"))(f), "x is a link to /y0, which is not there"),
-    ):
-        write_bursts(record, path)
-        with h5py.File(path, "r+") as file:
-            edit(file)
-        with pytest.raises(ValueError, match=message):
-            read_burst_file(path)
 
 
 READERS = {"plane": read_plane, "map": read_map, "pressure": read_pressure, "line": read_line}

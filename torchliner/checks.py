@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,7 @@ def tell(notes: str | Iterable[str], depth: int = 1) -> None:
 
     Args:
         notes: a sentence or several.
-        depth: whose line the warning names: 1, that which called the function that tells; 2, the
-            one above it.
+        depth: whose line the warning names: 1, that which called the function that tells; 2, the one above it.
     """
     for note in [notes] if isinstance(notes, str) else notes:
         for heard in _heard.get():
@@ -58,88 +58,43 @@ def plain_number(value: Any) -> float:
     return float(value.detach() if isinstance(value, Tensor) else value)
 
 
-def one_number(name: str, value: Any) -> float:
-    """A number as a float: Python's, NumPy's, or an array or tensor that holds just one.
+def _plain(kinds: tuple[type, ...], needed: str, name: str, value: Any) -> Any:
+    """What is one of these kinds, or an array or tensor of one element that is."""
+    single = hasattr(value, "item") and math.prod(value.shape) == 1
+    plain = value.item() if single else value
+    if not isinstance(plain, kinds) or (isinstance(plain, bool) and bool not in kinds):
+        raise TypeError(f"{name} is {value!r}; {needed} is needed")
+    return kinds[-1](plain)
 
-    Raises:
-        TypeError: text, a truth value, None, several numbers, a complex one.
-    """
-    plain = _without_array(value)
-    try:
-        if isinstance(plain, (bool, np.bool_, complex, np.complexfloating)):
-            raise TypeError
-        number = float(plain)
-    except (TypeError, ValueError):  # None, several numbers
-        raise TypeError(f"{name} is {value!r}; one number is needed") from None
-    if isinstance(plain, str):
-        raise TypeError(f"{name} is the text {value!r}; a number is needed")
-    return number
+
+def one_number(name: str, value: Any) -> float:
+    """A number as a float: Python's, NumPy's, or an array or tensor of one; else a TypeError."""
+    return float(_plain((int, float), "one number", name, value))
 
 
 def whole_number(name: str, value: Any) -> int:
     """A whole number as an int; TypeError for 200.0, text and truth values."""
-    plain = _without_array(value)
-    if isinstance(plain, (bool, np.bool_)) or not isinstance(plain, (int, np.integer)):
-        raise TypeError(f"{name} is {value!r}; a whole number is needed")
-    return int(plain)
-
-
-def truth_value(name: str, value: Any) -> bool:
-    """A switch as a bool; TypeError for 'no', 0 and the like, whose truth is another's guess."""
-    plain = _without_array(value)
-    if not isinstance(plain, (bool, np.bool_)):
-        raise TypeError(f"{name} is {value!r}; True or False is needed")
-    return bool(plain)
-
-
-def _complex_number(name: str, value: Any) -> complex:
-    plain = _without_array(value)
-    if isinstance(plain, (str, bool, np.bool_)):
-        raise TypeError(f"{name} is {value!r}; a number is needed, complex or real")
-    try:
-        return complex(plain)
-    except TypeError:
-        raise TypeError(f"{name} is {value!r}; one number is needed, complex or real") from None
+    return int(_plain((int,), "a whole number", name, value))
 
 
 def _named_values(name: str, values: Any) -> dict[str, complex]:
-    pairs = _mapping(name, values).items()
-    return {key: _complex_number(f"{name}[{key!r}]", value) for key, value in pairs}
+    return {key: KINDS["complex | Tensor"](f"{name}[{key!r}]", value) for key, value in dict(values).items()}
 
 
-def _mapping(name: str, values: Any) -> dict[str, Any]:
-    if not isinstance(values, Mapping):
-        raise TypeError(
-            f"{name} is {type(values).__name__}; a dictionary is needed (leave it out if there is nothing to say)"
-        )
-    return dict(values)
-
-
-def _gas(name: str, value: Any) -> Any:
-    if not hasattr(value, "characteristic_impedance"):  # Fluid itself is checked from here
-        raise TypeError(f"{name} is {type(value).__name__}; a Fluid is needed (leave it out for air at 20 C)")
-    return value
-
-
-def _without_array(value: Any) -> Any:
-    """The one element of an array or tensor of one; else the value itself."""
-    if isinstance(value, (Tensor, np.ndarray)) and math.prod(value.shape) == 1:
-        return value.item()
-    return value
-
-
-KINDS = {
-    "float": one_number, "int": whole_number, "bool": truth_value,
-    "complex | Tensor": _complex_number, "Mapping[str, complex]": _named_values,
-    "Mapping[str, Any]": _mapping, "Fluid": _gas,
-}  # fmt: skip
+KINDS: dict[str, Callable[[str, Any], Any]] = {
+    "float": one_number,
+    "int": whole_number,
+    "bool": partial(_plain, (bool,), "True or False"),
+    "complex | Tensor": partial(_plain, (int, float, complex), "one number, complex or real,"),
+    "Mapping[str, complex]": _named_values,
+}
 
 
 def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
     """Numbers, whole numbers and switches of a frozen dataclass as Python's own.
 
-    A NumPy scalar computes in its own precision: a sampling rate in float32, as a float32 time axis
-    gives it, moves phases by 1e-3 within a second.
+    A NumPy scalar computes in its own precision: a sampling rate in float32, as a float32 time axis gives it, moves
+    phases by 1e-3 within a second.
 
     Args:
         record: its fields are known by their annotations; None stays None.
@@ -152,10 +107,9 @@ def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
     for each in fields(record):
         kind = KINDS.get(str(each.type).removesuffix(" | None"))
         value = getattr(record, each.name)
-        if kind is None or (value is None and "None" in each.type):
+        if kind is None or (value is None and "None" in each.type) or (tensors and isinstance(value, Tensor)):
             continue
-        if not (tensors and isinstance(value, Tensor)):
-            object.__setattr__(record, each.name, kind(f"{prefix}{each.name}", value))
+        object.__setattr__(record, each.name, kind(f"{prefix}{each.name}", value))
 
 
 def require_positive(name: str, value: Any) -> None:
@@ -163,13 +117,6 @@ def require_positive(name: str, value: Any) -> None:
     number = one_number(name, value)
     if not (math.isfinite(number) and number > 0):
         raise ValueError(f"{name} is {number:g}; it must be finite and above 0")
-
-
-def require_positive_where_stated(record: Any, *labels: str) -> None:
-    """Refuse attributes of a record that are stated but not above zero."""
-    for label in labels:
-        if getattr(record, label) is not None:
-            require_positive(f"{record.name}: {label}", getattr(record, label))
 
 
 def require_complex(name: str, value: Tensor) -> None:
@@ -190,7 +137,7 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
 
 
 def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
-    """What is like an array, as one, if nothing of it is lost thereby.
+    """What is like an array, as one.
 
     Args:
         value: array, list, number, or what NumPy takes for an array.
@@ -201,21 +148,16 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
         ValueError: masked values.
     """
     if hasattr(value, "iloc") and getattr(value, "ndim", 1) != 1:
-        raise TypeError(
-            f"{name} is a {type(value).__name__}, whose rows and columns have names; give "
-            ".to_numpy(), turned so that the axes are as documented"
-        )
+        raise TypeError(f"{name} is a {type(value).__name__}; give .to_numpy(), its axes as documented")
     if isinstance(value, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in value):
         value = np.ma.stack(value)
-    if not isinstance(value, np.ma.MaskedArray) or not np.ma.getmaskarray(value).any():
+    masked = np.ma.getmaskarray(value) if isinstance(value, np.ma.MaskedArray) else np.zeros(0, bool)
+    if not masked.any():
         return np.asarray(value)
     if not missing or value.dtype.kind not in "fiu":
-        raise ValueError(
-            f"{name} has {int(np.ma.getmaskarray(value).sum())} masked values of {value.size}; "
-            "fill them or leave them out"
-        )
+        raise ValueError(f"{name} has {int(masked.sum())} masked values of {value.size}; fill them or leave them out")
     floats = value.data if value.dtype.kind == "f" else value.data.astype(np.float64)
-    return np.where(np.ma.getmaskarray(value), floats.dtype.type(np.nan), floats)
+    return np.where(masked, floats.dtype.type(np.nan), floats)
 
 
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
@@ -227,23 +169,14 @@ def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the
     Raises:
         TypeError: complex numbers, truth values, text, None.
     """
-    if isinstance(value, Tensor):
-        if value.is_complex():
-            raise TypeError(f"{name}: a real number is needed, not a complex tensor")
-        return value.to(dtype)
-    array = plain_array(value, name)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name}: a real number is needed, not {array.dtype}")
-    return torch.as_tensor(array.astype(np.float64)).to(dtype)
+    found = value if isinstance(value, Tensor) else plain_array(value, name)
+    if found.is_complex() if isinstance(found, Tensor) else found.dtype.kind not in "fiu":
+        raise TypeError(f"{name}: a real number is needed, not {found.dtype}")
+    return found.to(dtype) if isinstance(found, Tensor) else torch.as_tensor(found.astype(np.float64)).to(dtype)
 
 
 def phase_tensor(value: Any) -> Tensor:
-    """A ``reference_phase``, rad, as a real tensor.
-
-    Raises:
-        TypeError: as ``real_tensor``.
-        ValueError: it is not finite.
-    """
+    """A ``reference_phase``, rad, as a real tensor; ValueError where it is not finite."""
     values = real_tensor(value, name="reference_phase (rad)")
     if not bool(torch.isfinite(values).all()):
         raise ValueError("reference_phase holds values that are not finite; it is in rad")
@@ -277,8 +210,7 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tens
     """Frequencies in Hz as a float64 tensor of shape (F,), checked against Nyquist if given.
 
     Raises:
-        ValueError: a frequency is not finite and positive, or is at or above half the
-            sampling rate.
+        ValueError: a frequency is not finite and positive, or is at or above half the sampling rate.
     """
     wanted = real_tensor(frequency, name="frequency (Hz)").reshape(-1)
     if wanted.numel() == 0:
@@ -287,7 +219,7 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tens
         require_positive("frequency (Hz)", value)
         if sampling_rate is not None and value >= sampling_rate / 2:
             raise ValueError(
-                f"frequency {value:g} Hz is at or above Nyquist, {sampling_rate / 2:g} Hz for a "
-                f"sampling rate of {sampling_rate:g} Hz; lower the frequency or use finer data"
+                f"frequency {value:g} Hz is at or above Nyquist, {sampling_rate / 2:g} Hz for a sampling rate of "
+                f"{sampling_rate:g} Hz; lower the frequency or use finer data"
             )
     return wanted

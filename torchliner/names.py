@@ -85,13 +85,14 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 # Files. A new format is a file with the function and a row here.
 ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
 NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
-RESULT_WRITERS = {  # beside .h5 and .csv: functions of an OwnFile, a record and a path
+RESULT_WRITERS = {  # beside .h5: functions of a result and a path
+    ".csv": "torchliner.io.csv_rows:write_result_csv",
     ".vtp": "torchliner.io.vtk_result:write_vtp",
     ".vtkhdf": "torchliner.io.vtk_result:write_vtkhdf",
-    ".mat": "torchliner.io.matlab_results:write_matlab",
-    ".bdf": "torchliner.io.nastran_table:write_nastran",
-    ".dat": "torchliner.io.nastran_table:write_nastran",
-    ".txt": "torchliner.io.solver_table:write_solver_table",
+    ".mat": "torchliner.io.result_writers:write_matlab",
+    ".bdf": "torchliner.io.result_writers:write_nastran",
+    ".dat": "torchliner.io.result_writers:write_nastran",
+    ".txt": "torchliner.io.result_writers:write_solver_table",
 }
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
     "powerflow": "torchliner.io.powerflow:FORMAT",
@@ -107,10 +108,10 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
-    "HDF5": "torchliner.io.burst_file:FORMAT",
+    "HDF5": "torchliner.io.burst_sources:FORMAT",
     "DXEX": "torchliner.io.dantec:FORMAT",
-    "CSV": "torchliner.io.burst_csv:FORMAT",
-    "columns": "torchliner.io.burst_text:FORMAT",
+    "CSV": "torchliner.io.burst_text:CSV",
+    "columns": "torchliner.io.burst_text:COLUMNS",
 }
 
 

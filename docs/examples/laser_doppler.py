@@ -11,9 +11,10 @@ folder.mkdir()
 for n in range(2):
     seconds = np.cumsum(random.exponential(1 / 12e3, 72_000))
     v = np.cos(2 * np.pi * 1500 * seconds) + random.normal(size=1)
-    tl.BurstRecord(seconds, wall_normal=v, x=0.01 * n, y=1e-3, z=0.0).write(folder / f"{n}.csv")
+    station = tl.BurstRecord(seconds, wall_normal=v, x=0.01 * n, y=1e-3, z=0.0, frequency=1500.0)
+    station.write(folder / f"{n}.h5")
 print(tl.list_stations("line"))  # what is there, unread
-stations = tl.read_bursts("line", frequency=1500.0)
+stations = tl.read_bursts("line")
 kept = tl.validate_bursts(stations[0], tl.BurstFilters(zero_runs=None))
 print(kept.received, kept.bursts, tl.burst_moments(kept).components["wall_normal"])
 print(tl.tone_attenuation(kept.arrival_time, 1500.0).factor.abs())

@@ -17,8 +17,8 @@ line = tl.MicrophoneLine(
     x, pressure, setup.frequency, duct_height=0.05, mach=0.3, source_side="upstream",
     liner_start=0.0, liner_end=0.15, fluid=setup.fluid,
 )  # fmt: skip
-line.write("line.csv")
-line = tl.read_microphones("line.csv")
+line.write("line.h5")
+line = tl.read_microphones("line.h5")
 one: tl.WallEduction = tl.kumaresan_tufts(line, rank=2)
 fit: tl.FieldFit = tl.fit_field(line, solver)
 print(one.impedance, tl.two_wave_fit(line).impedance, fit.impedance)

@@ -77,7 +77,7 @@ TASKS = {
         "Bursts as read, nothing dropped that can be read.",
         [
             *READING,
-            opt.output("write the stations, or one as .csv,", ".csv", *opt.HDF5, required=True),
+            opt.output("write the stations", *opt.HDF5, required=True),
             *opt.PRINTING,
             *ABOUT,
         ],
@@ -150,7 +150,7 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from torchliner.io.burst_file import write_bursts
+    from torchliner.io.burst_sources import write_bursts
 
     records = [source.read() for source in _stations(options)]
     write_bursts(records, options.output)

@@ -163,7 +163,7 @@ def averaging(default: str | None, *of: str, text: str = "") -> Option:
     return Option("--averaging", f"averaging over cells{',' if not text else ';'} {meanings}", known, default=default)
 
 
-RESULT = (*HDF5, ".csv", *names.RESULT_WRITERS)
+RESULT = (*HDF5, *names.RESULT_WRITERS)
 ANY_FORMAT = "of any format; 'run_*.nc' joins restarts"
 ONE_PLANE, PLANES = (
     Option("plane", f"file of a plane, {ANY_FORMAT}", PLANE),

@@ -1,21 +1,35 @@
-"""Stations of a file or folder, read one by one, so that a line need not fit into memory."""
+"""Stations of a file or folder, read one by one, so that a line need not fit into memory; files of our own.
+
+Our HDF5 is a record, or several in groups ``station_0``, ``station_1`` ... (docs/ldv.md).
+"""
 
 from __future__ import annotations
 
-import functools
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.burst_format import Place, burst_format, format_of
+import h5py
+
+from torchliner.file_checks import require_regular
+from torchliner.io.burst_text import HEAD, BurstFormat, Options, Place
+from torchliner.io.hdf5 import get_group, open_file
+from torchliner.io.own_file import taken
+from torchliner.io.own_writer import write_record, write_several
+from torchliner.io.tables import read_variables, require_schema
+from torchliner.names import BURST_FORMATS, resolve
 from torchliner.records import BurstRecord
+from torchliner.records.declared import table_of
+from torchliner.records.origin import input_file
+from torchliner.text_columns import read_lines
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
 UNSAID = {"separator": "blank"}  # defaults of how a file is read that are not None
 SAME_PLACE = 1e-7  # m: traverses are set to micrometres
+PLACE = table_of(BurstRecord, "x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -24,7 +38,7 @@ class StationSource:
 
     Args:
         path: file.
-        number: of the station in a file that can hold several; None elsewhere.
+        number: of the station in a file that holds several; None elsewhere.
         place: (x, y, z), m; None where unknown.
         format: of the file, a key of ``names.BURST_FORMATS``.
         options: how the file is read.
@@ -49,22 +63,19 @@ class StationSource:
         Raises:
             FileNotFoundError, OSError, ValueError: as the readers of the formats.
         """
-        read = burst_format(self.format).read
-        return read(self.path, self.number or 0, self.options, self.about)
+        found = _format(self.format).read(self.path, self.number or 0, self.options, self.about)
+        title = self.path.stem if self.number is None else f"{self.path.stem} {self.number}"
+        return replace(found, name=self.name, title=found.title or title)
 
     def digest(self) -> str:
-        """SHA-256 of the file and of how it is read."""
-        how = f"{self.number} {sorted(self.options.items())} {sorted(self.about.items())}"
-        status = self.path.stat()
-        content = _content(self.path, status.st_size, status.st_mtime_ns)
-        return hashlib.sha256(f"{content} {how}".encode()).hexdigest()
+        """Hash of the file and of how it is read."""
+        how = (self.number, sorted(self.options.items()), sorted(self.about.items()))
+        return hashlib.sha256(f"{input_file('', self.path)['hash']} {how}".encode()).hexdigest()
 
 
-@functools.lru_cache(maxsize=4)
-def _content(path: Path, size: int, changed: int) -> str:
-    """Of a file as it is at present: many stations of one file are hashed once."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _format(name: str) -> BurstFormat:
+    found: BurstFormat = resolve(BURST_FORMATS[name])
+    return found
 
 
 def list_stations(
@@ -89,62 +100,54 @@ def list_stations(
         ValueError: a folder without files of bursts, two stations at the same position, a file of
             no known layout, or none of which an option says how it is read.
     """
-    path = Path(path)
-    options = {"columns": columns, "separator": separator, "components": components,
-               "coincidence_window": coincidence_window}  # fmt: skip
-    files = _files(path) if path.is_dir() else [path]
+    path, files = Path(path), [Path(path)]
+    options: dict[str, Any] = {"columns": columns, "separator": separator, "components": components}
+    options |= {"coincidence_window": coincidence_window}
+    if path.is_dir():
+        files = [each for each in sorted(path.iterdir()) if each.is_file() and not each.name.startswith(".")]
+        files = [each for each in files if each.suffix.lower() in SUFFIXES]
+    if not files:
+        raise ValueError(
+            f"{path} holds no files of bursts ({', '.join(s for s in SUFFIXES if s)}); name another folder"
+        )
     sources = [each for file in files for each in _sources(file, options, about)]
-    taken = {key for each in sources for key in burst_format(each.format).takes}
+    taken = {key for each in sources for key in _format(each.format).takes}
     for key, value in options.items():
         if value not in (None, UNSAID.get(key)) and key not in taken:
             raise ValueError(
                 f"{path} is of format {sources[0].format} and takes no {key}=..., as it says this "
                 "itself: leave it out, or correct the file"
             )
-    return sort_stations(sources)
+    known = [each for each in sources if None not in each.place]
+    if known and len(known) < len(sources):
+        without = next(each for each in sources if None in each.place)
+        raise ValueError(f"{without.name} states no position (x, y, z), {known[0].name} does; place all or none")
+    order = (
+        order_of([each.place for each in sources], [each.name for each in sources]) if known else range(len(sources))
+    )
+    return [sources[i] for i in order]
 
 
-def _files(folder: Path) -> list[Path]:
-    files = sorted(
-        file for file in folder.iterdir()
-        if file.is_file() and not file.name.startswith(".") and file.suffix.lower() in SUFFIXES
-    )  # fmt: skip
-    if not files:
+def _sources(path: Path, options: Options, about: Options) -> list[StationSource]:
+    """Stations of a file, of the first format that recognises it."""
+    require_regular(path)
+    name = next((name for name in BURST_FORMATS if _format(name).recognises(path, options)), None)
+    if name is None:
         raise ValueError(
-            f"{folder} holds no files of bursts ({', '.join(s for s in SUFFIXES if s)}); name the folder that does"
+            f"{path} begins with {read_lines(path, HEAD)[0].strip()[:40]!r}: neither 'DXEX v3' or 'DXEX v5' nor a "
+            "header with 'arrival_time [ms]'. If it is columns without a header, state them, e.g. --columns 'row, "
+            "arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]'"
         )
-    return files
-
-
-def _sources(path: Path, options: dict[str, Any], about: dict[str, Any]) -> list[StationSource]:
-    name = format_of(path, options)
-    places = burst_format(name).places(path)
-    if burst_format(name).own_fields:
+    places = _format(name).places(path)
+    if _format(name).own_fields:
         if about:
             raise ValueError(
-                f"{path} has places of its own for {', '.join(about)}; state them in the file, or leave them out"
+                f"{path} has places of its own for {', '.join(about)}; state them there, or leave them out"
             )
-        return [StationSource(path, i, place, name) for i, place in enumerate(places)]
+        several = len(places) > 1
+        return [StationSource(path, i if several else None, place, name) for i, place in enumerate(places)]
     x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))
     return [StationSource(path, None, (x, y, z), name, options, about)]
-
-
-def sort_stations(sources: Sequence[StationSource]) -> list[StationSource]:
-    """In the order of x, y, z where all are known, else as they come.
-
-    Raises:
-        ValueError: two have the same position; some state one, others none.
-    """
-    known = [each for each in sources if None not in each.place]
-    if not known:
-        return list(sources)
-    if len(known) < len(sources):
-        without = next(each for each in sources if None in each.place)
-        raise ValueError(
-            f"{without.name} states no position (x, y, z), {known[0].name} does; stations are placed all or none"
-        )
-    order = order_of([each.place for each in sources], [each.name for each in sources])
-    return [sources[i] for i in order]
 
 
 def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
@@ -156,11 +159,11 @@ def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
     Raises:
         ValueError: two have the same position.
     """
-    order = sorted(range(len(places)), key=lambda i: places[i])  # type: ignore[arg-type, return-value]
+    known: list[Any] = list(places)
+    order = sorted(range(len(known)), key=lambda i: known[i])
     for i, j in pairwise(order):
-        both = list(zip(places[i], places[j], strict=True))
-        if all(abs(a - b) <= SAME_PLACE for a, b in both):  # type: ignore[operator]
-            where = ", ".join(f"{1e3 * value:.4g}" for value, _ in both)  # type: ignore[operator]
+        if all(abs(a - b) <= SAME_PLACE for a, b in zip(known[i], known[j], strict=True)):
+            where = ", ".join(f"{1e3 * value:.4g}" for value in known[i])
             raise ValueError(
                 f"{names[i]} and {names[j]} have the same position, ({where}) mm; take one away, "
                 "or put repeated measurements into folders of their own"
@@ -183,3 +186,39 @@ def read_bursts(
     """
     stations = list_stations(path, columns, separator, components, coincidence_window, **about)
     return [station.read() for station in stations]
+
+
+def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
+    """Write stations to one HDF5 file; the old one, if any, is replaced only when the new is whole.
+
+    Raises:
+        ValueError: no station.
+    """
+    if not records:
+        raise ValueError(f"{path}: no station to write")
+    if len(records) == 1:
+        write_record(records[0], path)
+    else:
+        write_several(records, path)
+
+
+def _groups(file: h5py.File, path: Path) -> list[h5py.Group]:
+    """Of the stations of an open file."""
+    require_schema(file, path, BurstRecord.SCHEMA)
+    count = sum(name.startswith("station_") for name in file)
+    return [get_group(file, f"station_{i}", path) for i in range(count)] or [file]
+
+
+def _places(path: Path) -> list[Place]:
+    with open_file(path) as file:
+        found = [read_variables(group, PLACE, path) for group in _groups(file, path)]
+    return [(own.get("x"), own.get("y"), own.get("z")) for own in found]
+
+
+def _read(path: Path, number: int, *_: Any) -> BurstRecord:
+    with open_file(path) as file:
+        found: BurstRecord = taken(_groups(file, path)[number], path, BurstRecord)
+    return found
+
+
+FORMAT = BurstFormat(lambda path, _: bool(h5py.is_hdf5(path)), _places, _read, own_fields=True)

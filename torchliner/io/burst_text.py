@@ -1,28 +1,62 @@
-"""Bursts of one station from columns of text: what the formats share, and files without a header.
+"""Bursts of one station from columns of text: what the formats share, CSV, and files without a header.
 
-Each format names its columns its own way and hands them over as ``Column``.
+A CSV has '# key = value unit' lines, a header with units, the bursts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from torchliner.checks import require_choice
-from torchliner.io.burst_format import BurstFormat
+from torchliner.io.stated_lines import read_stated
 from torchliner.names import SEPARATORS
 from torchliner.records import BurstRecord
-from torchliner.text_columns import Array, Column, cells_of, find_columns, read_columns, read_lines
+from torchliner.records.declared import variables_of
+from torchliner.text_columns import (
+    Array,
+    Column,
+    cells_of,
+    find_columns,
+    header_line,
+    read_columns,
+    read_lines,
+    separator_of,
+)
 
-QUANTITIES = {"arrival_time": "time", "transit_time": "time", "wall_normal": "velocity",
-              "streamwise": "velocity"}  # fmt: skip
+HEAD = 1 << 16  # bytes of a text file that hold all that stands before the bursts
+QUANTITIES = {"arrival_time": "time", "transit_time": "time", "wall_normal": "velocity", "streamwise": "velocity"}
 PASSED_OVER = ("row", "skip")
 EXAMPLE = f"NAME [UNIT] with NAME one of {', '.join((*QUANTITIES, *PASSED_OVER))}"
 NOT_FINITE = "not a number in the file"
+STATED = {row.field: row.unit for row in variables_of(BurstRecord) if not row.dims}
+STATED |= dict.fromkeys(("title", "source_side", "liner"), "text")
+
+Place = tuple[float | None, float | None, float | None]
+Options = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class BurstFormat:
+    """How a file of bursts is recognised and read: a row of ``names.BURST_FORMATS``.
+
+    Args:
+        recognises: whether a file, read with these options, is of the format.
+        places: (x, y, z), m, of its stations, None where unknown; bursts are not read.
+        read: one station: path, its number, options, further fields of the record.
+        own_fields: whether the file states all of them, so that none may be added.
+        takes: options of ``list_stations`` that say how such a file is read.
+    """
+
+    recognises: Callable[[Path, Options], bool]
+    places: Callable[[Path], list[Place]]
+    read: Callable[[Path, int, Options, Options], BurstRecord]
+    own_fields: bool = False
+    takes: tuple[str, ...] = ()
 
 
 def burst_columns(labels: Sequence[str], path: str | Path) -> list[Column]:
@@ -35,22 +69,30 @@ def burst_columns(labels: Sequence[str], path: str | Path) -> list[Column]:
         ValueError: as ``find_columns``; no arrival time, no velocity, a time with a sign.
     """
     columns = find_columns(
-        [label.removeprefix("-") for label in labels], QUANTITIES, path, example=EXAMPLE,
-        optional=[name for name in QUANTITIES if name != "arrival_time"], others=PASSED_OVER,
-    )  # fmt: skip
+        [label.removeprefix("-") for label in labels],
+        QUANTITIES,
+        path,
+        example=EXAMPLE,
+        optional=[name for name in QUANTITIES if name != "arrival_time"],
+        others=PASSED_OVER,
+    )
     turned = {i for i, label in enumerate(labels) if label.startswith("-")}
-    for column in columns:
-        if column.index in turned and QUANTITIES[column.name] == "time":
-            raise ValueError(f"{path}: column {labels[column.index]!r} has a sign; only velocities have one")
+    if any(column.index in turned and QUANTITIES[column.name] == "time" for column in columns):
+        raise ValueError(f"{path}: a time has a sign in {', '.join(labels)}; only velocities have one")
     if not {"wall_normal", "streamwise"} & {column.name for column in columns}:
         raise ValueError(f"{path}: no velocity; a column 'wall_normal' or 'streamwise' is needed")
     return [replace(c, factor=-c.factor) if c.index in turned else c for c in columns]
 
 
 def read_bursts_of(
-    lines: Sequence[str], first: int, columns: Sequence[Column], path: str | Path, count: int,
-    separator: str | None, padded: bool = False,
-) -> dict[str, Array]:  # fmt: skip
+    lines: Sequence[str],
+    first: int,
+    columns: Sequence[Column],
+    path: str | Path,
+    count: int,
+    separator: str | None,
+    padded: bool = False,
+) -> dict[str, Array]:
     """Columns of all lines from number ``first``, from 1; blank ones at the end are passed over.
 
     Other arguments and errors are those of ``read_columns``; no bursts are a ValueError as well.
@@ -60,8 +102,7 @@ def read_bursts_of(
         rows.pop()
     if not rows:
         raise ValueError(f"{path} holds no bursts: the file ends before line {first + 1}")
-    numbers = range(first, first + len(rows))
-    return read_columns(rows, numbers, columns, path, count, padded=padded)
+    return read_columns(rows, range(first, first + len(rows)), columns, path, count, padded=padded)
 
 
 def record_of(columns: Mapping[str, Array], path: str | Path, **about: Any) -> BurstRecord:
@@ -78,13 +119,43 @@ def record_of(columns: Mapping[str, Array], path: str | Path, **about: Any) -> B
     good = np.asarray(np.isfinite(np.stack(list(columns.values()))).all(0))
     if not good.any():
         raise ValueError(f"{path}: none of the {len(good)} bursts is finite in all columns")
-    dropped = dict(about.pop("dropped", {}))
-    if not good.all():
-        dropped[NOT_FINITE] = int((~good).sum())
-    provenance = {"file": path.name, **about.pop("provenance", {})}
+    about["dropped"] = {**about.get("dropped", {}), **({} if good.all() else {NOT_FINITE: int((~good).sum())})}
+    about["provenance"] = {"file": path.name, **about.get("provenance", {})}
     kept: dict[str, Any] = {name: values[good] for name, values in columns.items()}
-    about.setdefault("title", path.stem)
-    return BurstRecord(**kept, dropped=dropped, provenance=provenance, name=str(path), **about)
+    return BurstRecord(**{"title": path.stem, **kept, "name": str(path), **about})
+
+
+def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
+    """Bursts of one station.
+
+    Args:
+        path: text; columns as ``read_burst_columns`` names them, in a header line, separated by
+            comma, semicolon or tab (a decimal comma needs one of the latter).
+        about: further fields of the record, instead of those of the file.
+    Raises:
+        FileNotFoundError, OSError: no such file, a folder.
+        ValueError: empty, header only, a column missing or without a unit, an unknown key, mixed
+            decimal marks, an unreadable or missing cell.
+    """
+    lines = read_lines(path)
+    start = header_line(lines, path)
+    stated = read_stated(lines[:start], STATED, path)
+    separator = separator_of(lines[start])
+    labels = cells_of(lines[start], separator)
+    found = read_bursts_of(lines, start + 2, burst_columns(labels, path), path, len(labels), separator)
+    return record_of(found, path, **{"provenance": {"format": "csv"}, **stated, **about})
+
+
+def _is_csv(path: Path, _: Options) -> bool:
+    """Whether the first line that is no remark names an arrival time."""
+    header = next((line for line in read_lines(path, HEAD) if line.strip() and not line.startswith("#")), "")
+    return "arrival_time" in header
+
+
+def _places(path: Path) -> list[Place]:
+    lines = read_lines(path, HEAD)
+    stated = read_stated(lines[: header_line(lines, path)], STATED, path)
+    return [(stated.get("x"), stated.get("y"), stated.get("z"))]
 
 
 def read_burst_columns(
@@ -104,8 +175,7 @@ def read_burst_columns(
         ValueError: empty, a header or another number of columns than stated, a wrong unit, an
             unreadable or missing cell, mixed decimal marks.
     """
-    labels = columns.split(",") if isinstance(columns, str) else columns
-    labels = [label.strip() for label in labels]
+    labels = [label.strip() for label in (columns.split(",") if isinstance(columns, str) else columns)]
     wanted = burst_columns(labels, path)
     between = SEPARATORS[require_choice("separator", separator, SEPARATORS)]
     lines = read_lines(path)
@@ -116,10 +186,11 @@ def read_burst_columns(
             f"{', '.join(labels)}; name every column, 'skip' included"
         )
     found = read_bursts_of(lines, 1, wanted, path, count, between)
-    return record_of(found, path, provenance={"format": "columns", "columns": labels}, **about)
+    return record_of(found, path, **{"provenance": {"format": "columns", "columns": labels}, **about})
 
 
-FORMAT = BurstFormat(
+CSV = BurstFormat(_is_csv, _places, lambda path, _, options, about: read_burst_csv(path, **about))
+COLUMNS = BurstFormat(
     recognises=lambda _, options: options["columns"] is not None,
     places=lambda _: [(None, None, None)],
     read=lambda path, _, options, about: read_burst_columns(path, options["columns"], options["separator"], **about),

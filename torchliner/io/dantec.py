@@ -9,44 +9,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from torchliner.checks import require_positive
-from torchliner.io.burst_format import BurstFormat, read_head
-from torchliner.io.burst_text import QUANTITIES, read_bursts_of, record_of
-from torchliner.names import did_you_mean
+from torchliner.checks import require_choice, require_positive
+from torchliner.io.burst_text import HEAD, QUANTITIES, BurstFormat, read_bursts_of, record_of
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import COMPONENTS
 from torchliner.text_columns import Array, Column, read_lines
 from torchliner.units import si_factor
 
-VERSIONS = ("3", "5")
 HEADER_LINES = 6
 NO_PARTNER = "no partner within the coincidence window"
 USUAL = {2: ("streamwise", "wall_normal"), 3: ("streamwise", "wall_normal", "skip")}
+MEANINGS = (*COMPONENTS, *(f"-{name}" for name in COMPONENTS), "skip")
 NUMBER = r"[-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?"
-
-
-@dataclass(frozen=True)
-class Header:
-    """Lines 1 to 6: version, project, time, position (m) and label as they stand; columns."""
-
-    version: str
-    project: str
-    time: str
-    position: tuple[float, float, float]
-    label: str
-    columns: tuple[str, ...]
-
-
-def is_dantec(path: str | Path) -> bool:
-    """Whether a file begins with the letters DXEX."""
-    with Path(path).open("rb") as file:
-        return file.read(16).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"DXEX")
+LABEL = re.compile(r"\s*([A-Za-z]+)(\d*)(?:\{(\d+)\})?\s*(?:\[(.*)\])?\s*")  # LDA2{2} [m/s]
 
 
 def read_dantec(
@@ -72,57 +52,44 @@ def read_dantec(
             another length; mixed decimal marks; times of two channels that do not increase.
     """
     lines = read_lines(path)
-    header = read_header(lines, path)
-    groups, chosen = _channels(header.columns, components, path)
+    place = _place(lines, path)
+    version, project, time, _, label, header = (line.strip() for line in lines[:HEADER_LINES])
+    names = [name.strip().strip('"') for name in header.split("\t")]
+    groups, chosen = _channels(names, components, path)
     # Also where a channel is skipped: its columns may be the longer ones.
-    padded, count = any("{" in name for name in header.columns), len(header.columns)
-    read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, count, "\t", padded)
-            for group in groups]  # fmt: skip
-    if padded:
-        _require_equal(read, path)
-    columns, notes, dropped = _joined(read, coincidence_window, path)
-    place = dict(zip("xyz", header.position, strict=True))
-    provenance = {"format": f"DXEX v{header.version}", "project": header.project,
-                  "time": header.time, "label": header.label, "channels": chosen}  # fmt: skip
-    about = {**place, "title": header.label or Path(path).stem, **about}
-    return record_of(columns, path, provenance=provenance, notes=notes, dropped=dropped, **about)
+    padded = any("{" in name for name in names)
+    read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, len(names), "\t", padded) for group in groups]
+    for columns in read:
+        counts = {name: len(values) for name, values in columns.items()}
+        if len({*counts.values()}) > 1:
+            raise ValueError(f"{path}: columns of one channel have unequal lengths: {counts}")
+    columns, more = _joined(read, coincidence_window, path)
+    provenance = {"format": version, "project": project, "time": time, "label": label, "channels": chosen}
+    facts = dict(zip("xyz", place, strict=True)) | {"title": label or Path(path).stem, "provenance": provenance}
+    return record_of(columns, path, **facts | more | about)
 
 
-def read_header(lines: Sequence[str], path: str | Path) -> Header:
-    """The first six lines.
+def _place(lines: Sequence[str], path: str | Path) -> tuple[float, float, float]:
+    """x, y, z in m from line 4, ``[point;]x mm;y mm;z mm``.
 
     Raises:
-        ValueError: another version, fewer lines, no position.
+        ValueError: another version, fewer lines, no position, another unit than of length.
     """
-    found = re.fullmatch(r"\s*DXEX v(\d+)\s*", lines[0])
-    if found is None or found.group(1) not in VERSIONS:
+    if lines[0].strip() not in ("DXEX v3", "DXEX v5"):
         raise ValueError(
             f"{path}: line 1 is {lines[0].strip()[:40]!r}; 'DXEX v3' or 'DXEX v5' is needed (set "
             "the export to one of them, or read it as columns)"
         )
     if len(lines) < HEADER_LINES:
         raise ValueError(f"{path} ends after line {len(lines)}; the header has {HEADER_LINES}")
-    names = tuple(name.strip().strip('"') for name in lines[5].rstrip("\t ").split("\t"))
-    place = read_position(lines[3], path)
-    project, time, label = (lines[i].strip() for i in (1, 2, 4))
-    return Header(found.group(1), project, time, place, label, names)
-
-
-def read_position(line: str, path: str | Path) -> tuple[float, float, float]:
-    """x, y, z in m from ``[point;]x mm;y mm;z mm``.
-
-    Raises:
-        ValueError: the line reads otherwise, or has another unit than of length.
-    """
-    parts = [part.strip() for part in line.split(";") if part.strip()]
-    parts = parts[-3:] if len(parts) == 4 else parts
-    found = [match for part in parts if (match := re.fullmatch(rf"({NUMBER})\s*(.*)", part))]
-    if not len(parts) == len(found) == 3:
+    parts = [part.strip() for part in lines[3].split(";") if part.strip()]
+    found = [re.fullmatch(rf"({NUMBER})\s*(.*)", part) for part in parts[len(parts) == 4 :]]
+    if len(found) != 3 or None in found:
         raise ValueError(
-            f"{path}: line 4 is {line.strip()[:60]!r}; a position such as '[point;]x mm;y mm;z mm' is needed"
+            f"{path}: line 4 is {lines[3].strip()[:60]!r}; a position such as '[point;]x mm;y mm;z mm' is needed"
         )
     where = f"{path}: the position on line 4"
-    x, y, z = (float(m[1].replace(",", ".")) * si_factor("length", m[2], where) for m in found)
+    x, y, z = (float(m[1].replace(",", ".")) * si_factor("length", m[2], where) for m in found if m)
     return x, y, z
 
 
@@ -130,92 +97,51 @@ def _channels(
     names: Sequence[str], components: Sequence[str] | None, path: str | Path
 ) -> tuple[list[list[Column]], dict[str, str]]:
     """Columns of each group of equal arrival times, and what each channel was taken for."""
-    parsed = [re.fullmatch(r"\s*([A-Za-z]+)(\d*)(?:\{(\d+)\})?\s*(?:\[(.*)\])?\s*", n)
-              for n in names]  # fmt: skip
-    there = {(m.group(1).upper(), m.group(2), m.group(3) or "1"): (i, m.group(4))
-             for i, m in enumerate(parsed) if m is not None}  # fmt: skip
-    channels = sorted((k for k in there if k[0] == "LDA"), key=lambda key: int(key[1] or 0))
-    listed = ", ".join(names)
-    if any(key[1].startswith("0") for key in channels):
-        raise ValueError(f"{path}: channels count from 1, and its columns are {listed}; one is misnamed")
-    if not channels:
-        raise ValueError(f"{path}: no column 'LDA1 [m/s]' or the like; there are: {listed}")
+    parsed = {i: m for i, name in enumerate(names) if (m := LABEL.fullmatch(name)) is not None}
+    there = {(m[1].upper(), m[2], m[3] or "1"): (i, m[4] or "") for i, m in parsed.items()}
+    channels = sorted((key for key in there if key[0] == "LDA"), key=lambda key: int(key[1] or 0))
+    if not channels or any(key[1].startswith("0") for key in channels):
+        raise ValueError(f"{path}: columns 'LDA1 [m/s]', ... from 1 are needed; there are: {', '.join(names)}")
     meant = _meanings([f"LDA{key[1]}" for key in channels], components, path)
     groups: dict[str, list[Column]] = {}
     for key, name in zip(channels, meant, strict=True):
-        if name == "skip":
-            continue
-        index, unit = there[key]
-        sign = -1.0 if name.startswith("-") else 1.0
-        if key[2] not in groups:
-            groups[key[2]] = _times(there, key[2], listed, path)
-        groups[key[2]].append(_column(name.lstrip("-"), index, unit, path, sign))
-    chosen = {f"LDA{key[1]}": name for key, name in zip(channels, meant, strict=True)}
-    return list(groups.values()), chosen
+        if name != "skip":
+            group, suffix = key[2], "" if key[2] == "1" else f"{{{key[2]}}}"
+            if ("AT", "", group) not in there:
+                raise ValueError(f"{path}: column 'AT{suffix} [ms]' is missing; there are: {', '.join(names)}")
+            times = {"arrival_time": ("AT", "", group), "transit_time": ("TT", "", group)}
+            own = [_column(label, *there[at], path) for label, at in times.items() if at in there]
+            velocity = _column(name.lstrip("-"), *there[key], path, -1.0 if name.startswith("-") else 1.0)
+            groups.setdefault(group, own).append(velocity)
+    return list(groups.values()), {f"LDA{key[1]}": name for key, name in zip(channels, meant, strict=True)}
 
 
-def _times(
-    there: dict[tuple[str, str, str], tuple[int, str | None]], group: str, listed: str,
-    path: str | Path,
-) -> list[Column]:  # fmt: skip
-    suffix = "" if group == "1" else f"{{{group}}}"
-    if ("AT", "", group) not in there:
-        raise ValueError(f"{path}: column 'AT{suffix} [ms]' is missing; there are: {listed}")
-    pairs = (("AT", "arrival_time"), ("TT", "transit_time"))
-    return [_column(name, *there[key, "", group], path)
-            for key, name in pairs if (key, "", group) in there]  # fmt: skip
-
-
-def _column(name: str, index: int, unit: str | None, path: str | Path, sign: float = 1.0) -> Column:
-    factor = si_factor(QUANTITIES[name], unit or "", f"{path}: column {name!r}")
-    return Column(name, index, sign * factor)
+def _column(name: str, index: int, unit: str, path: str | Path, sign: float = 1.0) -> Column:
+    return Column(name, index, sign * si_factor(QUANTITIES[name], unit, f"{path}: column {name!r}"))
 
 
 def _meanings(channels: Sequence[str], components: Sequence[str] | None, path: str | Path) -> Sequence[str]:
-    if components is None:
-        if len(channels) not in USUAL:
-            raise ValueError(
-                f"{path} has {len(channels)} channel{'s' * (len(channels) > 1)}, "
-                f"{', '.join(channels)}; say what it measures: components = wall_normal or "
-                "streamwise, with a minus where it counts the other way"
-            )
-        return USUAL[len(channels)]
-    if len(components) != len(channels):
+    """What each channel measures."""
+    meant = USUAL.get(len(channels), ()) if components is None else components
+    if len(meant) != len(channels):
         raise ValueError(
-            f"{path} has channels {', '.join(channels)}, but components names {len(components)}: "
-            f"{', '.join(components)}; name one for each, 'skip' included"
+            f"{path} has channels {', '.join(channels)}, and components are {', '.join(meant) or 'not stated'}; name "
+            "one for each: wall_normal or streamwise, with a minus where it counts the other way, or skip"
         )
-    known = [*COMPONENTS, *(f"-{name}" for name in COMPONENTS), "skip"]
-    for name in components:
-        if name not in known:
-            raise ValueError(f"unknown component {name!r}{did_you_mean(name, known)}; one of {', '.join(known)}")
-    used = [name.lstrip("-") for name in components if name != "skip"]
+    used = [require_choice("component", name, MEANINGS).lstrip("-") for name in meant if name != "skip"]
     if not used or len(set(used)) < len(used):
         raise ValueError(
-            f"components is {', '.join(components)}; name wall_normal and streamwise once each at "
-            "most, and one of them at least"
+            f"components is {', '.join(meant)}; name wall_normal and streamwise at most once, one at least"
         )
-    return components
-
-
-def _require_equal(read: Sequence[dict[str, Array]], path: str | Path) -> None:
-    """Columns of a channel are as long as its arrival times."""
-    for columns in read:
-        counts = {name: len(values) for name, values in columns.items()}
-        if len(set(counts.values())) > 1:
-            lengths = ", ".join(f"{name} {count}" for name, count in counts.items())
-            raise ValueError(
-                f"{path}: columns of one channel have unequal lengths: {lengths}; the columns of a "
-                "burst have equal lengths"
-            )
+    return meant
 
 
 def _joined(
     read: Sequence[dict[str, Array]], window: float | None, path: str | Path
-) -> tuple[dict[str, Array], tuple[str, ...], dict[str, int]]:
-    """One set of bursts from one or two channels."""
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """One set of bursts from one or two channels, and what is said of it."""
     if len(read) == 1:
-        return read[0], (), {}
+        return read[0], {}
     wall, other = sorted(read, key=lambda columns: "wall_normal" not in columns)
     if window is None:
         left_out = next(name for name in other if name in COMPONENTS)
@@ -223,13 +149,12 @@ def _joined(
             f"not in coincidence: {left_out} ({len(other['arrival_time'])} bursts) has its own "
             "arrival times and is left out; a coincidence window pairs it"
         )
-        return wall, (note,), {}
-    for columns in read:
-        if bool((np.diff(columns["arrival_time"]) < 0).any()):
-            raise ValueError(
-                f"{path}: the arrival times of a channel run backwards; coincidence needs them in "
-                "order. Read without a window, or sort the export"
-            )
+        return wall, {"notes": (note,)}
+    if any(bool((np.diff(columns["arrival_time"]) < 0).any()) for columns in read):
+        raise ValueError(
+            f"{path}: the arrival times of a channel run backwards; coincidence needs them in "
+            "order. Read without a window, or sort the export"
+        )
     mine, partner = pair_coincident(wall["arrival_time"], other["arrival_time"], window)
     if len(mine) == 0:
         raise ValueError(
@@ -238,7 +163,7 @@ def _joined(
     joined = {name: values[mine] for name, values in wall.items()}
     joined |= {n: v[partner] for n, v in other.items() if n in COMPONENTS}
     # The wall-normal channel is the record; what it misses is what was dropped.
-    return joined, (), {NO_PARTNER: len(wall["arrival_time"]) - len(mine)}
+    return joined, {"dropped": {NO_PARTNER: len(wall["arrival_time"]) - len(mine)}}
 
 
 def pair_coincident(first: Array, second: Array, window: float) -> tuple[np.ndarray, np.ndarray]:
@@ -268,9 +193,15 @@ def _nearest(times: Array, others: Array) -> np.ndarray:
     return np.where(np.abs(times - others[left]) <= np.abs(times - others[right]), left, right)
 
 
+def _recognises(path: Path, _: Any) -> bool:
+    """Whether a file begins with the letters DXEX."""
+    with path.open("rb") as file:
+        return file.read(16).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"DXEX")
+
+
 FORMAT = BurstFormat(
-    recognises=lambda path, _: is_dantec(path),
-    places=lambda path: [read_header(read_head(path)[: HEADER_LINES + 1], path).position],
+    recognises=_recognises,
+    places=lambda path: [_place(read_lines(path, HEAD), path)],
     read=lambda path, _, options, about: read_dantec(
         path, options["components"], options["coincidence_window"], **about
     ),

@@ -1,35 +1,15 @@
-"""Places of holes: variables of planes, moments and maps, and tables of text."""
+"""Places of holes: tables of text, and variables of moments."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
-
-import h5py
 
 from torchliner.file_checks import naming
-from torchliner.io.hdf5 import is_there
-from torchliner.io.tables import read_variables
-from torchliner.records.declared import Part, variables_of
 from torchliner.records.holes import Holes
 from torchliner.text_columns import read_lines, read_table
 
-TABLE = [row.within(Part("hole_")) for row in variables_of(Holes)]
 COLUMNS = {"x": "length", "diameter": "length", "z": "length"}
 EXAMPLE = "x [mm], z [mm], diameter [mm]; without z for slits, whose diameter is their width"
-
-
-def stored_holes(file: h5py.Group, path: Path) -> Holes | None:
-    """What is in a file of ours; None where it has none of it.
-
-    Raises:
-        ValueError: a variable without the others, of another length or unit; as ``Holes``.
-    """
-    if not any(is_there(file, name, path) for row in TABLE for name in row.names):
-        return None
-    found: dict[str, Any] = read_variables(file, TABLE, path)
-    with naming(str(path)):
-        return Holes(**found)
 
 
 def read_holes(path: str | Path) -> Holes:

@@ -1,11 +1,12 @@
-"""Impedance lines as netCDF-4 and as CSV: the fields of ``ImpedanceLine`` name the variables."""
+"""Impedance lines as the rows of a table on a terminal."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from torchliner.io.csv_rows import Rows, rows_of
-from torchliner.io.own_file import RESULT_ENDINGS, OwnFile
+import torch
+
+from torchliner.io.csv_rows import Rows
 from torchliner.records import ImpedanceLine
 
 
@@ -37,23 +38,15 @@ def line_rows(line: ImpedanceLine) -> Rows:
     if line.level_check is not None:
         columns["level check (dB)"] = line.level_check.cells.level[0]
     names = [name for name in line.names for _ in range(shape[1])]
-    return [{"station": name, **row} for name, row in zip(names, rows_of(columns, shape), strict=True)]
+    return [{"station": name, **row} for name, row in zip(names, _rows_of(columns, shape), strict=True)]
 
 
-class LineFile(OwnFile):
-    """Its CSV has the columns of the table on a terminal."""
-
-    def rows(self, record: ImpedanceLine, of: str | None = None) -> Rows:
-        """Of the stations."""
-        return line_rows(record)
-
-
-FILE = LineFile(
-    "torchliner line 1",
-    "impedance line",
-    record=ImpedanceLine,
-    others=RESULT_ENDINGS,
-    places={"stations": ("station",)},
-    csv={"end": "\n"},
-)
-write_line, read_line = FILE.write, FILE.read
+def _rows_of(columns: dict[str, Any], shape: tuple[int, int]) -> Rows:
+    """One row for each element of ``shape``, of columns that broadcast to it; texts stand in every row."""
+    flat = []
+    for values in columns.values():
+        if isinstance(values, str):
+            flat.append([values] * (shape[0] * shape[1]))
+        else:
+            flat.append(torch.as_tensor(values).broadcast_to(*shape).reshape(-1).tolist())
+    return [dict(zip(columns, row, strict=True)) for row in zip(*flat, strict=True)]

@@ -6,7 +6,8 @@ import contextlib
 from dataclasses import replace
 from pathlib import Path
 
-from torchliner.io.line_file import read_line, write_line
+from torchliner.io.own_file import read_line
+from torchliner.io.own_writer import write_record
 from torchliner.records import ImpedanceLine
 
 
@@ -38,7 +39,7 @@ class LineParts:
         """Write a finished station."""
         self.folder.mkdir(exist_ok=True)
         line = replace(line, choices={**line.choices, "part": key})
-        write_line(line, self._path(key))
+        write_record(line, self._path(key))
         return line
 
     def clear(self) -> None:

@@ -1,8 +1,9 @@
-"""Lines of microphones, one file each: HDF5 that is valid netCDF-4, or CSV (docs/wall_pressure.md).
+"""Lines of microphones, one file each: HDF5 that is valid netCDF-4, or a table of text (docs/wall_pressure.md).
 
-The pressure is complex, as two reals ``pressure_real`` and ``pressure_imaginary`` of dimensions (...,
-microphone, frequency); or it is a signal ``pressure`` (microphone, time) beside ``reference``
-(time), of which the reader keeps the tones that are coherent with the reference.
+The pressure is complex, as two reals ``pressure_real`` and ``pressure_imaginary`` of dimensions (..., microphone,
+frequency); or it is a signal ``pressure`` (microphone, time) beside ``reference`` (time), of which the reader keeps the
+tones that are coherent with the reference. A table has columns ``x``, ``frequency`` (unless one is stated above),
+``spl`` and ``phase``, in any order, one row for each microphone and frequency.
 """
 
 from __future__ import annotations
@@ -14,41 +15,34 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.io.axes import find_time_axis, read_case, read_times
+from torchliner.file_checks import naming
+from torchliner.fluid import Fluid
+from torchliner.io.axes import FLUID_UNITS, find_time_axis, read_case, read_times
 from torchliner.io.flow_noise import reject_flow_noise
 from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si
-from torchliner.io.microphone_csv import TEXT_ENDINGS, read_microphone_csv, write_microphone_csv
-from torchliner.io.own_file import OwnFile
 from torchliner.io.pressure_file import read_pressure
+from torchliner.io.stated_lines import read_stated
 from torchliner.io.stored_values import read_values
+from torchliner.io.tables import FileKind
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.declared import variables_of
+from torchliner.text_columns import Array, header_line, read_lines, read_table
 
-
-class MicrophoneFile(OwnFile):
-    """CSV for a line without leading axes."""
-
-    def write(self, record: MicrophoneLine, path: str | Path) -> None:
-        """One file, by its ending."""
-        if Path(path).suffix.lower() in TEXT_ENDINGS:
-            write_microphone_csv(record, path)
-        else:
-            super().write(record, path)
-
-
-def _axes(line: MicrophoneLine) -> dict[str, tuple[str, ...]]:
-    return {"draws": tuple(f"draw_{axis}" if axis else "draw" for axis in range(line.pressure.ndim - 2))}
-
-
-FILE = MicrophoneFile(
-    "torchliner microphones 1",
+TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
+KIND = FileKind(
+    MicrophoneLine.SCHEMA,
     "line of microphones",
-    record=MicrophoneLine,
-    axes=_axes,
-    unsaid=("name",),
-    attributes={"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
-    others=TEXT_ENDINGS,
+    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
 )
+COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "phase"}
+EXAMPLE = "x [mm], frequency [Hz], SPL [dB], phase [deg]"
+STATED = {
+    **{"duct_height": "m", "duct_width": "m", "mach": "1", "liner_start": "m", "liner_end": "m", "frequency": "Hz"},
+    **FLUID_UNITS,
+    "temperature": "K",
+    **dict.fromkeys(("title", "source_side", "liner"), "text"),
+}
+SAME_X = 1e-9  # m
 
 
 def read_microphones(
@@ -76,30 +70,26 @@ def read_microphones(
         DataWarning: units that look wrong, coherences that are low.
     """
     path = Path(path)
-    signals = {"segment": segment, "window": window, "start": start}
     if path.suffix.lower() in TEXT_ENDINGS:
-        return _selected(read_microphone_csv(path, **about), frequency, signals)
-    with open_file(path) as file:
-        if "schema" in file.attrs:
-            FILE.require(file, path)
-        amplitudes = is_there(file, "pressure_real", path)
-        table = [
-            row
-            for row in variables_of(MicrophoneLine)
-            if row.field not in about
-            and (
-                amplitudes
-                or not {"draws", "frequency"} & {*row.dims}
-                or (row.field == "frequency" and is_there(file, "frequency", path))
-            )
-        ]
-        head = {**read_case(file, FILE, table, path), "name": str(path)}
-        if amplitudes:
-            return _selected(MicrophoneLine(**{**head, **about}), frequency, signals)
-        if frequency is not None:
-            head["frequency"] = frequency
-        head |= _from_signals(file, path, head, **signals)
-    return MicrophoneLine(**{**head, **about})
+        line = _of_text(path, about)
+    else:
+        with open_file(path) as file:
+            if "schema" in file.attrs:
+                KIND.require(file, path)
+            amplitudes = is_there(file, "pressure_real", path)
+            unread = () if amplitudes else ("pressure", "coherence", "wall_impedance")
+            if not (amplitudes or is_there(file, "frequency", path)):
+                unread = (*unread, "frequency")
+            table = [row for row in variables_of(MicrophoneLine) if row.field not in (*about, *unread)]
+            head = {**read_case(file, KIND, table, path), "name": str(path), **about}
+            if not amplitudes:
+                head |= {} if frequency is None else {"frequency": frequency}
+                signals = _from_signals(file, path, head, segment=segment, window=window, start=start)
+                return MicrophoneLine(**head | signals)
+            line = MicrophoneLine(**head)
+    if segment is not None or start != 0.0:
+        raise ValueError(f"{path} holds amplitudes, no time signals; leave segment and start out")
+    return line if frequency is None else line.at(frequency)
 
 
 def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
@@ -115,25 +105,15 @@ def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
     return read_microphones(path) if along else read_pressure(path)
 
 
-def _selected(line: MicrophoneLine, frequency: Any, signals: dict[str, Any]) -> MicrophoneLine:
-    """Amplitudes at some frequencies; what only signals know is refused."""
-    if signals["segment"] is not None or signals["start"] != 0.0:
-        raise ValueError(f"{line.name} holds amplitudes, no time signals; leave segment and start out")
-    return line if frequency is None else line.at(frequency)
-
-
 def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Pressure, coherence, provenance and notes from signals."""
     dataset = get_dataset(file, "pressure", path)
-    channel = get_dataset(file, "reference", path)
-    reference = read_values(channel, place(file, "reference", path), path)
+    reference = read_values(get_dataset(file, "reference", path), place(file, "reference", path), path)
     rate, samples = read_times(file, path)
     if "frequency" not in head:
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
     axis = find_time_axis(dataset, samples, path)
     signals = np.moveaxis(read_si(file, "pressure", "Pa", path), axis, -1).astype(np.float64)
-    if signals.shape[:-1] != tuple(head["x"].shape):
-        raise ValueError(f"{path}:/pressure has {signals.shape[:-1]} microphones, /x {len(head['x'])} values")
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),
         torch.from_numpy(reference.astype(np.float64).reshape(-1)),
@@ -154,3 +134,38 @@ def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: 
         "provenance": {**head["provenance"], "flow_noise": report},
         "notes": (*head["notes"], *found.notes),
     }
+
+
+def _of_text(path: Path, about: dict[str, Any]) -> MicrophoneLine:
+    """A line from a table: '# key = value unit' lines, a header with units, the values."""
+    lines = read_lines(path)
+    stated = read_stated(lines[: header_line(lines, path)], STATED, path)
+    gas = {key: stated.pop(key) for key in FLUID_UNITS if key in stated}
+    temperature, single = stated.pop("temperature", None), stated.pop("frequency", None)
+    columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["frequency"])
+    if temperature is not None and gas:
+        raise ValueError(f"{path} states a temperature and {', '.join(gas)}; state one or the other")
+    if (single is None) != ("frequency" in columns):
+        raise ValueError(f"{path} needs either a column 'frequency [Hz]' or a line '# frequency = ... Hz'")
+    columns.setdefault("frequency", np.full(len(columns["x"]), single))
+    with naming(path):
+        fluid = Fluid(**gas) if temperature is None else Fluid.from_temperature(temperature)
+    fields = {"title": path.stem, "provenance": {"file": path.name, "format": "csv"}, "fluid": fluid, "name": str(path)}
+    fields |= stated | about
+    if "duct_height" not in fields:
+        raise ValueError(f"{path}: the duct height is missing; add '# duct_height = 50 mm'")
+    return MicrophoneLine.from_levels(*_grid(columns, path), **fields)
+
+
+def _grid(columns: dict[str, Array], path: Path) -> tuple[Array, Array, Array, Array]:
+    """x, levels and phases (N, F), frequencies, from rows in any order."""
+    order = np.lexsort((columns["x"], columns["frequency"]))
+    frequency, counts = np.unique(columns["frequency"], return_counts=True)
+    shape = (len(frequency), int(counts[0]))
+    if not (counts == counts[0]).all() or np.ptp(x := columns["x"][order].reshape(shape), axis=0).max() > SAME_X:
+        raise ValueError(
+            f"{path} has {counts.tolist()} microphones at {frequency.tolist()} Hz, or they stand elsewhere; the "
+            "frequencies of a line share their microphones: write two files"
+        )
+    level, phase = (columns[name][order].reshape(shape).T for name in ("spl", "phase"))
+    return x[0], level, phase, frequency

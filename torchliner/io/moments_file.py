@@ -18,47 +18,46 @@ from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.engine.nodes import Chebyshev, Nodes, OfOneLiner, nodes_of
 from torchliner.engine.survey import Survey, gram_of
-from torchliner.io.axes import read_case, read_coordinate
-from torchliner.io.fields import attach_places, fill, line_axes
-from torchliner.io.hdf5 import open_file, place, text_attribute
-from torchliner.io.holes import stored_holes
-from torchliner.io.plane_file import KIND as PLANE_KIND
-from torchliner.io.tables import FileKind, Sizes, Table, read_variables, write_variables
+from torchliner.io.axes import read_coordinate
+from torchliner.io.hdf5 import open_file, place, set_texts, text_attribute
+from torchliner.io.own_file import take
+from torchliner.io.own_writer import fill
+from torchliner.io.tables import FileKind, new_file, read_variables, write_attribute, write_variables
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.records.declared import Variable, variables_of
+from torchliner.records.declared import Part, Variable, require_shape, variables_of
 
 STEM = "torchliner moments "
 OWN: dict[str, Any] = {"velocity": {}, "blocks": {}, "nodes": {}, "settings": {}, "notes": ()}
 KIND = FileKind(f"{STEM}1", "record of moments", OWN)
-UNSAID = ("velocity", "streamwise", "sampling_rate", "name", "area")  # of the plane
-ABOUT = tuple(row for row in variables_of(VelocityPlane) if not row.dims)
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 SLACK = 1e-6  # relative, of the number of samples
-POINT, BLOCK, SUMS = ("point",), ("block", "point"), ("block", "turn_row", "node")
+POINT, BLOCK = ("point",), ("block", "point")
 CELLS = tuple(variables_of(Cells))
-AREA = (Variable("area", "m2", POINT, optional=True),)
-LINES = (Variable("lines", "Hz", ("line",), name="line_frequency"),)
-TURNS = (Variable("turns", "Hz", ("turn",), name="turn_frequency", optional=True),)
 SURVEY = (
     Variable("sums", "m/s", ("block", "row", "point"), name="line_sums", wide=True),
     Variable("squares", "m2/s2", BLOCK, name="square_sums", wide=True),
     Variable("peaks", "m/s", BLOCK),
 )
-USED = (Variable("used", "1", POINT, "flag"),)
 LOCKED = (
     Variable("taken", "m/s", ("harmonic_row", "point")),
     Variable("scale", "1", POINT, optional=True),
     Variable("share", "1", ("harmonic", "cell")),
 )
+KNOWN = (
+    Variable("lines", "Hz", ("line",), name="line_frequency"),
+    Variable("turns", "Hz", ("turn",), name="turn_frequency", optional=True),
+    Variable("used", "1", POINT, "flag"),
+)
+AREA = Variable("area", "m2", POINT, optional=True)
 SQUARES = "square of cells"
 COLUMNS = {"admittance": "point", "velocity": "cell", "phase-locked": "point"}
-TABLES: dict[str, Table] = {
-    SQUARES: (Variable("values", "m2/s2", ("block", "cell"), name="cell_square_sums", wide=True),),
+SUMS = {
+    SQUARES: Variable(SQUARES, "m2/s2", ("block", "cell"), name="cell_square_sums", wide=True),
     **{
-        name: (Variable("values", "1", (*SUMS, columns), name=f"{name.replace('-', '_')}_sums"),)
-        for name, columns in COLUMNS.items()
+        name: Variable(name, "1", ("block", "turn_row", "node", each), name=f"{name.replace('-', '_')}_sums")
+        for name, each in COLUMNS.items()
     },
 }
 
@@ -74,24 +73,26 @@ def write_moments(known: Moments, path: str | Path) -> None:
         raise ValueError(f"{path}: moments of one liner at {at} Hz have no file; use tl.moments")
     plane, seen, locked = known.plane, known.survey, known.locked
     kind = str(plane.velocity.dtype).removeprefix("torch.")
-    head = SimpleNamespace(
-        velocity={"shape": list(plane.velocity.shape), "precision": kind},
-        blocks={**vars(seen.blocks), "harmonics": seen.harmonics},
-        nodes={} if known.nodes is None else known.nodes.describe(),
-        settings={**known.settings, "cell_pitch": known.cell_pitch},
-        notes=known.notes,
-    )
-    with KIND.created(path, head) as file:
-        fill(file, plane, axes=line_axes(plane), unsaid=UNSAID)
-        write_variables(file, plane, AREA)
-        write_variables(file, seen, (*LINES, *SURVEY))
+    said = {
+        "velocity": {"shape": list(plane.velocity.shape), "precision": kind},
+        "blocks": {**vars(seen.blocks), "harmonics": seen.harmonics},
+        "nodes": {} if known.nodes is None else known.nodes.describe(),
+        "settings": {**known.settings, "cell_pitch": known.cell_pitch},
+        "notes": known.notes,
+    }
+    sums = {name: each[:, 0, 0] if name == SQUARES else each for name, each in known.sums.items()}
+    turns = known.turns if len(known.turns) else None
+    with new_file(path) as file:
+        fill(file, plane, unsaid=("velocity", "streamwise", "sampling_rate", "name", "area"))
+        set_texts(file, schema=KIND.schema)
+        for key, value in said.items():
+            write_attribute(file, key, value)
+        write_variables(file, SimpleNamespace(lines=seen.lines, turns=turns, used=known.used), KNOWN)
+        write_variables(file, SimpleNamespace(area=plane.area, **sums), (AREA, *(SUMS[name] for name in sums)))
+        write_variables(file, seen, SURVEY)
         write_variables(file, known.cells, CELLS)
-        write_variables(file, known, (*USED, *(TURNS if len(known.turns) else ())))
-        write_variables(file, SimpleNamespace() if locked is None else locked, () if locked is None else LOCKED)
-        for name, sums in known.sums.items():
-            values = sums[:, 0, 0] if name == SQUARES else sums
-            write_variables(file, SimpleNamespace(values=values), TABLES[name])
-        attach_places(file)
+        if locked is not None:
+            write_variables(file, locked, LOCKED)
 
 
 def holds_moments(path: str | Path) -> bool:
@@ -115,9 +116,8 @@ def read_moments(path: str | Path) -> Moments:
     path = Path(path)
     with open_file(path) as file:
         KIND.require(file, path)
-        about, said = read_case(file, PLANE_KIND, ABOUT, path), KIND.read_head(file, path)
-        found = {"turns": torch.zeros(0, dtype=torch.float64), **_finite(file, LINES + TURNS, path, {})}
-        lines, turns = found["lines"], found["turns"]
+        said, known = KIND.read_head(file, path), _finite(file, KNOWN, path)
+        lines, turns = known["lines"], known.get("turns", torch.zeros(0, dtype=torch.float64))
         with _attribute("velocity", path):
             shape = tuple(int(n) for n in said["velocity"]["shape"])
             velocity = ReducedVelocity(shape, PRECISIONS[said["velocity"]["precision"]], str(path))
@@ -126,40 +126,38 @@ def read_moments(path: str | Path) -> Moments:
         with _attribute("nodes", path):
             nodes = nodes_of(said["nodes"]) if said["nodes"] else None
         with _attribute("settings", path):
-            settings = dict(said["settings"])
-            pitch = settings.pop("cell_pitch")
-            if {*settings} != {*SETTINGS} or settings["averaging"] not in AVERAGINGS:
-                raise ValueError(f"{settings} are not {', '.join(SETTINGS)}")
-            if (settings["drive"] == "rms") != (nodes is None):
-                raise ValueError(f"drive {settings['drive']!r} does not go with nodes {said['nodes']}")
-        about |= {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
-        about |= read_variables(file, AREA, path)
-        about |= {"sampling_rate": blocks.sampling_rate, "name": str(path), "holes": stored_holes(file, path)}
-        plane = VelocityPlane(velocity, **about)
-        count = {"point": plane.probes, "block": blocks.count, "line": len(lines)}
+            settings, pitch = _settings_of(said["settings"], nodes)
+        places = {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
+        about = {"velocity": velocity, "streamwise": None, "sampling_rate": blocks.sampling_rate, "name": str(path)}
+        about |= places | {"area": None, **read_variables(file, (AREA,), path)}
+        plane = take(file, VelocityPlane, path, about, Part())
+        locks, nodal = settings["averaging"] == "phase-locked", nodes is not None
+        names = [SQUARES, *([*AVERAGINGS][: 3 if locks else 2] if nodal else [])]
+        parts = {"survey": SURVEY, "locked": LOCKED if locks else (), "sums": [SUMS[name] for name in names]}
+        found = {part: _finite(file, table, path) for part, table in parts.items()}
+        cells = Cells(**read_variables(file, CELLS, path))
+        count = {"point": plane.probes, "block": blocks.count, "line": len(lines), "cell": cells.count}
         count |= {"row": 1 + 2 * len(lines), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
         count |= {"turn_row": 1 + 2 * len(turns)} | ({} if nodes is None else {"node": nodes.count})
-        sizes: Sizes = {name: (size,) for name, size in count.items()}
-        survey = Survey(blocks, lines, harmonics, **_finite(file, SURVEY, path, sizes), gram=gram_of(blocks, lines))
-        cells, used = _read_cells(file, path, sizes)
-        locked = None
-        if settings["averaging"] == "phase-locked":
-            fields = _finite(file, LOCKED, path, sizes)
-            locked = Drive(lines=lines[:harmonics], sampling_rate=blocks.sampling_rate, **fields)
-        averagings, sums = [*AVERAGINGS][: 3 if settings["averaging"] == "phase-locked" else 2], {}
-        for name in [SQUARES, *(averagings if nodes is not None else [])]:
-            values = _finite(file, TABLES[name], path, sizes)["values"]
-            sums[name] = values[:, None, None] if name == SQUARES else values
-            if name != SQUARES:
-                _require_sums(values, nodes, survey.lengths, place(file, TABLES[name][0].names[0], path))
-    membership = Membership.of(cells.labels, cells.count, survey.sums.device)
+        sizes: dict[str, tuple[int, ...]] = {name: (size,) for name, size in count.items()}
+        held = [(KNOWN, known), (CELLS, vars(cells)), *((table, found[part]) for part, table in parts.items())]
+        for row, value in ((row, values[row.field]) for table, values in held for row in table if row.field in values):
+            if value is not None:
+                require_shape(row, value.shape, sizes, place(file, row.names[0], path))
+        _require_cells(cells, known["used"], place(file, "cell_of_probe", path))
+        survey = Survey(blocks, lines, harmonics, **found["survey"], gram=gram_of(blocks, lines))
+        tone = {"lines": lines[:harmonics], "sampling_rate": blocks.sampling_rate}
+        locked = Drive(**tone, **found["locked"]) if locks else None
+        sums = {name: each[:, None, None] if name == SQUARES else each for name, each in found["sums"].items()}
+        for name in names[1:]:
+            _require_sums(sums[name], nodes, survey.lengths, place(file, SUMS[name].names[0], path))
     return Moments(
         plane=plane,
         settings=settings,
         cell_pitch=pitch,
         cells=cells,
-        membership=membership,
-        used=used,
+        membership=Membership.of(cells.labels, cells.count, survey.sums.device),
+        used=known["used"],
         survey=survey,
         locked=locked,
         nodes=nodes,
@@ -190,9 +188,19 @@ def _blocks_of(said: dict[str, Any], samples: int, lines: int) -> tuple[Blocks, 
     return blocks, harmonics
 
 
-def _finite(file: h5py.File, table: Table, path: Path, sizes: Sizes) -> dict[str, Any]:
+def _settings_of(said: dict[str, Any], nodes: Nodes | None) -> tuple[dict[str, Any], float | None]:
+    """Choices by name, and the pitch of the cells."""
+    settings = {name: value for name, value in said.items() if name != "cell_pitch"}
+    if {*settings} != {*SETTINGS} or settings["averaging"] not in AVERAGINGS:
+        raise ValueError(f"{settings} are not {', '.join(SETTINGS)}")
+    if (settings["drive"] == "rms") != (nodes is None):
+        raise ValueError(f"drive {settings['drive']!r} does not go with nodes {nodes}")
+    return settings, said["cell_pitch"]
+
+
+def _finite(file: h5py.File, table: Any, path: Path) -> dict[str, Any]:
     """What is there of a table, all of it finite."""
-    found = read_variables(file, table, path, sizes=sizes)
+    found = read_variables(file, table, path)
     for row in table:
         value = found.get(row.field)
         if value is not None and not bool(torch.isfinite(value).all()):
@@ -204,26 +212,20 @@ def _finite(file: h5py.File, table: Table, path: Path, sizes: Sizes) -> dict[str
     return found
 
 
-def _read_cells(file: h5py.File, path: Path, sizes: Sizes) -> tuple[Cells, Tensor]:
+def _require_cells(cells: Cells, used: Tensor, label: str) -> None:
     """Each with a probe that is used, and none with another."""
-    cells, used = Cells(**read_variables(file, CELLS, path, sizes=sizes)), _finite(file, USED, path, sizes)["used"]
     labels = cells.labels
     inside = labels[(labels >= 0) & (labels < cells.count)].to(torch.int64)
     sound = bool(((labels >= -1) & (labels < cells.count) & (used | (labels < 0))).all())
     if not (sound and bool((torch.bincount(inside, minlength=cells.count) > 0).all())):
         raise ValueError(
-            f"{place(file, 'cell_of_probe', path)} does not sort the {int(used.sum())} probes in use into "
-            f"{cells.count} cells: the file is damaged; reduce the data again"
+            f"{label} does not sort the {int(used.sum())} probes in use into {cells.count} cells: the file is damaged; "
+            "reduce the data again"
         )
-    return cells, used
 
 
 def _require_sums(values: Tensor, nodes: Nodes | None, lengths: Tensor, label: str) -> None:
-    """T_0, or all functions of a table together, are 1 and sum to the samples of each block.
-
-    Raises:
-        ValueError: they do not.
-    """
+    """T_0, or all functions of a table together, are 1 and sum to the samples of each block."""
     ones = values[:, 0, 0] if isinstance(nodes, Chebyshev) else values[:, 0].sum(1)
     wrong = ((ones / lengths[:, None] - 1).abs() > SLACK).any(0)
     if bool(wrong.any()):

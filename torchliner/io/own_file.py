@@ -1,181 +1,203 @@
-"""Files of our own records: how one kind of record goes to a file and comes back."""
+"""Records of our own files, read back and checked against each other and against what follows from them."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+import dataclasses
+import functools
+import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import torch
 
-from torchliner.io.csv_rows import Rows, write_rows
-from torchliner.io.fields import attach_places, fill, take
-from torchliner.io.hdf5 import open_file, set_texts, text_attribute
-from torchliner.io.tables import Axes, FileKind
-from torchliner.names import RESULT_WRITERS, resolve
-from torchliner.records.declared import PARTS
+from torchliner import records
+from torchliner.file_checks import naming
+from torchliner.fluid import Fluid
+from torchliner.io.axes import FLUID, read_coordinate
+from torchliner.io.hdf5 import get_group, is_there, open_file, place, read_references, read_texts, text_attribute
+from torchliner.io.own_writer import REFERENCES
+from torchliner.io.tables import plain, read_attribute, read_variables, require_schema
+from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
+from torchliner.records.case import Case
+from torchliner.records.declared import Part, flat, parts_of, require_shapes, variables_of
+from torchliner.records.drawn_impedance import DrawnImpedance
 
-RESULT_ENDINGS = (".csv", *RESULT_WRITERS)
+SAME = 1e-6  # relative: a value that is stored, and what follows from the others
+SCHEMAS = {kind.SCHEMA: kind for kind in vars(records).values() if hasattr(kind, "SCHEMA")}
 
 
-@dataclass(frozen=True)
-class OwnFile(FileKind):
-    """How one kind of record goes to a file and comes back.
+def read_record(path: str | Path, *kinds: Any) -> Any:
+    """A record of one of some kinds, as ``write`` made it.
 
-    Args:
-        record: its class, whose fields say what stands in the file.
-        axes: of a record: dimensions that stand behind names of its variables.
-        unsaid: fields that are not in the file.
-        places: what a row of a CSV stands for, and its dimensions beside the frequency; the first is the usual one.
-        csv: settings of ``write_rows``.
+    Raises:
+        FileNotFoundError, OSError: missing, truncated, not HDF5.
+        ValueError: of another schema; a variable is missing, has another shape, unit or size than it can have, or is
+            not what follows from the others. The message names FILE:/variable.
     """
+    with open_file(path) as file:
+        return taken(file, path, *kinds)
 
-    record: Any = None
-    axes: Callable[[Any], Axes] = lambda _: {}
-    unsaid: Sequence[str] = ()
-    places: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    csv: Mapping[str, str] = field(default_factory=dict)
 
-    def write(self, record: Any, path: str | Path) -> None:
-        """One file, by its ending; the old one, if any, is replaced when the new one is whole.
+def taken(group: h5py.Group, path: str | Path, *kinds: Any) -> Any:
+    """The same from an open file, or a group of one."""
+    kind = SCHEMAS[require_schema(group, path, *(kind.SCHEMA for kind in kinds))]
+    known: dict[str, Any] = {}
+    if group.name == "/" and issubclass(kind, Case):
+        known["name"] = str(path)
+    if kind is ImpedanceMap:  # a number of the columns stands where there is no place
+        shape = group["mean_velocity"].shape if "mean_velocity" in group else ()
+        places = {key: read_coordinate(group, key, shape, Path(path)) for key in "xz"}
+        known |= {key: None if at is None else torch.from_numpy(at) for key, at in places.items()}
+    made = take(group, kind, path, known, Part())
+    with naming(str(path)):
+        require_shapes(made, f"{path}:{group.name}")
+    _require_same(group, made, path)
+    return made
 
-        Raises:
-            ValueError: no writer has this ending; what the format cannot hold.
-        """
-        ending = Path(path).suffix.lower()
-        if self.places and ending in RESULT_WRITERS:
-            resolve(RESULT_WRITERS[ending])(self, record, path)
-        elif self.places and ending == ".csv":
-            write_rows(self.rows(record), path, **self.csv)
+
+def taken_groups(group: h5py.Group, stem: str, path: str | Path, *kinds: Any) -> tuple[Any, ...]:
+    """Records that stand in groups ``stem_0``, ``stem_1`` and so on."""
+    count = sum(name.startswith(f"{stem}_") for name in group)
+    return tuple(taken(get_group(group, f"{stem}_{i}", path), path, *kinds) for i in range(count))
+
+
+def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any], part: Part) -> Any:
+    """A record, or one that is a part of another, from what ``fill`` wrote; ``known``: fields that are known."""
+    rows = [row.within(part) for row in variables_of(kind) if row.field not in known]
+    found: dict[str, Any] = {**read_variables(group, rows, path), **known}
+    hints, inner = _hints(kind), parts_of(kind, part)
+    for each in dataclasses.fields(kind):
+        hint = hints[each.name]
+        if "variable" in each.metadata:
+            if isinstance(found.get(each.name), float) and "int" in str(hint):
+                found[each.name] = int(found[each.name])
+            continue
+        if each.name in known:
+            continue
+        if each.name in inner:
+            value = _take_part(group, hint, path, inner[each.name])
+        elif hint is Fluid:
+            with naming(str(path)):
+                value = Fluid(**read_variables(group, FLUID, path))
+        elif each.type == REFERENCES:
+            value = read_references(group, path)
         else:
-            with self.created(path, record) as file:
-                self.fill(file, record)
-
-    def write_head(self, group: h5py.Group, record: Any) -> None:
-        """Schema alone: ``fill`` writes the attributes."""
-        set_texts(group, schema=self.schema)
-
-    def fill(self, group: h5py.Group, record: Any) -> None:
-        """Into an open file, or a group of one."""
-        self.write_head(group, record)
-        fill(group, record, axes=self.axes(record), unsaid=self.unsaid)
-        attach_places(group)
-
-    def read(self, path: str | Path) -> Any:
-        """A record of this kind.
-
-        Args:
-            path: .h5, .hdf5 or .nc, as ``write`` of the record made it.
-        Raises:
-            FileNotFoundError, OSError: missing, truncated, not HDF5.
-            ValueError: not of this schema; a variable is missing, has another shape, unit or size than it can have, or
-                is not what follows from the others. The message names FILE:/variable.
-        """
-        with open_file(path) as file:
-            return self.taken(file, path)
-
-    def taken(self, group: h5py.Group, path: str | Path, **known: Any) -> Any:
-        """From an open file, or a group of one; ``known``: fields that were read already."""
-        self.require(group, path)
-        return take(group, self.record, path, {}, dict.fromkeys(self.unsaid) | known)
-
-    def rows(self, record: Any, of: str | None = None) -> Rows:
-        """One row a place and frequency, with all that stands along them.
-
-        Raises:
-            ValueError: there are no such places.
-        """
-        of = next(iter(self.places)) if of is None else of
-        if of not in self.places:
-            raise ValueError(f"no rows of {of!r}; there are those of {', '.join(self.places)}")
-        axes = self.axes(record)
-        dims = [dim for name in self.places[of] for dim in axes.get(name, (name,))]
-        with self.in_memory(record) as (_, file):
-            return rows_along(file, dims, of.removesuffix("s"))
-
-    @contextmanager
-    def in_memory(self, record: Any) -> Iterator[tuple[io.BytesIO, h5py.File]]:
-        """The netCDF-4 file without a disk: what it would be as bytes, and open."""
-        buffer = io.BytesIO()
-        with h5py.File(buffer, "w") as file:
-            self.fill(file, record)
-            file.flush()
-            yield buffer, file
-
-    def to_xarray(self, record: Any) -> Any:
-        """What ``xarray.open_dataset`` shows of the file, and the complex values.
-
-        Raises:
-            ImportError: xarray or h5netcdf is not installed.
-        """
-        try:
-            import h5netcdf  # noqa: F401
-            import xarray
-        except ImportError as error:
-            raise ImportError('labelled arrays need pip install "torchliner[xarray]"') from error
-        with self.in_memory(record) as (buffer, _):
-            found = xarray.load_dataset(buffer, engine="h5netcdf")
-        for name, (real, imaginary) in complex_names(map(str, found)).items():
-            text = found[real].attrs.get("long_name", name)
-            text = text.replace("real part of the ", "").replace("resistance", "impedance")
-            found[name] = (found[real] + 1j * found[imaginary]).assign_attrs(found[real].attrs | {"long_name": text})
-        return found
-
-    def to_dataframe(self, record: Any, of: str | None = None) -> Any:
-        """The rows of the CSV, or those of another place.
-
-        Raises:
-            ImportError: pandas is not installed.
-            ValueError: there are no such rows.
-        """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError('data frames need pip install "torchliner[xarray]"') from error
-        return pandas.DataFrame(self.rows(record, of))
-
-
-def rows_along(file: h5py.File, places: Sequence[str], noun: str) -> Rows:
-    """A row for each element of some dimensions and of the frequency: coordinates, then what stands along them.
-
-    Names without the ``noun`` that they begin with; with several averagings a column each.
-    """
-    wanted, found = (*places, "frequency"), dict[str, list[Any]]()
-    sizes = [len(file[dim]) for dim in wanted]
-    averagings = file["averaging"].asstr()[()] if "averaging" in file else []
-    for name, each in file.items():
-        if isinstance(each, h5py.Group) or each.dtype.kind not in "fiu" or not each.shape:
-            continue
-        dims = [str(dim[0].name)[1:] for dim in each.dims if len(dim)] or [name]
-        own = [dim for dim in dims if dim != "averaging"]
-        index = each.is_scale and text_attribute(each, "units") == "1"
-        if index or not {*own} <= {*wanted} or not ({*own} & {*places} or name.startswith((f"{noun}_", "frequency"))):
-            continue
-        unit = text_attribute(each, "units")
-        label = name.removeprefix(f"{noun}_") + ("" if unit == "1" else f" ({unit})")
-        shape = [size if dim in own else 1 for dim, size in zip(wanted, sizes, strict=True)]
-        parts = (
-            {label: each[()]}
-            if own == dims
-            else {f"{label}, {a}": part for a, part in zip(averagings, each[()], strict=True)}
+            value = _attribute(group, part.head + each.name, hint, path)
+        if value is not None or each.default is dataclasses.MISSING:
+            found[each.name] = value
+    with naming(str(path)):
+        made = kind(**found)
+    if isinstance(made, Interval) and bool((torch.view_as_real(made.low) > torch.view_as_real(made.high)).any()):
+        raise ValueError(
+            f"{place(group, rows[0].names[0], path)} or its other part is above the upper bound; restore it"
         )
-        found |= {key: np.broadcast_to(part.reshape(shape), sizes).reshape(-1).tolist() for key, part in parts.items()}
-    bounds = (f"{part}_{end}" for part in ("resistance", "reactance") for end in ("low", "high"))
-    leading = ("x (m)", "y (m)", "z (m)", "frequency (Hz)", "resistance", "reactance", *bounds)
-    first = [key for key in leading if key in found]
-    columns = {key: found[key] for key in (*first, *(key for key in found if key not in first))}
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return made
 
 
-def complex_names(names: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """The two real variables of each complex one, by what they are together."""
-    there, found = list(names), {}
-    for real in there:
-        for whole, (first, second) in {"impedance": PARTS["impedance"], "": ("_real", "_imaginary")}.items():
-            if first in real and (other := real.replace(first, second)) in there:
-                found[real.replace(first, whole)] = real, other
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
+
+
+def _class_of(hint: Any) -> Any:
+    """The record within ``X | None``, ``Mapping[str, X]`` or ``tuple[X, ...]``."""
+    inner = next((found for each in typing.get_args(hint) if (found := _class_of(each))), None)
+    return inner or (hint if dataclasses.is_dataclass(hint) else None)
+
+
+def _attribute(group: h5py.Group, key: str, hint: Any, path: str | Path) -> Any:
+    origin = typing.get_origin(hint) or hint
+    empty: Any = {str: "", tuple: ()}.get(origin)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        empty = {}
+    if empty is None and text_attribute(group, key) is None:
+        raise ValueError(f"{path} lacks the attribute {key!r}: it is damaged")
+    value = read_attribute(group, key, path, empty)
+    if hint is float and not isinstance(value, int | float):
+        raise ValueError(f"{path}: attribute {key!r} is {value!r}; a number is needed")
+    return value
+
+
+def _take_part(group: h5py.Group, hint: Any, path: str | Path, part: Part) -> Any:
+    """A record, several, or None where nothing of it is there."""
+    kind = _class_of(hint)
+    if part.by == "groups":
+        kinds = [each for each in SCHEMAS.values() if issubclass(each, kind)]
+        if typing.get_origin(hint) is tuple:
+            return taken_groups(group, part.stem, path, *kinds)
+        return taken(get_group(group, part.stem, path), path, *kinds) if part.stem in group else None
+    if part.by == "":
+        return take(group, kind, path, {}, part) if _there(group, kind, part, path) else None
+    averagings = read_texts(group, "averaging", path)
+    if part.by == "averagings":
+        whole = take(group, kind, path, {}, part)
+        if len(whole.reflection) != len(averagings):
+            raise ValueError(
+                f"{place(group, part.stem, path)}... has {len(whole.reflection)} averagings of {averagings}"
+            )
+        return {name: whole.map(lambda value, i=i: value[i]) for i, name in enumerate(averagings)}
+    places = {name: part.named(name) for name in averagings}
+    return {name: take(group, kind, path, {}, at) for name, at in places.items() if _there(group, kind, at, path)}
+
+
+def _there(group: h5py.Group, kind: Any, part: Part, path: str | Path) -> bool:
+    """Whether anything of a record is there: with a part of it alone the file is damaged."""
+    rows = (row.within(part) for row in variables_of(kind) if row.kind != "text")
+    return any(is_there(group, name, path) for row in rows for name in row.names) or any(
+        _there(group, _class_of(_hints(kind)[name]), inner, path) for name, inner in parts_of(kind, part).items()
+    )
+
+
+def _require_same(group: h5py.Group, record: Any, path: str | Path) -> None:
+    """Refuse a file in which what is written for others to see is not what follows from the record."""
+    own = {row.names for row, _ in flat(record, derived=False)}
+    for row, value in flat(record):
+        if row.kind == "text" or row.names in own:
+            continue
+        values = np.asarray(plain(value))
+        parts = (values,) if len(row.names) == 1 else (values.real, values.imag)
+        for name, wanted in zip(row.names, parts, strict=True):
+            stored = group[name][()] if is_there(group, name, path) else wanted
+            if stored.shape != wanted.shape or not np.allclose(stored, wanted, rtol=SAME, atol=0, equal_nan=True):
+                raise ValueError(
+                    f"{place(group, name, path)} is not what follows from the other variables; the file is damaged: "
+                    "restore it"
+                )
+
+
+def read_map(path: str | Path) -> ImpedanceMap:
+    """Read a map written by ``ImpedanceMap.write`` as netCDF-4; errors as of ``read_record``."""
+    found: ImpedanceMap = read_record(path, ImpedanceMap)
+    return found
+
+
+def read_line(path: str | Path) -> ImpedanceLine:
+    """Read a line of stations written by ``ImpedanceLine.write`` as netCDF-4; errors as of ``read_record``."""
+    found: ImpedanceLine = read_record(path, ImpedanceLine)
+    return found
+
+
+def read_points(path: str | Path) -> PointImpedances:
+    """Read impedances at points written by their ``write`` as netCDF-4; errors as of ``read_record``."""
+    found: PointImpedances = read_record(path, PointImpedances)
+    return found
+
+
+def read_wall(path: str | Path) -> tuple[Any, ...]:
+    """Read the eductions that ``WallEduction.write`` or ``torchliner kt -o`` wrote, in order.
+
+    Raises:
+        ValueError: an eduction is missing, or of other frequencies than its microphones; as ``read_record``.
+    """
+    with open_file(path) as file:
+        schema, stem = DrawnImpedance.GROUPS
+        require_schema(file, path, schema)
+        found = taken_groups(file, stem, path, records.WallEduction, records.FieldFit)
+    for i, one in enumerate(found):
+        with naming(f"{path}:/{stem}_{i}"):
+            if one.line is None or not torch.equal(one.frequency, one.source_line.frequency):
+                raise ValueError("its microphones are missing, or of other frequencies; restore the file")
     return found

@@ -6,15 +6,14 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import torch
 
-from torchliner.io.fields import fill, line_axes, write_times
 from torchliner.io.hdf5 import attach_scales, set_texts, tiles
+from torchliner.io.own_writer import fill, write_times
 from torchliner.io.plane_file import KIND
 from torchliner.io.tables import write_dimensions, write_row
 from torchliner.io.whole_file import HDF5, written_whole
@@ -67,7 +66,7 @@ def write_plane(
         image = file.id.get_file_image()
     with written_whole(path, *HDF5) as temporary:
         size = sum(math.prod(value.shape) * value.dtype.itemsize for value in fields.values())
-        _reserve(temporary, image, size)
+        reserve(temporary, image, size)
         with h5py.File(temporary, "r+") as file:
             for name, value in fields.items():
                 dataset = file[name]
@@ -80,8 +79,8 @@ def write_plane(
 def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:
     """All but the values of the velocities."""
     write_times(file, plane)
-    axes = line_axes(plane)
-    fill(file, plane, axes=axes, unsaid=(*UNSAID, "area"))
+    axes = plane.axes
+    fill(file, plane, unsaid=(*UNSAID, "area"))
     dims, shape = ("time", *axes["probes"]), (plane.samples, *plane.probe_shape)
     kind = np.dtype(np.float32 if plane.velocity.dtype == torch.float32 else np.float64)
     for row in SIGNALS:
@@ -95,7 +94,7 @@ def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:
         write_row(file, AREA, plane.area.reshape(shape[1:]), axes)
 
 
-def _reserve(path: Path, image: bytes, size: int) -> None:
+def reserve(path: Path, image: bytes, size: int) -> None:
     """Write the file without its velocity, and take the room for that: HDF5 itself crashes on a full disk.
 
     Raises:
@@ -122,6 +121,3 @@ def _bounds(plane: VelocityPlane, value: Any, memory: int | None) -> list[tuple[
     most = rows_per_slab(plane.probes, value.dtype.itemsize, memory, most=longest, tile=tile_bytes)
     step = next((n for n in (math.lcm(tile, COMPRESSED_ROWS), tile, COMPRESSED_ROWS) if n <= most), 1)
     return bounds_of(plane.samples, most - most % step)
-
-
-FILE = SimpleNamespace(write=write_plane)

@@ -1,4 +1,4 @@
-"""One writer and one reader of HDF5 files, from the rows that say how each variable stands in them."""
+"""Variables and attributes of HDF5 files, from the rows that say how each variable stands in them."""
 
 from __future__ import annotations
 
@@ -32,11 +32,10 @@ from torchliner.io.hdf5 import (
     write_variable,
 )
 from torchliner.io.whole_file import HDF5, written_whole
-from torchliner.records.declared import SEVERAL, Variable
+from torchliner.records.declared import Variable
 from torchliner.records.notes import Note
 
 KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")  # types that torch has
-Sizes = dict[str, tuple[int, ...]]  # of dimensions by name
 Table = Sequence[Variable]
 Axes = Mapping[str, Sequence[str]]
 
@@ -47,15 +46,7 @@ def numbers(units: Mapping[str, str]) -> tuple[Variable, ...]:
 
 
 def write_variables(group: h5py.Group, record: Any, table: Table, axes: Axes | None = None, **storage: Any) -> None:
-    """Fields of a record that are not None, in the order of the table.
-
-    Args:
-        group: a file or a group of one; dimensions that it lacks become indices.
-        record: whose attributes the fields are.
-        table: of the variables.
-        axes: dimensions that stand behind one name of ``Variable.dims``.
-        storage: of ``h5py.Group.create_dataset``, as ``compression``.
-    """
+    """Fields of a record that are not None, in the order of the table; arguments as for ``write_row``."""
     for row in table:
         value = getattr(record, row.field)
         if value is not None:
@@ -63,11 +54,17 @@ def write_variables(group: h5py.Group, record: Any, table: Table, axes: Axes | N
 
 
 def write_row(group: h5py.Group, row: Variable, value: Any, axes: Axes | None = None, **storage: Any) -> None:
-    """One variable, or the two parts of a complex one; arguments as for ``write_variables``."""
-    dims = [dim for name in row.dims for dim in (axes or {}).get(name, (name,))]
+    """One variable, or the two parts of a complex one; dimensions that the group lacks become indices.
+
+    Args:
+        group: a file or a group of one.
+        row, value: the variable.
+        axes: dimensions that stand behind one name of ``Variable.dims``.
+        storage: of ``h5py.Group.create_dataset``, as ``compression``.
+    """
+    dims = dims_of(row, axes)
     if row.kind == "text":
-        if dims[0] not in (*group, *row.names):
-            write_index(group, dims[0], len(value))
+        write_dimensions(group, row, dims, (len(value),))
         write_texts(group, row.names[0], value, dims[0])
         set_texts(group[row.names[0]], long_name=row.text)
         return
@@ -80,6 +77,11 @@ def write_row(group: h5py.Group, row: Variable, value: Any, axes: Axes | None = 
     for name, part, text in zip(row.names, parts, row.long_names, strict=True):
         dataset = write_variable(group, name, part, row.unit, dims, **storage)
         set_texts(dataset, **({"long_name": text} if text else {}), **row.attributes)
+
+
+def dims_of(row: Variable, axes: Axes | None) -> list[str]:
+    """Dimensions of a variable in its file."""
+    return [dim for name in row.dims for dim in (axes or {}).get(name, (name,))]
 
 
 def write_dimensions(group: h5py.Group, row: Variable, dims: Sequence[str], shape: Sequence[int]) -> None:
@@ -97,63 +99,41 @@ def plain(value: Any) -> Any:
     return values.astype(np.int8) if values.dtype == np.bool_ else values
 
 
-def read_variables(
-    group: h5py.Group, table: Table, path: str | Path, part: slice | None = None, sizes: Sizes | None = None
-) -> dict[str, Any]:
+def read_variables(group: h5py.Group, table: Table, path: str | Path) -> dict[str, Any]:
     """Fields of a record from the variables that are there, tensors or numbers, in SI units.
 
-    Args:
-        group, table: as for ``write_variables``.
-        path: for messages.
-        part: of the first axis; None for all.
-        sizes: lengths of the dimensions that are known, to which those found are added.
     Raises:
-        ValueError: a variable is missing that is not optional, has a wrong unit, holds no
-            numbers, or has other dimensions than the table says, or another length along one than
-            the variables before it. The message names FILE:/variable.
+        ValueError: a variable is missing that is not optional, has a wrong unit, or holds no numbers. The message
+            names FILE:/variable.
     """
-    found: dict[str, Any] = {}
-    sizes = {} if sizes is None else sizes
-    for row in table:
-        label = place(group, row.names[0], path)
-        if row.optional and not any(is_there(group, name, path) for name in row.names):
-            continue
-        if row.kind == "text":
-            found[row.field] = tuple(read_texts(group, row.names[0], path))
-            _require_shape((len(found[row.field]),), row.dims, sizes, label)
-            continue
-        if not row.dims:
-            found[row.field] = read_number(group, row.names[0], row.unit, path)
-            continue
-        parts = [_tensor(read_si(group, name, row.unit, path, part, any_size=row.wide)) for name in row.names]
-        for name, one in zip(row.names, parts, strict=True):
-            _require_shape(tuple(one.shape), row.dims, sizes, place(group, name, path))
-        value = parts[0] if len(parts) == 1 else torch.complex(*parts)
-        if row.kind == "flag":
-            if not bool(((value == 0) | (value == 1)).all()):
-                raise ValueError(f"{label} holds other values than 0 and 1")
-            value = value.to(torch.bool)
-        if row.field == "frequency":
-            with naming(label):
-                value = frequency_tensor(value)
-        found[row.field] = value
-    return found
+    return {
+        row.field: read_row(group, row, path)
+        for row in table
+        if not row.optional or any(is_there(group, name, path) for name in row.names)
+    }
 
 
-def _require_shape(shape: tuple[int, ...], dims: Sequence[str], sizes: Sizes, label: str) -> None:
-    """Each dimension has one length in all variables; ``sizes`` collects them."""
-    own = sum(dim not in SEVERAL for dim in dims)
-    count = len(shape) - own if own < len(dims) else 0
-    if count < 0 or len(shape) != own + count:
-        raise ValueError(f"{label} has shape {shape}; ({', '.join(dims)}) is needed")
-    at = 0
-    for dim in dims:
-        length = shape[at : at + (count if dim in SEVERAL else 1)]
-        at += len(length)
-        if sizes.setdefault(dim, length) != length:
-            raise ValueError(
-                f"{label} has shape {shape}, ({', '.join(dims)}); {dim} is {sizes[dim]} elsewhere in the file"
-            )
+def read_row(group: h5py.Group, row: Variable, path: str | Path) -> Any:
+    """One of them."""
+    label = place(group, row.names[0], path)
+    if row.kind == "text":
+        return tuple(read_texts(group, row.names[0], path))
+    if not row.dims:
+        return read_number(group, row.names[0], row.unit, path)
+    parts = [_tensor(read_si(group, name, row.unit, path, any_size=row.wide)) for name in row.names]
+    if any(part.shape != parts[0].shape for part in parts):
+        raise ValueError(f"{label} and its other part have shapes {[tuple(part.shape) for part in parts]}")
+    value = parts[0] if len(parts) == 1 else torch.complex(*parts)
+    if not row.wide and bool(torch.isinf(value).any()):
+        raise ValueError(f"{label} or its other part is infinite; restore the file")
+    if row.kind == "flag":
+        if not bool(((value == 0) | (value == 1)).all()):
+            raise ValueError(f"{label} holds other values than 0 and 1")
+        value = value.to(torch.bool)
+    if row.field == "frequency":
+        with naming(label):
+            value = frequency_tensor(value)
+    return value
 
 
 def _tensor(values: np.ndarray) -> Tensor:
@@ -196,31 +176,15 @@ class FileKind:
     Args:
         schema: of the file.
         noun: what it holds, for messages.
-        attributes: fields of the record that are attributes of the file, in order, and their
-            values where the file has none: texts as they are, all else as JSON.
+        attributes: fields of the record that are attributes of the file, in order, and their values where the file
+            has none: texts as they are, all else as JSON.
         constants: attributes that every such file has.
-        others: endings that another writer of the record takes, for messages.
     """
 
     schema: str
     noun: str
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     constants: Mapping[str, str] = dataclasses.field(default_factory=lambda: {"Conventions": "CF-1.8"})
-    others: tuple[str, ...] = ()
-
-    @contextmanager
-    def created(self, path: str | Path, record: Any) -> Iterator[h5py.File]:
-        """A new file with its attributes; an old one is replaced when the new one is whole."""
-        with written_whole(path, *HDF5, *self.others) as temporary, h5py.File(temporary, "w") as file:
-            set_texts(file, **self.constants)
-            self.write_head(file, record)
-            yield file
-
-    def write_head(self, group: h5py.Group, record: Any) -> None:
-        """Schema and attributes."""
-        set_texts(group, schema=self.schema)
-        for key in self.attributes:
-            write_attribute(group, key, getattr(record, key))
 
     def read_head(self, group: h5py.Group, path: str | Path) -> dict[str, Any]:
         """The attributes, as fields of a record."""
@@ -228,8 +192,33 @@ class FileKind:
 
     def require(self, group: h5py.Group, path: str | Path) -> None:
         """Refuse a file, or a group of one, that holds something else, or hides names."""
-        found = text_attribute(group, "schema")
-        require_names(group, path)
-        if found != self.schema:
-            where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
-            raise ValueError(f"{where} is no {self.noun}: its schema is {found!r}, not {self.schema!r}")
+        require_schema(group, path, self.schema)
+
+
+@contextmanager
+def new_file(path: str | Path, *others: str) -> Iterator[h5py.File]:
+    """An HDF5 file that takes the place of an old one when it is whole; ``others``: endings that a message names.
+
+    It is made in memory: where the disk is full, HDF5 itself crashes.
+    """
+    with written_whole(path, *HDF5, *others) as temporary:
+        with h5py.File.in_memory() as file:
+            set_texts(file, Conventions="CF-1.8")
+            yield file
+            file.flush()
+            image = file.id.get_file_image()
+        temporary.write_bytes(image)
+
+
+def require_schema(group: h5py.Group, path: str | Path, *schemas: str) -> str:
+    """The schema of a file or a group.
+
+    Raises:
+        ValueError: none of these; damage hides some of its names.
+    """
+    found = text_attribute(group, "schema")
+    require_names(group, path)
+    if found not in schemas:
+        where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
+        raise ValueError(f"{where} has the schema {found!r}; {' or '.join(map(repr, schemas))} is needed")
+    return str(found)

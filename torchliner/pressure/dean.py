@@ -226,7 +226,7 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     cells, rows = sort_into_cells(record, record.cell_pitch), math.prod(record.backplate.shape[:-1])
     none = torch.zeros(record.probes, dtype=torch.bool)
     if record.probe_cell is not None:
-        labels = record.probe_cell
+        labels = record.probe_cell.reshape(-1)
         none = labels < 0
         unplaced = torch.full((int(labels.max()) + 1,), torch.nan, dtype=torch.float64)
         cells = Cells(labels, unplaced, unplaced)

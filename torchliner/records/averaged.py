@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
+import torch
 from torch import Tensor
 
 from torchliner.conversions import absorption_from_reflection, admittance_from_reflection, impedance_from_reflection
@@ -63,3 +64,12 @@ class Educed:
     def map(self, function: Callable[[Tensor], Tensor]) -> Educed:
         """The same with every tensor put through a function, such as a selection of places."""
         return Educed(function(self.reflection), None if self.interval is None else self.interval.map(function))
+
+    @classmethod
+    def stacked(cls, several: Sequence[Educed]) -> Educed:
+        """Several averagings in one, along a new first axis; all or none have intervals."""
+        intervals = [each.interval for each in several if each.interval is not None]
+        if len(intervals) not in (0, len(several)):
+            raise ValueError(f"{len(intervals)} of {len(several)} averagings have intervals; a file needs all or none")
+        bounds = [torch.stack(each) for each in zip(*(vars(one).values() for one in intervals), strict=True)]
+        return cls(torch.stack([each.reflection for each in several]), Interval(*bounds) if intervals else None)

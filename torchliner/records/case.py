@@ -8,10 +8,10 @@ from typing import Any
 
 from torch import Tensor
 
-from torchliner.checks import require_choice, require_positive_where_stated
+from torchliner.checks import require_choice
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
-from torchliner.records.declared import part, record, var
+from torchliner.records.declared import check, part, record, var
 from torchliner.records.level_check import LevelCheck, words_of
 from torchliner.records.notes import Note
 
@@ -32,7 +32,7 @@ class Stated:
 
     _: KW_ONLY
     fluid: Fluid = field(default_factory=Fluid)
-    mach: float | None = var(text="bulk Mach number", default=None)
+    mach: float | None = var(text="bulk Mach number, x counting along the flow", range="[0, 1)", default=None)
     source_side: str = "unknown"
     reference: Mapping[str, complex] = field(default_factory=dict)
     title: str = ""
@@ -53,20 +53,9 @@ class Case(Stated):
     provenance: Mapping[str, Any] = field(default_factory=dict)
     name: str = "record"
 
-    def _check_case(self) -> None:
-        """Refuse a Mach number, a level, a side or a size that no case has."""
-        level = getattr(self, "incident_level", None)
-        if self.mach is not None and not 0 <= float(self.mach) < 1:
-            raise ValueError(
-                f"{self.name}: mach is {float(self.mach):g}; it must be at least 0 (count x along the flow) and below "
-                "1 (a Mach number, not m/s)"
-            )
-        if level is not None and not QUIETEST <= level <= LOUDEST:
-            raise ValueError(
-                f"{self.name}: incident_level is {level:g} dB; it must be at least {QUIETEST:g} dB, the last digit of "
-                f"one atmosphere in double precision, and at most {LOUDEST:g} dB, where the rms pressure is one "
-                "atmosphere; SPL in dB re 20 uPa rms is needed"
-            )
+    def _check_case(self, *, tensors: bool = False) -> None:
+        """Refuse what no case has."""
+        check(self, tensors=tensors)
         require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
 
 
@@ -75,18 +64,11 @@ class OfOneTone(Case):
     """Facts of a measurement with one tone."""
 
     _: KW_ONLY
-    frequency: float | None = var(unit="Hz", text="of the tone", default=None)
-    incident_level: float | None = var(unit="dB", text="nominal SPL, re 20 uPa rms", default=None)
-    displacement_thickness: float | None = var(unit="m", text="delta* of the flow", default=None)
-
-    def _check_case(self) -> None:
-        super()._check_case()
-        require_positive_where_stated(self, "frequency")
-        thickness = self.displacement_thickness
-        if thickness is not None and not 0 <= thickness < float("inf"):
-            raise ValueError(
-                f"{self.name}: displacement_thickness is {thickness:g} m; it must be finite and at least 0"
-            )
+    frequency: float | None = var(unit="Hz", text="of the tone", range="(0, inf)", default=None)
+    incident_level: float | None = var(
+        unit="dB", text="nominal SPL, re 20 uPa rms", range=f"[{QUIETEST:g}, {LOUDEST:g}]", default=None
+    )
+    displacement_thickness: float | None = var(unit="m", text="delta* of the flow", range="[0, inf)", default=None)
 
 
 @record

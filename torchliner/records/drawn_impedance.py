@@ -13,14 +13,13 @@ from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import resolve
-from torchliner.records.declared import record, var
+from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Reported, Written
 
 FINE = 201  # places of a level along the microphones
-
-
+LEVEL = 0.95  # of the interval in the file
 EACH = ("draws", "frequency")
 
 
@@ -32,7 +31,6 @@ class DrawnImpedance(Written, Reported):
 
     Args:
         method: for tables and legends.
-        x: microphones that were used, m, (N,).
         source_side: ``upstream`` or ``downstream``.
         draws: the same eduction over draws of the microphones' errors, (D, ..., F); None without.
         choices: every option; ``level_error`` and ``phase_error`` are the errors that were assumed.
@@ -43,14 +41,14 @@ class DrawnImpedance(Written, Reported):
     _: KW_ONLY
     method: str
     frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
-    x: Tensor
+    x: Tensor = var("microphone", unit="m", text="microphones that were used")
     impedance: Tensor = var(*EACH, name="{}", text="v into the liner")
     residual: Tensor = var(*EACH, text="rms of what is left over that of the pressures")
     source_side: str
-    draws: DrawnImpedance | None = None
+    draws: DrawnImpedance | None = part("draws", by="groups", default=None)
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
-    line: MicrophoneLine | None = None
+    line: MicrophoneLine | None = part("microphones", by="groups", default=None)
     covariance: Tensor | None = var(
         *EACH, "part", "with_part", wide=True, default=None, text="covariance of resistance and reactance"
     )
@@ -59,7 +57,23 @@ class DrawnImpedance(Written, Reported):
         *EACH, default=None, text="squared residual over that of the assumed errors, 1 where all is right"
     )
 
-    FILE: ClassVar = "torchliner.io.wall_file:FILE"
+    DERIVED: ClassVar[tuple[Variable, ...]] = (
+        Variable(
+            "low", dims=("frequency",), name="{}_low", text=f"lower bound, {100 * LEVEL:g} % statistical interval"
+        ),
+        Variable(
+            "high", dims=("frequency",), name="{}_high", text=f"upper bound, {100 * LEVEL:g} % statistical interval"
+        ),
+        Variable(
+            "deviation", dims=("frequency",), name="{}_deviation", text="standard deviation, by draws or first order"
+        ),
+    )
+    GROUPS: ClassVar = ("torchliner wall 1", "eduction")  # schema of a file of several, name of each
+
+    @property
+    def axes(self) -> dict[str, tuple[str, ...]]:
+        """Dimensions of its file."""
+        return {"draws": ("draw",) * (self.impedance.ndim - 1)}
 
     @property
     def source_line(self) -> MicrophoneLine:
@@ -69,13 +83,10 @@ class DrawnImpedance(Written, Reported):
             ValueError: none was kept; it has leading axes, as lines of draws do.
         """
         if self.line is None:
-            raise ValueError(
-                f"{self.method}: the line of microphones was not kept; a file or a page of an eduction needs it"
-            )
+            raise ValueError(f"{self.method}: the line of microphones was not kept; a file or a page needs it")
         if self.impedance.ndim != 1:
             raise ValueError(
-                f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a "
-                "page of an eduction has one"
+                f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a page has one"
             )
         return self.line
 
@@ -88,7 +99,8 @@ class DrawnImpedance(Written, Reported):
         Raises:
             ValueError: another ending; an eduction without its line, or of several lines.
         """
-        resolve(self.FILE).write(self, path, *others)
+        _ = [one.source_line for one in (self, *others)]
+        resolve("torchliner.io.own_writer:write_several")((self, *others), path)
 
     def report(self, path: str | Path, *others: DrawnImpedance) -> None:
         """Write one self-contained HTML page, ``others`` beside it; as ``Reported.report``."""
@@ -149,7 +161,7 @@ class DrawnImpedance(Written, Reported):
         spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
         return torch.complex(spread[..., 0], spread[..., 1])
 
-    def interval(self, level: float = 0.95) -> tuple[Tensor, Tensor]:
+    def interval(self, level: float = LEVEL) -> tuple[Tensor, Tensor]:
         """Bounds of a statistical interval: real parts bound R, imaginary parts X.
 
         The middle ``level`` of the draws; without draws Student's interval, or the normal one of
@@ -157,16 +169,36 @@ class DrawnImpedance(Written, Reported):
         """
         if not 0 < level < 1:
             raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
+        share = (1 + level) / 2
         if self.draws is None:
-            share = (1 + level) / 2
             student = float(ndtri(share) if self.freedom is None else stdtrit(self.freedom, share))
             away = torch.where(self.estimated, student, float(ndtri(share))) * self.standard_error
             return self.impedance - away, self.impedance + away
-        drawn = self._drawn()
-        return tuple(
-            torch.complex(*(_quantile(part, share) for part in (drawn.real, drawn.imag)))
-            for share in ((1 - level) / 2, (1 + level) / 2)
-        )  # type: ignore[return-value]
+        drawn = torch.where(torch.isfinite(self._drawn()), self._drawn(), complex(torch.nan, torch.nan))
+        ends = (1 - share, share)
+        low, high = (torch.complex(*(part.nanquantile(q, 0) for part in (drawn.real, drawn.imag))) for q in ends)
+        return low, high
+
+    @property
+    def low(self) -> Tensor | None:
+        """Lower bound of the interval of one line, (F,), as in the file; None where none is known."""
+        return self.interval()[0] if self._known else None
+
+    @property
+    def high(self) -> Tensor | None:
+        """Upper bound, likewise."""
+        return self.interval()[1] if self._known else None
+
+    @property
+    def deviation(self) -> Tensor | None:
+        """Standard deviation of the draws, or to first order, likewise."""
+        if not self._known:
+            return None
+        return self.standard_error if self.draws is None else self.standard_deviation
+
+    @property
+    def _known(self) -> bool:
+        return self.impedance.ndim == 1 and (self.draws is not None or self.covariance is not None)
 
     def _drawn(self) -> Tensor:
         if self.draws is None:
@@ -177,11 +209,6 @@ class DrawnImpedance(Written, Reported):
 def _mean(values: Tensor) -> Tensor:
     good = torch.isfinite(values)
     return torch.where(good, values, 0).sum(0) / good.sum(0)
-
-
-def _quantile(values: Tensor, share: float) -> Tensor:
-    finite = torch.where(torch.isfinite(values), values, torch.nan)
-    return torch.nanquantile(finite, share, dim=0)
 
 
 def deviation(values: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY
+from typing import ClassVar
 
 from torch import Tensor
 
@@ -40,6 +41,8 @@ class FieldFit(DrawnImpedance):
     )
     misfit: Tensor = var(*EACH, text="chi squared over its degrees of freedom, 1 where all is right")
     converged: Tensor = var(*EACH, kind="flag", text="whether the last step was below the tolerance")
+
+    SCHEMA: ClassVar = "torchliner field fit 1"
 
     @property
     def estimated(self) -> Tensor:

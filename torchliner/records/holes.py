@@ -31,19 +31,15 @@ class Holes:
 
     def __post_init__(self) -> None:
         for label in ("x", "diameter", "z"):
-            value = getattr(self, label)
-            if value is not None:
+            if (value := getattr(self, label)) is not None:
                 places = tuple(finite_places(value, label, "holes").tolist())
                 object.__setattr__(self, label, places)
                 if len(places) != len(self.x) or not places:
-                    raise ValueError(
-                        f"holes: {label} has {len(places)} values for {len(self.x)} holes; each hole has one"
-                    )
-        for number, diameter in enumerate(self.diameter, 1):
+                    raise ValueError(f"holes: {label} has {len(places)} values for {len(self.x)} holes")
+        for x, diameter in zip(self.x, self.diameter, strict=True):
             if not 0 < diameter <= WIDEST:
                 raise ValueError(
-                    f"holes: diameter of hole {number}, at x = {self.x[number - 1]:g} "
-                    f"m, is {diameter:g} m; it must be positive, and at most "
+                    f"holes: diameter of the hole at x = {x:g} m is {diameter:g} m; it must be positive, and at most "
                     f"{WIDEST:g} m: check its unit"
                 )
 
@@ -64,42 +60,29 @@ class Holes:
 
     def __mul__(self, factor: float) -> Holes:
         """All lengths times a factor."""
-        z = None if self.z is None else tuple(factor * each for each in self.z)
-        x, diameter = (tuple(factor * each for each in own) for own in (self.x, self.diameter))
-        return Holes(x, diameter, z)
-
-    def beyond(self, x: Tensor | None, z: Tensor | None) -> list[int]:
-        """Those that no probe's neighbourhood touches: wholly outside the range of coordinates, m.
-
-        Args:
-            x, z: of probes, m; None where unknown: nothing is outside.
-        """
-        limits = [
-            (own, float(at.min()), float(at.max()))
-            for own, at in ((self.x, x), (self.z, z))
-            if own is not None and at is not None
-        ]
-        return [
-            i
-            for i, size in enumerate(self.diameter)
-            if any(own[i] + size / 2 < low or own[i] - size / 2 > high for own, low, high in limits)
-        ]
+        own = (self.x, self.diameter, self.z)
+        return Holes(*(each and tuple(factor * one for one in each) for each in own))  # type: ignore[arg-type]
 
     def within(self, x: Tensor | None, z: Tensor | None) -> Holes | None:
-        """Those that are not ``beyond``; None if none is left."""
-        out = set(self.beyond(x, z))
-        kept = [i for i in range(len(self)) if i not in out]
-        if not kept:
-            return None
-        places, sizes = (tuple(own[i] for i in kept) for own in (self.x, self.diameter))
-        return Holes(places, sizes, None if self.z is None else tuple(self.z[i] for i in kept))
+        """Those that touch the range of coordinates, m, of probes (None where unknown); None if none is left."""
+        kept = self._inside(x, z)
+        parts = (each and tuple(each[i] for i in kept) for each in (self.x, self.diameter, self.z))
+        return Holes(*parts) if kept else None  # type: ignore[arg-type]
+
+    def _inside(self, x: Tensor | None, z: Tensor | None) -> list[int]:
+        found = [*range(len(self))]
+        for own, at in ((self.x, x), (self.z, z)):
+            if own is not None and at is not None:
+                low, high = float(at.min()), float(at.max())
+                half = [size / 2 for size in self.diameter]
+                found = [i for i in found if own[i] + half[i] >= low and own[i] - half[i] <= high]
+        return found
 
 
 def merged_bands(holes: Holes) -> list[tuple[float, float]]:
     """Stretches of x, m, that lie over some hole, in order: those that overlap are one."""
-    ends = sorted((x - size / 2, x + size / 2) for x, size in zip(holes.x, holes.diameter, strict=True))
     found: list[tuple[float, float]] = []
-    for low, high in ends:
+    for low, high in sorted((x - size / 2, x + size / 2) for x, size in zip(holes.x, holes.diameter, strict=True)):
         if found and low <= found[-1][1]:
             found[-1] = found[-1][0], max(high, found[-1][1])
         else:
@@ -108,12 +91,8 @@ def merged_bands(holes: Holes) -> list[tuple[float, float]]:
 
 
 def require_holes_on_plane(holes: Any, x: Tensor | None, z: Tensor | None, name: str) -> None:
-    """Refuse holes beyond the probes: they have another origin or unit than the plane.
+    """Refuse holes beyond the probes (m; None where unknown): they have another origin or unit than the plane.
 
-    Args:
-        holes: of the plane.
-        x, z: of its probes, m; None where unknown.
-        name: of the plane, for messages.
     Raises:
         TypeError: no ``Holes``.
         ValueError: there are some; the first and the probes' ranges are named.
@@ -122,17 +101,15 @@ def require_holes_on_plane(holes: Any, x: Tensor | None, z: Tensor | None, name:
         raise TypeError(
             f"{name}: holes is {type(holes).__name__}; give Holes(x, diameter, z), in m, or read_holes(FILE)"
         )
-    out = holes.beyond(x, z)
-    if out:
-        ranges = ", ".join(
-            f"{label} = {1e3 * float(at.min()):.6g} to {1e3 * float(at.max()):.6g} mm"
-            for label, at in (("x", x), ("z", z))
-            if at is not None
+    inside = holes._inside(x, z)
+    if len(inside) < len(holes):
+        first = next(i for i in range(len(holes)) if i not in inside)
+        at = ", ".join(
+            f"{label} = {1e3 * own[first]:.6g} mm, of probes {1e3 * float(of.min()):.6g} to {1e3 * float(of.max()):.6g}"
+            for label, own, of in (("x", holes.x, x), ("z", holes.z, z))
+            if own is not None and of is not None
         )
-        at = f"x = {1e3 * holes.x[out[0]]:.6g} mm"
-        at += "" if holes.z is None else f", z = {1e3 * holes.z[out[0]]:.6g} mm"
         raise ValueError(
-            f"{name}: {len(out)} of {len(holes)} holes lie outside the plane, number {out[0] + 1} "
-            f"first, at {at}; the probes are at {ranges}: give the holes in the coordinates of the "
-            "plane, without those beyond it"
+            f"{name}: {len(holes) - len(inside)} of {len(holes)} holes lie outside the plane, number {first + 1} "
+            f"first, at {at} mm: give the holes in the coordinates of the plane, without those beyond it"
         )

@@ -107,7 +107,8 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
         Variable("admittance", dims=STATION, kind="complex", text="mean of 1/Z over the segments"),
         Variable("inferred_incident_level", "dB", STATION, text="of the wave that gives the coherent v, re 20 uPa rms"),
     )
-    FILE: ClassVar = "torchliner.io.line_file:FILE"
+    SCHEMA: ClassVar = "torchliner line 1"
+    PLACES: ClassVar = {"stations": ("station",)}
     PLOT: ClassVar = "torchliner.report.line_figures:draw_lines"
 
     def __post_init__(self) -> None:

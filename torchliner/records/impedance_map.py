@@ -20,6 +20,7 @@ from torchliner.records.level_check import LevelCheck
 from torchliner.records.level_matched import LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
+from torchliner.records.probes import probe_axes
 from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
 
 FULL = ("probes", "frequency")
@@ -68,7 +69,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
     x: Tensor | None = var("columns", unit="m", text="streamwise coordinate", default=None)
     z: Tensor | None = var("rows", unit="m", text="spanwise coordinate", default=None)
     height: float | None = var(unit="m", text="distance of the plane from the liner", default=None)
-    alongside: tuple[PointImpedances, ...] = part("alongside_", by="groups", default=())
+    alongside: tuple[PointImpedances, ...] = part("alongside", by="groups", default=())
     holes: Holes | None = part("hole_", default=None)
     _: KW_ONLY
     level_check: LevelCheck | None = part(places=("cell",), default=None)
@@ -80,7 +81,8 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
         Variable("liner_spread", dims=("frequency",), name="liner_spread_{}", text="spread over positions"),
         Variable("inferred_incident_level", "dB", FULL, text="of the wave that gives the coherent v, re 20 uPa rms"),
     )
-    FILE: ClassVar = "torchliner.io.map_file:FILE"
+    SCHEMA: ClassVar = "torchliner map 1"
+    PLACES: ClassVar = {"probes": ("probes",), "cells": ("cell",)}
     PLOT: ClassVar = "torchliner.report.figures:draw_map"
 
     def __post_init__(self) -> None:
@@ -89,6 +91,11 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
                 f"averaging holds {[*self.liner]}, of which {self.averaging!r} was chosen; "
                 f"{', '.join(AVERAGINGS)} are known"
             )
+
+    @property
+    def axes(self) -> dict[str, tuple[str, ...]]:
+        """Dimensions of its file."""
+        return probe_axes(tuple(self.mean_velocity.shape))
 
     @property
     def averagings(self) -> tuple[str, ...]:

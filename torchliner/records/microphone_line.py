@@ -10,28 +10,17 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.checks import (
-    frequency_tensor,
-    index_of_frequency,
-    make_plain,
-    plain_array,
-    plain_number,
-    real_tensor,
-    require_positive,
-    require_positive_where_stated,
-    tell,
-)
+from torchliner.checks import frequency_tensor, index_of_frequency, plain_array, plain_number, real_tensor, tell
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.records.case import LOUDEST, Case
-from torchliner.records.declared import record, require_shapes, var
+from torchliner.records.declared import ANY, record, var
 from torchliner.records.outlets import Reported, Written
 from torchliner.records.probes import finite_places
 from torchliner.records.unit_checks import require_pressures, unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
-QUIETEST = 1.0  # dB
-
+QUIETEST = 1.0  # dB, that a microphone measures
 DRAWN = ("draws", "microphone", "frequency")
 
 
@@ -52,13 +41,17 @@ class MicrophoneLine(Written, Reported, Case):
     """
 
     x: Any = var("microphone", unit="m", text="places along the flow, increasing")
-    pressure: Any = var(*DRAWN, unit="Pa", kind="complex", text="peak amplitude", amplitude="peak, exp(+j omega t)")
+    pressure: Any = var(
+        *DRAWN, unit="Pa", kind="complex", range="(0, inf)", text="peak amplitude", amplitude="peak, exp(+j omega t)"
+    )
     frequency: Any = var("frequency", unit="Hz", text="frequency of the tone")
     _: KW_ONLY
-    duct_height: float = var(unit="m", text="from the liner to the opposite wall")
-    duct_width: float | None = var(unit="m", text="across; only for the cut-on of spanwise modes", default=None)
-    liner_start: float | None = var(unit="m", text="x of the liner's end upstream", default=None)
-    liner_end: float | None = var(unit="m", text="x of the liner's end downstream", default=None)
+    duct_height: float = var(unit="m", range="(0, inf)", text="from the liner to the opposite wall")
+    duct_width: float | None = var(
+        unit="m", range="(0, inf)", text="across; only for the cut-on of spanwise modes", default=None
+    )
+    liner_start: float | None = var(unit="m", range=ANY, text="x of the liner's end upstream", default=None)
+    liner_end: float | None = var(unit="m", range=ANY, text="x of the liner's end downstream", default=None)
     wall_impedance: Any = var(
         "frequency", name="wall_{}", default=None, text="of the liner; nan where unknown, or rigid"
     )
@@ -66,24 +59,39 @@ class MicrophoneLine(Written, Reported, Case):
     notes: tuple[str, ...] = ()
     name: str = "microphones"
 
-    FILE: ClassVar = "torchliner.io.microphone_file:FILE"
+    SCHEMA: ClassVar = "torchliner microphones 1"
 
     def __post_init__(self) -> None:
-        make_plain(self, tensors=True)
-        frequency = frequency_tensor(self.frequency)
-        object.__setattr__(self, "frequency", frequency)
-        self._check_places()
-        self._check_pressure(len(frequency))
-        require_positive(f"{self.name}: duct_height (m)", self.duct_height)
-        require_positive_where_stated(self, "duct_width")
-        self._check_case()
-        start, end = self.liner_start, self.liner_end
-        if (start is None) != (end is None):
-            raise ValueError(f"{self.name}: liner_start and liner_end go together; give both")
-        if start is not None and end is not None and not -math.inf < start < end < math.inf:
-            raise ValueError(
-                f"{self.name}: the liner runs from {1e3 * start:g} to {1e3 * end:g} mm; both are finite, start < end"
+        frequency, x = frequency_tensor(self.frequency), finite_places(self.x, "x", self.name)
+        pressure = self.pressure
+        if not isinstance(pressure, Tensor):
+            pressure = torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
+        if not pressure.is_complex():
+            raise TypeError(
+                f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "
+                "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
             )
+        single = len(frequency) == 1 and pressure.shape[-1:] == x.shape
+        found: dict[str, Any] = {
+            "frequency": frequency,
+            "x": x,
+            "pressure": pressure[..., None] if single else pressure,
+        }
+        if self.wall_impedance is not None:
+            found["wall_impedance"] = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
+        if self.coherence is not None:
+            found["coherence"] = real_tensor(self.coherence)
+        for label, value in found.items():
+            object.__setattr__(self, label, value)
+        back = (x.diff() <= 0).nonzero()
+        if len(x) < 2 or len(back):
+            where = f", but {1e3 * float(x[back[0]]):g} mm is not below the next" if len(back) else ""
+            raise ValueError(f"{self.name}: x has {len(x)} microphones{where}; two or more, sorted by x, make a line")
+        self._check_case(tensors=True)
+        require_pressures(self.pressure, frequency, self.name)
+        start, end = self.liner_start, self.liner_end
+        if (start is None) != (end is None) or (start is not None and end is not None and start >= end):
+            raise ValueError(f"{self.name}: liner_start is {start} m and liner_end {end} m; give both, start < end")
 
     @classmethod
     def from_levels(cls, x: Any, level: Any, phase: Any, frequency: Any, **about: Any) -> MicrophoneLine:
@@ -104,15 +112,13 @@ class MicrophoneLine(Written, Reported, Case):
         levels, phases = real_tensor(level), real_tensor(phase)
         name = about.get("name", "microphones")
         if levels.shape != phases.shape:
+            raise ValueError(f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}")
+        far = levels[(levels > LOUDEST) | (levels < QUIETEST)]
+        if len(far):
             raise ValueError(
-                f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}; give the same"
+                f"{name}: a level is {float(far[0]):g} dB; SPL in dB re 20 uPa rms within {QUIETEST:g} and "
+                f"{LOUDEST:g} dB is needed"
             )
-        if levels.numel() and float(levels.max()) > LOUDEST:
-            loud = f"{float(levels.max()):g} dB, above {LOUDEST:g} dB, where the rms pressure is one atmosphere"
-            raise ValueError(f"{name}: a level is {loud}; SPL in dB re 20 uPa rms is needed")
-        if levels.numel() and float(levels.min()) < QUIETEST:
-            quiet = f"{float(levels.min()):g} dB, below {QUIETEST:g} dB, which no microphone measures"
-            raise ValueError(f"{name}: a level is {quiet}; leave out the values that are missing")
         require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
         line = cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
         phases, span = phases.reshape(line.pressure.shape), float(line.x[-1] - line.x[0])
@@ -120,45 +126,10 @@ class MicrophoneLine(Written, Reported, Case):
         tell(notes)
         return replace(line, notes=line.notes + notes)
 
-    def _check_places(self) -> None:
-        x = finite_places(self.x, "x", self.name)
-        if len(x) < 2:
-            raise ValueError(f"{self.name}: {len(x)} microphone is given; at least two make a line")
-        back = (x.diff() <= 0).nonzero()
-        if len(back):
-            i = int(back[0])
-            raise ValueError(
-                f"{self.name}: x goes from {1e3 * float(x[i]):g} mm at microphone {i} to "
-                f"{1e3 * float(x[i + 1]):g} mm at {i + 1}; sort the microphones by x, each once"
-            )
-        object.__setattr__(self, "x", x)
-
-    def _check_pressure(self, frequencies: int) -> None:
-        pressure = self.pressure
-        if not isinstance(pressure, Tensor):
-            pressure = torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
-        if not pressure.is_complex():
-            raise TypeError(
-                f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "
-                "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
-            )
-        if frequencies == 1 and pressure.shape[-1:] == self.x.shape:
-            pressure = pressure[..., None]
-        object.__setattr__(self, "pressure", pressure)
-        if self.wall_impedance is not None:
-            object.__setattr__(self, "wall_impedance", torch.as_tensor(self.wall_impedance, dtype=torch.complex128))
-        if self.coherence is not None:
-            object.__setattr__(self, "coherence", real_tensor(self.coherence))
-        require_shapes(self, self.name)
-        for what, bad in (("is not finite", ~torch.isfinite(pressure)), ("is zero, which has no level", pressure == 0)):
-            if bool(bad.any()):
-                place = bad.nonzero()[0].tolist()
-                raise ValueError(
-                    f"{self.name}: the pressure of microphone {place[-2]} (x = "
-                    f"{1e3 * float(self.x[place[-2]]):g} mm) {what} at "
-                    f"{float(self.frequency[place[-1]]):g} Hz; leave that microphone out"
-                )
-        require_pressures(pressure, self.frequency, self.name)
+    @property
+    def axes(self) -> dict[str, tuple[str, ...]]:
+        """Dimensions of its file."""
+        return {"draws": tuple(f"draw_{axis}" if axis else "draw" for axis in range(self.pressure.ndim - 2))}
 
     @property
     def microphones(self) -> int:
@@ -167,11 +138,7 @@ class MicrophoneLine(Written, Reported, Case):
 
     @property
     def stated_mach(self) -> float:
-        """``mach`` as a plain number.
-
-        Raises:
-            ValueError: none is stated.
-        """
+        """``mach`` as a plain number; ValueError where none is stated."""
         if self.mach is None:
             how = "(mach = ... in the file, mach=, --mach): 0 says that there is no flow"
             raise ValueError(f"{self.name} states no Mach number; give it {how}")
@@ -187,53 +154,34 @@ class MicrophoneLine(Written, Reported, Case):
         """Degrees, -180 to 180, (..., N, F)."""
         return torch.rad2deg(self.pressure.angle())
 
-    @property
-    def spacing(self) -> float:
-        """Mean distance of neighbours, m."""
-        return float(self.x[-1] - self.x[0]) / (self.microphones - 1)
-
-    @property
-    def equally_spaced(self) -> bool:
-        """Whether every microphone is within 0.5 % of the spacing of its place on an even grid."""
-        return float(self._offsets().abs().max()) <= EQUAL_SPACING * self.spacing
-
     def require_equal_spacing(self, method: str) -> float:
-        """The spacing, m, for a method that needs equal ones.
+        """The mean spacing, m, for a method that needs equal ones.
 
         Raises:
-            ValueError: a microphone is off the even grid; the worst one is named.
+            ValueError: a microphone is off the even grid by more than 0.5 % of it; the worst one is named.
         """
-        if not self.equally_spaced:
-            off = self._offsets()
-            worst = int(off.abs().argmax())
-            raise ValueError(
-                f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = "
-                f"{1e3 * float(self.x[worst]):.6g} mm is {1e3 * float(off[worst]):+.3g} mm off an "
-                f"even grid of {1e3 * self.spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of "
-                "it); leave microphones out until the rest is even, or use the two-wave fit"
-            )
-        return self.spacing
-
-    def _offsets(self) -> Tensor:
-        """Of each microphone from the even grid that fits them best, m."""
+        spacing = float(self.x[-1] - self.x[0]) / (self.microphones - 1)
         number = torch.arange(self.microphones) - (self.microphones - 1) / 2
         off = self.x - self.x.mean()
-        return off - number * (number * off).sum() / number.square().sum()
+        off = off - number * (number * off).sum() / number.square().sum()
+        worst = int(off.abs().argmax())
+        if float(off[worst].abs()) > EQUAL_SPACING * spacing:
+            raise ValueError(
+                f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = "
+                f"{1e3 * float(self.x[worst]):.6g} mm is {1e3 * float(off[worst]):+.3g} mm off an even grid of "
+                f"{1e3 * spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of it); leave microphones out until the rest "
+                "is even, or use the two-wave fit"
+            )
+        return spacing
 
     def select(self, microphones: Sequence[int] | Tensor) -> MicrophoneLine:
         """The line with some of its microphones, by index."""
-        given = torch.as_tensor(microphones).reshape(-1)
-        index = given.to(torch.int64)
-        if bool((index != given).any()):
-            raise TypeError(f"microphones are {given.tolist()}; whole numbers are needed")
-        if len(index) and not bool(((index >= 0) & (index < self.microphones)).all()):
+        index = torch.as_tensor(microphones).reshape(-1)
+        if index.is_floating_point() or not bool(((index >= 0) & (index < self.microphones)).all()):
             raise ValueError(f"{self.name} has microphones 0 to {self.microphones - 1}; {index.tolist()} asked")
-        return replace(
-            self,
-            x=self.x[index],
-            pressure=self.pressure[..., index, :],
-            coherence=None if self.coherence is None else self.coherence[index],
-        )
+        index = index.to(torch.int64)
+        coherence = None if self.coherence is None else self.coherence[index]
+        return replace(self, x=self.x[index], pressure=self.pressure[..., index, :], coherence=coherence)
 
     def at(self, frequency: Any) -> MicrophoneLine:
         """The line at some of its frequencies, Hz.
@@ -245,18 +193,10 @@ class MicrophoneLine(Written, Reported, Case):
         for wanted in frequency_tensor(frequency).tolist():
             place = index_of_frequency(self.frequency, wanted)
             if place is None:
-                raise ValueError(
-                    f"{self.name} has no {wanted:g} Hz; it holds {len(self.frequency)} from "
-                    f"{float(self.frequency.min()):g} to {float(self.frequency.max()):g} Hz"
-                )
+                raise ValueError(f"{self.name} has no {wanted:g} Hz; it holds {self.frequency.tolist()} Hz")
             index.append(place)
-        return replace(
-            self,
-            frequency=self.frequency[index],
-            pressure=self.pressure[..., index],
-            wall_impedance=None if self.wall_impedance is None else self.wall_impedance[index],
-            coherence=None if self.coherence is None else self.coherence[:, index],
-        )
+        fields = {n: v[..., index] for n in ("wall_impedance", "coherence") if (v := getattr(self, n)) is not None}
+        return replace(self, frequency=self.frequency[index], pressure=self.pressure[..., index], **fields)
 
     def over_liner(self, margin: float = 0.0) -> MicrophoneLine:
         """The microphones over the liner, at least ``margin`` (m) from its ends.
@@ -272,7 +212,8 @@ class MicrophoneLine(Written, Reported, Case):
             return self
         inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)
         if int(inside.sum()) < 2:
-            liner = f"{1e3 * self.liner_start:g} to {1e3 * self.liner_end:g} mm, with a margin of {1e3 * margin:g} mm"
-            count = f"{int(inside.sum())} microphones lie over the liner"
-            raise ValueError(f"{self.name}: {count}, {liner}; at least two are needed")
+            raise ValueError(
+                f"{self.name}: {int(inside.sum())} microphones lie over the liner, {1e3 * self.liner_start:g} to "
+                f"{1e3 * self.liner_end:g} mm, with a margin of {1e3 * margin:g} mm; at least two are needed"
+            )
         return self.select(inside.nonzero()[:, 0])

@@ -1,9 +1,7 @@
 """Where a result comes from: its input files with sizes and fingerprints, and what computed it.
 
 The fingerprint is the SHA-256 of a file up to 32 MiB. Of a larger one, of a folder and of a series of files it is that
-of names, sizes and 32 blocks of 1 MiB, which costs the same few hundredths of a second for 0.1 and for 100 GB. Another
-simulation, another conversion and a longer record change every block; an edit of a few samples between the blocks goes
-unseen.
+of names, sizes and 32 blocks of 1 MiB: another simulation changes every block, an edit between them goes unseen.
 """
 
 from __future__ import annotations
@@ -13,10 +11,9 @@ import hashlib
 import os
 import platform
 import re
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from itertools import accumulate, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -35,8 +32,8 @@ Result = TypeVar("Result", bound=Any)
 
 
 def series_of(path: Path) -> list[Path]:
-    """Files that one file of a series stands for, sorted, itself among them: those that a
-    collection names, or those of its name with other numbers; none where it stands for itself."""
+    """Files that one file of a series stands for, sorted, itself among them: those that a collection names, or those
+    of its name with other numbers; none where it stands for itself."""
     if path.suffix.lower() not in SERIES or not path.is_file():
         return []
     if path.suffix.lower() in (".pvd", ".series"):
@@ -56,64 +53,39 @@ def named_file(name: str) -> Path | None:
 
 
 def input_file(what: str, path: str | Path) -> dict[str, Any]:
-    """What is stored of an input: what it is, its name as given, bytes, and its fingerprint.
+    """What is stored of an input, a file, a folder or a file that stands for a series: what it is (velocity, liner
+    ...), its name as given, bytes, fingerprint.
 
-    Args:
-        what: velocity, moments, liner ...
-        path: of a file, of a folder, or of a file that stands for a series.
     Raises:
         OSError: it cannot be read.
     """
-    state = _state(Path(path))
-    return {"what": what, "name": str(path), "bytes": _size(state), "hash": _hash(state)}
+    path = Path(path)
+    files = [each for each in path.rglob("*") if each.is_file()] if path.is_dir() else series_of(path) or [path]
+    state = tuple((str(each), (status := each.stat()).st_size, status.st_mtime_ns) for each in sorted(files))
+    return {"what": what, "name": str(path), "bytes": sum(size for _, size, _ in state), "hash": _hash(state)}
+
+
+@functools.lru_cache(maxsize=64)
+def _hash(state: State) -> str:
+    """Of files in their present state: several maps of one file hash it once."""
+    if len(state) == 1 and state[0][1] <= BLOCKS * BLOCK:
+        with open(state[0][0], "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    names = [os.path.basename(name) if len(state) > 1 else "" for name, _, _ in state]
+    found = hashlib.sha256(repr([(name, size) for name, (_, size, _) in zip(names, state, strict=True)]).encode())
+    each = max(2, BLOCKS // max(1, len(state)))  # blocks of a file, first and last among them
+    for name, size, _ in state[:: 1 + 2 * len(state) // BLOCKS]:
+        with open(name, "rb") as file:
+            for place in range(each):
+                file.seek(max(0, size - BLOCK) * place // (each - 1))
+                found.update(file.read(BLOCK))
+    return found.hexdigest()
 
 
 def described(stored: Mapping[str, Any]) -> str:
     """An input in words."""
     blocks = f" of sizes and {BLOCKS} blocks" if stored["bytes"] > BLOCKS * BLOCK else ""
     return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256{blocks}: {stored['hash']}"
-
-
-def _state(path: Path) -> State:
-    """Name, bytes and time of change of all files that a path stands for."""
-    files = series_of(path) or [path]
-    if path.is_dir():
-        files = sorted(each for each in path.rglob("*") if each.is_file())
-    status = [(str(each), each.stat()) for each in files]
-    return tuple((name, each.st_size, each.st_mtime_ns) for name, each in status)
-
-
-def _size(state: State) -> int:
-    return sum(size for _, size, _ in state)
-
-
-@functools.lru_cache(maxsize=64)
-def _hash(state: State) -> str:
-    """Of files in their present state: several maps of one file hash it once."""
-    total = _size(state)
-    if len(state) == 1 and total <= BLOCKS * BLOCK:
-        with open(state[0][0], "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    found = hashlib.sha256()
-    for name, size, _ in state:
-        found.update(f"{os.path.basename(name) if len(state) > 1 else ''} {size}\n".encode())
-    last = max(0, total - BLOCK)
-    for start in sorted({last * i // (BLOCKS - 1) for i in range(BLOCKS)}):
-        for piece in _read(state, start, min(start + BLOCK, total)):
-            found.update(piece)
-    return found.hexdigest()
-
-
-def _read(state: State, start: int, stop: int) -> Iterator[bytes]:
-    """Bytes of files one after another as if they were one."""
-    begins = [0, *accumulate(size for _, size, _ in state)]
-    for i in range(bisect_right(begins, start) - 1, len(state)):
-        if begins[i] >= stop:
-            return
-        low, high = max(start, begins[i]), min(stop, begins[i + 1])
-        with open(state[i][0], "rb") as file:
-            file.seek(low - begins[i])
-            yield file.read(high - low)
 
 
 def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str, Any]:
@@ -124,14 +96,10 @@ def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str,
         more: values that are kept where they are not None.
     """
     files = [(what, path) for what, name in named if (path := named_file(str(name))) is not None]
+    versions = {"torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}
     return {
         "inputs": [input_file(what, path) for what, path in dict.fromkeys(files)],
-        "versions": {
-            "torchliner": __version__,
-            "torch": torch.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
+        "versions": {"torchliner": __version__, **versions},
         **{key: value for key, value in more.items() if value is not None},
     }
 
@@ -142,12 +110,7 @@ def with_choices(result: Result, **more: Any) -> Result:
 
 
 class Standing(NamedTuple):
-    """Whether an input is what it was.
-
-    Args:
-        words: how it stands.
-        changed: whether it is another now.
-    """
+    """Whether an input is what it was: in words, and whether it is another now."""
 
     words: str
     changed: bool = False
@@ -161,11 +124,11 @@ def standing(stored: Mapping[str, Any]) -> Standing:
     """
     name = str(stored["name"])
     try:
-        if not (os.path.isfile(name) or os.path.isdir(name)):
+        if not os.path.exists(name):
             return Standing("not there now")
         if os.path.isdir(name) and len([*islice(Path(name).rglob("*"), MOST_FILES + 1)]) > MOST_FILES:
             return Standing(f"not compared, more than {MOST_FILES} files")
-        now = input_file(stored["what"], name)
+        now = input_file(stored["what"], name) if os.path.isdir(name) or os.path.isfile(name) else stored
     except OSError as error:
         return Standing(f"not compared: {error.strerror or error}")
     if now["bytes"] != stored["bytes"]:

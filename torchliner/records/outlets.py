@@ -1,11 +1,12 @@
 """Where the records lead: the one way up, taken when a record is written or drawn.
 
-Readers and figures know the records, so the records cannot know them: their homes stand here as
-text and are imported when they are called. ``tests/test_architecture.py`` resolves every one.
+Readers and figures know the records, so the records cannot know them: their homes stand here as text and are imported
+when they are called.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,20 +17,21 @@ from torchliner.names import resolve
 
 
 class Written:
-    """A record with a file of its own, ``FILE``."""
+    """A record with a file of its own: ``SCHEMA`` names its kind; ``axes``, where it has them, say what names of its
+    dimensions stand for."""
 
-    FILE: ClassVar[str]
+    SCHEMA: ClassVar[str]
+    FILE: ClassVar = "torchliner.io.own_writer:write_record"
 
     def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file (.h5, .hdf5, .nc), or CSV if the kind has one (.csv).
+        """Write one netCDF-4 file (.h5, .hdf5, .nc).
 
-        A result also as .vtp, .vtkhdf, .mat, .bdf, .dat or .txt; docs/results.md says what stands in
-        which.
+        A result also as .csv, .vtp, .vtkhdf, .mat, .bdf, .dat or .txt; docs/results.md says what stands in which.
 
         Raises:
             ValueError: another ending; what the format cannot hold.
         """
-        resolve(self.FILE).write(self, path)
+        resolve(self.FILE)(self, path)
 
 
 class Reported:
@@ -47,14 +49,18 @@ class Reported:
 
 
 class Result(Written, Reported):
-    """A result, which leaves as labelled arrays and as rows too."""
+    """A result, which leaves as labelled arrays and as rows too: ``PLACES`` are what a row stands for, by name, with
+    its dimensions beside the frequency, the usual ones first; with ``TOGETHER`` a table holds all of them."""
+
+    PLACES: ClassVar[Mapping[str, tuple[str, ...]]]
+    TOGETHER: ClassVar = False
 
     def to_xarray(self) -> Any:
         """``xarray.Dataset`` (extra ``xarray``) with coordinates, units and long names.
 
         Beside the complex variables it is what ``xarray.open_dataset`` shows of the file that ``write`` makes.
         """
-        return resolve(self.FILE).to_xarray(self)
+        return resolve("torchliner.io.own_writer:to_xarray")(self)
 
     def to_dataframe(self, of: str | None = None) -> Any:
         """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV.
@@ -66,7 +72,7 @@ class Result(Written, Reported):
             ImportError: pandas is not installed (extra ``xarray``).
             ValueError: there are no such rows.
         """
-        return resolve(self.FILE).to_dataframe(self, of)
+        return resolve("torchliner.io.csv_rows:to_dataframe")(self, of)
 
 
 class Drawn(Written):
@@ -105,6 +111,5 @@ class DrawnAtFrequency(Drawn):
         """
         index = 0 if frequency is None else index_of_frequency(self.frequency, frequency)
         if index is None:
-            there = ", ".join(f"{f:g}" for f in self.frequency.tolist())
-            raise ValueError(f"frequency is {frequency:g} Hz; the record has {there} Hz")
+            raise ValueError(f"frequency is {frequency:g} Hz; the record has {self.frequency.tolist()} Hz")
         return self._draw(path, ax, frequency_index=index)

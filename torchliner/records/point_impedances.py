@@ -57,7 +57,9 @@ class PointImpedances(Result):
     notes: tuple[Note | str, ...] = ()
     uncertainty: PointUncertainty | None = part(default=None)
 
-    FILE: ClassVar = "torchliner.io.point_file:FILE"
+    SCHEMA: ClassVar = "torchliner points 1"
+    PLACES: ClassVar = {"points": ("point",), "cells": ("cell",), "liners": ()}
+    TOGETHER: ClassVar = True
 
     def __post_init__(self) -> None:
         require_shapes(self, self.name)

@@ -2,55 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, require_positive
+from torchliner.checks import require_positive
+from torchliner.records.declared import ANY, check, record, var
 from torchliner.records.probes import signal_tensor
 
-FEWEST_SAMPLES = 2
 
-
-@dataclass(frozen=True, eq=False)
+@record
 class ReferenceChannel:
     """Loudspeaker voltage or microphone, uniformly sampled on the clock of the arrivals.
 
     Only its phase and its coherence with v count, so its unit is free.
 
     Args:
-        values: any unit, (T,).
         sampling_rate: Hz.
-        start: time of the first sample on the clock of the arrivals, s.
         name: how messages call it.
     Raises:
         TypeError: values are not real floating point.
         ValueError: another shape, values that are not finite, a signal that is constant.
     """
 
-    values: Any
+    values: Any = var("time", range=ANY, text="any unit")
     sampling_rate: float
-    start: float = 0.0
+    start: float = var(unit="s", range=ANY, text="time of the first sample on the clock of the arrivals", default=0.0)
     name: str = "reference"
 
     def __post_init__(self) -> None:
-        make_plain(self)
         values = signal_tensor(self.values, "reference", self.name, "values").to(torch.float64)
-        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
-        if not abs(self.start) < float("inf"):
-            raise ValueError(f"{self.name}: start is {self.start} s; a finite number is needed")
-        if values.ndim != 1 or len(values) < FEWEST_SAMPLES:
-            raise ValueError(f"{self.name}: shape {tuple(values.shape)}; one channel, (T,), is needed")
-        bad = (~torch.isfinite(values)).nonzero()
-        if len(bad):
-            raise ValueError(
-                f"{self.name}: {len(bad)} values are nan or inf, the first is sample {int(bad[0])}; repair them"
-            )
-        if float(values.min()) == float(values.max()):
-            raise ValueError(f"{self.name} is constant, {float(values[0]):g}; it holds no tone")
         object.__setattr__(self, "values", values)
+        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        check(self)
+        if len(values) < 2 or float(values.min()) == float(values.max()):
+            raise ValueError(f"{self.name} is constant, {float(values[0]):g}; it holds no tone")
 
     @property
     def end(self) -> float:
@@ -69,9 +56,9 @@ class ReferenceChannel:
         slack = 1e-9 * max(1.0, abs(last))
         if first < self.start - slack or last > self.end + slack:
             raise ValueError(
-                f"{self.name} runs from {self.start:.6g} to {self.end:.6g} s, the velocity from "
-                f"{first:.6g} to {last:.6g} s; record the whole of it, or state start, the time of "
-                "its first sample on the clock of the arrivals"
+                f"{self.name} runs from {self.start:.6g} to {self.end:.6g} s, the velocity from {first:.6g} to "
+                f"{last:.6g} s; record the whole of it, or state start, the time of its first sample on the clock of "
+                "the arrivals"
             )
         place = ((times - self.start) * self.sampling_rate).clamp(0, len(self.values) - 1)
         before = place.floor().to(torch.int64).clamp(max=len(self.values) - 2)

@@ -11,7 +11,6 @@ from torchliner.records import VelocityPlane
 STATED = ("liner", "mach", "incident_level", "source_side")
 OF_ONE_PLANE = (*STATED, "height", "frequency", "holes")
 SAME_PLACE = 1e-6  # m
-SAME_HEIGHT = 1e-6  # m
 
 
 def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False) -> None:
@@ -25,12 +24,10 @@ def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str,
     Raises:
         ValueError: they differ; what differs is named.
     """
-    pairs = [(name, getattr(first, name), getattr(other, name)) for name in names]
-    pairs.append(("case", first.provenance.get("case"), other.provenance.get("case")))
-    for name, mine, theirs in pairs:
-        if where_stated and (mine is None or theirs is None):
-            continue
-        if mine != theirs:
+    pairs = {name: (getattr(first, name), getattr(other, name)) for name in names}
+    pairs["case"] = (first.provenance.get("case"), other.provenance.get("case"))
+    for name, (mine, theirs) in pairs.items():
+        if mine != theirs and not (where_stated and None in (mine, theirs)):
             raise ValueError(
                 f"{first.name} and {other.name} are not one case: {name} is {mine!r} and {theirs!r}; {remedy}"
             )
@@ -42,13 +39,8 @@ def require_same_run(plane: Any, record: Any) -> None:
     Raises:
         ValueError: it does; what differs is named.
     """
-    require_same_case(
-        plane,
-        record,
-        ("frequency", "incident_level", "mach"),
-        "name the pressure record of the same run",
-        where_stated=True,
-    )
+    names = ("frequency", "incident_level", "mach")
+    require_same_case(plane, record, names, "name the pressure record of the same run", where_stated=True)
 
 
 def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
@@ -57,15 +49,16 @@ def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
     Raises:
         ValueError: they do not; what differs is named.
     """
-    both = f"{first.name} and {other.name} cannot be joined"
-    if other.probe_shape != first.probe_shape:
-        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")
-    for name in ("x", "z"):
+    for name in ("probe_shape", "x", "z"):
         mine, theirs = getattr(first, name), getattr(other, name)
-        if (mine is None) != (theirs is None):
-            raise ValueError(f"{both}: one of them states no {name}")
-        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
-            raise ValueError(f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm")
+        if mine is None or theirs is None or name == "probe_shape":
+            same = mine == theirs
+        else:
+            same = float((mine - theirs).abs().max()) <= SAME_PLACE
+        if not same:
+            raise ValueError(
+                f"{first.name} and {other.name} cannot be joined: their probes differ in {name}, {mine} and {theirs}"
+            )
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 
@@ -84,10 +77,9 @@ def planes_by_height(planes: Sequence[VelocityPlane]) -> list[VelocityPlane]:
             )
     ordered = sorted(planes, key=lambda plane: plane.height or 0.0)
     for before, plane in itertools.pairwise(ordered):
-        if (plane.height or 0.0) - (before.height or 0.0) < SAME_HEIGHT:
+        if (plane.height or 0.0) - (before.height or 0.0) < SAME_PLACE:
             raise ValueError(
-                f"{before.name} and {plane.name} are both at {1e3 * (plane.height or 0.0):g} mm; "
-                "give one plane a height"
+                f"{before.name} and {plane.name} are both at {1e3 * (plane.height or 0.0):g} mm; give one another"
             )
         require_same_case(ordered[0], plane, STATED, "give the heights of one case")
     return ordered

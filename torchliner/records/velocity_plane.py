@@ -10,10 +10,8 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 from torch import Tensor
 
 from torchliner.checks import (
-    make_plain,
     real_tensor,
     require_positive,
-    require_positive_where_stated,
     stated_frequency,
     tell,
 )
@@ -52,17 +50,16 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
 
     velocity: Any
     _: KW_ONLY
-    height: float | None = var(unit="m", text="distance of the plane from the liner", default=None)
+    height: float | None = var(unit="m", range="(0, inf)", text="distance of the plane from the liner", default=None)
     area: Any = var("probes", unit="m2", text="area of each probe, in their order", default=None)
     holes: Holes | None = part("hole_", default=None)
     streamwise: Any = field(default=None)
     name: str = "velocity"
 
-    FILE: ClassVar = "torchliner.io.plane_writer:FILE"
+    FILE: ClassVar = "torchliner.io.plane_writer:write_plane"
     PLOT: ClassVar = "torchliner.report.figures:draw_velocity"
 
     def __post_init__(self) -> None:
-        make_plain(self)
         self._take_named(self.velocity)
         for label in ("velocity", "streamwise"):
             value = getattr(self, label)
@@ -80,7 +77,6 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
                 f"{tuple(self.velocity.shape)}; they share probes and times"
             )
         self._check_case()
-        require_positive_where_stated(self, "height")
         if self.area is not None:
             area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
             if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):

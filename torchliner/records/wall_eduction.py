@@ -8,7 +8,6 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.declared import Variable, record, require_shapes, var
 from torchliner.records.drawn_impedance import EACH, DrawnImpedance, deviation, fine_places
 
@@ -43,7 +42,9 @@ class WallEduction(DrawnImpedance):
     rank: int | None = var(text="waves that were kept; None for fits", default=None)
     order: int | None = var(text="order of the prediction; None for fits", default=None)
 
+    SCHEMA: ClassVar = "torchliner waves 1"
     DERIVED: ClassVar = (
+        *DrawnImpedance.DERIVED,
         Variable("energy_share", dims=EACH, text="energy of the wave of the impedance over that of the strongest"),
     )
 
@@ -59,10 +60,6 @@ class WallEduction(DrawnImpedance):
         distance = (x - self.origin)[:, None]
         turns = torch.exp(-1j * self.modes[..., None, :] * distance)
         return (self.amplitudes[..., None, :] * turns).sum(-3)
-
-    def level_at(self, x: Tensor) -> Tensor:
-        """SPL of all waves, dB, (..., X, F)."""
-        return spl_from_pressure_amplitude(self.pressure_at(x))
 
     def fitted_along(self) -> tuple[Tensor, Tensor]:
         """Places from the first microphone to the last, m, (X,), and the sum of all waves there,

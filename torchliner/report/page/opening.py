@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.file_checks import naming
-from torchliner.io import line_file, map_file, microphone_file, point_file, wall_file
 from torchliner.io.hdf5 import open_file, text_attribute
-from torchliner.io.tables import FileKind
+from torchliner.io.microphone_file import read_microphones
+from torchliner.io.own_file import read_line, read_map, read_points, read_wall
 from torchliner.io.whole_file import HDF5, printable, writable
 from torchliner.records import (
     FieldFit,
@@ -25,13 +25,13 @@ from torchliner.report.page.of_stations import page_of_line, page_of_points
 from torchliner.report.page.of_wall import page_of_duct, page_of_wall
 from torchliner.report.page.render import ENDING, Page, require_report
 
-RESULTS: tuple[tuple[FileKind, Callable[[Path], Any]], ...] = (
-    (map_file.FILE, map_file.read_map),
-    (line_file.FILE, line_file.read_line),
-    (point_file.FILE, point_file.read_points),
-    (wall_file.FILE, wall_file.read_wall),
-    (microphone_file.FILE, microphone_file.read_microphones),
-)
+RESULTS: dict[str, Callable[[Path], Any]] = {
+    ImpedanceMap.SCHEMA: read_map,
+    ImpedanceLine.SCHEMA: read_line,
+    PointImpedances.SCHEMA: read_points,
+    WallEduction.GROUPS[0]: read_wall,
+    MicrophoneLine.SCHEMA: read_microphones,
+}
 PAGES: dict[type, Callable[[Any, Path | None], Page]] = {
     ImpedanceMap: page_of_map,
     ImpedanceLine: page_of_line,
@@ -72,14 +72,14 @@ def read_result(path: Path) -> Any:
         )
     with open_file(path) as file:
         schema = text_attribute(file, "schema")
-    for kind, read in RESULTS:
-        if schema == kind.schema:
+    for known, read in RESULTS.items():
+        if schema == known:
             return read(path)
-        stem = kind.schema.rpartition(" ")[0]
+        stem = known.rpartition(" ")[0]
         if schema is not None and schema.rpartition(" ")[0] == stem:
             raise ValueError(
                 f"{path} has the format {printable(schema)!r}, and this torchliner reads "
-                f"{kind.schema!r}: take the torchliner that wrote it, or a newer one"
+                f"{known!r}: take the torchliner that wrote it, or a newer one"
             )
     what = f"its schema is {printable(schema)!r}" if schema else "it states no schema"
     raise ValueError(
