@@ -10,6 +10,7 @@ import math
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulence
+from test_audit import Counted
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
@@ -18,11 +19,10 @@ from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
 from torchliner.report.studies import parameter_table
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import drawn_impedances, impedances, residuals_of
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import held, read_run
-from torchliner.velocity import reading
+from torchliner.studies.solve import drawn_impedances, impedances, residuals_of
 from torchliner.velocity.choices import Choices
 
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}
@@ -78,21 +78,19 @@ def test_liners_of_their_own_share_the_parameters():
     assert [run.speed for run in found.runs] == pytest.approx([float(v.square().mean().sqrt()) for v in cells])
 
 
-def test_data_are_read_once(monkeypatch):
+def test_data_are_read_once():
     """Fit, Jacobian, posterior: one preparation a plane, whatever is asked of it afterwards."""
-    wanted, read = references(), []
-    real = reading._run
-    monkeypatch.setattr(reading, "_run", lambda *all: read.append(1) or real(*all))
-    calibrate(planes(), start(), wanted, BOUNDS, noise=0.002, draws=400)
-    assert len(read) == 2
+    stored = [Counted(each.velocity) for each in planes()]
+    given = [dataclasses.replace(each, velocity=own) for each, own in zip(planes(), stored, strict=True)]
+    calibrate(given, start(), references(), BOUNDS, noise=0.002, draws=400)
+    assert [each.passes for each in stored] == [1, 1]
 
 
-def test_moments_stand_for_planes(monkeypatch):
+def test_moments_stand_for_planes():
     """Reduced for any liner, they give the same fit and prediction, and no data are read."""
     averaging = "phase-locked"
     wanted = calibrate(planes(), start(), references(averaging), BOUNDS, averaging=averaging, draws=0)
     reduced = [tl.moments(each, cell_pitch=5e-3, dtype="float64") for each in planes()]
-    monkeypatch.setattr(reading, "_run", None)
     found = calibrate(reduced, start(), references(averaging), BOUNDS, averaging=averaging, draws=0)
     assert torch.allclose(found.values, wanted.values, rtol=1e-10)
     (predicted,) = found.predict(reduced[1], start())

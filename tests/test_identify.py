@@ -18,9 +18,10 @@ from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text
 from torchliner.liners.model import LinerModel
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import fit_law, residuals_of
+from torchliner.studies.fit import fit_law
 from torchliner.studies.identify import candidate_of
 from torchliner.studies.laws import BOUNDS, Curves, Knots
+from torchliner.studies.solve import residuals_of
 
 FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
 

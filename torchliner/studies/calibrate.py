@@ -13,10 +13,11 @@ from torchliner.checks import tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, named_numbers
 from torchliner.records import VelocityPlane
-from torchliner.studies.fit import Fit, drawn_impedances, fit_law, knots_for
+from torchliner.studies.fit import Fit, fit_law
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import choices_of_fit, held, planes_and_liners, read_run
+from torchliner.studies.solve import drawn_impedances, knots_for
 
 FEWEST_EFFECTIVE = 100.0
 FAR = 2.0  # times the stated noise from which a misfit is one of the model
