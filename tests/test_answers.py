@@ -1,17 +1,22 @@
 """What a user may know beside the velocity: the flow without sound, the level; and whether there is a tone at all."""
 
 import dataclasses
+import json
 import math
+from pathlib import Path
 
 import pytest
 import torch
 
 import torchliner as tl
+from torchliner.cli.main import main
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
+from torchliner.studies.without_flow import calibrate_without_flow
 from torchliner.velocity.tone import coherence_by_chance
 from torchliner.velocity.velocity_ratio import likely_share
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # the notes are looked at instead
+DATA = Path(__file__).resolve().parent.parent / "data"
 RATE, TONE, PERIODS, PITCH = 42e3, 1400.0, 20, 4e-3
 SAMPLES = int(PERIODS * RATE / TONE)
 
@@ -257,3 +262,51 @@ def test_a_value_beyond_the_limit_counts(liner, low, high, value, verdict, faile
     assert (check.verdict(check.averaging), check.failed) == (verdict, failed)
     sentence = check.sentence(check.averaging, TONE)
     assert ("+0.50 dB beyond the limit of 0.3 dB" in sentence) == failed
+
+
+# The liner from runs without flow.
+
+
+def read(case: str) -> tl.VelocityPlane:
+    return tl.read_plane(DATA / f"orifice_{case}_y0.5mm.h5")
+
+
+def test_liner_from_runs_without_flow():
+    """Offset and contraction coefficient from two levels, with the law that predicts the louder reactance, give the
+    third level within 2 %."""
+    planes = [read("o115"), read("o130")]
+    fit, scores = calibrate_without_flow(planes, tl.load_liner("lbm_orifice"), draws=0)
+    assert set(fit.numbers) == {"vena_contracta", "offset_resistance", "offset_reactance"}
+    assert isinstance(fit.liner, tl.EndLossSDoFLiner)
+    assert scores["end loss"] < scores["as given"]
+    loud = read("o145")
+    found = complex(tl.educe(loud, fit.liner, interval=None).answer)
+    assert found.real == pytest.approx(loud.reference["true"].real, rel=0.02)
+    assert found.imag == pytest.approx(loud.reference["true"].imag, abs=0.06)
+
+
+def test_one_level_leaves_the_offset():
+    fit, _ = calibrate_without_flow(read("o130"), tl.load_liner("lbm_orifice"), draws=0)
+    assert list(fit.numbers) == ["vena_contracta"]
+    with pytest.raises(ValueError, match=r"Mach number 0\.2"):
+        calibrate_without_flow(read("q02_140"), tl.load_liner("lbm_orifice_coarse"))
+    with pytest.raises(TypeError, match="SDoFLiner"):
+        calibrate_without_flow(read("o130"), tl.load_liner("goodrich_example"))
+
+
+def test_the_recipe_in_a_shell(tmp_path, capsys):
+    """docs/from_simulation.md: the commands give what Python gives."""
+    mine, plane = str(tmp_path / "mine.toml"), DATA / "orifice_q02_145_y0.5mm.h5"
+    quiet = [DATA / f"quiet_q02_y{height}mm.h5" for height in ("0.5", "1.0")]
+    run = [str(DATA / "orifice_t00_130_y0.5mm.h5"), "--allow-short", "-o", mine, "--draws", "0"]
+    assert main(["calibrate", *run]) == 0
+    capsys.readouterr()
+    main(["educe", str(plane), "--liner", mine, "--background", *map(str, quiet), "--level-matched", "--json"])
+    (shown,) = json.loads(capsys.readouterr().out)
+    read_quiet = [tl.read_plane(path) for path in quiet]
+    found = tl.educe(tl.read_plane(plane), tl.load_liner(mine), background=read_quiet, level_matched=True)
+    first = next(row for row in shown["level_matched"]["impedance"])
+    assert first["resistance"] == pytest.approx(float(found.level_matched.impedance.real))
+    true = found.reference["true"]
+    assert float(found.answer.real) == pytest.approx(true.real, rel=0.1)
+    assert float(found.level_matched.impedance.real) == pytest.approx(true.real, rel=0.02)

@@ -39,27 +39,18 @@ def test_the_shipped_table_has_every_case_and_averaging():
 @pytest.mark.parametrize(
     ("change", "case"),
     [
-        ({}, "o145"),
         ({"speed": 0.22}, "t00_130"),
         ({"speed": 0.05}, "o115"),
         ({"liner": tl.load_liner("lbm_slit"), "speed": 0.26}, "n130"),
-        ({"mach": 0.15, "speed": 0.7}, "t015_145"),
     ],
 )
 def test_the_nearest_is_by_speed_mach_and_hole(change, case):
-    assert f"in {case} (" in nearest_case(map_like(**change))
+    assert f"case, {case} (" in nearest_case(map_like(**change))
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"speed": 8.0}, "not near; here |v| at the tone over porosity is"),
-        ({"mach": None}, "Mach number not stated"),
-        ({"mach": 0.5, "speed": 0.09}, "M 0.5"),
-    ],
-)
-def test_what_is_not_near_says_by_how_much(change, words):
-    assert words in nearest_case(map_like(**change))
+@pytest.mark.parametrize("change", [{}, {"speed": 8.0}, {"mach": None}, {"mach": 0.5, "speed": 0.09}])
+def test_of_what_is_not_near_nothing_is_said(change):
+    assert nearest_case(map_like(**change)) == ""
 
 
 def test_porosity_counts_as_the_speed_does():
@@ -96,4 +87,4 @@ def test_a_grazing_tone_is_not_averaged_away(liner):
 @pytest.mark.parametrize("command", ["educe", "audit"])
 def test_commands_print_it(command, capsys):
     assert main([command, str(DATA / "slit_n130_y2.5mm.h5"), "--quiet"]) == 0
-    assert "nearest reference case: in n130 (0.26 m/s at the tone" in capsys.readouterr().out
+    assert "model error seen in the nearest reference case, n130 (0.26 m/s at the tone" in capsys.readouterr().out

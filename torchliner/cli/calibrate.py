@@ -12,6 +12,7 @@ from torchliner.cli.choices import READING, choices
 from torchliner.cli.files import only_liner, read_records, seen_from_anywhere, show_results, write_text
 
 EXAMPLES = (
+    "noflow_*.h5 -o mine.toml",
     "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
     "low.h5 high.h5 --reference level-check --free vena_contracta=0.4:1",
 )
@@ -31,9 +32,9 @@ OWN = [
     opt.Option(
         "--free",
         "parameter to fit and its bounds, SI; default usual ones, else 50 % about its value, of an offset 0.5 about "
-        "it; 'offset' is both parts",
+        "it; 'offset' is both parts. Default, for runs without flow: contraction coefficient, with two levels or more "
+        "the offset, and the law of lost mass that predicts them best",
         opt.Kind("NAME[=LOW:HIGH]"),
-        required=True,
         many=True,
     ),
     REFERENCE,
@@ -43,7 +44,7 @@ OWN = [
     opt.Option("--seed", "of the draws; default 0", opt.INDEX, default=0),
     opt.output("write the calibrated liner", ".toml"),
     *opt.figure("draw the predictions there"),
-    opt.averaging("velocity"),
+    opt.averaging(None, text="default velocity, without --free phase-locked"),
 ]
 OPTIONS = [*OWN, *opt.CLUSTER, opt.OF_LINER, *opt.PRINTING, *CHOICES, *READING]
 
@@ -53,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from torchliner.report import studies as report
     from torchliner.report.study_figures import draw_predictions
     from torchliner.studies.runs import LEVEL_CHECK
+    from torchliner.studies.without_flow import AVERAGING, calibrate_without_flow
 
     paths = [*options.planes, *options.predict]
     if options.draws and options.draws < FEWEST_DRAWS:
@@ -61,21 +63,33 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("--figure draws predictions; name planes with --predict")
     both = read_records(seen_from_anywhere(options, paths), options)
     liner = only_liner(options.liner, both, paths)
+    options.averaging = options.averaging or ("velocity" if options.free else AVERAGING)
     chosen = {"averaging": options.averaging} | opt.given(options, CHOICES)
     if options.cluster is not None:
         both = _reduced(both, liner, options, chosen)
     references = references_given(options.reference)
     known, free = both[: len(options.planes)], bounds_given(options.free, liner)
     about = {"noise": options.noise, "draws": options.draws, "seed": options.seed}
-    found = tl.calibrate(known, liner, references, free, **about, **chosen)
+    words, how = "", f"{liner.name} calibrated"
+    if free:
+        found = tl.calibrate(known, liner, references, free, **about, **chosen)
+    else:
+        found, scores = calibrate_without_flow(known, liner, references, **about, **chosen)
+        low, high = found.seen_speeds
+        how += f" without flow at |v| of {low:.3g} to {high:.3g} m/s"
+        words = (
+            f"law: {type(found.liner).__name__}; error of reactances left out: "
+            + ", ".join(f"{name} {score:.3f}" for name, score in scores.items())
+            + f"; fitted at |v| of {low:.3g} to {high:.3g} m/s\n\n"
+        )
     noise = 0.0 if references == LEVEL_CHECK else options.noise
     rows = predicted_rows(found, both[len(options.planes) :], liner, options, noise=noise)
     table = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
     show_results(
         options,
-        report.format_calibration(found) + table,
+        words + report.format_calibration(found) + table,
         {**report.plain_fit(found), "predictions": rows},
-        output=lambda _: write_law(found, f"{liner.name} calibrated", f"{liner.name} calibrated", options),
+        output=lambda _: write_law(found, f"{liner.name} calibrated", how, options),
         figure=lambda path: draw_predictions({f"averaging: {options.averaging}": rows}, "", path),
     )
     return 1 if found.on_bound or found.unseen else 0

@@ -67,8 +67,8 @@ def case_title(one: ImpedanceMap | VelocityPlane) -> str:
 
 
 def interval_words(result: ImpedanceMap) -> str:
-    """'95 % statistical interval' or nothing."""
-    return "" if result.level is None else f"{100 * result.level:g} % statistical interval"
+    """'95 % statistical interval, without model error' or nothing."""
+    return "" if result.level is None else f"{100 * result.level:g} % statistical interval, without model error"
 
 
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:

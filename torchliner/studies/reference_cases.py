@@ -98,29 +98,22 @@ def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
         found: a map; of its liner the porosity, of its plane |v|, Mach number and height count.
         index: of the frequency.
     Returns:
-        The sentence; "" for a hard wall or a liner without holes.
+        The sentence; "" for a hard wall, a liner without holes, and where no case is near: |v| over porosity within a
+        factor of 2, M within 0.05, the same kind of hole.
     """
     here = setting_of(found, index)
     if here is None or found.choices.get("surface") == "hard wall" or not math.isfinite(here.speed + here.velocity_rms):
         return ""
     there = min(reference_cases(), key=lambda each: distance_of(here, each))
-    off = [
-        f"{name} over porosity is {factor:.2g} times that"
-        for name, factor in zip(SPEEDS.values(), factors_of(here, there), strict=True)
-        if abs(math.log(factor)) > NEAR
-    ]
-    if here.mach is None:
-        off.append("Mach number not stated")
-    elif abs(here.mach - there.mach) > MACH / 2:
-        off.append(f"M {here.mach:g}")
-    off += [f"{here.hole}s"] if here.hole != there.hole else []
-    far = f" (not near; here {', '.join(off)})" if off else ""
+    near = all(abs(math.log(factor)) <= NEAR for factor in factors_of(here, there)) and here.hole == there.hole
+    if not near or here.mach is None or abs(here.mach - there.mach) > MACH / 2:
+        return ""
     parts = []
     for part in ("real", "imag"):
         educed = ", ".join(f"{getattr(z, part):.2f}" for z in there.educed.values())
         parts.append(f"{educed} for {getattr(there.reference, part):.2f}")
     return (
-        f"nearest reference case{far}: in {there.case} "
+        f"model error seen in the nearest reference case, {there.case} "
         f"({there.speed:.2f} m/s at the tone, v' {there.velocity_rms:.2f} m/s at {1e3 * (there.height or 0):g} mm, "
         f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {there.incident_level:g} dB) "
         f"R came out {parts[0]}, X {parts[1]} ({', '.join(there.educed)})"
