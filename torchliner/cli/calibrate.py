@@ -83,7 +83,8 @@ def run(options: argparse.Namespace) -> int:
             + f"; fitted at |v| of {low:.3g} to {high:.3g} m/s\n\n"
         )
     noise = 0.0 if references == LEVEL_CHECK else options.noise
-    rows = predicted_rows(found, both[len(options.planes) :], liner, options, noise=noise)
+    of_law = liner if free else found.runs[0].liner
+    rows = predicted_rows(found, both[len(options.planes) :], of_law, options, noise=noise)
     table = f"\n\n{report.prediction_table(rows).as_text()}" if rows else ""
     show_results(
         options,
