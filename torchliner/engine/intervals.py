@@ -106,28 +106,43 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
     shape, count = values.shape[1:], len(shares)
     value, left = values[0].flatten(), values[1 : 1 + count].flatten(1)
     power, square, lengths = scatter(left, shares)
-    quantile = _student(count, level).to(value.device)[lengths - SHORTEST_RUN]
+    possible = torch.arange(SHORTEST_RUN, _longest(count) + 1, dtype=torch.float64)
+    student = torch.from_numpy(stdtrit((count / possible - 1).clamp(min=1).numpy(), 0.5 + level / 2))
     weight = torch.stack([1 - quarter.sum() for quarter in shares.tensor_split(QUARTERS)])
     bias = (weight[:, None] * (values[1 + count :].flatten(1) - value)).sum(0)
+    quantile = student.to(value.device)[lengths - SHORTEST_RUN]
     found = impedance_interval(value, bias, power, square, quantile, count / lengths.double(), conversion)
     return found.map(lambda each: each.reshape(shape))
 
 
 def scatter(left: Tensor, shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """E|d|^2 and E[d^2] of the deviation d of results, and the blocks of a run, (N,) each.
+    r"""E|d|^2 and E[d^2] of the deviation d of results, and the blocks of a run, (N,) each.
+
+    A run has :math:`1.1447\,(4 \rho^2 S/(1-\rho^2)^2)^{1/3}` blocks, at least 2, at most S/4. For a correlation
+    :math:`\rho^k` of blocks k apart the mean varies as :math:`(1 + \rho)/(1 - \rho)`; a run of L has none from
+    :math:`k = L` on and :math:`1 - k/L` of what there is before, which is allowed for.
 
     Args:
         left: the results without each block, complex128, (S, N).
         shares: of each block in the whole record, (S,).
+    Source: Andrews, Econometrica 59 (1991), eqs (6.2), (6.4), for runs of blocks.
     """
     kept, count = (1 - shares)[:, None], len(shares)
     centre = (kept * left).sum(0) / (count - 1)  # of a linear result its value, whatever the shares
     own = (centre - left) * kept
     rho = correlation(_product(own, own), _product(own[1:], own[:-1]), count, -MOST_CORRELATED)
-    lengths = run_lengths(rho, count)
-    beyond = _beyond_runs(rho, lengths)
-    power, square = (beyond * each for each in _of_runs(own, lengths))
-    return power, square, lengths
+    best = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
+    lengths = best.ceil().to(torch.int64).clamp(SHORTEST_RUN, _longest(count))
+
+    runs = own[1:] + own[:-1]
+    for length in range(SHORTEST_RUN + 1, _longest(count) + 1):
+        runs[: count - length + 1].addcmul_(own[length - 1 :], (lengths >= length).to(own))
+    first = torch.arange(len(runs), device=own.device)[:, None]
+    runs *= (first + lengths <= count).to(own)  # no shorter runs at the end
+    number, whole = lengths.double(), (1 + rho) / (1 - rho)
+    factor = count / number * count / (count - number) / (count - number + 1)
+    factor = factor * whole / (whole - 2 * rho * (1 - rho**lengths) / (lengths * (1 - rho) ** 2))
+    return factor * _product(runs, runs), factor * (runs * runs).sum(0), lengths
 
 
 def _product(first: Tensor, second: Tensor) -> Tensor:
@@ -135,46 +150,8 @@ def _product(first: Tensor, second: Tensor) -> Tensor:
     return (torch.view_as_real(first) * torch.view_as_real(second)).sum(0).sum(-1)
 
 
-def run_lengths(rho: Tensor, count: int) -> Tensor:
-    r"""Blocks of a run, int64, (N,): :math:`1.1447\,(4 \rho^2 S/(1-\rho^2)^2)^{1/3}`, at least 2, at most S/4.
-
-    Source: Andrews, Econometrica 59 (1991), eqs (6.2), (6.4), for runs of blocks.
-    """
-    best = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
-    return best.ceil().to(torch.int64).clamp(SHORTEST_RUN, _longest(count))
-
-
 def _longest(count: int) -> int:
     return max(SHORTEST_RUN, count // 4)
-
-
-def _of_runs(own: Tensor, lengths: Tensor) -> tuple[Tensor, Tensor]:
-    """E|d|^2 and E[d^2], (N,), from runs of each column's length, (N,), of what S blocks contribute, (S, N)."""
-    count = len(own)
-    runs = own[1:] + own[:-1]
-    for length in range(SHORTEST_RUN + 1, _longest(count) + 1):
-        runs[: count - length + 1].addcmul_(own[length - 1 :], (lengths >= length).to(own))
-    first = torch.arange(len(runs), device=own.device)[:, None]
-    runs *= (first + lengths <= count).to(own)  # no shorter runs at the end
-    number = lengths.double()
-    factor = count / number * count / (count - number) / (count - number + 1)
-    return factor * _product(runs, runs), factor * (runs * runs).sum(0)
-
-
-def _beyond_runs(rho: Tensor, lengths: Tensor) -> Tensor:
-    r"""True variance over that which runs of L blocks show, for a correlation :math:`\rho^k` of blocks k apart.
-
-    The mean varies as :math:`(1 + \rho)/(1 - \rho)`; a run has no correlation from :math:`k = L` on, and
-    :math:`1 - k/L` of what there is before.
-    """
-    whole = (1 + rho) / (1 - rho)
-    return whole / (whole - 2 * rho * (1 - rho**lengths) / (lengths * (1 - rho) ** 2))
-
-
-def _student(count: int, level: float) -> Tensor:
-    """Student's quantile for runs of 2 .. S/4 blocks."""
-    lengths = torch.arange(SHORTEST_RUN, _longest(count) + 1, dtype=torch.float64)
-    return torch.from_numpy(stdtrit((count / lengths - 1).clamp(min=1).numpy(), 0.5 + level / 2))
 
 
 def impedance_interval(

@@ -80,15 +80,11 @@ class VelocityGrid:
         place = share * (self.levels - 1)
         nodes = STENCILS[self.interpolation]
         base = place.detach().floor().clamp(-nodes[0], self.levels - 1 - nodes[-1]).nan_to_num(-nodes[0])
-        t = place - base
-        return base.to(torch.int64) + nodes[0], [t * -1 + 1, t] if self.interpolation == "linear" else _cubic(t)
-
-
-def _cubic(t: Tensor) -> list[Tensor]:
-    """Lagrange polynomials of four levels at -1, 0, 1, 2."""
-    below, above, beyond = t + 1, t - 1, t - 2
-    inner, outer = t * above, below * beyond
-    return [inner * beyond * (-1 / 6), outer * above * 0.5, outer * t * (-0.5), inner * below * (1 / 6)]
+        t, weights = place - base, [1 - (place - base), place - base]
+        if self.interpolation == "cubic":  # Lagrange polynomials of four levels at -1, 0, 1, 2
+            inner, outer = t * (t - 1), (t + 1) * (t - 2)
+            weights = [inner * (t - 2) / -6, outer * (t - 1) / 2, outer * t / -2, inner * (t + 1) / 6]
+        return base.to(torch.int64) + nodes[0], weights
 
 
 def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tensor:
@@ -191,7 +187,7 @@ def response_at(
     band: tuple[float, float] = BAND,
 ) -> Tensor:
     """H(f; |v|) of kernels that are made at these very |v|, m/s, (V,): complex128, (V, F); see ``build_kernels``."""
-    taps, first = _taps(liner, speeds, sampling_rate, kind, band, BEFORE, AFTER, REGULARISATION)
+    taps, first = _taps(liner, speeds, sampling_rate, kind, band)
     return _response(taps, first, frequency, sampling_rate)
 
 
@@ -201,25 +197,29 @@ def _taps(
     sampling_rate: float,
     kind: str,
     band: tuple[float, float],
-    before: float,
-    after: float,
-    regularisation: float,
+    before: float = BEFORE,
+    after: float = AFTER,
+    regularisation: float = REGULARISATION,
 ) -> tuple[Tensor, int]:
     """(V, K), and m of the first; arguments as of ``build_kernels``, checked here."""
     require_choice("kernel", kind, KERNELS)
     require_positive("sampling_rate (Hz)", sampling_rate)
-    low, high = band
+    low, high = band[0], min(band[1], HIGHEST * sampling_rate)
     if not 0 < low < high:
-        raise ValueError(f"band is {low:g}-{high:g} Hz; it must run from above 0 upwards")
-    if low >= HIGHEST * sampling_rate:
-        raise ValueError(f"band starts at {low:g} Hz, beyond {HIGHEST:g} of the sampling rate {sampling_rate:g} Hz")
+        raise ValueError(
+            f"band is {band[0]:g}-{band[1]:g} Hz; it must run upwards from above 0 to at most {HIGHEST:g} of the "
+            f"sampling rate, {sampling_rate:g} Hz"
+        )
     if not (before >= 0 and after >= 0):
         raise ValueError(f"before is {before:g} s and after {after:g} s; both must be 0 or more")
-    high, last = min(high, HIGHEST * sampling_rate), round(after * sampling_rate)
+    last = round(after * sampling_rate)
     if kind == "causal":
         return _causal_part(liner, speeds, sampling_rate, last + 1), 0
     first = -round(before * sampling_rate)
-    return _fit(liner, speeds, (first, last, sampling_rate), (low, high), regularisation), first
+    frequency, rows, factors, pivots = _normal_equations((first, last, sampling_rate), (low, high), regularisation)
+    wanted = reflection_of(liner, frequency, speeds[:, None])
+    target = torch.cat([wanted.real, wanted.imag], dim=1)
+    return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows, first
 
 
 def _quality(
@@ -244,16 +244,6 @@ def _quality(
 def _response(taps: Tensor, first: int, frequency: Tensor, sampling_rate: float) -> Tensor:
     lags = torch.arange(taps.shape[1], dtype=torch.float64) + first
     return taps.to(torch.complex128) @ torch.exp(-1j * torch.outer(lags, 2 * torch.pi * frequency / sampling_rate))
-
-
-def _fit(
-    liner: Liner, speeds: Tensor, lags: tuple[int, int, float], band: tuple[float, float], regularisation: float
-) -> Tensor:
-    """Taps at the lags (first, last, sampling rate) whose response is R on the band, (V, K)."""
-    frequency, rows, factors, pivots = _normal_equations(lags, band, regularisation)
-    wanted = reflection_of(liner, frequency, speeds[:, None])
-    target = torch.cat([wanted.real, wanted.imag], dim=1)
-    return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows
 
 
 @functools.lru_cache(maxsize=4)  # a study builds hundreds of tables at one rate
