@@ -23,8 +23,7 @@ import torchliner as tl
 from common import parser_of
 from torchliner.engine.blocks import waves
 from torchliner.engine.drives import Drive, phase_locked
-from torchliner.engine.membership import Membership
-from torchliner.engine.survey import harmonics_of
+from torchliner.engine.survey import Membership, harmonics_of
 from torchliner.names import AVERAGINGS
 from torchliner.records.cells import sort_into_cells
 from truth_page import liner_of, page_table, planes_of

@@ -17,7 +17,6 @@ import torchliner as tl
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.blocks import SLAB, Blocks, geometric, waves
 from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
-from torchliner.engine.membership import Membership
 from torchliner.engine.nodes import (
     ANY_LINER,
     Chebyshev,
@@ -30,7 +29,8 @@ from torchliner.engine.nodes import (
 from torchliner.engine.phase import Sound, averaged, self_consistent
 from torchliner.engine.phase import given as given_phase
 from torchliner.engine.sums import Held, Job, largest, linear, reduce, square
-from torchliner.engine.survey import gram_of, harmonics_of, merged_lines, survey_of, survey_sums
+from torchliner.engine.survey import Membership, gram_of, harmonics_of, merged_lines, survey_of, survey_sums
+from torchliner.velocity.background import Background
 
 RATE, TONE = 42e3, 1400.0
 CPU = torch.device("cpu")
@@ -209,7 +209,9 @@ def test_membership_averages_and_spreads() -> None:
 
 
 def locked_velocity(v: Tensor, cells: Membership, background: float | None = None) -> tuple[Drive, Tensor]:
-    drive = phase_locked(surveyed(v), cells, background)
+    seen = surveyed(v)
+    scale = None if background is None else Background((background,)).scale(seen, cells)
+    drive = phase_locked(seen, cells, scale)
     return drive, drive(v, 0)
 
 

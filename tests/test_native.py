@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from torchliner.engine import native
-from torchliner.engine.chebyshev_sums import torch_sums
+from torchliner.engine.nodes import torch_sums
 
 COMPILER = shutil.which("g++") or shutil.which("clang++")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")

@@ -11,7 +11,7 @@ from itertools import product
 import pytest
 import torch
 
-from torchliner.engine import chebyshev_sums, triton_sums
+from torchliner.engine import nodes, triton_sums
 
 
 @pytest.mark.slow
@@ -27,7 +27,7 @@ def test_without_triton(monkeypatch):
     monkeypatch.setitem(sys.modules, "triton", None)
     monkeypatch.setenv("TRITON_INTERPRET", "1")
     monkeypatch.delitem(sys.modules, triton_sums.__name__)
-    found = importlib.import_module(chebyshev_sums.FASTER["cuda"])
+    found = importlib.import_module(nodes.FASTER["cuda"])
     assert (found.__file__, found.available()) == (triton_sums.__file__, False)
 
 
@@ -40,7 +40,7 @@ def interpret():
         weights = torch.randn(rows, 2, 6, dtype=dtype).transpose(0, 1)
         weights[1, :, 4:] = 0  # a shorter slab
         found = triton_sums.sums(weights, columns, count, 0.3)
-        wanted = chebyshev_sums.torch_sums(weights.double(), columns.double(), count, 0.3)
+        wanted = nodes.torch_sums(weights.double(), columns.double(), count, 0.3)
         assert found.isnan().any(dim=(1, 2)).nonzero().tolist() == [[1, 3]]
         torch.testing.assert_close(found, wanted, rtol=0, atol=6 * count**2 * torch.finfo(dtype).eps, equal_nan=True)
 

@@ -18,7 +18,7 @@ from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.flow_profiles import Array
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.sweep import SweptDuct
-from torchliner.engine.threads import one_thread
+from torchliner.engine.sums import one_thread
 from torchliner.names import SOURCES, WALLS
 
 

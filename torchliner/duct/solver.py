@@ -17,7 +17,7 @@ from torchliner.duct.field import DuctField
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import cut_on_frequency, rigid_modes
 from torchliner.duct.sweep import SweptDuct
-from torchliner.engine.threads import one_thread
+from torchliner.engine.sums import one_thread
 from torchliner.names import DIRECTIONS, SOURCES
 
 GONE = 2 * math.pi  # |Im alpha| times distance: 2e-3 is left, as without sound after 2 H

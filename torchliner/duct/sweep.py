@@ -28,7 +28,7 @@ from torchliner.duct.boundaries import EndModes, plane_modes
 from torchliner.duct.columns import Column, Rows, condense_column
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.polynomials import Basis
-from torchliner.engine.threads import one_thread
+from torchliner.engine.sums import one_thread
 
 AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
 

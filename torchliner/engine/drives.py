@@ -25,8 +25,7 @@ from torch import Tensor
 
 from torchliner.engine.blocks import waves
 from torchliner.engine.intervals import correlation
-from torchliner.engine.membership import Membership
-from torchliner.engine.survey import Survey, gram_of
+from torchliner.engine.survey import Membership, Survey, gram_of
 
 FEWEST_BLOCKS = 3  # from which the scatter of a fit can be known
 NOTHING = torch.empty(0, dtype=torch.float64)

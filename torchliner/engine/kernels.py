@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
-from torchliner.engine.threads import is_differentiated, one_thread
+from torchliner.engine.sums import is_differentiated, one_thread
 from torchliner.liners.model import Liner, reflection_of
 from torchliner.names import INTERPOLATIONS, KERNELS, SPACINGS
 
@@ -207,7 +207,7 @@ def _taps(
     low, high = band[0], min(band[1], HIGHEST * sampling_rate)
     if not 0 < low < high:
         raise ValueError(
-            f"band is {band[0]:g}-{band[1]:g} Hz; it must run upwards from above 0 to at most {HIGHEST:g} of the "
+            f"band is {band[0]:g} Hz to {band[1]:g} Hz; it must run upwards from above 0 to at most {HIGHEST:g} of the "
             f"sampling rate, {sampling_rate:g} Hz"
         )
     if not (before >= 0 and after >= 0):

@@ -18,9 +18,8 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor
 from torchliner.engine.drives import Drive
-from torchliner.engine.membership import Membership
 from torchliner.engine.nodes import Chebyshev, Nodes, interpolation_error, response
-from torchliner.engine.survey import Survey
+from torchliner.engine.survey import Membership, Survey
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
@@ -61,38 +60,47 @@ def without_velocity(plane: VelocityPlane) -> VelocityPlane:
     return dataclasses.replace(plane, velocity=left, streamwise=None)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Moments(Summarised):
-    """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Layout:
+    """How the sums of a record are laid out; it needs no look at the data.
 
     Args:
-        plane: with everything but its velocity.
-        settings: choices that went into them, by name.
+        plane: the record; of moments with everything but its velocity.
         cell_pitch: L_c of the cells, m, or None.
         cells: that hold probes.
         membership: probes by cell, on the device of the sums.
-        used: probes without faults, bool, (P,).
-        survey: of the probes, over S blocks.
-        locked: the phase-locked drive; None in other averagings, and before the second reading.
+        used: probes that count, bool, (P,), on the host.
         nodes: speeds at which R is weighed; None with drive ``rms``, which needs the survey alone.
-        turns: Hz, of the waves that the sums are weighed with beside 1, (Q,).
-        sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and
-            those of the squares of the cells' velocity, "square of cells", (S, 1, 1, C).
-        notes: warnings of the reading.
+        turns: Hz, of the waves that the sums are weighed with beside 1, (Q,): 2 f for a phase rule that needs it.
+        notes: warnings.
     """
 
     plane: VelocityPlane
-    settings: Mapping[str, Any]
     cell_pitch: float | None
     cells: Cells
     membership: Membership
     used: Tensor
-    survey: Survey
-    locked: Drive | None
     nodes: Nodes | None
     turns: Tensor
-    sums: Mapping[str, Tensor]
     notes: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Moments(Layout, Summarised):
+    """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it.
+
+    Args:
+        settings: choices that went into them, by name.
+        survey: of the probes, over S blocks.
+        locked: the phase-locked drive; None in other averagings, and before the second reading.
+        sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and
+            those of the squares of the cells' velocity, "square of cells", (S, 1, 1, C).
+    """
+
+    settings: Mapping[str, Any]
+    survey: Survey
+    locked: Drive | None
+    sums: Mapping[str, Tensor]
 
     @functools.cached_property
     def counted(self) -> Tensor:

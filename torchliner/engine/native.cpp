@@ -1,4 +1,4 @@
-// Sums of Chebyshev functions of |v|, defined by torch_sums of chebyshev_sums.py.
+// Sums of Chebyshev functions of |v|, defined by torch_sums of nodes.py.
 //
 // A tile of columns stays in the first cache, with all its sums; four samples at once share what is loaded. Of the
 // orders above H = K/2 only products are summed, since T_{m+n} = 2 T_m T_n - T_{|m-n|}: that halves the recurrence.

@@ -1,22 +1,33 @@
-"""The one loop over the data: whatever is known of a record is a sum, or a maximum, over its blocks."""
+"""The one loop over the data: whatever is known of a record is a sum, or a maximum, over its blocks.
+
+On a CPU several threads work, each with torch in one. torch's own threads share every operation and wait for each
+other by turning in a loop, on processors that others could use: with small tensors, or on a machine that is busy, they
+take many times longer than one.
+"""
 
 from __future__ import annotations
 
+import contextlib
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from torchliner.engine.blocks import SLAB, Blocks, Slab, waves
-from torchliner.engine.threads import alive_together, in_order
 from torchliner.records import VelocityPlane
 from torchliner.records.slabs import read_ahead
 
 Read = Callable[[int, int], Tensor]  # samples begin .. end - 1 of v, (t, P), m/s, positive away from the liner
 Columns = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, to columns (t, N), m/s
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 ON_CPU, ON_DEVICE = 1 << 21, 1 << 26  # velocities that are worked on together
 FEWEST_ROWS = 64  # of a slab, but at the end of a block
@@ -42,8 +53,8 @@ class Record(Protocol):
         ...
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-        """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until ``alive_together`` (of
-        ``engine.threads``) more were read."""
+        """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until ``alive_together`` more
+        were read."""
         ...
 
 
@@ -219,3 +230,53 @@ def square(weights: Tensor, columns: Tensor) -> Tensor:
 def largest(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: largest |v|, whatever the weights, R = K = 1."""
     return columns.abs().amax(1)[:, None, None]
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """torch in one thread; several also add small tables in another order."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def is_differentiated(*values: Tensor) -> bool:
+    """Whether a value requires a gradient or carries a tangent of forward differentiation."""
+    return any(value.requires_grad or forward_ad.unpack_dual(value).tangent is not None for value in values)
+
+
+def alive_together() -> int:
+    """Items of ``in_order`` that live at once: one for each thread, and one so that no thread waits for its next."""
+    threads = torch.get_num_threads()
+    return threads if threads == 1 else threads + 1
+
+
+def in_order(
+    work: Callable[[Item], Result], items: Iterable[Item], device: torch.device, *, alone: bool = False
+) -> Iterator[Result]:
+    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads, unless ``alone``.
+
+    Items may be read from a file: few are asked for ahead, and ``alive_together`` must live at once.
+    """
+    threads = torch.get_num_threads()
+    if alone or device.type != "cpu" or threads == 1:
+        yield from map(work, items)
+        return
+    with_gradients = torch.is_grad_enabled()  # which a new thread would not know
+
+    def in_a_thread(item: Item) -> Result:
+        with torch.set_grad_enabled(with_gradients):
+            return work(item)
+
+    most = alive_together()
+    with one_thread(), ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Result]] = deque()
+        for item in items:
+            waiting.append(pool.submit(in_a_thread, item))
+            if len(waiting) == most:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

@@ -1,4 +1,4 @@
-"""Sums of Chebyshev functions of |v| on a GPU: one Triton kernel, with the contract of ``chebyshev_sums.torch_sums``.
+"""Sums of Chebyshev functions of |v| on a GPU: one Triton kernel, with the contract of ``nodes.torch_sums``.
 
 Checked in Triton's interpreter, and compiled for an H100; never run on a GPU, speed not measured.
 
@@ -41,7 +41,7 @@ def available() -> bool:
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    """m_k of each slab, row of weights and column, as ``chebyshev_sums.sums`` defines them.
+    """m_k of each slab, row of weights and column, as ``nodes.chebyshev_sums`` defines them.
 
     Args:
         weights: w of G slabs of at most 256 rows, in the precision of the data, (G, R, L), any strides.

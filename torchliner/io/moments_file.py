@@ -14,10 +14,9 @@ from torch import Tensor
 
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
-from torchliner.engine.membership import Membership
 from torchliner.engine.moments import SETTINGS, Moments, ReducedVelocity
 from torchliner.engine.nodes import Chebyshev, Nodes, OfOneLiner, nodes_of
-from torchliner.engine.survey import Survey, gram_of
+from torchliner.engine.survey import Membership, Survey, gram_of
 from torchliner.io.axes import read_coordinate
 from torchliner.io.hdf5 import open_file, place, set_texts, text_attribute
 from torchliner.io.own_file import take

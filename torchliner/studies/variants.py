@@ -18,10 +18,10 @@ from torch import Tensor
 
 from torchliner.conversions import mean_impedance
 from torchliner.engine.drives import Drive
-from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
 from torchliner.engine.sums import Job, reduce
+from torchliner.engine.survey import Membership
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.boxes import Windows

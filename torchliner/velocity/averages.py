@@ -17,11 +17,10 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.drives import survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
-from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
-from torchliner.engine.survey import Survey
-from torchliner.engine.threads import in_order, is_differentiated
+from torchliner.engine.sums import in_order, is_differentiated
+from torchliner.engine.survey import Membership, Survey
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.records.averaged import Educed
 from torchliner.records.uncertainty import Interval

@@ -19,10 +19,9 @@ from torchliner.checks import one_number, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive, incoherent_power, incoherent_square
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife, replicates
-from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import Job, PlaneRecord, reduce
-from torchliner.engine.survey import Survey, harmonics_of, survey_of, survey_sums
+from torchliner.engine.survey import Membership, Survey, harmonics_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells

@@ -13,18 +13,15 @@ from torch import Tensor
 from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
-from torchliner.engine.membership import Membership
-from torchliner.engine.moments import SETTINGS, Moments, without_velocity
+from torchliner.engine.moments import SETTINGS, Layout, Moments, without_velocity
 from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, Nodes, OfOneLiner, choose_nodes, response
-from torchliner.engine.sums import Job, PlaneRecord, linear, reduce, square
-from torchliner.engine.survey import Survey, harmonics_of, merged_lines, survey_of, survey_sums
-from torchliner.engine.threads import is_differentiated
+from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, linear, reduce, square
+from torchliner.engine.survey import Membership, Survey, harmonics_of, merged_lines, survey_of, survey_sums
 from torchliner.engine.workers import Reduce
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import Cells, sort_into_cells
-from torchliner.records.notes import Note
+from torchliner.records.cells import sort_into_cells
 from torchliner.records.origin import named_file
 from torchliner.velocity import review
 from torchliner.velocity.background import review_background, with_background
@@ -33,41 +30,25 @@ from torchliner.velocity.choices import Choices
 Progress = Callable[[int], object]
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Reading(Layout):
     """What is asked of a record, and all that follows from it without a look at the data.
 
     Args:
-        plane: the record.
         chosen: all choices.
         frequency: asked for, Hz, (F,), on the host.
-        nodes: whose functions of |v| are summed; None with drive ``rms``, which needs none.
-        cell_pitch: L_c of the liner, m, or None.
-        cells: that hold probes.
-        membership: probes by cell, on ``device``.
-        used: probes that count, (P,), on the host.
         blocks: of the record.
         harmonics: H, of the tone of the data.
         lines: Hz, the harmonics and then other frequencies asked for, (L,), on the host.
-        turns: Hz, beside 1 the sums are weighed with the waves of these, (Q,): 2 f for a phase rule that needs it.
         device: of the work.
-        notes: warnings so far.
     """
 
-    plane: VelocityPlane
     chosen: Choices
     frequency: Tensor
-    nodes: Nodes | None
-    cell_pitch: float | None
-    cells: Cells
-    membership: Membership
-    used: Tensor
     blocks: Blocks
     harmonics: int
     lines: Tensor
-    turns: Tensor
     device: torch.device
-    notes: tuple[Note, ...] = ()
 
     @classmethod
     def of(
@@ -99,7 +80,6 @@ class Reading:
                 f"{own / 1e9:.3g} GB; educe from the plane itself, or take fewer probes (--region)"
             )
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()), most)
-        used = torch.ones(plane.probes, dtype=torch.bool)
         device = _device_of(plane, chosen)
         return cls(
             plane=plane,
@@ -109,7 +89,7 @@ class Reading:
             cell_pitch=cell_pitch,
             cells=cells,
             membership=Membership.of(cells.labels, cells.count, device),
-            used=used,
+            used=torch.ones(probes, dtype=torch.bool),
             blocks=blocks,
             harmonics=len(harmonics),
             lines=lines,
@@ -167,20 +147,14 @@ class Reading:
 
     def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
+        stated = self.chosen.describe()
+        layout = {each.name: getattr(self, each.name) for each in dataclasses.fields(Layout)}
         return Moments(
-            plane=without_velocity(self.plane),
-            settings={name: self.chosen.describe()[name] for name in SETTINGS}
-            | {"running_window": self.chosen.window(self.frequency)},
-            cell_pitch=self.cell_pitch,
-            cells=self.cells,
-            membership=self.membership,
-            used=self.used,
+            **layout | {"plane": without_velocity(self.plane)},
+            settings={name: stated[name] for name in SETTINGS} | {"running_window": self.chosen.window(self.frequency)},
             survey=seen,
             locked=locked,
-            nodes=self.nodes,
-            turns=self.turns,
             sums={name: value for name, value in found.items() if name != SURVEY},
-            notes=self.notes,
         )
 
     def _moments(self, drive: Drive) -> Job:

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from torchliner.engine.membership import Membership
 from torchliner.engine.moments import Moments
-from torchliner.engine.survey import Survey
+from torchliner.engine.survey import Membership, Survey
 from torchliner.records.notes import Note
 from torchliner.velocity.choices import Choices
 
