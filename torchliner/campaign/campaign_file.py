@@ -21,6 +21,7 @@ from torchliner.toml_files import Strict, one_of, parse_toml, read_text, validat
 from torchliner.velocity.choices import Choices
 
 NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE
+OWN = {"files", "liner", "in_situ"}  # fields of a table of planes that are neither facts nor of a request
 
 
 def _listed(value: Any) -> Any:
@@ -59,17 +60,6 @@ class PlanesTable(Strict):
     x: str | None = None
     z: str | None = None
     points: str | None = None
-
-    def case(self, path: Path, name: str, liners: list[str], folder: Path) -> Case:
-        """One of its planes; ``liners`` of the whole campaign win, paths begin at ``folder``."""
-        stated = self.model_dump(exclude_none=True, exclude={"files", "liner", "in_situ"})
-        layout = {field.name for field in fields(PlaneRequest)}
-        request = {key: stated.pop(key) for key in [*stated] if key in layout}
-        request |= {key: _beside(folder, request[key]) for key in NAMED if key in request}
-        named = liners or ([] if self.liner is None else [self.liner])
-        shown = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
-        in_situ = None if self.in_situ is None else folder / self.in_situ
-        return Case(path, name, shown, stated, request, tuple(_liner(folder, each) for each in named), in_situ)
 
 
 _NAMES = [field.name for field in fields(Choices)]
@@ -173,76 +163,78 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
             f"{path}: output = {table.output!r} leads out of {folder}; if that is meant, name it on the command line: "
             f"--output {target}"
         )
-    found = [
-        (match, each)
-        for each in table.planes
-        for pattern in each.files
-        for match in _one_a_series(_matches(folder, pattern, path, target))
-    ]
-    paths = [match for match, _ in found]
-    twice = next((p for p in paths if paths.count(p) > 1), None)
-    if twice is not None:
-        raise ValueError(f"{path}: {twice} is named twice among the planes; name it once")
-    names = zip(found, unique_names(paths), strict=True)
-    cases = tuple(each.case(match, name, table.liners, folder) for (match, each), name in names)
+    found: dict[Path, PlanesTable] = {}
+    for each in table.planes:
+        for match in (one for pattern in each.files for one in _matches(folder, pattern, path, target)):
+            if match in found:
+                raise ValueError(f"{path}: {match} is named twice among the planes; name it once")
+            found[match] = each
+    names = unique_names(found)
+    cases = [_case(*each, name, table.liners, folder) for each, name in zip(found.items(), names, strict=True)]
     sets = table.choice_sets()
     varied = {key for key in sets[0] if len({repr(one[key]) for one in sets}) > 1}
     choices = tuple((one, {key: one[key] for key in one if key in varied}) for one in sets)
-    return Campaign(path, target, cases, tuple(table.frequencies), choices, table.title, table.figures)
+    return Campaign(path, target, tuple(cases), tuple(table.frequencies), choices, table.title, table.figures)
 
 
 def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]:
-    """The file of that very name, else the files of a pattern, sorted, but for what earlier runs have written.
+    """The file of that very name, else the files of a pattern, sorted; one of each series, and none of the results.
 
     Raises:
-        FileNotFoundError: none; files of the same ending that are there are named.
+        FileNotFoundError: none.
         ValueError: all of them lie in the folder of the results.
     """
-    if (folder / pattern).exists():
-        found = [str(folder / pattern)]
-    else:
-        found = sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
+    found = [folder / pattern]
+    if not found[0].exists():
+        found = [
+            Path(each) for each in sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
+        ]
     if not found:
         place = (folder / pattern).parent
-        there = sorted(p.name for p in place.glob(f"*{Path(pattern).suffix}")) if place.is_dir() else []
-        words = f"{place} holds {', '.join(there[:4])}{' ...' * (len(there) > 4)}" if there else "it has no such file"
-        words = words if place.is_dir() else f"there is no such folder as {place}"
-        raise FileNotFoundError(f"{path}: planes.files = {pattern!r} matches nothing in {folder}; {words}")
-    planes = [p for each in found if not (p := Path(each)).absolute().is_relative_to(output.absolute())]
+        there = (
+            f"{place} holds {', '.join(sorted(os.listdir(place))[:4])} ..." if place.is_dir() else f"no folder {place}"
+        )
+        raise FileNotFoundError(f"{path}: planes.files = {pattern!r} matches nothing in {folder}; there is {there}")
+    planes = [each for each in found if not each.absolute().is_relative_to(output.absolute())]
     if not planes:
         raise ValueError(
             f"{path}: planes.files = {pattern!r}: all that it matches, {found[0]} first, lies in the folder of the "
             f"results, {output}; name another --output"
         )
-    return planes
-
-
-def _one_a_series(found: list[Path]) -> list[Path]:
-    """Planes, of which a file of a series stands for all of it."""
     kept: list[Path] = []
     covered: set[Path] = set()
-    for each in found:
+    for each in planes:
         if each not in covered:
             kept.append(each)
             covered |= set(series_of(each))
     return kept
 
 
-def _beside(folder: Path, name: str) -> str:
-    """FILE or FILE:VARIABLE that is beside the campaign's file, by its whole path."""
-    there = any((folder / each).is_file() for each in (name, name.rpartition(":")[0]))
-    return str(folder / name) if there else name
+def _case(path: Path, table: PlanesTable, name: str, liners: list[str], folder: Path) -> Case:
+    """One plane of a table; ``liners`` of the whole campaign win, paths begin at ``folder``."""
+    facts = table.model_dump(exclude_none=True, exclude=OWN)
+    request = {field.name: facts.pop(field.name) for field in fields(PlaneRequest) if field.name in facts}
+    for key in NAMED:
+        if any((folder / each).is_file() for each in _file_names(request.get(key, ""))):
+            request[key] = str(folder / request[key])
+    named = liners or ([] if table.liner is None else [table.liner])
+    for each in named:
+        if Path(each).suffix.lower() == ".py":
+            raise ValueError(
+                f"liner {each} is a program, which no campaign runs; give its values as .csv (frequency, speed, "
+                "resistance, reactance), or name it on the command line of educe"
+            )
+    found = [str(folder / each) if Path(each).suffix.lower() in (".toml", ".csv") else each for each in named]
+    shown = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+    in_situ = None if table.in_situ is None else folder / table.in_situ
+    return Case(path, name, shown, facts, request, tuple(found), in_situ)
 
 
-def _liner(folder: Path, name: str) -> str:
-    """A preset, or a file beside the campaign's.
+def _file_names(name: str) -> list[str]:
+    """FILE of FILE or FILE:VARIABLE."""
+    return [each for each in (name, name.rpartition(":")[0]) if each]
 
-    Raises:
-        ValueError: a program, which runs only where a user names it.
-    """
-    if Path(name).suffix.lower() == ".py":
-        raise ValueError(
-            f"liner {name} is a program, which no campaign runs; give its values as .csv "
-            "(frequency, speed, resistance, reactance), or name it on the command line of educe"
-        )
-    return str(folder / name) if Path(name).suffix.lower() in (".toml", ".csv") else name
+
+def files_of(request: Mapping[str, Any]) -> list[Path]:
+    """Files that a request names."""
+    return [Path(each) for key in NAMED for each in _file_names(request.get(key, "")) if Path(each).is_file()]

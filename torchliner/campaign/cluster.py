@@ -33,9 +33,7 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
     kind, _, count = where.partition(":")
     local, by_file = kind == "local" and count.isdecimal() and 0 < int(count) <= 1024, where.endswith(".json")
     if not (local or by_file or kind in ("tcp", "tls")):
-        raise ValueError(
-            f"cluster {where!r} cannot be read; write local:4, tcp://host:8786, or the .json file of a scheduler"
-        )
+        raise ValueError(f"cluster is {where!r}; write local:4, tcp://host:8786, or the .json file of a scheduler")
     try:
         import dask
         import distributed
@@ -49,13 +47,8 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
     with dask.config.set(settings), ExitStack() as stack:
         address: dict[str, Any] = {"scheduler_file": where} if by_file else {"address": where}
         if local:  # any port, so that several can be; a limit of memory would count the page cache
-            own = distributed.LocalCluster(
-                n_workers=int(count),
-                threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",
-                memory_limit=0,
-                silence_logs="ERROR",
-            )
+            about = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+            own = distributed.LocalCluster(n_workers=int(count), silence_logs="ERROR", **about)
             address = {"address": stack.enter_context(own)}
         if by_file and not Path(where).exists():
             raise FileNotFoundError(f"{where}: no such file; the scheduler writes it when it starts")

@@ -6,7 +6,6 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from torchliner.campaign.growing import GrowingMoments
 from torchliner.checks import FEWEST_PERIODS
 from torchliner.engine.moments import Moments
 from torchliner.file_checks import DAMAGE, Unwritten
-from torchliner.io.planes import HEAD, format_of, read_plane
+from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
@@ -59,6 +58,7 @@ class Frames:
     def __init__(self, path: Path, request: Mapping[str, Any] | None = None) -> None:
         self.path, self.request = path, dict(request or {})
         self.error: Exception | None = None  # of the last file, which may be in the middle of a change
+        self._seen: list[Any] = []  # names, sizes and times of change at the last look
         self._done = 0
         self._head: Tensor | None = None
 
@@ -76,14 +76,20 @@ class Frames:
         Warns:
             DataWarning: samples stand in two files.
         """
-        plane = self._whole(self.files())
+        files = self.files()
+        seen = [(each, (status := each.stat()).st_size, status.st_mtime_ns) for each in files if each.exists()]
+        if seen == self._seen and self.error is None:
+            return
+        self._seen = seen
+        plane = self._whole(files)
         if plane is None:
             return
-        if plane.samples < self._done:
-            raise OSError(f"{plane.name} had {self._done} samples and has {plane.samples}; it was replaced")
         head = plane.read(0, 1).clone().nan_to_num()
-        if self._head is not None and not head.equal(self._head):
-            raise OSError(f"{plane.name} begins with other values than before; it was replaced")
+        if plane.samples < self._done or (self._head is not None and not head.equal(self._head)):
+            raise OSError(
+                f"{plane.name} had {self._done} samples and has {plane.samples}, or begins with other values than "
+                "before; it was replaced"
+            )
         self._head = head
         rows = max(1, PIECE_VALUES // plane.probes)
         for begin in range(self._done, plane.samples, rows):
@@ -97,35 +103,24 @@ class Frames:
         try:
             return read_plane(files, lazy=True, **self.request)
         except (OSError, ValueError) as error:
-            last = files[-1]
+            before = read_plane(files[:-1], lazy=True, **self.request) if len(files) > 1 else None
             try:
-                read_plane(last, lazy=True, **self.request)
+                read_plane(files[-1], lazy=True, **self.request)
             except (OSError, ValueError) as own:
-                if len(files) > 1:
-                    found = read_plane(files[:-1], lazy=True, **self.request)
-                if not (self._done or may_heal(last, own)):
+                if not (self._done or may_heal(files[-1], own)):
                     raise
                 self.error = own
-                return found if len(files) > 1 else None
+                return before
             raise error
 
 
 def may_heal(path: Path, error: Exception) -> bool:
-    """Whether a file that cannot be opened may be one that somebody still writes: it is not there, empty, or has just
-    changed; it lacks samples; or its format is known and it ends too early. What a check refuses, and what no format
-    knows, stays so."""
-    if isinstance(error, FileNotFoundError | Unwritten) or not path.is_file():
+    """Whether a file may be one that somebody still writes: it cannot be opened, lacks samples, ends too early, or has
+    just changed. What a check refuses stays so."""
+    if isinstance(error, OSError | Unwritten) or isinstance(error.__cause__, DAMAGE) or not path.is_file():
         return True
     status = path.stat()
-    if time.time() - max(status.st_mtime, status.st_ctime) < SETTLED:
-        return True
-    if isinstance(error, ValueError):
-        return isinstance(error.__cause__, DAMAGE)
-    with suppress(OSError):
-        format_of(path)
-        return True
-    with path.open("rb") as file:
-        return not any(file.read(HEAD))  # a library has left place for its header
+    return time.time() - max(status.st_mtime, status.st_ctime) < SETTLED
 
 
 def _natural(path: Path) -> list[Any]:
@@ -150,26 +145,23 @@ class Following:
         self.frames, self.liner, self.frequency = frames, liner, frequency
         self.until, self.choices = until, {"averaging": "admittance"} | choices
         self.going: GrowingMoments | None = None
-        self.rate = math.nan  # samples of the record a second of waiting
         self._first: tuple[float, int] | None = None  # clock and samples when they were first seen
-        self._samples = 0
+        self._last: tuple[float, int] = (0.0, 0)
 
     def update(self) -> int:
         """Take what has come; how many samples."""
-        before = self._samples
+        count = 0
         for piece in self.frames.new():
             if self.going is None:
                 pitch, choices = self.liner.cell_pitch, self.choices
                 self.going = GrowingMoments(piece, cell_pitch=pitch, frequency=self.frequency, **choices)
             else:
                 self.going.update(piece.velocity)
-            self._samples += piece.samples
-        now = time.monotonic()
-        if self._first is None:
-            self._first = (now, self._samples) if self._samples else None
-        elif self._samples > self._first[1] and now > self._first[0]:
-            self.rate = (self._samples - self._first[1]) / (now - self._first[0])
-        return self._samples - before
+            count += piece.samples
+        if count:
+            self._last = (time.monotonic(), self._last[1] + count)
+            self._first = self._first or self._last
+        return count
 
     def standing(self) -> list[Standing]:
         """At each frequency; none before the first blocks are whole."""
@@ -177,6 +169,8 @@ class Following:
             return []
         found = self.moments().educe(self.liner, self.frequency, **self.choices)
         samples, rate = found.choices["samples"], found.choices["sampling_rate"]
+        begun, first = self._first or self._last
+        coming = (self._last[1] - first) / (self._last[0] - begun) if self._last[0] > begun else math.nan
         rows = []
         for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
             bounds, width = found.bounds_of_liner(found.averaging, i), math.nan
@@ -184,7 +178,7 @@ class Following:
                 low, high = bounds
                 width = max(high.real - low.real, high.imag - low.imag) / 2
             needed = samples / rate * (width / self.until) ** 2 if self.until else math.nan
-            left = max(0.0, needed * rate - samples) / self.rate
+            left = max(0.0, needed * rate - samples) / coming
             rows.append(Standing(samples, samples / rate, f, z, width, needed, left))
         return rows
 

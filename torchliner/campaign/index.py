@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from torchliner.checks import require_choice
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 
-NUMBERS = ("height", "frequency", "notes", "seconds")  # beside R and X; all else is text
+Z = tuple(f"{part}{end}" for end in ("", "_low", "_high") for part in ("resistance", "reactance"))
+NUMBERS = ("height", "frequency", "notes", "seconds", *Z)  # all else is text
 COLUMNS = (
     *("unit", "file", "height", "source_side", "liner", "choices", "averaging", "frequency"),
-    *(f"{part}{end}" for end in ("", "_low", "_high") for part in ("resistance", "reactance")),
+    *Z,
     *("level_check", "notes", "status", "error", "seconds", "hash", "campaign", "version"),
 )
 DONE, FAILED = "done", "failed"
@@ -34,10 +34,11 @@ def _interval(row: Row) -> tuple[complex, complex] | None:
 
 
 def full_row(**known: Any) -> dict[str, Any]:
-    """All columns, those not known as nan or an empty text."""
-    numbers = [name for name in COLUMNS if name in NUMBERS or name.startswith(("resistance", "reactance"))]
-    usual = dict.fromkeys(COLUMNS, "") | dict.fromkeys(numbers, math.nan)
-    return usual | {require_choice("column", name, COLUMNS): v for name, v in known.items()}
+    """All columns, those not known as nan or an empty text; another one is a KeyError."""
+    usual = {name: math.nan if name in NUMBERS else "" for name in COLUMNS}
+    if strange := {*known} - {*usual}:
+        raise KeyError(f"{strange} are no columns of an index")
+    return usual | known
 
 
 def index_text(rows: Sequence[Row]) -> str:
@@ -71,14 +72,10 @@ def read_index(folder: Path) -> list[dict[str, Any]]:
     if not path.exists():
         raise ValueError(f"{folder} holds no index.csv; it is the folder of no campaign (torchliner run writes one)")
     require_readable_index(folder)
-    usual = full_row()
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file, strict=True))
-        return [
-            {name: row[name] if value == "" else float(row[name] or "nan") for name, value in usual.items()}
-            for row in rows
-        ]
+        return [{name: float(row[name] or "nan") if name in NUMBERS else row[name] for name in COLUMNS} for row in rows]
     except (ValueError, TypeError, csv.Error) as error:
         raise ValueError(f"{path} is damaged: {error}; run the campaign again") from error
 

@@ -7,8 +7,7 @@ import json
 import shutil
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,8 @@ from torchliner.campaign.campaign_file import Campaign
 from torchliner.campaign.index import DONE, FAILED, full_row, require_readable_index, write_index
 from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
-from torchliner.io.lock import locked
 from torchliner.io.pressure_file import read_pressure
-from torchliner.io.whole_file import printable, writable_folder, written_whole
+from torchliner.io.whole_file import locked, printable, writable_folder, written_whole
 from torchliner.pressure.dean import with_in_situ
 from torchliner.records import ImpedanceMap
 from torchliner.records.origin import input_file, with_choices
@@ -71,19 +69,20 @@ def plan(campaign: Campaign) -> Plan:
         if not folder.resolve().is_relative_to(output.resolve()):
             raise ValueError(f"{folder} leads out of {output}, to {folder.resolve()}; remove the link")
     require_readable_index(output)
-    units: list[Unit] = []
+    units: dict[str, Unit] = {}
     failed: Rows = []
     for case in campaign.cases:
         try:
-            units += units_of(case, campaign)
+            found = units_of(case, campaign)
         except Exception as error:
             failed.append(full_row(unit=case.name, file=case.shown, status=FAILED, error=_words(error)))
-    names = [unit.name for unit in units]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ValueError(f"{campaign.path}: two units are called {twice}; rename a plane or a liner's file")
-    current = frozenset(unit.name for unit in units if _kept_rows(unit) is not None)
-    return Plan(tuple(units), tuple(failed), current)
+            continue
+        for unit in found:
+            if unit.name in units:
+                raise ValueError(f"{campaign.path}: two units are called {unit.name}; rename a plane or a liner's file")
+            units[unit.name] = unit
+    current = frozenset(name for name, unit in units.items() if _kept_rows(unit) is not None)
+    return Plan(tuple(units.values()), tuple(failed), current)
 
 
 def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress | None = None) -> Rows:
@@ -104,42 +103,31 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
         warnings.simplefilter("ignore", DataWarning)  # in the maps, and counted in the index
         found = plan(campaign)
         rows: Rows = []
-        with _reduced(found, client, progress) as ready:
+        pool = ThreadPoolExecutor(min(MOST_PLANES, sum(client.nthreads().values()) or 1) if client else 1)
+        under_way: dict[Path, Future[None]] = {}
+        if client is not None:
+            under_way = {path: pool.submit(_reduce, unit, progress, client) for path, unit in found.to_read.items()}
+        try:
             for unit in found.units:
                 try:
                     kept = _kept_rows(unit)
                     if kept is None:
-                        ready(unit)
+                        if unit.moments in under_way:
+                            under_way[unit.moments].result()
+                        elif not unit.moments.exists():
+                            _reduce(unit, progress)
                         kept = _educed(unit)
                     rows += kept
                 except Exception as error:
                     rows.append(_row(unit, status=FAILED, error=_words(error)))
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
         rows += found.failed
         for parts in campaign.output.glob("moments/*.parts"):  # of other choices, or left by a killed run
             if parts.with_suffix(".h5") not in found.to_read:
                 shutil.rmtree(parts, ignore_errors=True)
         write_index(rows, campaign.output, campaign.title, __version__)
         return rows
-
-
-@contextlib.contextmanager
-def _reduced(found: Plan, client: Any, progress: Progress | None) -> Iterator[Callable[[Unit], object]]:
-    """What makes sure that the moments of a unit are there; with a client those of many planes are under way."""
-    if client is None:
-
-        def reduce_now(unit: Unit) -> None:
-            if not unit.moments.exists():
-                _reduce(unit, progress)
-
-        yield reduce_now
-        return
-    threads = sum(client.nthreads().values())
-    pool = ThreadPoolExecutor(max(1, min(MOST_PLANES, threads, len(found.to_read))))
-    futures = {name: pool.submit(_reduce, unit, progress, client) for name, unit in found.to_read.items()}
-    try:
-        yield lambda unit: unit.moments not in futures or futures[unit.moments].result()
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _reduce(unit: Unit, progress: Progress | None, client: Any = None) -> None:
@@ -152,19 +140,15 @@ def _reduce(unit: Unit, progress: Progress | None, client: Any = None) -> None:
     shutil.rmtree(kept, ignore_errors=True)
 
 
-def _rows_path(unit: Unit) -> Path:
-    return unit.campaign.output / "units" / f"{unit.name}.json"
-
-
-def _map_path(unit: Unit) -> Path:
-    return unit.campaign.output / "maps" / f"{unit.name}.h5"
+def _result(unit: Unit, folder: str, ending: str) -> Path:
+    return unit.campaign.output / folder / f"{unit.name}{ending}"
 
 
 def _kept_rows(unit: Unit) -> Rows | None:
     """Of the index, if they are those of this unit as it is now."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        rows = [full_row(**row) for row in json.loads(_rows_path(unit).read_text("utf-8"))]
-        if _map_path(unit).exists() and all(row["hash"] == unit.hash for row in rows):
+        rows = [full_row(**row) for row in json.loads(_result(unit, "units", ".json").read_text("utf-8"))]
+        if _result(unit, "maps", ".h5").exists() and all(row["hash"] == unit.hash for row in rows):
             return rows
     return None
 
@@ -183,13 +167,13 @@ def _educed(unit: Unit) -> Rows:
     found = with_choices(found, inputs=[input_file(what, case.path), *kept])
     for folder in ("maps", "lines", "units"):
         (output / folder).mkdir(exist_ok=True)
-    found.write(_map_path(unit))
+    found.write(_result(unit, "maps", ".h5"))
     for i, f in enumerate(found.frequency.tolist()):
-        impedance_along_x(found, i).write_csv(output / "lines" / f"{unit.name}_{f:.10g}Hz.csv")
+        impedance_along_x(found, i).write_csv(_result(unit, "lines", f"_{f:.10g}Hz.csv"))
     if unit.campaign.figures:
         draw_pictures([found], [known.plane], output / "figures" / unit.name)
     rows = _map_rows(unit, found, time.perf_counter() - start)
-    with written_whole(_rows_path(unit)) as temporary:
+    with written_whole(_result(unit, "units", ".json")) as temporary:
         temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return rows
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.campaign.campaign_file import NAMED, Campaign, Case
+from torchliner.campaign.campaign_file import Campaign, Case, files_of
 from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
@@ -56,8 +56,8 @@ class Unit:
 
     def plane(self) -> VelocityPlane:
         """Its velocity still in the file, with its tone alone stated: moments outlive a change of other facts."""
-        facts = {name: value for name, value in self.case.facts.items() if name == "frequency"}
-        return _plane_of(dataclasses.replace(self.case, facts=facts))
+        tone = {name: value for name, value in self.case.facts.items() if name == "frequency"}
+        return _plane_of(dataclasses.replace(self.case, facts=tone))
 
     def known(self) -> Moments:
         """The moments, with the facts of the campaign's file."""
@@ -80,8 +80,9 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
             f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}, or a .toml or "
             ".csv file"
         )
-    data = _content(case.path, *(name for key in NAMED for name in _files(case.request.get(key))))
-    beside, facts, asked = _content(case.in_situ), sorted(case.facts.items()), campaign.frequencies
+    data = [input_file("", path)["hash"] for path in (case.path, *files_of(case.request))]
+    beside = None if case.in_situ is None else input_file("", case.in_situ)["hash"]
+    facts, asked = sorted(case.facts.items()), campaign.frequencies
     locked = any(Choices(**one).averaging == "phase-locked" for one, _ in campaign.choices)
     found = []
     for liner in case.liners or (plane.liner,):
@@ -125,10 +126,9 @@ def _moments_of(case: Case, path: Path) -> Moments:
     known = read_moments(path)
     tone, made = case.facts.get("frequency"), known.plane.frequency
     if tone is not None and tone != made:
-        words = "no tone" if made is None else f"{made:g} Hz"
         raise ValueError(
-            f"{case.shown} holds moments that were reduced with {words}, and frequency = {tone:g} is stated: leave it "
-            "out, or name the plane that was reduced"
+            f"{case.shown} holds moments that were reduced with {f'{made:g}' if made else 'no'} Hz, and frequency = {tone:g} is stated: "
+            "leave it out, or name the plane that was reduced"
         )
     return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
 
@@ -143,20 +143,10 @@ def _reduction(
     kept["averaging"] = "phase-locked" if locked else "admittance"
     at_asked = chosen.phase != "averaged" or chosen.wall_filter is not None
     at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
-    frequency = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
+    kept["frequency"] = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
     if model.speed_max is not None:
-        return {"liner": model, "frequency": frequency, **kept}
-    return {"liner": None, "frequency": frequency, "cell_pitch": model.cell_pitch, **kept}
-
-
-def _files(name: Any) -> list[Path]:
-    """What FILE or FILE:VARIABLE of a request names."""
-    return [each for each in map(Path, {str(name), str(name).rpartition(":")[0]}) if each.is_file()]
-
-
-def _content(*paths: Path | None) -> list[str]:
-    """Hashes of files and folders, as results state them."""
-    return [input_file("", path)["hash"] for path in paths if path is not None]
+        return {"liner": model, **kept}
+    return {"liner": None, "cell_pitch": model.cell_pitch, **kept}
 
 
 def _digest(*facts: Any) -> str:

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, and the one place where anything is refused as an output."""
+"""Files that are whole or not there, folders for one run at a time, and what is refused as an output."""
 
 from __future__ import annotations
 
@@ -61,10 +61,8 @@ def require_ending(path: str | Path, endings: Sequence[str], option: str = "") -
     """
     suffix = Path(path).suffix
     if suffix.lower() not in endings:
-        raise ValueError(
-            f"{option}{' ' if option else ''}{path} ends in {suffix or 'nothing'!r}; it must be "
-            f"one of {', '.join(endings)}"
-        )
+        what = f"{option} {path}".strip()
+        raise ValueError(f"{what} ends in {suffix or 'nothing'!r}; it must be one of {', '.join(endings)}")
 
 
 def writable(path: str | Path, *endings: str) -> Path:
@@ -80,26 +78,23 @@ def writable(path: str | Path, *endings: str) -> Path:
     """
     if endings:
         require_ending(path, endings)
-    path = Path(path)
-    target = Path(os.path.realpath(path))
-    if len(os.fsencode(target.name)) > LONGEST_NAME:
-        raise OSError(f"{path}: the name has more than {LONGEST_NAME} bytes; shorten it")
-    if target.is_symlink():
-        raise OSError(f"{path} is a link that leads to itself; name a file")
+    path, target = Path(path), Path(os.path.realpath(path))
     folder = target.parent if path.is_symlink() else path.parent  # as the user knows it
-    if not folder.is_dir():
-        raise OSError(f"{path}: the folder {folder} does not exist")
-    if target.is_dir():
-        raise OSError(f"{path} is a folder; name a file")
-    if target.exists() and not target.is_file():
-        raise OSError(f"{path} is a device or a pipe, which is not written to; name a file")
     if identity(target) in _inputs.get():
         raise ValueError(f"the output {path} is an input; name another file")
     # The mode as well: root may write to what is marked read-only.
-    if target.exists() and not (target.stat().st_mode & 0o222 and os.access(target, os.W_OK)):
-        raise OSError(f"{path} is write-protected; name another file, or allow writing to it")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OSError(f"{path} cannot be written: the folder {folder} is write-protected")
+    for wrong, why in (
+        (len(os.fsencode(target.name)) > LONGEST_NAME, f"the name has more than {LONGEST_NAME} bytes; shorten it"),
+        (target.is_symlink(), "it is a link that leads to itself; name a file"),
+        (not folder.is_dir(), f"the folder {folder} does not exist"),
+        (target.is_dir(), "it is a folder; name a file"),
+        (target.exists() and not target.is_file(), "it is a device or a pipe, which is not written to; name a file"),
+        (target.exists() and not target.stat().st_mode & 0o222, "it is write-protected; name another file"),
+        (target.exists() and not os.access(target, os.W_OK), "it is write-protected; name another file"),
+        (not os.access(folder, os.W_OK | os.X_OK), f"the folder {folder} is write-protected"),
+    ):
+        if wrong:
+            raise OSError(f"{path} cannot be written: {why}")
     return target
 
 
@@ -116,6 +111,33 @@ def writable_folder(path: str | Path) -> None:
         raise OSError(f"{path}: {there} is there and no folder; name a folder")
     if not os.access(there, os.W_OK | os.X_OK):
         raise OSError(f"{path} cannot be made or filled: the folder {there} is write-protected")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """A folder for one run at a time; the lock ends with the process, however that ends.
+
+    Raises:
+        OSError: another run holds it, and which.
+    """
+    from filelock import FileLock, Timeout
+
+    folder.mkdir(parents=True, exist_ok=True)
+    lock, holder = FileLock(folder / ".lock"), folder / ".lock.held"
+    try:
+        lock.acquire(blocking=False)
+    except NotImplementedError:  # of a file system that has none
+        yield
+        return
+    except Timeout:
+        said = holder.read_text("utf-8", errors="replace").strip() if holder.exists() else "unknown"
+        raise OSError(
+            f"{folder} is in use by another run ({said}); wait for its end, or name another --output"
+        ) from None
+    with lock:
+        with contextlib.suppress(OSError):  # the disk is full; the words are for the message alone
+            holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", "utf-8")
+        yield
 
 
 @contextmanager
@@ -143,9 +165,8 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
         _dress(temporary, target)
         os.replace(temporary, target)
     except (OSError, RuntimeError) as error:
-        full = isinstance(error, OSError) and error.errno in FULL
-        at_end = "errno" in str(error) and "read" not in str(error)  # HDF5 writes or closes
-        if full or at_end or (isinstance(error, OSError) and name in str(error)):
+        full = isinstance(error, OSError) and (error.errno in FULL or name in str(error))
+        if full or ("errno" in str(error) and "read" not in str(error)):  # HDF5 writes or closes
             said = re.search(r"error message = '([^']+)'", str(error))  # in HDF5's page of words
             text = said[1] if said else str(error).replace(name, str(path))
             raise OSError(f"{path} cannot be written: {text}") from error
@@ -169,10 +190,8 @@ def _dress(temporary: Path, target: Path) -> None:
 
 
 def _clean(folder: Path) -> None:
-    """Delete parts of runs on this machine that are no more."""
-    if os.name == "nt":  # where asking after a process would end it
-        return
-    for part in folder.glob(f"{PART}*.part"):
+    """Delete parts of runs on this machine that are no more; on Windows to ask after a process would end it."""
+    for part in [] if os.name == "nt" else folder.glob(f"{PART}*.part"):
         number = part.name.removeprefix(PART).partition("-")[0]
         try:
             os.kill(int(number), 0)

@@ -51,14 +51,15 @@ def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
     """
     for name in ("probe_shape", "x", "z"):
         mine, theirs = getattr(first, name), getattr(other, name)
-        if mine is None or theirs is None or name == "probe_shape":
-            same = mine == theirs
+        if name == "probe_shape":
+            apart = "" if mine == theirs else f", {mine} and {theirs}"
+        elif mine is None or theirs is None:
+            apart = "" if mine is theirs else ", which one of them does not state"
         else:
-            same = float((mine - theirs).abs().max()) <= SAME_PLACE
-        if not same:
-            raise ValueError(
-                f"{first.name} and {other.name} cannot be joined: their probes differ in {name}, {mine} and {theirs}"
-            )
+            off = float((mine - theirs).abs().max())
+            apart = "" if off <= SAME_PLACE else f" by up to {1e3 * off:.4g} mm"
+        if apart:
+            raise ValueError(f"{first.name} and {other.name} cannot be joined: their probes differ in {name}{apart}")
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 
