@@ -25,7 +25,17 @@ PAGE = Path(__file__).resolve().parent.parent / "CONTRIBUTING.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 FILES = {text.splitlines()[0][2:]: text for text in BLOCKS if text.startswith("# torchliner/")}
 ROWS = [text for text in BLOCKS if not text.startswith("# torchliner/")]
-COMMANDS = ("choices", "educe", "kt", "convert")  # made of the tables' rows
+COMMANDS = (
+    "kinds",
+    "options",
+    "velocity",
+    "studies",
+    "fits",
+    "pressure",
+    "models",
+    "bursts",
+    "files",
+)  # made of the rows
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import duct_names, duct_text, load_duct
 
 SMALL = ["--profile", "uniform", "--frequency", "900"]
-MESH = ["--mesh", "10"]  # mm; without the second mesh, for speed
+MESH = ["--mesh", "0.01"]  # m; without the second mesh, for speed
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
 
@@ -244,7 +244,6 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
         (["solve", "b2a", "--frequency", "-5"], "frequency (Hz) is -5"),
         (["solve", "b2a", "--liner", "polito", "--impedance", "1"], "--impedance and --liner both state the wall"),
         (["solve", "b2a", "--speed", "1"], "--speed is |v| at the liner that --liner names"),
-        (["solve", "b2a", "--mesh", "1", "2", "3"], "--mesh has 3 sizes"),
         (["solve", "b2a", "--mesh", "0"], "mesh column (m) is 0"),
     ],
 )

@@ -1,12 +1,14 @@
-"""Nothing of the user's is lost, and what cannot be written is refused before the work."""
+"""Nothing of the user's is lost, what cannot be written is refused before the work, and faults are told in one line."""
 
 from __future__ import annotations
 
 import os
 import re
+import signal
 import stat
 import subprocess
 import sys
+import time
 import warnings
 
 import h5py
@@ -15,16 +17,16 @@ import pytest
 import torch
 from conftest import DATA, plane_of, turbulence
 from test_cli import parsers, run
-from test_results_out import hand_map
 
 import torchliner as tl
-from torchliner.cli import info
+from torchliner.cli import files
 from torchliner.cli.main import BAD_INPUT, DONE, INTERRUPTED
 from torchliner.io import whole_file
 from torchliner.io.csv_rows import text_cell, write_rows
 
 TOML = 'model = "table"\nname = "mine"\nfile = "table.csv"\n'
 TABLE = "frequency, resistance, reactance\n300, 0.5, -1\n3000, 0.5, 1\n"
+ROW = [{"a": 1.0}]
 
 
 @pytest.fixture
@@ -41,28 +43,24 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-ARRAY = "convert v.npy --axes time,x --velocity-units m/s --sampling-rate 5e4".split()
-OVER_INPUTS = {
-    "array": ([*ARRAY, "-o", "over.h5"], "v.npy"),
-    "coordinates": ([*ARRAY, "--x", "x.npy", "-o", "over.h5"], "x.npy"),
-    "plane by educe": (["educe", "plane.h5", "-o", "over.h5"], "plane.h5"),
-    "plane by truth": (["validate", "plane.h5", "-o", "over.csv"], "plane.h5"),
-    "picture of a plane": (["info", "plane.h5", "--figure", "over.png"], "plane.h5"),
-    "a table named in a toml": (["educe", "plane.h5", "--liner", "lt.toml", "-o", "over.csv"],
-                                "table.csv"),
-    "a toml": (["liner", "lt.toml", "--figure", "over.png"], "lt.toml"),
-    "a record": (["educe", "plane.h5", "--in-situ", "pressure.h5", "-o", "over.h5"], "pressure.h5"),
-}  # fmt: skip
+ARRAY = "convert v.npy --axes time,x --velocity-units m/s --sampling-rate 5e4"
+OVER_INPUTS = [  # words that end in the output, and the input that it is a link to
+    (f"{ARRAY} -o over.h5", "v.npy"),
+    (f"{ARRAY} --x x.npy -o over.h5", "x.npy"),
+    ("educe plane.h5 -o over.h5", "plane.h5"),
+    ("info plane.h5 --figure over.png", "plane.h5"),
+    ("liner lt.toml --figure over.png", "lt.toml"),
+    ("educe plane.h5 --in-situ pressure.h5 -o over.h5", "pressure.h5"),
+]
 
 
-@pytest.mark.parametrize("way", ["hard link", "link"])
-@pytest.mark.parametrize("case", OVER_INPUTS)
-def test_no_command_writes_over_an_input(capsys, folder, case, way):
+@pytest.mark.parametrize("way", [os.link, os.symlink])
+@pytest.mark.parametrize(("words", "name"), OVER_INPUTS)
+def test_no_command_writes_over_an_input(capsys, folder, words, name, way):
     """By no name: the output is a link to the input."""
-    words, name = OVER_INPUTS[case]
-    output, old = folder / words[-1], (folder / name).read_bytes()
-    (os.link if way == "hard link" else os.symlink)(folder / name, output)
-    code, _, err = run(capsys, *words)
+    output, old = folder / words.split()[-1], (folder / name).read_bytes()
+    way(folder / name, output)
+    code, _, err = run(capsys, *words.split())
     assert (code, "is an input" in err) == (BAD_INPUT, True), err
     assert (folder / name).read_bytes() == old
 
@@ -74,18 +72,17 @@ def test_one_file_is_not_two_measurements(capsys, folder, second):
     for words in (["educe"], ["calibrate", "--free", "porosity"], ["validate"], ["height"]):
         code, _, err = run(capsys, words[0], "plane.h5", second, *words[1:])
         assert (code, "is named twice" in err) == (BAD_INPUT, True), err
-    code, _, err = run(capsys, "calibrate", "plane.h5", "--free", "porosity", "--draws", "0",
-                       "--predict", "plane.h5", "--reference", "0.5+0.1j")  # fmt: skip
-    assert "named twice" not in err  # a plane that was fitted may be predicted
+    words = "calibrate plane.h5 --free porosity --draws 0 --predict plane.h5 --reference 0.5+0.1j"
+    assert "named twice" not in run(capsys, *words.split())[2]  # a plane that was fitted may be predicted
 
 
 def test_what_is_named_later_is_held_against_the_inputs_too(folder):
     """Pictures in a folder have names of their own: the writer knows the inputs."""
     with whole_file.inputs_kept(["table.csv"]):
         with pytest.raises(ValueError, match=r"table\.csv is an input"):
-            write_rows([{"a": 1.0}], "table.csv")
-        write_rows([{"a": 1.0}], "other.csv")
-    write_rows([{"a": 1.0}], "table.csv")
+            write_rows(ROW, "table.csv")
+        write_rows(ROW, "other.csv")
+    write_rows(ROW, "table.csv")
 
 
 def test_links_are_followed_and_modes_kept(folder):
@@ -96,7 +93,7 @@ def test_links_are_followed_and_modes_kept(folder):
     (folder / "link.csv").symlink_to("old.csv")
     (folder / "ahead.csv").symlink_to("not_yet.csv")
     for name in ("link.csv", "ahead.csv", "new.csv"):
-        write_rows([{"a": 1.0}], name)
+        write_rows(ROW, name)
     assert (folder / "link.csv").is_symlink()
     assert old.read_text().split() == (folder / "not_yet.csv").read_text().split() == ["a", "1.0"]
     assert stat.S_IMODE(old.stat().st_mode) == 0o600
@@ -114,64 +111,59 @@ def test_devices_links_in_circles_and_protected_files_are_refused(folder):
     (folder / "null.csv").symlink_to("/dev/null")
     (folder / "folder.csv").mkdir()
     wanted = {
-        "pipe.csv": "device or a pipe", "null.csv": "device or a pipe", "loop.csv": "itself",
-        "kept.csv": "write-protected", "folder.csv": "is a folder",
-        "none/a.csv": "the folder none does not exist", "n" * 260 + ".csv": "more than 255 bytes",
-    }  # fmt: skip
+        "pipe.csv": "device or a pipe",
+        "null.csv": "device or a pipe",
+        "loop.csv": "itself",
+        "kept.csv": "write-protected",
+        "folder.csv": "is a folder",
+        "none/a.csv": "the folder none does not exist",
+        "n" * 260 + ".csv": "more than 255 bytes",
+    }
     for name, message in wanted.items():
         with pytest.raises(OSError, match=message):
-            write_rows([{"a": 1.0}], name)
+            write_rows(ROW, name)
     assert (folder / "kept.csv").read_text() == "kept"
-    write_rows([{"a": 1.0}], "n" * 250 + ".csv")
+    write_rows(ROW, "n" * 250 + ".csv")
 
 
-@pytest.mark.parametrize("ending", [".json", ".vtk", ".xlsx", ""])
-def test_an_ending_that_cannot_be_written_is_refused(capsys, folder, ending):
-    """By every command, before the work, and by ``write()``."""
-    name = f"m{ending}"
-    for words in (["educe", "plane.h5", "-o", name], [*ARRAY, "-o", name],
-                  ["validate", "plane.h5", "-o", name], ["info", "plane.h5", "--figure", name],
-                  ["duct", "modes", "ufsc", "-o", name]):  # fmt: skip
-        code, out, err = run(capsys, *words)
-        assert (code, "it must be one of" in err, out) == (BAD_INPUT, True, ""), err
-    plane = tl.read_plane("plane.h5")
-    with pytest.raises(ValueError, match=r"it must be one of \.h5, \.hdf5, \.nc$"):
-        plane.write(name)
-    with pytest.raises(ValueError, match=r"it must be one of .*\.csv, .*\.vtkhdf, .*\.txt$"):
-        hand_map().write(name)
-    assert not (folder / name).exists()
-
-
-BEFORE = [
-    (["educe", "--figure", "table.csv"], "is there and no folder"),
-    (["educe", "--figure", "table.csv/deeper"], "is there and no folder"),
-    (["educe", "-o", "none/m.h5"], "the folder none does not exist"),
-    (["educe", "--liner", "ltt.toml"], "no such file (did you mean 'lt.toml'?)"),
-    (["educe", "--in-situ", "presure.h5"], "no such file (did you mean 'pressure.h5'?)"),
-    (["educe", "--in-situ", "/dev/null"], "is a device or a pipe; a file is needed"),
-    (["educe", "--liner", "loop.toml"], "cannot be read"),
-    (["replay", "--segment", "nan"], "'nan' cannot be read; a finite number is needed"),
-    (["replay", "--levels", "1e20"], "'1e20' cannot be read; a whole number"),
-    (["replay", "--levels", "100000000000000000000"], "from 1 to 2^53"),
-    (["replay", "--every", "0"], "from 1 to 2^53"),
+BEFORE = [  # tested before a plane is read
+    ("educe --figure table.csv", "is there and no folder"),
+    ("educe --figure table.csv/deeper", "is there and no folder"),
+    ("educe -o none/m.h5", "the folder none does not exist"),
+    ("educe -o table.csv/m", "is there and no folder"),
+    ("educe --liner ltt.toml", "did you mean 'lt.toml'"),
+    ("educe --in-situ presure.h5", "did you mean 'pressure.h5'"),
+    ("educe --in-situ /dev/null", "is a device or a pipe"),
+    ("educe --liner loop.toml", "cannot be read"),
+    *((f"{command} m{end}", "it must be one of") for end in (".json", ".vtk", ".xlsx") for command in ("educe -o",)),
+    ("info --figure m.json", "it must be one of .png"),
+    ("validate -o m.h5", "it must be one of .csv"),
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), BEFORE, ids=[" ".join(w) for w, _ in BEFORE])
+@pytest.mark.parametrize(("words", "message"), BEFORE)
 def test_tested_before_the_work(capsys, folder, monkeypatch, words, message):
-    """No plane is read first."""
+    """No plane is read first, and nothing is written."""
     (folder / "loop.toml").symlink_to("loop.toml")
-    monkeypatch.setattr("torchliner.cli.educe.read_records", None)
-    code, out, err = run(capsys, words[0], "plane.h5", *words[1:])
-    assert (code, message in err, out) == (BAD_INPUT, True, ""), err
+    monkeypatch.setattr(tl, "read_plane", None, raising=False)
+    before = set(folder.iterdir())
+    command, *options = words.split()
+    code, out, err = run(capsys, command, "plane.h5", *options)
+    assert (code, message in err, out, set(folder.iterdir())) == (BAD_INPUT, True, "", before), err
 
 
-@pytest.mark.parametrize("words", [["educe", "plane.h5", "--figure", "f", "-o", "m.h5"],
-                                   ["info", "plane.h5", "--figure", "p.png"]])  # fmt: skip
+def test_an_output_without_an_ending_is_a_folder(capsys, folder):
+    """Of several planes each has its map there."""
+    (folder / "other.h5").write_bytes((folder / "plane.h5").read_bytes())
+    assert run(capsys, "educe", "plane.h5", "other.h5", "-o", "new/maps", "--quiet")[0] == DONE
+    assert {path.name for path in (folder / "new/maps").iterdir()} == {"educe_plane.h5", "educe_other.h5"}
+
+
+@pytest.mark.parametrize("words", ["educe plane.h5 --figure f -o m.h5", "info plane.h5 --figure p.png"])
 def test_without_matplotlib_nothing_is_begun(capsys, folder, monkeypatch, words):
     """No map without its pictures, and no work for nothing."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    code, out, err = run(capsys, *words)
+    code, out, err = run(capsys, *words.split())
     assert (code, "figures need matplotlib" in err, out) == (BAD_INPUT, True, "")
     assert not (folder / "m.h5").exists()
 
@@ -185,7 +177,7 @@ def test_parts_of_killed_runs_are_deleted_and_those_of_others_kept(folder):
     elsewhere = folder / f".torchliner-otherhost-{dead.pid}-abc.part"
     for part in (stale, alive, elsewhere):
         part.write_text("part")
-    write_rows([{"a": 1.0}], "a.csv")
+    write_rows(ROW, "a.csv")
     assert [part.exists() for part in (stale, alive, elsewhere)] == [False, True, True]
 
 
@@ -207,11 +199,10 @@ def test_a_full_disk_names_the_output(folder):
     assert not list(folder.glob(".*.part"))
 
 
-@pytest.mark.parametrize("fault", [KeyError("x"), AttributeError("no x"), ZeroDivisionError("0"),
-                                   UnboundLocalError("x"), RecursionError("deep")])  # fmt: skip
+@pytest.mark.parametrize("fault", [KeyError("x"), AttributeError("no x"), RecursionError("deep")])
 def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
     """The file, the fault, and the wish for a report; --debug shows where."""
-    monkeypatch.setattr(info, "read_records", lambda *_: (each for each in ()).throw(fault))
+    monkeypatch.setattr(files, "read_records", lambda *_: (each for each in ()).throw(fault))
     code, out, err = run(capsys, "info", "plane.h5")
     assert (code, out, len(err.splitlines())) == (BAD_INPUT, "", 1)
     assert err.startswith(f"torchliner info: plane.h5: {type(fault).__name__}: ")
@@ -226,9 +217,9 @@ def test_texts_of_libraries_get_the_file(capsys, folder, monkeypatch):
     def of_a_library(*_):
         np.frombuffer(b"abc", dtype=np.float64)
 
-    monkeypatch.setattr(info, "read_records", of_a_library)
+    monkeypatch.setattr(files, "read_records", of_a_library)
     assert "torchliner info: plane.h5: buffer size" in run(capsys, "info", "plane.h5")[2]
-    monkeypatch.setattr(info, "read_records", lambda *_: np.empty(1 << 50))
+    monkeypatch.setattr(files, "read_records", lambda *_: np.empty(1 << 50))
     assert "plane.h5: not enough memory: " in run(capsys, "info", "plane.h5")[2]
 
 
@@ -236,7 +227,7 @@ def test_options_are_named_as_the_command_has_them(capsys, folder):
     """Not as Python has them."""
     plane_of(turbulence((2, 100)), liner="polito").write("short.h5")
     code, _, err = run(capsys, "educe", "short.h5")
-    assert (code, "pass --allow-short" in err, "allow_short" in err) == (BAD_INPUT, True, False)
+    assert (code, "--allow-short" in err, "allow_short" in err) == (BAD_INPUT, True, False)
     parser = dict(parsers())["educe"]
     wanted = {
         "use device='cpu'": "use --device cpu",
@@ -259,36 +250,27 @@ def test_titles_do_not_steer_a_terminal_nor_a_spreadsheet(capsys, folder):
     assert [text_cell(text) for text in ("@a", "+1e3", "a=b", "")] == ["'@a", "+1e3", "a=b", ""]
 
 
-def test_a_warning_that_planes_share_is_said_once(capsys, folder, monkeypatch):
-    """With the names of the others, whose numbers differ."""
+def test_warnings_come_once_three_at_most_and_are_ours(capsys, folder, monkeypatch):
+    """One that planes share but for its numbers is shown once; what libraries plan is left to --debug."""
 
     def doubtful(*_):
         for i in range(3):
-            warnings.warn(f"p{i}.h5:/v: rests on {i}.5 blocks, few", tl.DataWarning, stacklevel=2)
-        raise ValueError("done")
-
-    for i in range(3):
-        (folder / f"p{i}.h5").write_bytes(b"")
-    monkeypatch.setattr("torchliner.cli.educe.read_records", doubtful)
-    err = run(capsys, "educe", "p0.h5", "p1.h5", "p2.h5")[2].splitlines()
-    assert err[0] == "warning: p0.h5:/v: rests on 0.5 blocks, few"
-    assert err[1].endswith("'rests on # blocks, few ...' also applies to 2 more: p1.h5, p2.h5")
-    assert len(err) == 3
-
-
-def test_warnings_come_once_and_are_ours(capsys, folder, monkeypatch):
-    """A doubt that several planes share is said once; what libraries plan is left to --debug."""
-
-    def doubtful(*_):
-        for _ in range(3):
-            warnings.warn("a doubt; pass quiet=True", tl.DataWarning, stacklevel=2)
+            warnings.warn(f"plane.h5: rests on {i}.5 blocks; pass quiet=True", tl.DataWarning, stacklevel=2)
+        for word in ("two", "three", "four"):
+            warnings.warn(f"warned {word}", tl.DataWarning, stacklevel=2)
         warnings.warn("will be removed", DeprecationWarning, stacklevel=2)
-        raise ValueError("done")
+        raise ValueError("plane.h5: done")
 
-    monkeypatch.setattr(info, "read_records", doubtful)
-    err = run(capsys, "info", "plane.h5")[2]
-    assert err == "warning: a doubt; pass --quiet\ntorchliner info: plane.h5: done\n"
-    assert "will be removed" in run(capsys, "info", "plane.h5", "--debug")[2]
+    monkeypatch.setattr(files, "read_records", doubtful)
+    err = run(capsys, "info", "plane.h5")[2].splitlines()
+    assert err[0] == "warning: plane.h5: rests on 0.5 blocks; pass --quiet"
+    assert err[1:3] == ["warning: warned two", "warning: warned three"]
+    assert "1 more; --verbose" in err[3]
+    assert len(err) == 5
+    every = run(capsys, "info", "plane.h5", "--verbose")[2].splitlines()
+    assert ["warning: warned four" in every, len(every)] == [True, 5]
+    assert run(capsys, "info", "plane.h5", "--quiet")[2].count("\n") == 1
+    assert "will be removed" in run(capsys, "info", "plane.h5", "--debug", "--verbose")[2]
 
 
 IMPATIENT = """
@@ -303,12 +285,24 @@ sys.exit(main(["info", "plane.h5"]))
 """
 
 
-@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.info", "torch", "h5py"])
+@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.files", "torch", "h5py"])
 def test_an_interrupt_while_modules_are_imported(folder, name):
     """In the first second a command does little else."""
     code = IMPATIENT.format(name=name)
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (found.returncode, "Traceback" in found.stderr) == (INTERRUPTED, False), found.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_command_quietly(folder, number):
+    """A command that waits for samples ends with 130 and one line."""
+    words = [sys.executable, "-m", "torchliner", "follow", "plane.h5", "--every", "0.1"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        running.stdout.readline()
+        time.sleep(0.5)
+        running.send_signal(number)
+        _, err = running.communicate(timeout=60)
+    assert (running.returncode, err.splitlines()[-1]) == (INTERRUPTED, "torchliner: interrupted")
 
 
 def test_info_tells_what_educe_refuses(capsys, folder):
@@ -326,10 +320,16 @@ def test_arrays_in_groups_are_found(capsys, folder):
     with h5py.File("groups.h5", "w") as file:
         file["run/velocity"] = np.zeros((50, 4))
         file["run/pressure"] = np.zeros((50, 4))
-    words = ["convert", "groups.h5", *ARRAY[2:], "-o", "p.h5"]
+    words = [*ARRAY.replace("v.npy", "groups.h5").split(), "-o", "p.h5"]
     code, _, err = run(capsys, *words)
     assert (code, "run/velocity (50x4); name it: --variable" in err) == (BAD_INPUT, True), err
     assert run(capsys, *words, "--variable", "run/velocity")[0] == DONE
+
+
+def test_a_file_held_open_with_locks_can_be_read(folder):
+    """HDF5 wants equal locking flags within a process."""
+    with h5py.File("plane.h5", "r"):
+        assert tl.read_plane("plane.h5").samples > 0
 
 
 def test_damage_that_hides_attributes_is_no_absence(capsys, folder):

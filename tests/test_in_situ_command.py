@@ -91,7 +91,7 @@ def test_other_times_are_warned_of(capsys, tmp_path):
     signals = ("facesheet", "backplate", "microphones", "microphone_velocity")
     parts = {name: getattr(record, name)[..., :keep] for name in signals}
     dataclasses.replace(record, **parts).write(tmp_path / "half.h5")
-    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
+    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--verbose", "--in-situ"]
     assert main([*arguments, str(tmp_path / "half.h5")]) == 0
     assert "of different times" in capsys.readouterr().err
 

@@ -10,7 +10,6 @@ from test_two_wave_fit import both_ways
 from test_wall_pressure import FREQUENCY, WALLS, line_of
 
 import torchliner as tl
-from torchliner.cli.kt import educe_line
 from torchliner.cli.main import main
 from torchliner.duct.presets import duct_text
 from torchliner.report.wall_pressure import draw_wall
@@ -93,7 +92,7 @@ def test_figures(files, capsys):
         assert target.stat().st_size > 15_000
     capsys.readouterr()
     line = tl.read_microphones(one[0])
-    found = educe_line(line, "kt", draws=20)
+    found = tl.kumaresan_tufts(line, draws=20)
     figure = draw_wall([line], [found])
     axes = figure.axes
     assert axes[1].get_ylabel() == "SPL (dB re 20 µPa)"

@@ -16,7 +16,7 @@ import torch
 from conftest import DATA, load_script, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.cli import demo
+from torchliner.cli.files import DEMO_PLANES
 from torchliner.cli.main import DONE, main
 from torchliner.report.figures import over_surface
 from torchliner.report.map_figures import mesh_of
@@ -166,7 +166,7 @@ tl.educe(p, l, frequncy=3)
 def test_the_demo_planes_are_the_shipped_ones_and_small():
     folder = resources.files("torchliner") / "demo_planes"
     names = sorted(each.name for each in folder.iterdir())
-    assert names == sorted(demo.PLANES)
+    assert names == sorted(DEMO_PLANES)
     content = [(folder / name).read_bytes() for name in names]
     assert sum(map(len, content)) < 2e6
     for name, each in zip(names, content, strict=True):
@@ -182,9 +182,9 @@ def test_the_demo_educes_near_the_truth(tmp_path, monkeypatch, capsys, unrendere
     assert "true: 0.168-0.066j" in out
     assert list(tmp_path.iterdir()) == []
     assert main(["demo", "--folder", "new/my folder"]) == DONE
-    assert "-o 'new/my folder/map.h5'" in capsys.readouterr().out  # to be typed as it stands
+    assert "-o 'new/my folder'" in capsys.readouterr().out  # to be typed as it stands
     there = {each.name for each in Path("new/my folder").iterdir()}
-    assert {"map_slit_n130_y0.5mm.h5", "along_x.png", "height.png"} <= there
+    assert {"educe_slit_n130_y0.5mm.h5", "along_x.png", "height.png"} <= there
 
 
 @pytest.mark.slow
@@ -199,7 +199,7 @@ def test_the_wheel_carries_the_demo(tmp_path):
     with zipfile.ZipFile(wheel) as whole:
         names = whole.namelist()
         whole.extractall(tmp_path / "site")
-    assert {f"torchliner/demo_planes/{name}" for name in demo.PLANES} <= set(names)
+    assert {f"torchliner/demo_planes/{name}" for name in DEMO_PLANES} <= set(names)
     assert "torchliner/__init__.pyi" in names
     assert not any(name.startswith(("data/", "tests/")) for name in names)
     code = (f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import torchliner; "

@@ -343,21 +343,6 @@ def test_a_level_is_not_that_of_other_velocities(tmp_path, capsys):
         assert tl.read_plane(tmp_path / "b.h5").incident_level == level
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ("--compress-level 3", "--compress-level is of --compress; give that as well"),
-    ],
-)
-def test_an_option_that_would_do_nothing_is_refused(tmp_path, capsys, given, message):
-    """With what it belongs to."""
-    WHOLE.write(tmp_path / "a.h5")
-    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"), *given.split()]
-    assert main(words) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "b.h5").exists()
-
-
 @pytest.mark.parametrize("level", [0, 9])
 def test_a_full_disk_leaves_the_old_file(tmp_path, level):
     """One sentence before HDF5, which crashes on a full disk, has written a byte of the velocity."""

@@ -323,7 +323,7 @@ def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, m
         plane = tl.VelocityPlane(turbulence((*shape, 420)), sampling_rate=RATE, frequency=1400.0,
                                  **places)  # fmt: skip
         plane.write(tmp_path / f"{name}.h5")
-    monkeypatch.setattr("torchliner.cli.educe._educed", None)
+    monkeypatch.setattr(tl, "educe", None, raising=False)
     for plane, ending, message in (
         ("placed", "bdf", "needs 2 frequencies at least and the result has 1"),
         ("bare", "vtkhdf", "needs places and the result has no x or z"),

@@ -9,24 +9,23 @@ import argparse
 import contextlib
 import glob
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.options import Kind
 from torchliner.cli.parser import Parser
 from torchliner.io.whole_file import HDF5, PICTURES, identity, inputs_kept, require_ending, writable, writable_folder
 from torchliner.names import did_you_mean
 
 OWN_FILES = (".toml", ".csv", ".py", ".txt", ".wav", ".npy", ".mat", *HDF5)  # by which a name is a file
-LARGEST_TOML = 1 << 20  # bytes, in which files are looked for; no liner has as many
 
 
 @contextmanager
 def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
     """Test all files that the options name; within the block none of the inputs can be lost.
+
+    An output without an ending is a folder: it is made, and the output is a file in it.
 
     Yields:
         The inputs, as the user named them.
@@ -39,13 +38,12 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
     for action in parser._actions:
         value = getattr(options, action.dest, None)
         values = value if isinstance(value, list) else [] if value is None else [value]
-        part = action.type.part if isinstance(action.type, Kind) else ""
+        part = getattr(action.type, "part", "")
         given.setdefault(part, []).extend((action, each) for each in values)
     seen: dict[Any, Any] = {}
     for action, path in given.get("read", []):
-        if (first := seen.setdefault((action.dest, identity(path)), path)) is not path:
-            as_first = "" if str(first) == str(path) else f", as {first} before"
-            raise ValueError(f"{path} is named twice{as_first}; name it once")
+        if seen.setdefault((action.dest, identity(path)), path) is not path:
+            raise ValueError(f"{path} is named twice; name it once")
     named = [str(path) for path in seen.values()]
     # An array is FILE:VARIABLE.
     maybe = [text.partition(":")[0] if a.metavar == "ARRAY" else text for a, text in given.get("named", [])]
@@ -53,10 +51,16 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
     files = [Path(each) for name in named for each in _matching(name)]
     for path in files:
         require_input(path)
-    with inputs_kept(each for path in files for each in _with_those_inside(path)):
+    inside = [each for path in files if path.is_dir() for each in path.iterdir()]
+    with inputs_kept([*files, *inside]):
         outputs: dict[Any, str] = {}
         for action, path in given.get("folder", []) + given.get("written", []):
             flag, endings = action.option_strings[-1], getattr(action.type, "endings", ())
+            if endings and not path.suffix:
+                writable_folder(path)
+                path.mkdir(parents=True, exist_ok=True)
+                path /= f"{options.command if action.dest == 'output' else action.dest}{endings[0]}"
+                setattr(options, action.dest, path)
             if endings:
                 writable(path)
                 require_ending(path, endings, flag)
@@ -66,8 +70,7 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
                 from torchliner.report.figure import require_matplotlib
 
                 require_matplotlib()
-            if outputs.setdefault(identity(path), flag) != flag:
-                other = outputs[identity(path)]
+            if (other := outputs.setdefault(identity(path), flag)) != flag:
                 raise ValueError(f"{flag} {path} is another output, that of {other}; name another file")
         yield named
 
@@ -87,8 +90,6 @@ def require_input(path: Path) -> None:
     try:
         path.stat()
     except FileNotFoundError:
-        if path.is_symlink():
-            raise FileNotFoundError(f"{path}: no such file; it is a link to {os.readlink(path)}") from None
         there: list[str] = []
         with contextlib.suppress(OSError):
             there = os.listdir(path.parent)
@@ -98,25 +99,3 @@ def require_input(path: Path) -> None:
         raise OSError(f"{path} cannot be read: {text}") from error
     if not (path.is_file() or path.is_dir()):
         raise OSError(f"{path} is a device or a pipe; a file is needed")
-
-
-def _with_those_inside(path: Path) -> Iterator[Path]:
-    """An input, the files in it if it is a folder, and those that it names if it is a TOML."""
-    yield path
-    if path.is_dir():
-        yield from path.iterdir()
-    elif path.suffix.lower() == ".toml" and path.stat().st_size < LARGEST_TOML:
-        # What is wrong with it is for its reader to say.
-        with contextlib.suppress(OSError, ValueError, RecursionError):
-            for text in _texts(tomllib.loads(path.read_text(encoding="utf-8-sig"))):
-                if Path(text).suffix and "\0" not in text and (path.parent / text).exists():
-                    yield path.parent / text
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Every text in a TOML."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, (dict, list)):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _texts(each)

@@ -1,136 +1,145 @@
-"""Options: each is declared once, with how its value is read and what part a file plays."""
+"""Options: most of them are parameters of public functions, whose signatures and docstrings are read, not imported."""
 
 from __future__ import annotations
 
 import argparse
-import cmath
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
+import ast
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from torchliner import names
+from torchliner.cli.kinds import (
+    ARRAY,
+    COMPLEX,
+    COUNT,
+    DB,
+    FILE,
+    FOLDER,
+    FREQUENCIES,
+    HZ,
+    LINER,
+    NUMBER,
+    PICTURE,
+    PLANE,
+    QUIET,
+    SIGNAL,
+    TEXT,
+    Kind,
+    M,
+    Option,
+    S,
+)
 from torchliner.io.whole_file import HDF5 as HDF5
-from torchliner.io.whole_file import PICTURES
-from torchliner.ranges import frequencies
 
-LARGEST = 1 << 53  # of whole numbers that a float64 holds
+PACKAGE = Path(__file__).resolve().parents[1]
 
 
-@dataclass(frozen=True)
-class Kind:
-    """What a value is.
+class Parameter(NamedTuple):
+    """Of a function, or a field of a dataclass."""
 
-    Args:
-        metavar: what help calls it.
-        needs: what is wanted, for messages.
-        read: the value of a word; ValueError where it is none.
-        part: of a file, for ``gate``: "read", "named" (a file, or a name that is none), "written", "folder" (written).
-        endings: that an output may have.
-    """
-
-    metavar: str
-    needs: str = ""
-    read: Callable[[str], Any] = str
-    part: str = ""
-    endings: tuple[str, ...] = ()
-
-    def __call__(self, text: str) -> Any:
-        """The value, for argparse."""
-        try:
-            return self.read(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} cannot be read; {self.needs} is needed") from None
-
-
-def finite(text: str) -> complex:
-    """R+Xj."""
-    value = complex(text.replace(" ", ""))
-    if not cmath.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-def number(text: str) -> float:
-    """A finite one."""
-    if not math.isfinite(value := float(text)):
-        raise ValueError(text)
-    return value
-
-
-def whole_number(text: str, low: int = 0) -> int:
-    """An index or a count."""
-    if not low <= (value := int(text)) <= LARGEST:
-        raise ValueError(text)
-    return value
-
-
-TEXT, NUMBER, COMPLEX = Kind("TEXT"), Kind("X", "a finite number", number), Kind("R+XJ", "a value as 2.3-0.3j", finite)
-HZ, S, M, MM, MPS, DB = (replace(NUMBER, metavar=unit) for unit in ("HZ", "S", "M", "MM", "M/S", "DB"))
-INDEX = Kind("I", "a whole number from 0 to 2^53", whole_number)
-COUNT = Kind("N", "a whole number from 1 to 2^53", lambda text: whole_number(text, 1))
-FREQUENCIES = Kind("HZ", "a frequency in Hz, or LOW:HIGH:STEP,", frequencies)
-PATH, FILE, PLANE = (Kind(word, read=Path, part="read") for word in ("PATH", "FILE", "PLANE"))
-NAMED, LINER, ARRAY, QUIET = (Kind(word, part="named") for word in ("NAME", "LINER", "ARRAY", "FILE"))
-DUCT = Kind("DUCT", part="named")
-PICTURE = Kind("PICTURE", read=Path, part="written", endings=PICTURES)
-FOLDER = Kind("FOLDER", read=Path, part="folder")
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option or an argument of commands.
-
-    Args:
-        flag: "--mach", or "planes" of an argument.
-        text: help.
-        kind: of a value; or the names that it may be; None of a switch.
-        nargs, default, required: as argparse has them.
-        many: may be given several times, each time with one more value.
-        further: waits for --help-all.
-        group: title in the help.
-        about: text of --help, where that is shorter than ``text``.
-    """
-
-    flag: str
+    annotation: str
+    default: Any
     text: str
-    kind: Kind | Iterable[str] | None = None
-    nargs: str | int | None = None
-    default: Any = None
-    required: bool = False
-    many: bool = False
-    further: bool = False
-    group: str = ""
-    about: str = ""
-
-    @property
-    def dest(self) -> str:
-        """The attribute that it sets."""
-        return self.flag.removeprefix("--").replace("-", "_")
-
-    def settings(self) -> dict[str, Any]:
-        """What ``add_argument`` takes."""
-        if self.kind is None:
-            return {"action": "store_true"}
-        found: dict[str, Any] = {"nargs": self.nargs, "default": [] if self.many else self.default}
-        if not isinstance(self.kind, Kind):
-            found["choices"] = list(self.kind)
-        else:
-            found |= {"type": self.kind, "metavar": self.kind.metavar}
-        if self.flag.startswith("--"):
-            found["required"] = self.required
-            found["action"] = Joined if self.kind is FREQUENCIES else "append" if self.many else "store"
-        return found
 
 
-class Joined(argparse.Action):
-    """Lists of an option as one list, each value once: ranges may overlap."""
+KINDS = {
+    "float": NUMBER,
+    "int": COUNT,
+    "complex": COMPLEX,
+    "bool": None,
+    "Sequence[float]": NUMBER,
+    "tuple[float, float]": NUMBER,
+}
+NARGS = {"background": "+", "Sequence[float]": "+", "tuple[float, float]": 2}
+UNITS = {"background": QUIET, "x": ARRAY, "z": ARRAY, "holes": FILE, "points": FILE}
+LISTS = {
+    "averaging": names.AVERAGINGS,
+    "phase": names.PHASES,
+    "drive": names.DRIVES,
+    "mean": names.MEANS,
+    "missing": names.MISSING,
+    "dtype": names.DTYPES,
+    "kernel": names.KERNELS,
+    "spacing": names.SPACINGS,
+    "interpolation": names.INTERPOLATIONS,
+    "window": names.WINDOWS,
+    "normal": names.NORMALS,
+    "overlap": names.OVERLAPS,
+    "condition": names.CONDITIONS,
+    "weights": names.WEIGHTS,
+    "far_end": names.FAR_ENDS,
+    "losses": names.LOSSES,
+    "correction": names.CORRECTIONS,
+    "flagged": names.FLAGGED,
+}
 
-    def __call__(self, parser: Any, namespace: Any, values: Any, *_: Any) -> None:
-        """Store it."""
-        setattr(namespace, self.dest, list(dict.fromkeys(chain(*values))))
+
+def of(home: str, wanted: str, *, shown: str = "", group: str = "", **changes: dict[str, Any]) -> list[Option]:
+    """Options of parameters, with their kinds, defaults and texts.
+
+    Args:
+        home: module and name, "velocity.educe:educe".
+        wanted: names of parameters, as options without dashes.
+        shown: those that --help shows, if not all.
+        group: title in the help.
+        changes: of fields of an ``Option``, by parameter.
+    """
+    known, found = parameters(home), []
+    for name in wanted.split():
+        one = known[name]
+        text, plain = one.text.rstrip(".").replace("``", ""), one.annotation.split(" | ")[0]
+        if one.default is not None and one.default is not False and not re.search(r"\bdefault\b", text):
+            text += f"; default {one.default:g}" if isinstance(one.default, float) else f"; default {one.default}"
+        kind: Any = LISTS.get(name) or UNITS.get(name) or KINDS.get(plain, TEXT)
+        about: dict[str, Any] = {"kind": kind, "nargs": NARGS.get(name, NARGS.get(plain)), "text": text, "group": group}
+        about |= {"flag": f"--{name.replace('_', '-')}", "further": bool(shown) and name not in shown.split()}
+        found.append(Option(**about | changes.get(name, {})))
+    return found
+
+
+@cache
+def parameters(home: str) -> dict[str, Parameter]:
+    """Of a function or of a dataclass, by name, as the source has them."""
+    module, name = home.split(":")
+    body = ast.parse((PACKAGE / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8")).body
+    node: Any = next(each for each in body if getattr(each, "name", "") == name)
+    constants = {ast.unparse(n.targets[0]): n.value for n in body if isinstance(n, ast.Assign)}
+    pairs: dict[str, tuple[Any, Any]] = {}
+    if isinstance(node, ast.ClassDef):
+        pairs = {ast.unparse(n.target): (n.annotation, n.value) for n in node.body if isinstance(n, ast.AnnAssign)}
+    else:
+        usual, keywords = node.args.args, node.args.kwonlyargs
+        values = [None] * (len(usual) - len(node.args.defaults)) + node.args.defaults + node.args.kw_defaults
+        pairs = {a.arg: (a.annotation, v) for a, v in zip([*usual, *keywords], values, strict=True)}
+    texts = _texts(ast.get_docstring(node) or "")
+    return {
+        name: Parameter(ast.unparse(annotation), _value(default, constants), texts.get(name, ""))
+        for name, (annotation, default) in pairs.items()
+    }
+
+
+def _value(default: ast.expr | None, constants: dict[str, ast.expr]) -> Any:
+    """A literal, or a constant of the module; None for all else."""
+    if isinstance(default, ast.Name):
+        default = constants.get(default.id)
+    try:
+        return None if default is None else ast.literal_eval(default)
+    except ValueError:
+        return None
+
+
+def _texts(docstring: str) -> dict[str, str]:
+    """What Args says of each parameter; names before one colon share a text."""
+    section = re.search(r"^Args:\n((?: +.*\n)+)", docstring + "\n", re.MULTILINE)
+    found = {}
+    for entry in re.split(r"\n(?=    \S)", section[1].rstrip() if section else ""):
+        known, _, text = entry.partition(": ")
+        found.update(dict.fromkeys(known.replace(",", " ").split(), " ".join(text.split())))
+    return found
 
 
 def group(title: str, *options: Option, further: bool = False) -> list[Option]:
@@ -138,59 +147,78 @@ def group(title: str, *options: Option, further: bool = False) -> list[Option]:
     return [replace(each, group=title, further=each.further or further) for each in options]
 
 
-def output(text: str, *endings: str, required: bool = False) -> Option:
-    """--output, a file with one of the endings."""
-    kind = Kind("FILE", read=Path, part="written", endings=endings)
-    return Option("--output", f"{text} as {', '.join(endings)}", kind, required=required)
+def output(text: str, *endings: str, required: bool = False, flag: str = "--output") -> Option:
+    """A file with one of the endings, or a folder for one with the first."""
+    kind = Kind("FILE", Path, "written", endings)
+    return Option(flag, f"{text} as {', '.join(endings)}", kind, required=required)
 
 
-def figure(text: str, kind: Kind = PICTURE) -> list[Option]:
-    """--figure, a picture or a folder of pictures, and how wide they are."""
-    width = "of figures: one (3.4, a column), page (5.3), two (7), or a width in inches; default: page"
-    return [Option("--figure", text, kind), Option("--figure-width", width, Kind("WIDTH"))]
+def frequency(default: str, flag: str = "--frequency") -> Option:
+    """Values or ranges of frequency; ``default`` in words."""
+    return Option(flag, f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}", FREQUENCIES, nargs="+")
 
 
-def frequency(default: str, flag: str = "--frequency", values: Sequence[float] | None = None) -> Option:
-    """Values or ranges of frequency; ``default``: what ``values`` stands for, in words."""
-    text = f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}"
-    return Option(flag, text, FREQUENCIES, nargs="+", default=values)
-
-
-def averaging(default: str | None, *of: str, text: str = "") -> Option:
+def averaging(default: str | None, *of: str) -> Option:
     """--averaging with its own default; ``of``: some of the averagings alone."""
     known = {name: names.AVERAGINGS[name] for name in of or names.AVERAGINGS}
-    meanings = text or "; ".join(f"{name}, {words}" for name, words in known.items()) + f"; default {default}"
-    return Option("--averaging", f"averaging over cells{',' if not text else ';'} {meanings}", known, default=default)
+    words = "; ".join(f"{name}, {text}" for name, text in known.items())
+    return Option("--averaging", f"over cells: {words}; default: {default or 'that of the map'}", known, None, default)
 
+
+def choices(wanted: str, **changes: dict[str, Any]) -> list[Option]:
+    """Options of ``Choices``; all but ``SHOWN`` wait for --help-all."""
+    found = of("velocity.choices:Choices", wanted, shown=SHOWN, group="choices", **changes)
+    return found + ([NO_INTERVALS] if "interval" in wanted.split() else [])
+
+
+SHOWN = (  # by --help
+    "averaging phase drive mean interval background level_matched wall_filter device dtype kernel window segment"
+)
+OF_EDUCE = (
+    "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
+    "level_uncertainty level_matched allow_short device dtype"
+)
+NO_INTERVALS = Option("--no-intervals", "no error bars", further=True, group="choices")
+NO_GIVEN_PHASE = {"kind": [rule for rule in names.PHASES if rule != "given"]}
+PHASE = of("velocity.educe:educe", "reference_phase", group="choices", reference_phase={"kind": NUMBER})
+EDUCED = [*choices("averaging phase"), *PHASE, *choices(OF_EDUCE)]
+SELECTION = of("io.planes:read_plane", "start stop every region", group="part of the data")
+STATED = of(
+    "io.plane_format:PlaneRequest",
+    "variable group axes velocity_units length_units sampling_rate normal row wall_normal_component x z points holes "
+    "overlap",
+    group="missing metadata",
+)
+READING = [replace(each, further=True) for each in (*SELECTION, *STATED)]
 
 RESULT = (*HDF5, *names.RESULT_WRITERS)
-ANY_FORMAT = "of any format; 'run_*.nc' joins restarts"
 ONE_PLANE, PLANES = (
-    Option("plane", f"file of a plane, {ANY_FORMAT}", PLANE),
-    Option("planes", f"files of planes, {ANY_FORMAT}", PLANE, nargs="+"),
+    Option("plane", "file of a plane, of any format; 'run_*.nc' joins restarts", PLANE),
+    Option("planes", "files of planes, of any format; 'run_*.nc' joins restarts", PLANE, nargs="+"),
 )
 OF_LINER = Option("--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", LINER)
 TONE = frequency("the tone of the file")
+ONE_TONE = Option("--frequency", "default: the tone of the file", HZ)
 ROWS = output("write the rows", ".csv")
-COPY = replace(output("write the preset, to edit,", ".toml"), flag="--copy")
-PICTURES_OF = figure("draw pictures there", FOLDER)
+COPY = output("write the preset, to edit,", ".toml", flag="--copy")
+PICTURES_OF = Option("--figure", "draw pictures there", FOLDER)
 PRINTING = [
     Option("--json", "print JSON instead of a table"),
+    Option("--verbose", "print all there is, and every warning"),
     Option("--quiet", "no progress bar, no warnings"),
 ]
 STRICT = Option("--strict", "exit code 1 where the level check fails for the answer")
 WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav or .npy file"
 INCIDENT = [
-    Option("--incident", f"{WAVES}; default: tones of --frequency", Kind("SIGNAL", part="named")),
+    Option("--incident", f"{WAVES}; default: tones of --frequency", SIGNAL),
     Option("--incident-rate", "sampling rate of an .npy file, Hz; default: none", HZ),
 ]
 WORKERS = "that read the data: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, or its .json file"
 CLUSTER = [
-    Option("--cluster", f"workers {WORKERS}; default: none, this process", Kind("WHERE")),
+    Option("--cluster", f"workers {WORKERS}; default: none, this process", TEXT),
     Option("--wait", "for its scheduler and its first worker, s; default 30", S),
 ]
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
-LEVEL = Option("--incident-level", f"{SPL}; default: that of the file", DB)
 CASE = [
     Option("--frequency", "tone in Hz", HZ),
     Option("--incident-level", SPL, DB),
@@ -202,29 +230,26 @@ CASE = [
 ]  # facts that a file may leave unsaid
 
 
+def figure(text: str) -> Option:
+    """--figure, a picture."""
+    return Option("--figure", text, PICTURE)
+
+
 def given(options: argparse.Namespace, declared: Iterable[Option]) -> dict[str, Any]:
-    """Those of the options that the user gave, by name; ``interval`` None with --no-intervals.
-
-    Raises:
-        ValueError: a level of error bars, and none of them.
-    """
-    found = {each.dest: getattr(options, each.dest) for each in declared}
-    found = {key: value for key, value in found.items() if value is not None and value is not False}
+    """Those of the options that the user gave, by name; ``interval`` None with --no-intervals."""
+    every: dict[str, Any] = {each.dest: getattr(options, each.dest, None) for each in declared}
+    found = {key: value for key, value in every.items() if value is not None and value is not False}
     if "background" in found:
-        found["background"] = background_given(found["background"])
-    if found.pop("no_intervals", False):
-        if "interval" in found:
-            raise ValueError("--no-intervals leaves out what --interval is of; name one of them")
-        found["interval"] = None
-    return found
+        found["background"] = _background(found["background"])
+    if not found.pop("no_intervals", False):
+        return found
+    if "interval" in found:
+        raise ValueError("--no-intervals leaves out what --interval is of; name one of them")
+    return found | {"interval": None}
 
 
-def background_given(words: Sequence[str]) -> Any:
-    """A number in m/s, or planes or moments without sound.
-
-    Raises:
-        ValueError: a number beside others.
-    """
+def _background(words: Sequence[str]) -> Any:
+    """A number in m/s, or planes or moments without sound."""
     import torchliner as tl
     from torchliner.io.moments_file import holds_moments
 

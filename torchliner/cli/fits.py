@@ -1,0 +1,302 @@
+"""Commands for the parameters of a liner: sensitivity, calibrate, identify."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torchliner as tl
+from torchliner import names
+from torchliner.cli import kinds
+from torchliner.cli import options as opt
+from torchliner.cli.inputs import only_liner, planes_of, read_records, write_text
+from torchliner.cli.kinds import Command, Option
+from torchliner.cli.output import progress_bar, show
+
+
+def sensitivity(options: argparse.Namespace) -> None:
+    """Print the sensitivities, or the budget of the tolerances."""
+    from torchliner.report.studies import budget_notes, budget_table, slope_table
+    from torchliner.report.study_figures import draw_contributions
+    from torchliner.studies.sensitivities import correlation_of
+
+    tolerances = {key: "".join(value) for key, value in _pairs(options.tolerance, "tolerance", str).items()}
+    (plane,) = planes = read_records([options.plane], options)
+    liner = only_liner(options, planes, [options.plane])
+    parameters = options.parameters or (list(tolerances) or None)
+    with progress_bar(2 * planes_of(planes)[0].samples, options.plane, options) as step:
+        found = tl.sensitivities(plane, liner, options.frequency, parameters, progress=step, **options.chosen)
+    frequency, averaging, limits = found.found.frequency.tolist(), options.averaging, options.limits
+    table, words, meaning, together = slope_table(found, averaging), list[str](), "p in the unit shown", None
+    if tolerances:
+        budget = found.propagate(tolerances, limits=limits)
+        table, words = budget_table(budget, found, averaging), budget_notes(budget, found, averaging)
+        meaning, together = f"tolerances are {limits}", [correlation_of(each) for each in budget.covariance[averaging]]
+    words.append(f"Z by rho c, averaging: {averaging}; {meaning}; first order")
+    plain = {
+        "averaging": averaging,
+        "limits": limits if tolerances else None,
+        "frequency": frequency,
+        "impedance": found.found.liner[averaging].impedance.tolist(),
+        "correlation_of_R_and_X": together,
+        "rows": table.as_rows(),
+        "notes": [str(note) for note in found.found.notes],
+    }
+    first = [row for row in table.as_rows() if row["frequency"] == frequency[0]]
+    title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
+    show(
+        options,
+        plain,
+        lambda _: "\n".join([table.as_text(), *words]),
+        write=table.write_csv,
+        draw=lambda _, path: draw_contributions(first, title, path),
+    )
+
+
+def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[Any, ...]]:
+    """NAME=VALUE or NAME=LOW:HIGH by name; a name alone has no values."""
+    found: dict[str, tuple[Any, ...]] = {}
+    for text in texts:
+        name, equals, values = (part.strip() for part in text.partition("="))
+        try:
+            value = tuple(read(part) for part in values.split(":")) if equals else ()
+            if len(value) not in ((1,) if read is str else (0, 2)):
+                raise ValueError
+        except ValueError:
+            form = "NAME=VALUE" if read is str else "NAME=LOW:HIGH in SI units"
+            raise ValueError(f"--{option} {text!r} cannot be read; write {form}") from None
+        if name in found:
+            raise ValueError(f"--{option} names {name} twice; give it once")
+        found[name] = value
+    return found
+
+
+def calibrate(options: argparse.Namespace) -> int:
+    """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
+    from torchliner.report.studies import format_calibration, plain_fit
+    from torchliner.report.study_figures import draw_predictions
+    from torchliner.studies.runs import LEVEL_CHECK
+    from torchliner.studies.without_flow import AVERAGING, calibrate_without_flow
+
+    if options.figure is not None and not options.predict:
+        raise ValueError("--figure draws predictions; name planes with --predict")
+    known, predicted, liner = _planes(options)
+    references, free = _references(options.reference), _bounds(options.free, liner)
+    options.averaging = options.averaging or ("velocity" if free else AVERAGING)
+    chosen = options.chosen | {"averaging": options.averaging, "noise": options.noise}
+    law, words, how = liner, "", "calibrated"
+    if free:
+        found = tl.calibrate(known, liner, references, free, **chosen)
+    else:
+        found, scores = calibrate_without_flow(known, liner, references, **chosen)
+        law, (low, high) = found.runs[0].liner, found.seen_speeds
+        how += f" without flow at |v| of {low:.3g} to {high:.3g} m/s"
+        left_out = ", ".join(f"{name} {score:.3f}" for name, score in scores.items())
+        words = f"law: {type(found.liner).__name__}; error of reactances left out: {left_out}; {how}\n\n"
+    rows, table = _predicted(found, predicted, law, options, 0.0 if references == LEVEL_CHECK else options.noise)
+    show(
+        options,
+        found,
+        lambda fit: words + format_calibration(fit) + table,
+        lambda fit: {**plain_fit(fit), "predictions": rows},
+        lambda path: _write_law(found, f"{liner.name} calibrated", how, path, options),
+        lambda _, path: draw_predictions({f"averaging: {options.averaging}": rows}, "", path),
+    )
+    return 1 if found.on_bound or found.unseen else 0
+
+
+def identify(options: argparse.Namespace) -> int:
+    """Print what was found and what it predicts; 1 if a parameter is on a bound or unseen, or a
+    prediction leaves the speeds of the runs."""
+    from torchliner.report import studies as report
+    from torchliner.report.study_figures import draw_identification
+    from torchliner.studies.fit import OUTSIDE, with_flow
+
+    known, predicted, liner = _planes(options)
+    models = [text if text == CURVE else _bounds(text.split(","), with_flow(liner)) for text in options.free]
+    pressure = [tl.read_pressure(path) for path in options.pressure or ()] or None
+    about = {"models": models or [CURVE], "pressure": pressure, "noise": options.noise, "frequency": options.frequency}
+    found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
+    fit = found.fit
+    rows, table = _predicted(fit, predicted, liner, options, 0.0)
+    plain = {
+        **report.plain_fit(fit),
+        "models": report.candidate_table(found).as_rows(),
+        "curve": report.curve_table(fit).as_rows(),
+        "seen": report.seen_table(fit).as_rows(),
+        "left_out": {each.label: each.rows for each in found.candidates},
+        "predictions": rows,
+        "notes": found.notes,
+    }
+    show(
+        options,
+        found,
+        lambda study: report.format_identification(study) + table,
+        lambda _: plain,
+        lambda path: _write_curve(fit, path, options),
+        draw_identification,
+    )
+    return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
+
+
+def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any]:
+    """The planes to fit and those to predict, and the one liner of all."""
+    paths = [*options.planes, *options.predict]
+    both = read_records(paths, options)
+    count = len(options.planes)
+    return both[:count], both[count:], only_liner(options, both, paths)
+
+
+def _predicted(found: Any, records: list[Any], liner: Any, options: Any, noise: Any) -> tuple[list[Any], str]:
+    """Rows of the planes of --predict, labelled by their files, and their table."""
+    from torchliner.report.studies import prediction_table
+    from torchliner.studies.rows import Row
+
+    about = {"reference": options.reference[0], "noise": complex(noise or 0.0, noise or 0.0)}
+    rows = [
+        Row(row, label=path.stem)
+        for path, record in zip(options.predict, records, strict=True)
+        for row in found.predict(record, liner, **about)
+    ]
+    return rows, f"\n\n{prediction_table(rows).as_text()}" if rows else ""
+
+
+def _references(texts: list[str]) -> Any:
+    """One name, or a value each."""
+    try:
+        return [complex(text) for text in texts]
+    except ValueError:
+        if len(texts) > 1:
+            raise ValueError(
+                f"--reference {' '.join(texts)} cannot be read; one name, or numbers such as 0.168-0.066j"
+            ) from None
+    return texts[0]
+
+
+def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
+    """From NAME=LOW:HIGH, or names alone, which have usual bounds."""
+    from torchliner.studies.laws import bounds_for
+
+    found: dict[str, Any] = {}
+    for name, ends in _pairs(texts, "free").items():
+        usual = bounds_for([name], liner)
+        found |= dict.fromkeys(usual, ends) if ends else usual
+    return found
+
+
+def _write_law(found: Any, name: str, how: str, path: Path, options: argparse.Namespace) -> None:
+    """Write the liner of a fit as .toml, with a comment on where it comes from."""
+    from torchliner.liners.catalogue import liner_text
+
+    spread = zip(found.numbers.items(), found.standard.tolist(), strict=True)
+    source = (
+        f"{', '.join(f'{key} = {value:.6g} +- {u:.2g}' for (key, value), u in spread)}; fitted to "
+        f"{', '.join(path.name for path in options.planes)} (reference {' '.join(options.reference)}), "
+        f"{options.averaging}" + (f"; on a bound: {', '.join(found.on_bound)}" if found.on_bound else "")
+    )
+    write_text(liner_text(found.liner.replace(name=name), f"{name}: {how} by torchliner: {source}"), path)
+
+
+def _write_curve(fit: Any, path: Path, options: argparse.Namespace) -> None:
+    """A table as .csv, or a .toml that names one beside it; a law as .toml."""
+    from torchliner.io.csv_rows import write_rows
+
+    if not fit.law.frequencies:
+        if path.suffix.lower() == ".csv":
+            raise ValueError(f"{path}: {fit.law.label} were found, a law and not a table; write it as .toml")
+        _write_law(fit, f"{fit.runs[0].liner.name} identified", "identified", path, options)
+        return
+    table = fit.table(options.reach or 0.0)
+    rows = [
+        {"frequency": f, "speed": v, "resistance": z.real, "reactance": z.imag}
+        for f, row in zip(table.frequency.tolist(), table.values.tolist(), strict=True)
+        for v, z in zip(table.speed.tolist(), row, strict=True)
+    ]
+    write_rows(rows, path.with_suffix(".csv"), ".9g")
+    if path.suffix.lower() != ".csv":
+        lines = [f'model = "table"\nname = "{table.name}"\nfile = "{path.stem}.csv"']
+        lines += [] if table.cell_pitch is None else [f"cell_pitch = {table.cell_pitch!r}"]
+        write_text("\n".join(lines) + "\n", path)
+
+
+CURVE = "curve"
+NOISE = "standard uncertainty of R and X of the references, of levels dB"
+REFERENCE = Option(
+    "--reference",
+    "name of an impedance in the files, 'in-situ' (Dean's method), 'level-check' (the stated level alone), or one "
+    "value each, e.g. 0.168-0.066j; default true",
+    kinds.TEXT,
+    nargs="+",
+    default=["true"],
+)
+PREDICT = Option("--predict", "planes to predict; default: none", kinds.PLANE, nargs="+", default=[])
+TOLERANCE = Option(
+    "--tolerance",
+    'half-width with its unit, e.g. orifice_diameter="0.02 mm", porosity="2 %", temperature="1 K"; default: none, then '
+    "the change of Z for 1 % of each parameter",
+    kinds.Kind("NAME=VALUE"),
+    many=True,
+)
+LIMITS = "half-widths are limits (u = half-width/sqrt 3), or u; default rectangular"
+FREE = Option(
+    "--free",
+    "parameter to fit and its bounds, SI; default usual ones, else 50 % about its value, of an offset 0.5 about it; "
+    "'offset' is both parts. Default, for runs without flow: contraction coefficient, with two levels or more the "
+    "offset, and the law of lost mass that predicts them best",
+    kinds.Kind("NAME[=LOW:HIGH]"),
+    many=True,
+)
+MODELS = Option(
+    "--free",
+    "a model: 'curve', a free curve over |v|; or parameters of the liner's law, with commas between, each with its "
+    "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: curve",
+    kinds.Kind("NAMES"),
+    many=True,
+)
+RECORDS = Option("--pressure", "records for --reference in-situ or level-check, one a plane", kinds.PATH, nargs="+")
+REACH = Option("--reach", "last |v| of the table that is written; default 1.25 times what runs saw", kinds.MPS)
+RUNS = replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run")
+FIXED = opt.choices("drive mean missing allow_short")
+COMMANDS = {
+    "sensitivity": Command(
+        sensitivity,
+        [
+            *(opt.ONE_PLANE, opt.OF_LINER, opt.TONE, TOLERANCE),
+            Option("--parameters", "of the liner, e.g. porosity; default: all", kinds.TEXT, nargs="+"),
+            Option("--limits", LIMITS, names.LIMITS, default="rectangular"),
+            *(opt.figure("draw bars of the contributions at the first frequency"), opt.averaging("velocity"), opt.ROWS),
+        ],
+        ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",),
+        FIXED,
+    ),
+    "calibrate": Command(
+        calibrate,
+        [
+            *(replace(opt.PLANES, text="plane files to fit"), opt.OF_LINER, FREE, REFERENCE, PREDICT),
+            Option("--noise", NOISE, kinds.NUMBER),
+            *(opt.output("write the calibrated liner", ".toml"), opt.figure("draw the predictions there")),
+            Option("--averaging", "over cells; default velocity, without --free phase-locked", names.AVERAGINGS),
+        ],
+        (
+            "noflow_*.h5 -o mine.toml",
+            "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
+            "low.h5 high.h5 --reference level-check --free vena_contracta=0.4:1",
+        ),
+        [*opt.of("studies.calibrate:calibrate", "draws seed"), *FIXED],
+    ),
+    "identify": Command(
+        identify,
+        [
+            *(RUNS, opt.OF_LINER, opt.TONE, MODELS, REFERENCE, RECORDS, PREDICT, REACH),
+            Option("--noise", f"{NOISE}; default 2 % of |Z|, 0.2 dB", kinds.NUMBER),
+            *(opt.output("write the liner, a table as .csv,", ".csv", ".toml"), opt.figure("draw curve and speeds")),
+        ],
+        (
+            "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",
+            "low.h5 high.h5 --free vena_contracta --free vena_contracta,mass_loss -o law.toml",
+        ),
+        [*opt.of("studies.identify:identify", "rest freedom"), opt.averaging("phase-locked"), *FIXED],
+    ),
+}
