@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import math
 
 import numpy as np
 import pytest
 import torch
-from conftest import load_script
 from scipy.integrate import dblquad
 from scipy.signal import lombscargle
 
@@ -201,14 +199,6 @@ def test_corrected_line_is_lomb_and_scargles():
     assert abs(complex(back[0])) == pytest.approx(abs(complex(seen)) / 2, rel=1e-9)
 
 
-def test_derived_rate():
-    """Twice the mean rate, 16 steps a period at least, whole steps a period."""
-    times, values = torch.arange(1000.0) / 15e3, torch.zeros(1000)
-    assert onto_grid(times, values).grid.rate == pytest.approx(30e3)
-    assert onto_grid(times, values, frequency=1400.0).grid.rate == pytest.approx(22 * 1400.0)
-    assert onto_grid(times, values, frequency=4000.0).grid.rate == pytest.approx(16 * 4000.0)
-
-
 def gapped() -> torch.Tensor:
     times = torch.arange(1000, dtype=torch.float64) / 10e3
     return torch.cat([times[:400], times[400:] + 0.03])
@@ -254,34 +244,6 @@ ZEROS = torch.zeros(100)
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-@quiet
-def test_corrections_that_are_refused():
-    weak = onto_grid(poisson(3.2e3, 0.1), normal(len(poisson(3.2e3, 0.1))), 32e3)
-    with pytest.raises(ValueError, match=r"leaves 0.2\d+ of the tone; a correction would raise noise"):
-        corrected_coherent_part(weak, tone_attenuation(weak, FREQUENCY))
-
-
-@pytest.mark.slow
-def test_study_runs(tmp_path, monkeypatch):
-    """At two rates: linear interpolation lowers rms and resistance, the correction returns most."""
-    study = load_script("ldv_interpolation")
-    monkeypatch.setattr(study, "RATES", (15e3, 60e3))
-    monkeypatch.setattr(study, "LONG", 0.15)
-    assert study.main(["-o", str(tmp_path), "--draws", "4"]) == 0
-    assert len(list(tmp_path.glob("*.png"))) == 3
-    with (tmp_path / "ldv_effects.csv").open() as file:
-        low, high = ({k: float(v) for k, v in row.items()} for row in csv.DictReader(file))
-    for rule in ("averaged", "self-consistent"):
-        for row, least in ((low, 0.04), (high, 0.002)):
-            true = row[f"resistance {rule}, true"]
-            miss = abs(row[f"resistance {rule}, linear"] / true - 1)
-            kept = abs(row[f"resistance {rule}, linear, tone corrected"] / true - 1)
-            assert least < miss
-            assert kept < 0.7 * miss
-    flow = study.Flow(2.0, 1)
-    assert float(np.std(flow.turbulence(np.arange(0, 2, 1e-4)))) == pytest.approx(1.5, rel=0.03)
 
 
 def test_times_in_other_units_do_not_fill_the_memory():

@@ -9,7 +9,6 @@ import pytest
 import torch
 from conftest import SHARED
 from scipy import stats
-from test_burst_files import write_burst_csv
 
 import torchliner as tl
 from torchliner.bursts.stations import (
@@ -27,7 +26,7 @@ from torchliner.bursts.stations import (
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.dantec import pair_coincident
-from torchliner.report.station_report import draw_stations, intervals_of
+from torchliner.report.station_report import intervals_of
 
 REAL = SHARED / "data" / "lda_bursts"
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
@@ -204,31 +203,6 @@ def test_coincident_bursts_are_paired_once_and_mutually():
 # Records
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"arrival_time": np.zeros(0), "wall_normal": np.zeros(0)}, "at least one burst"),
-        ({}, "no velocity"),
-        ({"wall_normal": np.zeros(2)}, r"wall_normal has shape \(2,\); \(3 burst\)"),
-        ({"wall_normal": np.array([0, np.nan, 1])}, "wall_normal is nan m/s at 1 "),
-        ({"wall_normal": np.zeros(3), "transit_time": np.array([1, -1e-6, 1])}, "transit_time is"),
-        ({"wall_normal": np.zeros((3, 1))}, "shape"),
-        ({"wall_normal": np.zeros(3), "x": float("nan")}, "x is nan"),
-        ({"wall_normal": np.zeros(3), "frequency": 0.0}, "frequency is 0"),
-        ({"wall_normal": np.zeros(3), "source_side": "uptream"}, "did you mean 'upstream'"),
-    ],
-)
-def test_faulty_records_are_refused(fields, message):
-    fields.setdefault("arrival_time", np.arange(3.0))
-    with pytest.raises(ValueError, match=message):
-        tl.BurstRecord(**fields, name="f.txt")
-
-
-def test_whole_numbers_are_no_times():
-    with pytest.raises(TypeError, match="int64"):
-        tl.BurstRecord(np.arange(3), np.zeros(3))
-
-
 # Flags
 
 
@@ -270,20 +244,6 @@ def test_stations_near_the_wall_are_flagged(folder):
         assert station.moments.components["streamwise"].velocity_bias > -0.001
 
 
-@real_data
-def test_real_exports_of_one_component():
-    path = REAL / "dxex" / "35Hz.000002.txt"
-    (record,) = read_bursts(path, components=["streamwise"])
-    assert record.bursts == 2000
-    assert record.position == (0.0, 0.0, -1e-3)
-    assert float(record.arrival_time[0]) == pytest.approx(3.088e-3)
-    assert float(record.streamwise[0]) == -42.690
-    with pytest.raises(ValueError, match="has channels LDA1, and components are not stated"):
-        read_bursts(path)
-    with pytest.raises(ValueError, match="have the same position"):
-        read_bursts(REAL / "dxex", components=["streamwise"])
-
-
 # The command
 
 
@@ -308,20 +268,6 @@ def test_the_command_tells_good_from_flagged(tmp_path, capsys):
     assert rows[3]["v mean (m/s)"] > 0
 
 
-def test_filters_are_switched_from_the_command(tmp_path, capsys):
-    path = tmp_path / "s.csv"
-    values = np.random.default_rng(0).normal(size=300)
-    values[7] = 100.0
-    write_burst_csv(tl.BurstRecord(poisson_times(300), values), path)
-    assert main(["ldv", "info", str(path), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["dropped"] == {OUTLIER: 1}
-    assert main(["ldv", "info", str(path), "--json", "--without", "outliers", "times"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["dropped"] == {}
-    assert main(["ldv", "info", str(tmp_path / "none.csv")]) == 2
-    assert main(["ldv", "info", str(path), "-o", str(path)]) == 2
-    assert "is an input" in capsys.readouterr().err
-
-
 def test_the_command_converts(tmp_path, capsys):
     source, target = tmp_path / "raw.txt", tmp_path / "all.h5"
     source.write_text("1 0.5 20 3.0 -0.1\n2 0.9 25 3.5 0.2\n")
@@ -333,9 +279,3 @@ def test_the_command_converts(tmp_path, capsys):
     assert record.y is None
     assert torch.allclose(record.arrival_time, torch.tensor([5e-4, 9e-4]).double())
     assert main([*arguments, "-o", str(source)]) == 2
-
-
-def test_a_figure_of_stations_without_positions(tmp_path):
-    stations = [Station.of(gaussian_record(seed=i)) for i in range(2)]
-    figure = draw_stations(stations, tmp_path / "f.png")
-    assert figure.axes[0].get_xlabel() == "station"

@@ -9,20 +9,19 @@ import math
 
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, Resistive, load_script, plane_of, turbulence
+from conftest import DATA, Resistive, plane_of, turbulence
 from test_audit import Counted
 
 import torchliner as tl
-from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
+from torchliner.cli.main import CHECK_FAILED, DONE, main
 from torchliner.least_squares import with_slopes
-from torchliner.liners.catalogue import liner_text, preset_names
 from torchliner.names import AVERAGINGS
 from torchliner.report.studies import parameter_table
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior
 from torchliner.studies.runs import held, read_run
-from torchliner.studies.solve import drawn_impedances, impedances, residuals_of
+from torchliner.studies.solve import residuals_of
 from torchliner.velocity.choices import Choices
 
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}
@@ -141,20 +140,6 @@ def test_the_sum_over_speeds_is_the_eduction(averaging):
         found = run.impedance(liner.impedance(run.frequency[:, None], run.nodes.speeds))[0]
         wanted = impedance(plane(3.0), liner, averaging)
         assert abs(complex(found - wanted)) < 1e-7 * abs(complex(wanted))
-
-
-@pytest.mark.parametrize("shared", [True, False])
-def test_many_draws_are_one_by_one(shared):
-    """A draw's impedances do not depend on its neighbours, nor on whether runs share one liner."""
-    own = start()
-    runs = [run_of("velocity", own), run_of("admittance", own if shared else start())]
-    law = parameter_law({"vena_contracta": (0.5, 1.0)}, own)
-    draws = torch.tensor([[0.6], [0.8], [0.9]], dtype=torch.float64)
-    found = drawn_impedances(law, draws, runs)
-    for i, values in enumerate(draws):
-        alone = impedances(law, values, runs)
-        for many, one in zip(found, alone, strict=True):
-            assert torch.allclose(many[i], one, rtol=1e-13, atol=0)
 
 
 def test_gradient_equals_differences():
@@ -344,21 +329,6 @@ def test_mistakes_are_refused(changes, message):
         calibrate(several, liners, wanted, free, **options)
 
 
-def test_tables_have_nothing_to_fit():
-    table = tl.TabulatedLiner([500.0, 2000.0], [1 - 1j, 1 + 1j])
-    with pytest.raises(TypeError, match=r"TabulatedLiner, whose numbers\(\) names no parameter"):
-        calibrate(planes(), table, [1.0, 1.0], BOUNDS)
-
-
-@pytest.mark.parametrize("name", preset_names())
-def test_a_liner_survives_its_file(name, tmp_path):
-    """Written as TOML and read again it is the same."""
-    liner = tl.load_liner(name)
-    path = tmp_path / "mine.toml"
-    path.write_text(liner_text(liner, 'from "here"'), encoding="utf-8")
-    assert tl.load_liner(path).describe() == liner.describe()
-
-
 FILES = [str(DATA / f"slit_{case}_y2.5mm.h5") for case in ("n115", "n130", "g01_145")]
 
 
@@ -409,35 +379,6 @@ def test_command_ends_with_1_on_a_bound(capsys):
     assert code == CHECK_FAILED
     assert "vena_contracta" in out
     assert "on its bound" in err
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--free", "vena_contracta=0.5"], "write NAME=LOW:HIGH"),
-        (["--free", "offset", "--free", "offset_reactance"], "names offset_reactance twice"),
-        (["--free", "offset", "--reference", "tru"], "holds no reference 'tru'"),
-        (["--free", "offset", "--reference", "1+1j", "no"], "cannot be read"),
-        (["--free", "offset", "-o", FILES[0]], "is an input"),
-        (["--free", "offset", "--figure", "x.png"], "--predict"),
-        (["--free", "offset", "--free", "porosity"], "2 data"),
-    ],
-)
-def test_command_refuses(capsys, words, message):
-    assert main(["calibrate", FILES[0], *words]) == BAD_INPUT
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_script_weighs_planes_of_one_run_once():
-    """Four heights against one reference are as sure as one height, not twice as sure."""
-    script = load_script("calibrate_resolved")
-    sure = [
-        script.fitted(("n130",), script.OFFSET, variant, "velocity", 0)[0].standard
-        for variant in (script.HIGHEST, script.ALL)
-    ]
-    assert float((sure[1] / sure[0] - 1).abs().max()) < 0.02
-    assert FREQUENCY == 1400.0
 
 
 def test_a_parameter_that_z_does_not_use_has_slopes_of_zero():

@@ -11,7 +11,6 @@ import torch
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.report.study_figures import draw_models
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 PLANE = DATA / "slit_n130_y0.5mm.h5"
@@ -200,38 +199,3 @@ def test_the_command_prints_and_writes_what_the_function_finds(tmp_path, capsys)
         assert row["model"] == other["model"]
         assert float(row["impedance_resistance"]) == pytest.approx(other["impedance"]["resistance"], rel=1e-8)
         assert float(row["distance true"]) == pytest.approx(other["distance"]["true"], rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["--liner", "lbm_slit"], "--liner lbm_slit is given twice; name each model once"),
-        (["--liner", "onerra"], "unknown liner 'onerra' (did you mean 'onera'?)"),
-        (["--liner", "nothing.toml"], "nothing.toml: no such file"),
-        (["--phase", "given"], "reference"),
-    ],
-)
-def test_slips_of_a_newcomer_are_named(capsys, more, message):
-    assert main([*COMMAND, *more]) == 2
-    assert message in capsys.readouterr().err
-
-
-def test_one_liner_is_not_compared(capsys):
-    assert main(COMMAND[:2]) == 2
-    assert "models given: none; name two or more" in capsys.readouterr().err
-    assert main(COMMAND[:4]) == 2
-    assert "models given: lbm_orifice; name two or more" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("frequency", [None, [1000.0, 1500.0, 2000.0]])
-def test_the_picture_shows_all_models(tmp_path, frequency):
-    """A line or a curve a model in both panels, with the references."""
-    pytest.importorskip("matplotlib")
-    found = tl.compare_models(tl.read_plane(PLANE), presets(), frequency)
-    figure = draw_models(found, tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 1e4
-    assert len(figure.axes) == 2
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert set(NAMES) <= set(words if frequency else labels)
-    assert ("true" in words) == (frequency is None)

@@ -14,12 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, DONE, main
+from torchliner.cli.main import CHECK_FAILED, DONE, main
 from torchliner.liners.catalogue import liner_text
 from torchliner.liners.model import LinerModel
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.fit import fit_law
-from torchliner.studies.identify import candidate_of
 from torchliner.studies.laws import BOUNDS, Curves, Knots
 from torchliner.studies.solve import residuals_of
 
@@ -222,17 +221,6 @@ def test_planes_of_one_run_are_left_out_together():
         assert row.impedance == pytest.approx(left.rows_of(run)[0].impedance, abs=1e-8)
 
 
-def test_order_of_planes_changes_nothing():
-    turned = [3, 0, 4, 2, 1]
-    runs, wanted = [planes()[i] for i in turned], [known()[i] for i in turned]
-    found = tl.identify(runs, base(), wanted, noise=1e-3, freedom=1.0, averaging=ORDER)
-    speed = [0.0, 0.3, 1.0, 4.0, 20.0]
-    assert (found.fit.band(FREQUENCY, speed)[0] - curve_of().fit.band(FREQUENCY, speed)[0]).abs().max() < 1e-5
-    predicted = {row.label: row.impedance for row in curve_of().rows}
-    for row in found.rows:
-        assert row.impedance == pytest.approx(predicted[row.label], abs=1e-5)
-
-
 def test_parameters_are_recovered_and_chosen():
     """The law that made the data predicts what it has not seen; the wrong one and curves less."""
     models = ["curve", ("vena_contracta",), ("vena_contracta", "mass_loss")]
@@ -260,24 +248,6 @@ def test_a_term_of_the_flow_takes_each_planes_mach():
     found = tl.identify(runs, base(), wanted, models=[("mach_resistance",)], averaging=ORDER)
     assert found.fit.numbers["mach_resistance"] == pytest.approx(0.08, abs=1e-7)
     assert found.fit.predict(runs[2])[0].impedance == pytest.approx(wanted[2], abs=1e-6)
-
-
-def test_the_table_predicts_what_the_curve_does(tmp_path):
-    """Written, read and educed with: the same Z but for lines between its speeds."""
-    found = curve_of()
-    liner = found.fit.table()
-    for rms, row in zip(LEVELS, found.rows, strict=True):
-        plane = plane_of(turbulence((4, 420), LEVELS.index(rms), rms))
-        drawn = dataclasses.replace(liner) if row else liner
-        if float(plane.velocity.abs().max()) > liner.speed_max:
-            with pytest.warns(tl.DataWarning, match="the table reaches to"):
-                drawn = found.fit.table(1.01 * float(plane.velocity.abs().max()))
-        moved = (
-            tl.reflection_from_impedance(torch.tensor([impedance(plane, drawn), row.fitted], dtype=torch.complex128))
-            .diff()
-            .abs()
-        )
-        assert float(moved) < 5e-3
 
 
 def test_prediction_beyond_what_was_seen_is_warned_of():
@@ -402,22 +372,6 @@ def test_references_of_other_frequencies_are_refused():
     other = plane_of(turbulence((4, 420), 7, 2.0), frequency=700.0, name="odd")
     with pytest.raises(ValueError, match=r"no curve is known at 700 Hz: the runs that are left"):
         tl.identify([*planes(), other], base(), [*known(), 1 + 0j], freedom=1.0, averaging=ORDER)
-
-
-@pytest.mark.parametrize("name", ["true", "in-situ"])
-def test_references_that_planes_hold_are_those_of_their_tone(name):
-    """Asked for another frequency, identify and calibrate say so and what would help."""
-    held = {"true": 1 - 0.2j, "in situ": 1 - 0.2j}
-    runs = [
-        plane_of(turbulence((4, 420), i, 1.0 + i), name=f"run {i}", frequency=FREQUENCY, reference=held)
-        for i in range(3)
-    ]
-    message = rf"run 0 holds its reference '{name.replace('-', ' ')}' at 1400 Hz, and 1500 Hz is"
-    with pytest.raises(ValueError, match=message):
-        tl.identify(runs, base(), name, frequency=1500.0, freedom=1.0, averaging=ORDER)
-    if name == "true":
-        with pytest.raises(ValueError, match=message):
-            tl.calibrate(runs, base(), name, {"vena_contracta": (0.3, 1)}, frequency=1500.0)
 
 
 @pytest.mark.filterwarnings("ignore:.*parameters of the curve|R of curve, .* is known to")
@@ -556,29 +510,6 @@ def test_command_compares_parameters(tmp_path, capsys):
     assert found["seen"][1]["rms"] == pytest.approx(0.222, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--free", "mass_loss,mass_loss"], "names mass_loss twice"),
-        (["--free", "mass_loss", "-o", "a.csv"], "a law at every frequency and not a table"),
-        (["--reach", "9"], "--reach is of the table that is written; name --output"),
-        (["--reach", "9", "-o", "a.toml", "--free", "mass_loss"], "--reach: of a curve; fit one"),
-        (["--free", "mass_loss", "--freedom", "1"], "--freedom: of a curve; fit one too, with --f"),
-        (["--free", "mass_loss", "--rest", "0.1+0.1j"], "--rest: of a curve"),
-        (
-            ["--pressure", str(DATA / "pressure_o115.h5")],
-            "pressures are for references 'in-situ' and 'level-check'",
-        ),
-        (["--reference", "0.3-0.3j", "x"], "one name, or numbers such as"),
-    ],
-)
-def test_command_refuses(options, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    code = main(["identify", *files("o115", "o130", "o145"), *options, "--quiet"])
-    assert code == BAD_INPUT
-    assert message in capsys.readouterr().err
-
-
 @pytest.mark.filterwarnings("ignore:vena_contracta. the misfit is [78]")  # flow is not in |v|
 def test_in_situ_records_are_of_the_planes_runs():
     """One each, in their order; that of another case is refused."""
@@ -624,11 +555,3 @@ def test_bands_cover_the_truth():
         checked += 2 * len(speed)
     # 600 values, those of one fit alike: 60 to 150 independent ones, 0.95 +- 0.03.
     assert 0.9 < inside / checked < 0.995
-
-
-def test_candidates_are_fitted_one_by_one():
-    """What is shown of a model does not depend on what it is compared with."""
-    found = curve_of()
-    again, best = candidate_of(found.fit.law, found.fit.runs, found.fit.choices, found.fit.knots), found.candidates[0]
-    assert again.error == best.error
-    assert again.lowest == best.lowest > 0

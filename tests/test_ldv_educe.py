@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 
 import h5py
@@ -10,9 +9,8 @@ import numpy as np
 import pytest
 import torch
 from test_burst_files import write_burst_csv
-from test_moments_file import same_bits
 from test_station_references import drifting
-from test_stations import FREQUENCY, station
+from test_stations import station
 
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
@@ -166,66 +164,6 @@ def test_references_from_a_folder(tmp_path, capsys):
     assert "name the recording" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--methd", "hold"], "did you mean '--method'"),
-        (["--method", "cubic"], "invalid choice: 'cubic'"),
-        (["-o", "line.json"], "--output line.json ends in '.json'"),
-        (["-o", "missing/line.h5"], "the folder missing does not exist"),
-        (["--segment", "9"], "segments of 9 s"),
-        (["--educe-at", "100:50:1"], "argument --educe-at"),
-    ],
-)
-def test_faulty_commands_end_with_two(folder, capsys, words, message):
-    try:
-        code = main(["ldv", "educe", str(folder), *SHORT, *words])
-    except SystemExit as stop:  # argparse's own way
-        code = stop.code
-    assert code == 2
-    assert message in capsys.readouterr().err
-
-
-def test_bad_folders_say_so(tmp_path, capsys):
-    (tmp_path / "empty").mkdir()
-    assert run(tmp_path / "empty") == 2
-    assert "holds no files of bursts" in capsys.readouterr().err
-    assert run(tmp_path / "gone") == 2
-    assert "no such file" in capsys.readouterr().err
-    place = tmp_path / "twice"
-    place.mkdir()
-    for name in ("a", "b"):
-        write_burst_csv(station(0, seconds=0.2), place / f"{name}.csv")
-    assert run(place) == 2
-    assert "a.csv and" in (printed := capsys.readouterr().err)
-    assert "have the same position, (0, 1, 0) mm" in printed
-
-
-def test_the_liner_named_in_the_file_is_taken(tmp_path, capsys):
-    write_burst_csv(station(0, seconds=0.2, liner="onera"), tmp_path / "a.csv")
-    words = ["ldv", "educe", str(tmp_path / "a.csv"), "--segment", "0.04", "--quiet"]
-    assert main(words) == 0
-    write_burst_csv(station(0, seconds=0.2), tmp_path / "a.csv")
-    assert main(words) == 2
-    assert "names no liner; choose a model with --liner" in capsys.readouterr().err
-
-
-def test_the_line_file_has_units_and_a_title_and_other_files_stay(folder, tmp_path):
-    """Of the folder of parts only what the run itself took up or made is deleted."""
-    parts = tmp_path / "line.h5.parts"
-    parts.mkdir()
-    (parts / "notes.txt").write_text("precious")
-    assert run(folder, "--title", "config 4", "-o", tmp_path / "line.h5", "--quiet") == 0
-    assert [path.name for path in parts.iterdir()] == ["notes.txt"]
-    with h5py.File(tmp_path / "line.h5") as file:
-        for name, item in file.items():
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                assert "units" in item.attrs, name
-    line = tl.read_line(tmp_path / "line.h5")
-    assert line.title == "config 4"
-    assert line.names == ("s0", "s1", "s2")
-
-
 def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
     """The numbers of a table count, not its name."""
     path, parts, seen = tmp_path / "table.csv", tmp_path / "parts", counted(monkeypatch)
@@ -251,14 +189,6 @@ def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
         assert len(seen) == count
 
 
-def test_a_table_without_intervals(folder, capsys):
-    assert run(folder, "--no-intervals", "--quiet") == 0
-    text = capsys.readouterr().out
-    assert text.splitlines()[0].startswith("station")
-    assert "f Hz" in text.splitlines()[0]
-    assert "interval" not in text
-
-
 def test_two_workers_give_the_line_of_one_machine(folder, known, tmp_path, monkeypatch, capsys):
     """Stations are read where they are educed, from any folder; the line is the same to the bit."""
     monkeypatch.chdir(folder.parent)
@@ -270,11 +200,3 @@ def test_two_workers_give_the_line_of_one_machine(folder, known, tmp_path, monke
     assert not (tmp_path / "line.h5.parts").exists()
     assert run("nowhere", "--cluster", "local:2") == 2
     assert "nowhere: no such file" in capsys.readouterr().err
-
-
-def test_a_line_with_walls_comes_back(folder, tmp_path):
-    """nan where all stations are wall, texts of each station."""
-    line = tl.educe_bursts(folder, tl.load_liner("onera"), [1200.0, FREQUENCY], segment=0.04, wall_filter=0.2)
-    line.write(tmp_path / "line.nc")
-    plain = json.loads(json.dumps(line.choices, default=lambda each: each.tolist()))
-    assert same_bits(tl.read_line(tmp_path / "line.nc"), dataclasses.replace(line, choices=plain))

@@ -109,9 +109,9 @@ def test_faulty_references_are_refused(onera):
     with pytest.raises(ValueError, match="reference is constant, 2; it holds no tone"):
         tl.ReferenceChannel(np.full(10, 2.0), 40e3)
     wave[3] = np.nan
-    with pytest.raises(ValueError, match="1 values are nan or inf, the first is sample 3"):
+    with pytest.raises(ValueError, match="nan at 3"):
         tl.ReferenceChannel(wave, 40e3)
-    with pytest.raises(ValueError, match=r"shape \(2, 5\); one channel"):
+    with pytest.raises(ValueError, match=r"shape \(2, 5\)"):
         tl.ReferenceChannel(np.random.default_rng(0).normal(size=(2, 5)), 40e3)
     with pytest.raises(ValueError, match=r"sampling_rate \(Hz\) is 0"):
         tl.ReferenceChannel(np.arange(5.0), 0.0)

@@ -14,8 +14,7 @@ from torch import Tensor
 
 from torchliner.bursts.averages import average_line, line_level_check
 from torchliner.bursts.choices import StationChoices, split_choices
-from torchliner.bursts.segments import DAMPED
-from torchliner.bursts.station import CASE, educe_station
+from torchliner.bursts.station import CASE, DAMPED, educe_station
 from torchliner.checks import phase_tensor, tell
 from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
@@ -115,19 +114,18 @@ def _tasks(stations: Any, reference: Any, phase: Any) -> list[tuple[Station, Any
     """Stations, in the order of x, y, z where all are known, each with its reference channel and its phase."""
     if isinstance(stations, (str, Path)):
         stations = list_stations(stations)
-    found = [stations] if isinstance(stations, (BurstRecord, StationSource)) else list(stations)
+    found = [stations] if isinstance(stations, Station) else list(stations)
     if not found:
         raise ValueError("no station is given")
-    for each in found:
-        if not isinstance(each, (BurstRecord, StationSource)):
-            raise TypeError(f"a station is {type(each).__name__}; make a BurstRecord of your bursts first")
-    more, count = [], len(found)
+    if wrong := [type(each).__name__ for each in found if not isinstance(each, Station)]:
+        raise TypeError(f"a station is {wrong[0]}; make a BurstRecord of your bursts first")
+    columns = [found]
     for what, given in (("reference channels", reference), ("reference phases", phase)):
-        own = list(given) if isinstance(given, (list, tuple)) else [given]
-        if len(own) not in (1, count):
-            raise ValueError(f"{len(own)} {what} for {count} stations; one for all or one a station, in their order")
-        more.append(own * count if len(own) == 1 else own)
-    tasks = list(zip(found, *more, strict=True))
+        own = list(given) if isinstance(given, (list, tuple)) else [given] * len(found)
+        if len(own) != len(found):
+            raise ValueError(f"{len(own)} {what} for {len(found)} stations; one for all or one each, in their order")
+        columns.append(own)
+    tasks = list(zip(*columns, strict=True))
     places = [each.place if isinstance(each, StationSource) else (each.x, each.y, each.z) for each in found]
     if any(None in place for place in places):
         return tasks
@@ -137,9 +135,7 @@ def _tasks(stations: Any, reference: Any, phase: Any) -> list[tuple[Station, Any
 def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
     channel = reference(station) if callable(reference) else reference
     if channel is not None and not isinstance(channel, ReferenceChannel):
-        raise TypeError(
-            f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples and their rate first"
-        )
+        raise TypeError(f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples first")
     return channel
 
 
@@ -231,10 +227,12 @@ def notes_of(line: ImpedanceLine) -> Iterator[Note]:
     for i, f in enumerate(line.frequency.tolist()):
         sizes, share = line.attenuation[:, i].abs(), float(line.phase_held[:, i].mean())
         if float(sizes.min()) < DAMPED:
-            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the"
-            mended = "the tone is corrected, the turbulence is not"
-            mended = mended if bool(line.corrected[:, i].all()) else "it is not corrected there"
-            yield Note("damped-tone", f"{text} stations (least {float(sizes.min()):.3f}); {mended}")
+            mended = "corrected, the turbulence is not" if bool(line.corrected[:, i].all()) else "not corrected"
+            yield Note(
+                "damped-tone",
+                f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the "
+                f"stations (least {float(sizes.min()):.3f}); the tone is {mended}",
+            )
         if rate < ARRIVALS_A_PERIOD * f:
             text = f"{rate / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g})"
             yield Note("few-arrivals", f"{text}: |v(t)| between them is guessed")
@@ -245,13 +243,11 @@ def notes_of(line: ImpedanceLine) -> Iterator[Note]:
         if share < 1:
             text = f"self-consistent phase: at {f:g} Hz it held in {100 * share:.3g} % of the segments; the others,"
             yield Note("phase-fell-back", f"{text} with too little coherence, are 'averaged' instead")
-        check = line.level_check
-        if check is not None and (sentence := check.sentence("stations", f, i)):
+        if line.level_check is not None and (sentence := line.level_check.sentence("stations", f, i)):
             yield Note("level-check", sentence)
     noted = [i for i, notes in enumerate(line.station_notes) if notes]
     if noted:
         text = f"{len(noted)} of {count} stations have notes of their own (station_notes); the first, of "
         yield Note("station-notes", f"{text}{line.names[noted[0]]}: {line.station_notes[noted[0]][0]}")
     if line.interval is None and choices["interval"] is not None:
-        text = f"no error bars: a station has {int(line.segments.min())} segments, four are the least"
-        yield Note("no-intervals", text)
+        yield Note("no-intervals", f"no error bars: a station has {int(line.segments.min())} segments, four are needed")
