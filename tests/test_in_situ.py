@@ -107,17 +107,6 @@ def test_cells_have_their_own_backplate(how):
     assert abs(complex(found.liner_impedance_pressure_first[0]) - 1 / (0.5 + 1j)) < 1e-11
 
 
-def test_probes_in_another_order_than_the_cells_are_told_of():
-    """The rows of a backplate are of cells in rising x, whatever the order of the probes."""
-    x = [0.0005, 0.0035, 0.0065, 0.0095, 0.0105, 0.0135, 0.0165, 0.0195]
-    face = [1.0] * 4 + [2.0] * 4
-    wanted = tl.in_situ(record_of(face, [1.0, 0.5], x=x, cell_pitch=0.01), interval=None)
-    turned = record_of(face[::-1], [1.0, 0.5], x=x[::-1], cell_pitch=0.01)
-    with pytest.warns(tl.DataWarning, match="rows of the backplate are taken as the cells in risin"):
-        found = tl.in_situ(turned, interval=None)
-    assert torch.equal(found.cell_impedance, wanted.cell_impedance)
-
-
 # --- the resolved cases -------------------------------------------------------------------------
 
 

@@ -1,36 +1,22 @@
 r"""What comes back from the boundaries of a swept duct: one description of lined wall and ends.
 
-Every boundary has amplitudes eta of its own: a locally reacting wall half the sum of p* and w, p in
-units of rho c^2 and w, the velocity of its face, of c; an end the plane-like mode that goes out. What
-comes in and what arrives, both linear in eta, are then finite for every wall:
+Every boundary has amplitudes eta of its own: a wall half the sum of p* and w, p in units of rho c^2 and w, the velocity
+of its face, of c; an end the plane-like mode that goes out. Linear in eta and finite for every wall are
 
 .. math:: \text{wall: } x = E \eta, \quad a(X) = T \eta, \qquad
     \text{end: } s = s_0 + r c, \quad m(X) = 0, \quad \eta = c,
 
-with X = (s_L, c_L, x, s_R, c_R) the unit waves of ``sweep.py``, a the waves (p - v)/2 that arrive at the
-wall and m what goes out at an end besides its modes. X is linear in eta, so the wall's rows and the two
-ends' are one system for eta, some hundred unknowns.
+with X = (s_L, c_L, x, s_R, c_R) the unit waves of ``sweep.py``, a the waves (p - v)/2 that arrive at the wall and m
+what goes out at an end besides its modes: one system for eta, some hundred unknowns.
 
-Of a wall, p* = (1 + R) eta and w = (1 - R) eta, R = (Z - 1)/(Z + 1), point by point; where Z varies within
-a column R is projected on its polynomials. Where the flow does not slip v* = w: T = 1 and E = R. Where it
-slips at Mach M, Ingard's and Myers' condition takes w, times 1/(j omega) the displacement, to the velocity
-v* = w + (M/j k) dw/dx. With D the discrete derivative,
+Of a wall p* = (1 + R) eta and w = (1 - R) eta, R = (Z - 1)/(Z + 1), projected on the column's polynomials. Without slip
+v* = w: T = 1, E = R. With slip at Mach M v* = w + (M/j k) dw/dx (Ingard, Myers): T = 1 + S, E = R - S,
+S = M/(2 j k) D (1 - R), where D takes its values at element edges from downstream and is 0 beyond the last: transported
+from upstream, the hydrodynamic wave grows without bound.
 
-.. math:: T = 1 + S, \quad E = R - S, \quad S = \frac{M}{2 j k} D (1 - R).
-
-D takes its values at element edges from downstream and is 0 beyond the last: transported from
-upstream, the hydrodynamic wave grows without bound.
-
-An end lets the plane-like mode of the rigid duct out. Nothing coming in would reflect 1e-3 of it in a
-sheared flow, since that mode is not made of outgoing characteristics alone. So at the right end, with a_m
-and b_m the outgoing and incoming parts of mode m and w the projection on the mean of p + u, the amplitude
-c = (w.a)/(w.a_m) of what goes out determines what comes in, b = c b_m: rank one, no reflection of mode m.
-With an end that reflects it, r times as much of the mode the other way comes in too. At the left end
-alike, with the mean of p - u.
-
-The energy: a plane wave of amplitude a carries (1 +- M)^2 |a|^2 H/(2 rho c) with and against the flow; the
-wall takes half the integral of Re(p w*). Without flow what goes in comes out or is taken. With flow the mean
-flow may give or take energy: the difference of the balance, which may be negative.
+An end lets the plane-like mode of the rigid duct out, whose outgoing and incoming parts are a_m and b_m: of what goes
+out, a, the amplitude c = (w.a)/(w.a_m), w the mean of p +- u, comes back as b = c b_m, which reflects none of that mode
+(nothing coming in would reflect 1e-3 of it in a sheared flow), and r times as much of the mode the other way.
 """
 
 from __future__ import annotations

@@ -1,25 +1,17 @@
-r"""Elements of the linearised Euler equations, condensed to what goes in and out of their edges;
-columns of them, to what goes in and out of two sides and of the lined wall.
+r"""Elements of the linearised Euler equations, condensed to what goes in and out of their edges; columns of them, to
+what goes in and out of two sides and of the lined wall.
 
-With q = (p, u, v), p in units of rho c^2 and velocities of c, and exp(j omega t),
-
-.. math:: j k q + \partial_x (A_x q) + \partial_y (A_y q) + B q = 0,
-
-A_x = [[M, 1, 0], [1, M, 0], [0, 0, M]], A_y = [[0, 0, 1], [0, 0, 0], [1, 0, 0]], and M' v in the
-equation of u. Discontinuous Galerkin with the upwind flux: with the outward normal n, M_n = M n_x,
-and the waves w+ = (p + u_n)/2 from inside and w- = (p - u_n)/2 from outside,
+With q = (p, u, v), p in units of rho c^2 and velocities of c, j k q + d_x (A_x q) + d_y (A_y q) + B q = 0,
+A_x = [[M, 1, 0], [1, M, 0], [0, 0, M]], A_y = [[0, 0, 1], [0, 0, 0], [1, 0, 0]], and M' v in the equation of u.
+Discontinuous Galerkin with the upwind flux: outward normal n, M_n = M n_x, w+ = (p + u_n)/2 inside, w- = (p - u_n)/2
+outside,
 
 .. math:: F_p = (1 + M_n) w^+ - (1 - M_n) w^-, \quad F_n = (1 + M_n) w^+ + (1 - M_n) w^-, \quad
     F_t = \max(M_n, 0) u_{t,in} + \min(M_n, 0) u_{t,out}.
 
-So an element (M >= 0) receives through its left edge w = (p + u)/2 and v, through its right edge
-(p - u)/2, through its bottom (p + v)/2 and through its top (p - v)/2, and gives out the same
-through the opposite edges. Where there is no flow no v crosses an edge, and none is carried.
-
-The walls close the column: at the rigid one the wave that arrives, (p + v_n)/2, comes back as it
-is: with a = p + v_n, p* = (1 + R) a/2 and v* = (1 - R) a/2 for R = 1. At a lined one it comes back
-times R; but R is left out here: the wall stays open as a third port, so that all impedances share
-a column.
+An element receives through its left edge w = (p + u)/2 and, with flow, v, through its right edge (p - u)/2, through its
+bottom (p + v)/2 and through its top (p - v)/2, and gives out the same through the opposite edges. At the rigid wall the
+wave that arrives comes back as it is; a lined wall stays open as a third port, so that all impedances share a column.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import torch
 from pydantic import BeforeValidator, Field
 
 from torchliner.checks import tell
@@ -16,9 +15,9 @@ from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.text_columns import read_lines, read_table
 from torchliner.toml_files import FluidTable, Strict, one_of
 
-IMPEDANCE = {"x": "length", "frequency": "frequency", "resistance": "number", "reactance": "number"}
-IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"  # or frequency [Hz] in place of x
-NEAR = 1e-6  # m; of the frequency
+IMPEDANCE = {"x": "length", "resistance": "number", "reactance": "number"}
+IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"
+NEAR = 1e-6  # m
 
 
 def _pair(value: Any) -> Any:
@@ -95,41 +94,25 @@ TABLES: dict[str, Any] = {name: key.annotation for name, key in DuctFile.model_f
 TABLES = {name: table for name, table in TABLES.items() if isinstance(table, type) and issubclass(table, Strict)}
 
 
-def wall_from_table(path: Path, duct: DuctTable, frequencies: list[float]) -> Z:
-    """Z(x) of a CSV with the columns ``x [mm], resistance, reactance``, or Z at frequencies (Hz, (F,)) of one over
-    ``frequency``, (F, S) for S patches; between its rows linear in the admittance; inf is rigid.
+def wall_from_table(path: Path, duct: DuctTable) -> Z:
+    """Z(x) of a CSV with the columns ``x [mm], resistance, reactance``, linear in the admittance; inf is rigid.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: other columns, x without a unit, a cell that is no number, stations outside the duct, or all of
-            them before or behind a lined patch; as ``impedance_along``; a frequency outside the table.
+            them before or behind a lined patch; as ``impedance_along``.
     Warns:
         DataWarning: stations that end within a lined patch: Z is constant beyond the last.
     """
-    found = read_table(
-        read_lines(path),
-        IMPEDANCE,
-        path,
-        example=IMPEDANCE_EXAMPLE,
-        short={"R": "resistance", "X": "reactance"},
-        special=("resistance", "reactance"),
-        optional=("x", "frequency"),
-    )
-    if ("x" in found) == ("frequency" in found):
-        raise ValueError(f"{path} needs x or frequency, one of them; write {IMPEDANCE_EXAMPLE}")
+    short, special = {"R": "resistance", "X": "reactance"}, ("resistance", "reactance")
+    found = read_table(read_lines(path), IMPEDANCE, path, example=IMPEDANCE_EXAMPLE, short=short, special=special)
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     walls.real, walls.imag = found["resistance"], found["reactance"]
-    places = found["x" if "x" in found else "frequency"]
     try:
-        between = impedance_along(places, walls)
+        between = impedance_along(found["x"], walls)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
-    low, high = float(places[0]), float(places[-1])
-    if "frequency" in found:
-        wanted = torch.tensor(frequencies, dtype=torch.float64)
-        if outside := [f for f in frequencies if not low * (1 - NEAR) <= f <= high * (1 + NEAR)]:
-            raise ValueError(f"{path.name}: {outside[0]:g} Hz lies outside its table, {low:g} to {high:g} Hz")
-        return between(wanted, wanted[:1]).mT.expand(-1, len(duct.liner))
+    low, high = float(found["x"][0]), float(found["x"][-1])
     stations = f"{path}: its stations, x = {low:g} to {high:g} m,"
     if low < duct.start - NEAR or high > duct.end + NEAR:
         raise ValueError(f"{stations} leave the duct, {duct.start:g} to {duct.end:g} m; is their unit right?")

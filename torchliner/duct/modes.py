@@ -1,22 +1,15 @@
 r"""Modes of a lined duct with a sheared flow: axial wavenumbers and shapes, over frequency and Z.
 
-With lengths in duct heights, eta = y/H, kappa = k H, a = alpha H, sigma = kappa - a M and waves
-exp(j omega t - j alpha x), the linearised Euler equations are, with zeta = v/sigma,
+With lengths in duct heights, kappa = k H, a = alpha H, sigma = kappa - a M, waves exp(j omega t - j alpha x) and
+zeta = v/sigma the linearised Euler equations are
 
 .. math:: p' = -j \sigma^2 \zeta, \quad \zeta' = -j (1 - a^2/\sigma^2)\, p, \quad
     u = a p/\sigma + j M' \zeta.
 
-From p = 1, zeta = 0 on the rigid wall eta = 1 they have one solution for every a; a is a wavenumber when that meets
-the condition on the wall eta = 0:
-
-.. math:: F(a) = (1 - R)(1 - a M_w/\kappa) p + (1 + R) v = 0,
-
-R = (Z - 1)/(Z + 1). With the factor (1 - a M_w/kappa), M_w the Mach number at the wall, this is Ingard's and Myers'
-condition, without it continuity of velocity.
-
-The height is cut into panels that grow from the walls to the middle; in each both equations are integrated on Chebyshev
-points, which makes them one linear system for p. Neither M' nor a second derivative enters, whose rounding grows with
-the fourth power of the number of points.
+From p = 1, zeta = 0 on the rigid wall they have one solution for every a, a wavenumber where it meets the wall's law
+F(a) = (1 - R)(1 - a M_w/kappa) p + (1 + R) v = 0, R = (Z - 1)/(Z + 1): with the factor in M_w, the Mach number at the
+wall, Ingard's and Myers' condition, without it continuity of velocity. The height is cut into panels that grow from
+the walls; in each both equations are integrated on Chebyshev points, which makes them one linear system without M'.
 
 Mode n is the rigid mode n of the bulk flow, in closed form, followed twice: while the flow takes its shape, and while
 the wall's reflection goes straight from 1 to R. So the continuous spectrum Re alpha > k/M_max is never touched.

@@ -36,7 +36,6 @@ from torchliner.version import __version__
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
-RAYL, RIGID = 50.0, 5e3  # |Z|: beyond the first a doubt, beyond the second as good as rigid
 VELOCITY, VELOCITY_EXAMPLE = {"y": "length", "u": None}, "y [mm], U [m/s]"
 
 
@@ -206,28 +205,16 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if float(profile.mach(0.0)) > 0 else None),
     )
-    _warn_of_slips(case, max(sound.frequency), impedance, duct.width)
+    across = fluid.sound_speed * math.sqrt(1 - profile.bulk_mach**2) / (2 * duct.width) if duct.width else math.inf
+    if max(sound.frequency) >= across:
+        tell(
+            f"at {max(sound.frequency):g} Hz a mode runs across the width of {1e3 * (duct.width or 0):g} mm, from its "
+            f"cut-on of {across:.4g} Hz on; the duct is solved in two dimensions without it"
+        )
     wanted = torch.tensor(sound.frequency, dtype=torch.float64)
     places, facts = _microphones(file.microphones, case), file.model_dump()
     name, wall = file.name or path.stem, file.microphones.wall
     return DuctSetup(name, case, wanted, sound.level, impedance, places, wall, facts, fluid)
-
-
-def _warn_of_slips(case: DuctCase, frequency: float, impedance: Z, width: float | None) -> None:
-    """An impedance in rayl; a wave across the width (m), which two dimensions do not have."""
-    large = [] if callable(impedance) else [z for z in impedance.flatten().tolist() if RAYL < abs(z) < RIGID]
-    for z in large[:1]:
-        tell(
-            f"impedance {z:.4g} is large for one over rho c; if it is in rayl (Pa s/m), write "
-            f"{z / (case.profile.sound_speed * case.density):.3g}, and 'rigid' for a hard wall"
-        )
-    if width:
-        across = case.profile.sound_speed * math.sqrt(1 - case.profile.bulk_mach**2) / (2 * width)
-        if frequency >= across:
-            tell(
-                f"at {frequency:g} Hz a mode runs across the width of {1e3 * width:g} mm, from its cut-on of "
-                f"{across:.4g} Hz on; the duct is solved in two dimensions without it"
-            )
 
 
 def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
@@ -279,7 +266,7 @@ def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
     if sound.impedance_file is not None:
         if sound.impedance is not None or not patches:
             raise ValueError("sound has an impedance_file, which needs a liner in duct and excludes impedance")
-        return wall_from_table(path.parent / sound.impedance_file, duct, sound.frequency)
+        return wall_from_table(path.parent / sound.impedance_file, duct)
     walls = sound.impedance or []
     if len(walls) != patches:
         raise ValueError(f"sound has {len(walls)} impedances for {patches} lined patches, and no impedance_file")

@@ -1,10 +1,8 @@
 r"""Roots of analytic functions, many at once: Newton's method, and roots followed without jumps.
 
-F(z, t) is analytic; a root at t = 0 is carried to t = 1 by tangent steps and Newton's method. Two bounds choose the
-step of each root, so that it never lands on a neighbour: F' may change over the step by 0.3, and the Newton-Kantorovich
-number at the predicted point, :math:`|F F''/F'^2|`, which below 1/2 leaves the iteration one limit, is at most 0.05
-(it is by how much F' changes over the first correction). Where two roots meet, F' = 0, the steps shrink to nothing:
-such a root stalls, unless they meet at t = 1 itself, where Newton's method halves the distance to the double root.
+F(z, t) is analytic; a root at t = 0 is carried to t = 1 by tangent steps and Newton's method. A step never lands on a
+neighbour: F' may change over it by 0.3, and the Newton-Kantorovich number |F F''/F'^2| at the predicted point is at
+most 0.05. Where two roots meet, F' = 0, the steps shrink to nothing and the root stalls, unless they meet at t = 1.
 """
 
 from __future__ import annotations

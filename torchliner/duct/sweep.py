@@ -1,19 +1,14 @@
-r"""All columns of a duct, swept from the right end to the left and back.
+r"""All columns of a duct, swept from the right end to the left and back, for every unit wave into the duct.
 
-With a the waves along the flow, b those against it and x those from the lined wall, each column
-gives a' = S_aa a + S_ab b' + S_aw x and b = S_ba a + S_bb b' + S_bw x, primes on its right side.
-Let b' = R' a' + s' hold there for everything on the right. Then b' = P a + t with
+With a the waves along the flow, b those against it and x those from the lined wall, each column gives
+a' = S_aa a + S_ab b' + S_aw x and b = S_ba a + S_bb b' + S_bw x, primes on its right side. Where b' = R' a' + s' holds,
 
-.. math:: P = (1 - R' S_{ab})^{-1} R' S_{aa}, \quad
+.. math:: b' = P a + t, \quad P = (1 - R' S_{ab})^{-1} R' S_{aa}, \quad
     t = (1 - R' S_{ab})^{-1} (R' S_{aw} x + s'),
 
-and R = S_ba + S_bb P, s = S_bb t + S_bw x hold on its left side. At the right end R = 0. The second
-sweep runs from a at the left end through a' = S_aa a + S_ab (P a + t) + S_aw x.
-
-All x at once: the waves are matrices with one column for each unit wave into the duct, in the order of
-X = (s_L, c_L, x, s_R, c_R): the plane-like modes into the left end (downstream s, upstream c: its part
-along the flow), the waves x from the lined wall and the modes into the right end (upstream s,
-downstream c). What an impedance or an end reflection changes comes later (``boundaries.py``).
+and R = S_ba + S_bb P, s = S_bb t + S_bw x hold on its left side; at the right end R = 0. The waves are matrices with
+one column for each unit wave, in the order of X = (s_L, c_L, x, s_R, c_R): the plane-like modes into the left end
+(downstream s, upstream c: its part along the flow), the waves from the lined wall, the modes into the right end.
 """
 
 from __future__ import annotations

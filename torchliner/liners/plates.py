@@ -1,13 +1,8 @@
 r"""Layers, and what the laws of plates with round holes share: the tube, the jet, ends, grazing flow.
 
-Every |v| of a law is the rms velocity in front of the sheet (the replay puts the instantaneous one in); in the holes it
-is |v|/sigma. Where a law is written for another, its docstring converts. Two ways lead from the quasi-steady drop of a
-jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, to a resistance per rms velocity:
-
-- the slope itself, dp/v at a steady v = |v|: factor 1;
-- the part of dp in phase with a tone v = V sin: the mean of |sin|^3 over that of sin^2 is 8/(3 pi),
-  and V = sqrt(2) |v|, so the factor is 8 sqrt(2)/(3 pi) = 1.2004, Melling's "1.2"; for the peak velocity, 1/2 times
-  8/(3 pi) is the 4/(3 pi) that others print. The two are one law.
+Every |v| of a law is the rms velocity in front of the sheet; in the holes it is |v|/sigma. Of the quasi-steady drop of
+a jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, the slope at a steady v is factor 1; the part in phase with a
+tone of rms |v| is 8 sqrt(2)/(3 pi) = 1.2004 of it, Melling's "1.2" (4/(3 pi) of the peak velocity).
 """
 
 from __future__ import annotations

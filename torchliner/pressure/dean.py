@@ -1,20 +1,13 @@
 r"""The in situ method: impedance from the pressures on the facesheet and at the cavity bottom.
 
-With y' measured from the backplate, a plane standing wave fills the cavity, p = p_b cosh(gamma y'), gamma = j omega/c
-without losses; by momentum its velocity into the mouth, y' = H, is rho c u_in = p_b sinh(gamma H). All that enters the
-cavity has passed the facesheet above it, whose thickness is short against the wavelength: v_in = phi_c u_in over the
-whole surface, phi_c being the share of the surface that is cavity. So with p_f on the facesheet
+A plane standing wave fills the cavity of depth H, p = p_b cosh(gamma y'), and all that enters it has passed the
+facesheet, so v_in = phi_c u_in, phi_c the share of the surface that is cavity:
 
 .. math:: \rho c\,v_{in} = \varphi_c\sinh(\gamma H)\,p_b, \qquad
           Z = \frac{p_f}{\rho c\,v_{in}} = -j\,\frac{p_f}{p_b}\,\frac{1}{\varphi_c\sin kH} \quad (\text{lossless}).
 
-Nothing is assumed of the facesheet or of the flow above it.
-
-Two orders of averaging. v_in is one number per cell, p_f is not: it drops towards the hole and is lowest in its mouth.
-The admittance averaged over points is v_in <1/p_f>, the plane wave that the surface sends back knows v_in/<p_f>: the
-first is the paper's, the second is the projection on the plane mode (the mean over the surface of p and of v), exact
-for normal incidence. The ratio of the two Z is <p_f><1/p_f>: 1 plus, to leading order, <d^2>/<p_f>^2 with d = p_f -
-<p_f> complex, which is below 1 where the pressure over a hole is in quadrature with the mean.
+Two orders of averaging: the admittance over points, v_in <1/p_f>, is the paper's; the plane wave that the surface sends
+back knows v_in/<p_f>, exact for normal incidence. The ratio of the two Z is <p_f><1/p_f>.
 """
 
 from __future__ import annotations
@@ -237,12 +230,6 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
         raise ValueError(
             f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells (cell_pitch, probe_cell) and "
             f"{record.probes} facesheet probes; give one row for all, one per cell or one per probe"
-        )
-    first = [int((cells.labels == cell).nonzero()[0]) for cell in range(cells.count)]
-    if 1 < rows == cells.count and record.probe_cell is None and first != sorted(first):
-        tell(
-            f"{record.name}: the rows of the backplate are taken as the cells in rising z, then x, but the probes are "
-            "in another order; state probe_cell if the backplate is in theirs"
         )
     return cells, torch.where(none, -1, row_of[rows])
 

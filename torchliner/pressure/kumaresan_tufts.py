@@ -1,14 +1,10 @@
 r"""Impedance from evenly spaced microphones: Kumaresan and Tufts' wavenumber, then the dispersion relation.
 
-A signal of damped exponentials :math:`p_n = \sum_k a_k\lambda_k^n` obeys, conjugated and read backwards, the prediction
+Damped exponentials :math:`p_n = \sum_k a_k\lambda_k^n`, conjugated and read backwards, obey
 :math:`p^*_n = -\sum_{l=1}^{L} b_l\,p^*_{n+l}`, and each :math:`1/\lambda_k^*` is a root of
-:math:`z^L + b_1 z^{L-1} + \dots + b_L`. The equations are solved through the K largest singular values alone, which
-leaves noise out. Damped signals, \|lambda\| < 1, then have their roots outside the unit circle, and the L - K roots
-that stand for nothing lie inside it: so the K largest \|z\| are taken.
-
-Of the K exponentials found, those that run with the source are kept, and of these the one with most energy over the
-array is the wave whose impedance is returned. That the others play no part in it is the method's assumption; a short
-liner's reflected and higher waves fold into it (``docs/wall_pressure.md``).
+:math:`z^L + b_1 z^{L-1} + \dots + b_L`, outside the unit circle, the L - K roots that stand for nothing inside. Solved
+through the K largest singular values. Of the K exponentials that run with the source the one with most energy is the
+wave whose impedance is returned; a short liner's reflected and higher waves fold into it (``docs/wall_pressure.md``).
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
 r"""Errors of microphones, independent in level and in phase: what they leave of a fit, and draws of them.
 
-Errors of :math:`s_l` nepers and :math:`s_p` radians are a relative error of variance :math:`s^2 = s_l^2 + s_p^2`. A fit
-of U complex unknowns to N microphones leaves the share :math:`(N - U)/N` of it. A residual above that says that the
-errors are larger than assumed, or that the waves of the fit are not all there is: either way the assumed errors would
-give an interval that is too short. So they are multiplied by the ratio of the two where it contradicts them: where it
-is above what 1 in 20 right models has. Below, it is as likely chance, and the errors stay as they are assumed. The
-ratio comes from :math:`\nu = (N - U)(s_l^2 + s_p^2)^2/(s_l^4 + s_p^4)` real degrees of freedom (Satterthwaite 1946):
-two a microphone where level and phase err alike, one where all the error is in the level. Hence each draw has a ratio
-of its own, as Student's interval has it.
+Errors of :math:`s_l` nepers and :math:`s_p` radians are a relative error of variance :math:`s_l^2 + s_p^2`, of which a
+fit of U complex unknowns to N microphones leaves the share :math:`(N - U)/N`. Where the residual is above what 1 in 20
+right models has, the assumed errors are multiplied by the ratio, known from
+:math:`\nu = (N - U)(s_l^2 + s_p^2)^2/(s_l^4 + s_p^4)` real degrees of freedom (Satterthwaite 1946); hence each draw has
+a ratio of its own, as Student's interval has it.
 """
 
 from __future__ import annotations

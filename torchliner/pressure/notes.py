@@ -22,6 +22,7 @@ HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
 ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 Notes = tuple[Note, ...]
+Where = Mapping[str, tuple[Tensor, str]]  # by code: where it holds, (..., F), and what is said of it
 
 
 def wave_notes(result: WallEduction, freedom: float) -> Notes:
@@ -39,41 +40,58 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
     # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
     spacing = choices.get("spacing", 0.0)
     highest = choices["sound_speed"] * (1 + sign * choices["mach"]) / (2 * spacing) if spacing else math.inf
-    off = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span
+    rigid = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span < LIKE_RIGID
+    rigid &= z.abs() > HARD
     limit = max(largest_misfit(freedom, POOR / result.misfit.numel()), choices["largest_misfit"])
-    where = {
-        "aliasing": result.frequency >= highest,
-        "no-wave": ~torch.isfinite(result.wavenumber),
-        "source-side": result.energy_share < LEAST_SHARE,
-        "conjugated-phases": against & (2 * against.sum() > against.numel()),
-        "rigid-wall": (off < LIKE_RIGID) & (z.abs() > HARD),
-        "active-wall": z.real < FEEDS,
-        "model-misfit": (result.misfit > limit) & (residual > ROUNDING),
-    }
-    poor, size = where["model-misfit"], None
+    poor, weak, feeds = (
+        (result.misfit > limit) & (residual > ROUNDING),
+        result.energy_share < LEAST_SHARE,
+        z.real < FEEDS,
+    )
+    size = None
     if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
         spread = result.standard_error if result.draws is None else result.standard_deviation
         size = float(spread[poor].abs().max())
     level, phase = (most(used, poor) for used in result.used_errors)
-    said = {
-        "aliasing": f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of "
-        "a rigid duct's wave; wavenumbers may be off by 2 pi/spacing",
-        "no-wave": f"no wave runs away from a source {result.source_side}; they are nan",
-        "source-side": f"the wave that runs away from a source {result.source_side} has at worst "
-        f"{least(result.energy_share, where['source-side']):.2g} of the energy of the strongest wave: the source may "
-        "be on the other side (source_side), or phases be those of exp(-j omega t)",
-        "conjugated-phases": "the strongest wave grows where its phase runs to: the phases look conjugated; "
-        "exp(+j omega t) is needed",
-        "rigid-wall": f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall "
-        f"looks rigid, and the impedance, |Z| {least(z.abs(), where['rigid-wall']):.3g} and more, is only hard",
-        "active-wall": f"the resistance is negative, {least(z.real, where['active-wall']):.3g} at least: the wave "
-        "gains energy at the wall, or is not the one assumed",
-        "model-misfit": f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
-        f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
-        f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}): other waves, or errors of {level:.2g} dB "
-        f"and {phase:.2g} degrees, which draws take; compare ranks, margins and methods",
+    where = {
+        "aliasing": (
+            result.frequency >= highest,
+            f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a rigid "
+            "duct's wave; wavenumbers may be off by 2 pi/spacing",
+        ),
+        "no-wave": (
+            ~torch.isfinite(result.wavenumber),
+            f"no wave runs away from a source {result.source_side}; they are nan",
+        ),
+        "source-side": (
+            weak,
+            f"the wave that runs away from a source {result.source_side} has at worst "
+            f"{least(result.energy_share, weak):.2g} of the energy of the strongest wave: the source may be on the "
+            "other side (source_side), or phases be those of exp(-j omega t)",
+        ),
+        "conjugated-phases": (
+            against & (2 * against.sum() > against.numel()),
+            "the strongest wave grows where its phase runs to: the phases look conjugated; exp(+j omega t) is needed",
+        ),
+        "rigid-wall": (
+            rigid,
+            f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall looks rigid, "
+            f"and the impedance, |Z| {least(z.abs(), rigid):.3g} and more, is only hard",
+        ),
+        "active-wall": (
+            feeds,
+            f"the resistance is negative, {least(z.real, feeds):.3g} at least: the wave gains energy at the wall, or "
+            "is not the one assumed",
+        ),
+        "model-misfit": (
+            poor,
+            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
+            f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
+            f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}): other waves, or errors of {level:.2g} "
+            f"dB and {phase:.2g} degrees, which draws take; compare ranks, margins and methods",
+        ),
     }
-    found = [*duct_notes(result.line), *_lost_draws(result), *noted(result, where, said, size)]
+    found = [*duct_notes(result.line), *_lost_draws(result), *noted(result, where, size)]
     if choices.get("unsettled"):
         text = f"{choices['unsettled']} of {z.numel()} fits did not settle; their waves may not be the best"
         found.insert(0, Note("unsettled", f"{choices['source']}: {text}"))
@@ -89,34 +107,36 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
         gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
     """
     assert result.freedom is not None
-    misfit, end = result.misfit, result.end_reflection.abs()
+    misfit, end, settled = result.misfit, result.end_reflection.abs(), result.converged
     limit = largest_misfit(result.freedom, POOR / misfit[..., 0].numel())
-    resistance = result.impedance.real
-    where = {
-        "unsettled": ~result.converged,
-        "model-misfit": misfit > limit,
-        "rigid-wall": rigid & result.converged,
-        "near-rigid-wall": hard & ~rigid & result.converged,
-        "active-wall": (resistance < FEEDS) & ~(rigid & result.converged),
-        "active-end": end > GAINS,
-        "growing-wave": gains > 0,
-    }
-    poor = where["model-misfit"]
+    poor, feeds = misfit > limit, (result.impedance.real < FEEDS) & ~(rigid & settled)
     level, phase = (most(used, poor) for used in result.used_errors)
-    said = {
-        "unsettled": "the fit did not settle; Z is the best one met",
-        "model-misfit": f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones "
-        f"(limit {limit**0.5:.3g}): duct, flow, far end or wall ({result.choices['wall']}) are not those of the "
-        "measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors are "
-        f"{level:.2g} dB and {phase:.2g} degrees, which error bars take",
-        "rigid-wall": "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
-        "near-rigid-wall": "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
-        "active-wall": f"the resistance is {least(resistance, where['active-wall']):.3g}, below 0",
-        "active-end": f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets",
-        "growing-wave": f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the "
-        "energy that comes in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
+    where = {
+        "unsettled": (~settled, "the fit did not settle; Z is the best one met"),
+        "model-misfit": (
+            poor,
+            f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones (limit "
+            f"{limit**0.5:.3g}): duct, flow, far end or wall ({result.choices['wall']}) are not those of the "
+            "measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors are "
+            f"{level:.2g} dB and {phase:.2g} degrees, which error bars take",
+        ),
+        "rigid-wall": (
+            rigid & settled,
+            "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
+        ),
+        "near-rigid-wall": (
+            hard & ~rigid & settled,
+            "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
+        ),
+        "active-wall": (feeds, f"the resistance is {least(result.impedance.real, feeds):.3g}, below 0"),
+        "active-end": (end > GAINS, f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
+        "growing-wave": (
+            gains > 0,
+            f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the energy that comes "
+            "in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
+        ),
     }
-    return (*noted(result, where, said), *_lost_draws(result))
+    return (*noted(result, where), *_lost_draws(result))
 
 
 def duct_notes(line: MicrophoneLine) -> Notes:
@@ -142,24 +162,16 @@ def _lost_draws(result: WallEduction | FieldFit) -> Notes:
     return (Note("lost-draws", f"{result.choices['source']}: {text}"),)
 
 
-def noted(
-    result: WallEduction | FieldFit, where: Mapping[str, Tensor], said: Mapping[str, str], misfit: float | None = None
-) -> Notes:
-    """A warning for each code that holds anywhere: how often, where first, and what.
-
-    Args:
-        result: an eduction.
-        where: something is wrong, (..., F), by code.
-        said: of it, by code.
-        misfit: how far Z may be off by a misfit of the model.
-    """
+def noted(result: WallEduction | FieldFit, where: Where, misfit: float | None = None) -> Notes:
+    """A warning for each code that holds anywhere: how often, where first, and what; ``misfit``: how far Z may be off
+    by a misfit of the model."""
     notes = []
-    for code, which in where.items():
+    for code, (which, said) in where.items():
         if bool(which.any()):
             first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
             place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
             size = misfit if code == "model-misfit" else None
-            notes.append(Note(code, f"{result.choices['source']}: {place}, {said[code]}", size))
+            notes.append(Note(code, f"{result.choices['source']}: {place}, {said}", size))
     return tuple(notes)
 
 

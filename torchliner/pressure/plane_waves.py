@@ -1,20 +1,12 @@
 r"""Pressures at several places split into two plane waves, one towards a surface and one away from it.
 
-y is the distance from the surface. A wave exp(j omega t + j k+ y) runs towards it, exp(j omega t - j k- y) away from
-it, so
+With y the distance from the surface and a mean flow of Mach number M along +y,
 
-.. math:: p(y) = A e^{+jk_+y} + B e^{-jk_-y}, \quad R = B/A, \quad Z = (1 + R)/(1 - R).
+.. math:: p(y) = A e^{+jk_+y} + B e^{-jk_-y}, \quad k_\pm = \frac{k}{1 \mp M}, \quad R = B/A, \quad
+    Z = (1 + R)/(1 - R), \quad \rho c\,v_{in} = A e^{jk_+y} - B e^{-jk_-y}.
 
-With a mean flow of Mach number M along +y, away from the surface, the incident wave makes its way against it at
-c (1 - M) and the reflected one with it at c (1 + M): k+ = k/(1 - M), k- = k/(1 + M). In each wave p = -+ rho c v holds
-whatever the uniform M, v along +y, so the velocity into the surface is v_in = (A e^{jk_+y} - B e^{-jk_-y})/(rho c), and
-Z follows as without flow.
-
-Two microphones s apart determine A and B unless sin((k+ + k-) s/2) = 0: spacings of a multiple of half a wavelength,
-n (1 - M^2) lambda/2.
-
-Along the wall of a rigid duct the flow runs along the microphones: there the wave towards smaller y, at c (1 - M), is
-the one that runs upstream.
+Two microphones s apart determine A and B unless sin((k+ + k-) s/2) = 0. Along the wall of a rigid duct the wave towards
+smaller y, at c (1 - M), is the one that runs upstream.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
-r"""Tones of a pressure record in blocks of time, and the statistical intervals that follow.
-
-An interval says how far Z may be off because the record is finite; not what the formula, the cavity's numbers or the
-microphones' own errors do.
+r"""Tones of a pressure record in blocks of time, and the statistical intervals that follow because it is finite.
 
 A windowed amplitude is linear in the signal, :math:`A = \sum_t g_t y_t`. What is left of y when tone, conjugate and
-mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole periods, so A is the mean, with the
-window's weight W_s of each block, of :math:`A + c_s/W_s`: without block s it is :math:`A - c_s/(1 - W_s)`. Z of these
-amplitudes is what the jackknife of ``engine.intervals`` takes. Over several segments the blocks are the segments, and
-H1 is made of the sums over those that remain.
+mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole periods, so without block s of weight
+W_s it is :math:`A - c_s/(1 - W_s)`, which the jackknife of ``engine.intervals`` takes. Of several segments these are
+the blocks.
 """
 
 from __future__ import annotations

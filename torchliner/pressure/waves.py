@@ -1,11 +1,9 @@
 r"""From waves along a wall to an impedance with error bars: what all methods of waves share.
 
-A method says what waves pressures hold. The dispersion relation makes an impedance of one of them; error bars come from
-what the waves leave, to first order, and from draws of the microphones' errors.
-
-Microphones are seen from the source. With s the distance from the source's side the wave above the liner is
-:math:`e^{-j\alpha' s}`: for a source upstream s = x and alpha' = alpha; for one downstream the array is read backwards,
-s = -x, alpha' = -alpha, and the flow runs at -M along s. Either way the wave decays along s.
+Microphones are seen from the source: with s the distance from its side the wave above the liner is
+:math:`e^{-j\alpha' s}`, for a source upstream s = x, alpha' = alpha; for one downstream the array is read backwards,
+s = -x, alpha' = -alpha, and the flow runs at -M along s. Error bars come from what the waves leave, to first order, and
+from draws of the microphones' errors.
 """
 
 from __future__ import annotations
