@@ -67,15 +67,6 @@ def test_mistakes_of_a_file_are_named(tmp_path, change, message):
         load_duct(write(tmp_path, change))
 
 
-def test_a_thin_layer_is_taken_when_asked_for(tmp_path, capsys):
-    thin = write(tmp_path, ("shear = 0.1 ", "allow_thin = true\nshear = 0.02 "))
-    assert load_duct(thin).case.profile.shear == 0.02
-    words = ["duct", "modes", "b2a", "--shear", "0.02", "--count", "1", "--quiet"]
-    assert main(words) == 2
-    assert "thicken it (or pass --allow-thin to study it; allow_thin = true in" in capsys.readouterr().err
-    assert main([*words, "--allow-thin"]) == 0
-
-
 def test_an_impedance_profile_is_linear_in_the_admittance():
     along = impedance_along([0.0, 0.1], [1.0 + 0j, 1.0 / (3 + 1j)])
     found = along(torch.tensor([-1.0, 0.0, 0.05, 0.1, 0.2]), torch.tensor([500.0, 900.0]))
@@ -83,19 +74,6 @@ def test_an_impedance_profile_is_linear_in_the_admittance():
     assert (1 / found[1]).tolist() == pytest.approx([1, 1, 2 + 0.5j, 3 + 1j, 3 + 1j])
     with pytest.raises(ValueError, match="must increase along x"):
         impedance_along([0.1, 0.1], [1.0, 2.0])
-
-
-def test_an_impedance_profile_with_rigid_stations():
-    """Admittance 0 there and between two of them; 0 and nan have none."""
-    for hard in (np.inf, complex(2.0, np.inf), complex(-np.inf, 1.0)):
-        along = impedance_along([0.0, 0.1, 0.2], [1.0, hard, np.inf])
-        found = along(torch.tensor([0.0, 0.05, 0.1, 0.15, 0.3]).double(), torch.tensor([500.0]))[0]
-        assert found[:2].tolist() == pytest.approx([1.0, 2.0])
-        assert torch.isinf(found[2:].real).all()
-    for fault in (0.0, np.nan):
-        said = rf"the impedance profile is {fault:g} at x = 0\.1 m.*small resistance"
-        with pytest.raises(ValueError, match=said):
-            impedance_along([0.0, 0.1], [1.0, fault])
 
 
 HEADER = "x [mm], resistance, reactance\n"
@@ -140,12 +118,6 @@ def test_a_table_is_read_by_its_names_and_units(tmp_path):
                                                4 + 1j])  # fmt: skip
     for wall in walls[1:]:
         assert wall.tolist() == pytest.approx(walls[0].tolist())
-
-
-def test_stations_that_do_not_span_the_liner_are_told_of(tmp_path):
-    (tmp_path / "z.csv").write_text(HEADER + "5,2,-0.3\n140,2,-0.3\n")
-    with pytest.warns(tl.DataWarning, match="stations, x = 0.005 to 0.14 m, do not span the line"):
-        load_duct(with_table(tmp_path))
 
 
 def test_a_velocity_table_is_read_by_its_names_and_units(tmp_path):
@@ -250,16 +222,6 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
 def test_faulty_commands_end_with_two(capsys, words, message):
     assert main(["duct", *words]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_several_patches_are_not_written_as_one_liner(tmp_path, capsys):
-    path = write(tmp_path, ("liner = [[0.0, 0.150]]", "liner = [[0.0, 0.05], [0.1, 0.15]]"))
-    out = str(tmp_path / "m.h5")
-    walls = ["--impedance", "1+0.5j", "2"]
-    assert main(["duct", "solve", str(path), *SMALL, *MESH, *walls, "-o", out]) == 0
-    assert "has 2 lined patches, a line of microphones names one" in capsys.readouterr().err
-    line = tl.read_microphones(out)
-    assert (line.liner_start, line.liner_end) == (None, None)
 
 
 def test_presets_are_listed_and_copied(tmp_path, capsys):

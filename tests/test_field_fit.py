@@ -15,8 +15,6 @@ from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import duct_text, load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.pressure import field_model as field_search
-from torchliner.pressure.field_model import FieldModel, impedance_at
 from torchliner.pressure.fit_field import fit_field, fit_line
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.records import MicrophoneLine
@@ -117,26 +115,6 @@ def test_a_fitted_far_end_needs_no_knowledge_of_it(side, reflection):
     assert float(found.residual.max()) < 1e-9
 
 
-def test_a_stated_far_end_is_returned_as_stated():
-    line, solver = solved(end_reflection=(0.3, -0.2))
-    found = fit_field(line, solver, far_end="stated")
-    assert float((found.impedance - TRUE).abs().max()) < 1e-8
-    assert float((found.end_reflection - (0.3 - 0.2j)).abs().max()) < 1e-12
-
-
-def test_level_and_phase_alike_widen_the_valleys(monkeypatch):
-    """From the coarse grid alone; with the weights of the errors from the first it goes astray."""
-    wall, weights = 0.0793 + 0.0378j, (87.0, 573.0)  # 0.1 dB, 0.1 degrees
-    line, solver = of_preset("upstream", 700.0, wall)
-    model = FieldModel(solver, ["upstream", "downstream"], line.x, "opposite")
-    pressure = line.pressure.mT[None]
-    for first, near in ((field_search.ALIKE, True), (weights, False)):
-        monkeypatch.setattr(field_search, "ALIKE", first)
-        found = field_search.from_grid(model, pressure, weights, field_search.COARSE)
-        away = abs(complex(impedance_at(found.place)[0, 0, 0]) - wall)
-        assert (away < 1e-6) == near
-
-
 @pytest.mark.parametrize("wall", [0.0, 1e-3, 0.05 - 0.2j, 50.0, 0.05 - 8j, 0.3 + 0.9j])
 def test_walls_at_the_ends_of_the_range(wall):
     """Soft, hard and reactive walls, with no guess and no doubt of a trial passed on."""
@@ -189,40 +167,6 @@ def test_reflections_stated_for_a_source_elsewhere_are_not_believed():
     assert float((fit_field(line, plain, far_end="stated").impedance - TRUE).abs().max()) < 1e-6
 
 
-def test_bad_lines_are_refused(upstream):
-    line, solver = upstream
-    two = line.select([0, 1])
-    with pytest.raises(ValueError, match=r"2 microphones are too few for 2 complex unknowns"):
-        fit_field(two, solver, far_end="stated")
-    with pytest.raises(ValueError, match=r"b2a: mach is 0\.1, of the duct 0\.3; state the same"):
-        fit_field(dataclasses.replace(line, mach=0.1), solver)
-    with pytest.raises(ValueError, match=r"duct_height \(m\) is 0\.04, of the duct 0\.05"):
-        fit_field(dataclasses.replace(line, duct_height=0.04), solver)
-    with pytest.raises(ValueError, match="source_side is 'unknown'; state upstream or"):
-        fit_field(dataclasses.replace(line, source_side="unknown"), solver)
-    with pytest.raises(ValueError, match=r"microphones at x = \[0\.275, .*\] m lie outside the duct"):
-        fit_field(dataclasses.replace(line, x=line.x + 0.146, liner_start=None, liner_end=None), solver)
-    with pytest.raises(ValueError, match=r"frequencies are \[900.0, 1600.0\] Hz, of the duct"):
-        fit_field(dataclasses.replace(line, frequency=[900.0, 1600.0]), solver)
-    with pytest.raises(ValueError, match=r"liner_end \(m\) is 0\.14, of the duct 0\.15"):
-        fit_field(dataclasses.replace(line, liner_end=0.14), solver)
-    with pytest.raises(ValueError, match="3 microphones are too few for 3 complex unknowns"):
-        fit_field(line.select([0, 1, 2]), solver)
-    with pytest.raises(ValueError, match=r"level_error \(dB\) is 0; it must be finite and at least 0\.0001"):
-        fit_field(line, solver, level_error=0.0)
-    with pytest.raises(ValueError, match="unknown far_end 'open'; choose one of: fitted, stated"):
-        fit_field(line, solver, far_end="open")
-
-
-def test_several_patches_are_refused():
-    setup = load_duct("b2a", profile="uniform", shear=None, liner=[(0.0, 0.05), (0.1, 0.15)],
-                      impedance=[(1.0, 0.0), (2.0, 0.0)])  # fmt: skip
-    solver = DuctSolver(setup.case, setup.frequency)
-    line = setup.line_of(solver.solve(setup.impedance))
-    with pytest.raises(ValueError, match="2 lined patches; one impedance is fitted to one patch"):
-        fit_field(line, solver)
-
-
 def test_the_duct_of_a_line(tmp_path):
     """From a file: the frequencies are the line's, the wall of the microphones the file's."""
     setup = solved_setup(900.0, 1500.0, wall="lined")
@@ -259,3 +203,24 @@ def test_a_fit_that_leans_on_a_growing_wave_says_so():
     assert right.notes == ()
     assert abs(complex(wrong.impedance[0]) - (0.8 + 0.4j)) > 0.5
     assert {"growing-wave", "model-misfit"} <= {note.code for note in wrong.notes}
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "match"),
+    [
+        ({}, {"microphones": 2, "far_end": "stated"}, "2 microphones are too few for 2 complex unknowns"),
+        ({}, {"microphones": 3}, "3 microphones are too few for 3 complex unknowns"),
+        ({"mach": 0.1}, {}, r"mach is 0\.1, of the duct 0\.3"),
+        ({"duct_height": 0.04}, {}, r"duct_height \(m\) is 0\.04, of the duct 0\.05"),
+        ({"liner_end": 0.14}, {}, r"liner_end \(m\) is 0\.14, of the duct 0\.15"),
+        ({"source_side": "unknown"}, {}, "source_side is 'unknown'"),
+        ({"frequency": [900.0, 1600.0]}, {}, r"\[900\.0, 1600\.0\] Hz, of the duct"),
+        ({}, {"level_error": 0.0}, r"level_error \(dB\) is 0; .*0\.0001"),
+        ({}, {"far_end": "open"}, "far_end 'open'.*fitted, stated"),
+    ],
+)
+def test_bad_lines_are_refused(upstream, change, options, match):
+    line, solver = upstream
+    count = options.pop("microphones", line.microphones)
+    with pytest.raises(ValueError, match=match):
+        fit_field(dataclasses.replace(line, **change).select(range(count)), solver, **options)

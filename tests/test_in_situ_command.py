@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 
-import numpy as np
 import pytest
 import torch
 from conftest import DATA
@@ -50,18 +48,6 @@ def test_command_refuses(arguments, match, capsys):
     assert match in capsys.readouterr().err
 
 
-def test_options_of_what_a_record_has_not_are_refused(tmp_path, capsys):
-    """A pair without microphones, losses without a cavity."""
-    whole, path = file_of("n130"), str(tmp_path / "part.h5")
-    dataclasses.replace(whole, microphones=None, microphone_y=None, microphone_velocity=None).write(path)
-    assert main(["insitu", path, "--microphones", "0", "1", "--quiet"]) == 2
-    assert "holds 0 microphones; there is no pair to choose" in capsys.readouterr().err
-    dataclasses.replace(whole, facesheet=None, backplate=None, x=None, probe_cell=None).write(path)
-    assert main(["insitu", path, "--losses", "viscothermal", "--quiet"]) == 2
-    assert "holds microphones alone; losses 'viscothermal' are" in capsys.readouterr().err
-    assert main(["insitu", path, "--microphones", "0", "1", "--quiet"]) == 0
-
-
 def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     """educe --in-situ: in the table, in the file and back, in the figures."""
     plane, pressure = DATA / "slit_n130_y2.5mm.h5", DATA / "pressure_n130.h5"
@@ -84,18 +70,6 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     assert "is an input" in capsys.readouterr().err
 
 
-def test_other_times_are_warned_of(capsys, tmp_path):
-    """A pressure record that lasts another time."""
-    record = file_of("n130")
-    keep = record.facesheet.shape[-1] // 2
-    signals = ("facesheet", "backplate", "microphones", "microphone_velocity")
-    parts = {name: getattr(record, name)[..., :keep] for name in signals}
-    dataclasses.replace(record, **parts).write(tmp_path / "half.h5")
-    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--verbose", "--in-situ"]
-    assert main([*arguments, str(tmp_path / "half.h5")]) == 0
-    assert "of different times" in capsys.readouterr().err
-
-
 def test_another_case_is_refused(capsys):
     """Another level, flow or case does not stand beside the educed values."""
     arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
@@ -103,32 +77,6 @@ def test_another_case_is_refused(capsys):
     assert "are not one case: incident_level is 130.0 and 115.0" in capsys.readouterr().err
     assert main([*arguments, str(DATA / "no.h5")]) == 2
     assert "no.h5: no such file" in capsys.readouterr().err
-
-
-def test_record_of_another_kind():
-    plane = tl.read_plane(DATA / "slit_n130_y2.5mm.h5")
-    for method in (tl.in_situ, tl.decompose_waves):
-        with pytest.raises(TypeError, match="record is VelocityPlane; a PressureRecord is needed"):
-            method(plane)
-
-
-@pytest.mark.parametrize("rows", [1, 2, 3])
-def test_probe_of_no_cell_has_no_backplate(rows):
-    """Whatever the backplate's layout, a probe labelled -1 is nan and in no average."""
-    time = np.arange(2000) / 50e3
-    tone = np.cos(2 * np.pi * 1000 * time)
-    face = np.array([1.0, 9.0, 1.0])[:, None] * tone
-    back = 0.5 * np.sin(2 * np.pi * 1000 * time) * np.ones((rows, 1))
-    labels = [0, -1, 1] if rows == 2 else [0, -1, 0]
-    record = tl.PressureRecord(
-        face, back[0] if rows == 1 else back, sampling_rate=50e3, frequency=1000.0,
-        cavity_depth=0.03, probe_cell=labels,
-    )  # fmt: skip
-    found = tl.in_situ(record)
-    assert bool(found.point_impedance[1].isnan().all())
-    wanted = complex(found.point_impedance[0, 0])
-    assert abs(complex(found.liner_impedance[0]) - wanted) < 1e-9
-    assert abs(complex(found.liner_impedance_pressure_first[0]) - wanted) < 1e-9
 
 
 def test_legend_names_the_method():

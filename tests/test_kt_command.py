@@ -64,24 +64,6 @@ def test_both_sides_at_once(files, capsys, method):
     assert again[0] == again[1] != again[2]
 
 
-def test_options_reach_the_method(files, capsys):
-    """Rank, order, condition, margin, errors and the side that overrules the file."""
-    path = str(files / "downstream.h5")
-    options = ["--rank", "3", "--order", "4", "--condition", "continuous-velocity",
-               "--draws", "3", "--level-error", "0.3", "--phase-error", "2"]  # fmt: skip
-    assert main(["kt", path, *options, "--json", "--quiet"]) == 0
-    choices = json.loads(capsys.readouterr().out)["lines"][0]["choices"]
-    assert (choices["rank"], choices["order"], choices["level_error"]) == (3, 4, 0.3)
-    assert (choices["condition"], choices["phase_error"]) == ("continuous-velocity", 2.0)
-    assert main(["kt", path, "--frequency", "1000:1500:500", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["lines"][0]["rows"]
-    assert [row["frequency"] for row in rows] == [1000.0, 1500.0]
-    fit = ["--method", "two-waves", "--weights", "relative", "--source-side", "upstream"]
-    assert main(["kt", path, *fit, "--json", "--quiet"]) == 0
-    choices = json.loads(capsys.readouterr().out)["lines"][0]["choices"]
-    assert (choices["weights"], choices["source_side"]) == ("relative", "upstream")
-
-
 def test_figures(files, capsys):
     """Z in its plane with levels for one frequency, R and X over frequency for several."""
     one = [str(files / f"{side}_1500.h5") for side in ("upstream", "downstream")]
@@ -143,44 +125,6 @@ def test_fit_of_the_field(solved_files, capsys):
     assert main([*arguments, "--start", "2+0.1j", *drawn, "--quiet"]) == 0
     assert "2.330-0.300j" in capsys.readouterr().out
     assert picture.stat().st_size > 15_000
-
-
-@pytest.mark.slow
-def test_a_rigid_wall_in_the_table(tmp_path, capsys):
-    """No number of seven digits with an error of 0."""
-    path, duct = str(tmp_path / "rigid.h5"), str(tmp_path / "mine.toml")
-    text = duct_text("b2a").replace('"tanh"', '"uniform"').replace("shear = ", "# ")
-    text = text.replace("start = -0.300", "start = -0.06").replace("end = 0.450", "end = 0.21")
-    (tmp_path / "mine.toml").write_text(text)
-    assert main(["duct", "solve", duct, "--impedance", "rigid", "-o", path, "--quiet"]) == 0
-    fit = ["kt", path, "--method", "field", "--duct", duct]
-    capsys.readouterr()
-    assert main([*fit, "--draws", "2", "-o", str(tmp_path / "rows.csv")]) == 0
-    printed = capsys.readouterr()
-    assert printed.out.splitlines()[2].split()[:4] == ["1500.0", "rigid", "no", "bound"]
-    assert "do not tell the liner from a rigid wall" in printed.err
-    with (tmp_path / "rows.csv").open() as file:
-        assert next(csv.DictReader(file))["resistance_deviation"] == "inf"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ([], "a fit of the field needs the duct: state --duct with a preset or a .toml file"),
-        (["--duct", "b3a"], "unknown duct 'b3a' (did you mean 'b2a'?)"),
-        (["--duct", "ufsc"], "duct_height (m) is 0.05, of the duct 0.04; state the same in both"),
-        (["--duct", "nothing.toml"], "nothing.toml: no such file"),
-        (["--duct", "b2a", "--order", "3"], "--order is no option of --method field"),
-        (["--duct", "b2a", "--margin", "3"], "--margin is no option of --method field"),
-        (["--duct", "b2a", "--draws", "1"], "draws is 1; 0 for none, or at least 2"),
-        (["--duct", "b2a", "--start", "-1"], "start is (-1+0j); an impedance other than -1"),
-        (["--duct", "b2a", "--level-error", "0"], "level_error (dB) is 0; it must be finite and at least 0.0001"),
-    ],
-)
-def test_fit_of_the_field_refuses(solved_files, capsys, arguments, match):
-    path = str(solved_files / "upstream.h5")
-    assert main(["kt", path, "--method", "field", *arguments]) == 2
-    assert match in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -154,14 +154,6 @@ def test_a_transparent_septum_is_one_deep_cavity():
     assert difference(one, seen) > 0.1
 
 
-def test_an_opaque_septum_is_the_backplate():
-    """The error falls as 1/R of the septum; the lower cavity does not count any more."""
-    alone = tl.LayeredLiner([PLATE, cavity(13e-3)])
-    off = [difference(alone, tl.LayeredLiner([PLATE, cavity(13e-3), Weave(r), cavity(5e-3)])) for r in (1e6, 1e9)]
-    assert off[1] < 1e-6
-    assert off[1] == pytest.approx(off[0] / 1e3, rel=1e-2)
-
-
 def test_sheets_in_series_add():
     """Perforate plus mesh on one cavity; both see the measured |v|."""
     mesh = Weave(0.4, 0.2, 1e-5)

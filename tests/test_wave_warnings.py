@@ -9,7 +9,7 @@ import warnings
 import pytest
 import torch
 from test_two_wave_fit import both_ways
-from test_wall_pressure import BY_CHANCE, FREQUENCY, OTHER, WALLS, X, line_of
+from test_wall_pressure import BY_CHANCE, OTHER, WALLS, line_of
 
 import torchliner as tl
 from coverage_waves import METHODS, held_by_draws
@@ -93,16 +93,6 @@ def test_conjugated_phases_are_noticed(side, share):
     assert [str(one.message) for one in told] == [str(note) for note in found.notes]
 
 
-def test_a_rigid_wall_is_called_one():
-    """KT finds 0+88j or the like there; the wall's hardness is all that it tells."""
-    k = 2 * torch.pi * FREQUENCY / tl.Fluid().sound_speed / 1.3
-    line = off(line_of(100 * torch.exp(-1j * k * X[:, None])), 1e-3, 2)
-    with pytest.warns(tl.DataWarning) as told:
-        found = kumaresan_tufts(line, rank=1)
-    assert any("the wall looks rigid, and the impedance, |Z|" in str(one.message) for one in told)
-    assert float(found.impedance.abs().min()) > 10
-
-
 # --- intervals ----------------------------------------------------------------------------------
 
 
@@ -178,15 +168,3 @@ def test_a_wave_that_is_missing_is_a_misfit():
     text = format_wall(line_of(both_ways()[0]), found)
     assert "by the residual; not the error of the model" in text
     assert "over errors: residual over what the assumed errors of 0.1 dB, 0.1 degrees leave" in text
-
-
-def test_where_there_is_no_interval():
-    """No degree of freedom, or a line of draws: none, and it says so."""
-    few = line_of(both_ways()[0]).select(range(4))
-    found = kumaresan_tufts(few)
-    assert found.covariance is None
-    assert "unknown, the waves leave no degree of freedom" in format_wall(few, found)
-    with pytest.raises(ValueError, match="no covariance is known; educe with draws=500"):
-        found.interval()
-    several = dataclasses.replace(few, pressure=few.pressure.expand(2, -1, -1))
-    assert kumaresan_tufts(several).covariance is None
