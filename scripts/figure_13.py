@@ -56,10 +56,9 @@ def rows_of(label: str, one: Solved) -> list[dict[str, Any]]:
     places = setup.places
     level, phase = (values(places, setup.wall)[0].detach() for values in (field.wall_level, field.wall_phase))
     return [
-        {"case": label, "source": field.source, "x (m)": float(x), "SPL (dB)": float(s),
-         "phase (deg)": float(a)}
+        {"case": label, "source": field.source, "x (m)": float(x), "SPL (dB)": float(s), "phase (deg)": float(a)}
         for x, s, a in zip(places, level, phase, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -71,17 +70,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         profile = educed_profile(configuration)
         cases[f"source {side}, Z(x) of simulated bursts"] = solved("b2a", side, profile)
     rows = [row for label, one in cases.items() for row in rows_of(f"b2a, {label}", one)]
-    draw_walls(list(cases.values()), options.output / "figure_13.png", labels=list(cases),
-               title="B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite "
-               "wall")  # fmt: skip
+    draw_walls(
+        list(cases.values()),
+        options.output / "figure_13.png",
+        labels=list(cases),
+        title="B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite wall",
+    )
     others: dict[str, Solved] = {}
     for side in SIDES:
         for label, factor in HEIGHTS.items():
             pair = (factor * ASSUMED.real, ASSUMED.imag)
             others[f"{side}, {label}"] = solved("ufsc", side, pair)
     rows += [row for label, one in others.items() for row in rows_of(f"ufsc, {label}", one)]
-    draw_walls(list(others.values()), options.output / "figure_18.png", labels=list(others),
-               title=f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED")  # fmt: skip
+    draw_walls(
+        list(others.values()),
+        options.output / "figure_18.png",
+        labels=list(others),
+        title=f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED",
+    )
     write_rows(rows, options.output / "figure_13_18.csv")
     return 0
 

@@ -53,11 +53,19 @@ class Facility:
 
 
 FACILITIES = (
-    Facility("B2A", "b2a", {"upstream": 2.33 - 0.30j, "downstream": 2.25 - 0.30j},
-             {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}),
-    Facility("UFSC/PoliTo", "ufsc", dict.fromkeys(SIDES, 1.36 - 0.67j),
-             {"upstream": 1.04 - 0.36j, "downstream": 1.68 - 0.98j}),
-)  # fmt: skip
+    Facility(
+        "B2A",
+        "b2a",
+        {"upstream": 2.33 - 0.30j, "downstream": 2.25 - 0.30j},
+        {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j},
+    ),
+    Facility(
+        "UFSC/PoliTo",
+        "ufsc",
+        dict.fromkeys(SIDES, 1.36 - 0.67j),
+        {"upstream": 1.04 - 0.36j, "downstream": 1.68 - 0.98j},
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -98,8 +106,7 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
         plane.plot(z.real, z.imag, "x", color=COLOURS[i], markersize=7, label=f"paper, {side}")
     for i, (side, _) in pairs:
         z = facility.truth[side]
-        plane.plot(z.real, z.imag, "*", color="k", markersize=8, zorder=5,
-                   label=None if i else "true")  # fmt: skip
+        plane.plot(z.real, z.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
     plane.set_xlabel(PARTS[0][1])
     plane.set_ylabel(PARTS[1][1])
     levels.set_xlabel("$x$ (mm)")
@@ -126,13 +133,23 @@ def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any
         z, mean = complex(found.impedance[0]), complex(found.mean[0])
         spread = complex(found.standard_deviation[0])
         rows.append(
-            {"facility": facility.name, "source": side, "method": found.method,
-             "resistance": z.real, "reactance": z.imag, "mean resistance": mean.real,
-             "mean reactance": mean.imag, "std resistance": spread.real,
-             "std reactance": spread.imag, "true resistance": truth.real,
-             "true reactance": truth.imag, "paper's KT resistance": paper.real,
-             "paper's KT reactance": paper.imag, "draws": found.choices["draws"]}
-        )  # fmt: skip
+            {
+                "facility": facility.name,
+                "source": side,
+                "method": found.method,
+                "resistance": z.real,
+                "reactance": z.imag,
+                "mean resistance": mean.real,
+                "mean reactance": mean.imag,
+                "std resistance": spread.real,
+                "std reactance": spread.imag,
+                "true resistance": truth.real,
+                "true reactance": truth.imag,
+                "paper's KT resistance": paper.real,
+                "paper's KT reactance": paper.imag,
+                "draws": found.choices["draws"],
+            }
+        )
     return rows
 
 
@@ -142,12 +159,17 @@ def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
     fitted = spl_from_pressure_amplitude(one.by_modes.pressure_at(one.line.x))[:, 0]
     drawn = spl_from_pressure_amplitude(one.by_modes.draws.pressure_at(one.line.x))[..., 0]
     return [
-        {"facility": facility.name, "source": side, "x (m)": float(x),
-         "SPL (dB)": float(one.line.level[i, 0]), "KT (dB)": float(fitted[i]),
-         "KT least (dB)": float(drawn[:, i][drawn[:, i].isfinite()].min()),
-         "KT most (dB)": float(drawn[:, i][drawn[:, i].isfinite()].max())}
+        {
+            "facility": facility.name,
+            "source": side,
+            "x (m)": float(x),
+            "SPL (dB)": float(one.line.level[i, 0]),
+            "KT (dB)": float(fitted[i]),
+            "KT least (dB)": float(drawn[:, i][drawn[:, i].isfinite()].min()),
+            "KT most (dB)": float(drawn[:, i][drawn[:, i].isfinite()].max()),
+        }
         for i, x in enumerate(one.line.x)
-    ]  # fmt: skip
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -164,9 +186,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     write_rows(found, options.output / "figure_14_19.csv")
     write_rows(heard, options.output / "figure_14_19_levels.csv")
     for row in found:
-        print(f"{row['facility']:12s} {row['source']:10s} {row['method']:16s} "
-              f"{row['resistance']:.3f}{row['reactance']:+.3f}j, draws "
-              f"{row['std resistance']:.3f}, {row['std reactance']:.3f}")  # fmt: skip
+        print(
+            f"{row['facility']:12s} {row['source']:10s} {row['method']:16s} "
+            f"{row['resistance']:.3f}{row['reactance']:+.3f}j, draws "
+            f"{row['std resistance']:.3f}, {row['std reactance']:.3f}"
+        )
     return 0
 
 

@@ -39,8 +39,7 @@ from torchliner.report.figure import (
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m
 PATCH, SHARE, TRUE = 0.2, 0.25, 0.8
 SIZES = (0.5e-3, 1.0e-3, 2.0e-3)  # of a patch, m; the period is four of them
-WINDOWS = {"all of the liner": (0.0, 0.15), "middle 100 mm": (0.025, 0.125),
-           "middle 52 mm": (0.049, 0.101)}  # fmt: skip
+WINDOWS = {"all of the liner": (0.0, 0.15), "middle 100 mm": (0.025, 0.125), "middle 52 mm": (0.049, 0.101)}
 HEIGHTS = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0]) * 1e-3
 LEVEL = 145.0  # dB, of the picture
 
@@ -73,8 +72,7 @@ def solved(size: float | None) -> Any:
     """The field above patches of a size, or above the homogeneous wall."""
     flow = UniformProfile(0.0, HEIGHT)
     liner = [(0.0, LENGTH)] if size is None else patches(size)
-    case = DuctCase(flow, -BEYOND, LENGTH + BEYOND, liner,
-                    incident=pressure_amplitude_from_spl(LEVEL))  # fmt: skip
+    case = DuctCase(flow, -BEYOND, LENGTH + BEYOND, liner, incident=pressure_amplitude_from_spl(LEVEL))
     fine = 1.0e-3 if size is None else size
     mesh = None if size is None else mesh_of(case, fine)
     return DuctSolver(case, FREQUENCY, mesh).solve(TRUE if size is None else PATCH)
@@ -94,8 +92,10 @@ def homogenised(field: Any, window: tuple[float, float], heights: np.ndarray) ->
 
 def rows_of(label: str, window: str, z: np.ndarray) -> list[dict[str, Any]]:
     """One a height."""
-    return [{"wall": label, "window": window, "y (mm)": 1e3 * y, "resistance": each.real,
-             "reactance": each.imag} for y, each in zip(HEIGHTS, z, strict=True)]  # fmt: skip
+    return [
+        {"wall": label, "window": window, "y (mm)": 1e3 * y, "resistance": each.real, "reactance": each.imag}
+        for y, each in zip(HEIGHTS, z, strict=True)
+    ]
 
 
 @styled
@@ -105,9 +105,16 @@ def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
     for axis, (part, label), kind in zip(axes[0], PARTS, ("real", "imag"), strict=True):
         del part
         for i, (name, z) in enumerate(curves.items()):
-            axis.plot(1e3 * HEIGHTS, getattr(z, kind), color=COLOURS[i % len(COLOURS)],
-                      marker=MARKERS[i % len(MARKERS)], linestyle=LINES[i],
-                      markerfacecolor="none", markersize=3 + 0.5 * i, label=name)  # fmt: skip
+            axis.plot(
+                1e3 * HEIGHTS,
+                getattr(z, kind),
+                color=COLOURS[i % len(COLOURS)],
+                marker=MARKERS[i % len(MARKERS)],
+                linestyle=LINES[i],
+                markerfacecolor="none",
+                markersize=3 + 0.5 * i,
+                label=name,
+            )
         axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
         axis.set_xlabel("$y$ (mm)")
         axis.set_ylabel(label)
@@ -122,8 +129,7 @@ def draw_velocity(field: Any, path: Path) -> Figure:
     grid = np.meshgrid(x, y)
     _, _, v = field.at(grid[0].ravel(), grid[1].ravel())
     speed = np.abs(v[0].detach().numpy()).reshape(grid[0].shape)
-    drawn = axes[0, 0].pcolormesh(1e3 * x, 1e3 * y, speed, cmap="cividis", shading="gouraud",
-                                  rasterized=True)  # fmt: skip
+    drawn = axes[0, 0].pcolormesh(1e3 * x, 1e3 * y, speed, cmap="cividis", shading="gouraud", rasterized=True)
     figure.colorbar(drawn, ax=axes[0, 0], label="$|v|$ (m s$^{-1}$)")
     axes[0, 0].set_xlabel("$x$ (mm)")
     axes[0, 0].set_ylabel("$y$ (mm)")
@@ -141,8 +147,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             z = homogenised(field, span, HEIGHTS)
             rows += rows_of(label, window, z)
             slope = np.polyfit(1e3 * HEIGHTS[3:], z[3:], 1)[0]
-            print(f"{label:27s} {window:18s} at 1 mm {z[3]:.3f}, at 2.5 mm {z[6]:.3f}, a mm above "
-                  f"{slope:.4f}, from the wall to 5 mm {(z[-1] - TRUE) / 5:.4f}")  # fmt: skip
+            print(
+                f"{label:27s} {window:18s} at 1 mm {z[3]:.3f}, at 2.5 mm {z[6]:.3f}, a mm above "
+                f"{slope:.4f}, from the wall to 5 mm {(z[-1] - TRUE) / 5:.4f}"
+            )
             if window == "middle 100 mm":
                 curves[label] = z
             if label == "patches of 1 mm" and window != "middle 100 mm":

@@ -63,15 +63,28 @@ DARK = {"upstream": COLOURS[0], "downstream": COLOURS[1]}
 def setup_of(side: str, length: float = 0.15, **changes: Any) -> DuctSetup:
     """The B2A preset with another liner; microphones over the liner alone."""
     return load_duct(
-        "b2a", source_side=side, liner=[(0.0, length)], start=-BEYOND, end=length + BEYOND,
-        first=STEP / 2, last=length - STEP / 2, **changes,
-    )  # fmt: skip
+        "b2a",
+        source_side=side,
+        liner=[(0.0, length)],
+        start=-BEYOND,
+        end=length + BEYOND,
+        first=STEP / 2,
+        last=length - STEP / 2,
+        **changes,
+    )
 
 
 def row(study: str, value: Any, side: str, method: str, z: complex, **more: Any) -> dict[str, Any]:
     """One educed impedance."""
-    return {"study": study, "value": value, "source": side, "method": method,
-            "resistance": z.real, "reactance": z.imag, **more}  # fmt: skip
+    return {
+        "study": study,
+        "value": value,
+        "source": side,
+        "method": method,
+        "resistance": z.real,
+        "reactance": z.imag,
+        **more,
+    }
 
 
 def all_methods(
@@ -129,8 +142,7 @@ def noise(lines: dict[str, tl.MicrophoneLine], solvers: dict[str, DuctSolver], d
                 found["LEE fit"] = fitted.impedance
             for method, values in found.items():
                 drawn = values[:, 0]
-                spread = {"std resistance": float(drawn.real.std()),
-                          "std reactance": float(drawn.imag.std())}  # fmt: skip
+                spread = {"std resistance": float(drawn.real.std()), "std reactance": float(drawn.imag.std())}
                 rows.append(row("noise", error, side, method, complex(drawn.mean()), draws=draws, **spread))
     return rows
 
@@ -171,12 +183,17 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
             points = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES]
             axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
             for side, z in zip(SIDES, points, strict=True):
-                axis.plot(z.real, z.imag, MARKERS[i], color=DARK[side], zorder=3,
-                          label=f"{FLOW_WORDS.get(flow, flow)}, {side}")  # fmt: skip
+                axis.plot(
+                    z.real,
+                    z.imag,
+                    MARKERS[i],
+                    color=DARK[side],
+                    zorder=3,
+                    label=f"{FLOW_WORDS.get(flow, flow)}, {side}",
+                )
         for side, z in PAPER.items():
             axis.plot(z.real, z.imag, "x", color=DARK[side], markersize=7, label=f"paper, {side}")
-        axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="truth, and LEE fit",
-                  zorder=4)  # fmt: skip
+        axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="truth, and LEE fit", zorder=4)
         axis.set_xlabel(PARTS[0][1])
         axis.set_ylabel(PARTS[1][1])
         head_panel(axis, {"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
@@ -197,10 +214,22 @@ def draw_length(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                 x, up = of(rows, f"length, {flow}", "upstream", method)
                 _, down = of(rows, f"length, {flow}", "downstream", method)
                 words = f"{FLOW_WORDS.get(flow, flow)}; {method}"
-                axis.plot(1e3 * x, getattr(down - up, part), style, color=COLOURS[i],
-                          marker=MARKERS[i], markersize=3, label=words)  # fmt: skip
-        axis.axhline(getattr(PAPER["downstream"] - PAPER["upstream"], part), color="k",
-                     linewidth=0.8, linestyle="-.", label="paper, 150 mm")  # fmt: skip
+                axis.plot(
+                    1e3 * x,
+                    getattr(down - up, part),
+                    style,
+                    color=COLOURS[i],
+                    marker=MARKERS[i],
+                    markersize=3,
+                    label=words,
+                )
+        axis.axhline(
+            getattr(PAPER["downstream"] - PAPER["upstream"], part),
+            color="k",
+            linewidth=0.8,
+            linestyle="-.",
+            label="paper, 150 mm",
+        )
         axis.set_xlabel("liner length (mm)")
         axis.set_ylabel(f"${label}$ downstream less upstream")
     return finish(figure, path, legend=3)
@@ -224,16 +253,15 @@ def draw_choices(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
             for axis, part in zip(axes[0], ("real", "imag"), strict=True):
                 axis.plot(x, getattr(z, part), **styles[f"KT, rank {rank}"] | dashes)
         for i, (method, name) in enumerate((("KT", "KT, rank 2"), ("two waves", "two waves"))):
-            mine = [r for r in rows if r["study"] == "noise" and r["method"] == method
-                    and r["source"] == side]  # fmt: skip
+            mine = [r for r in rows if r["study"] == "noise" and r["method"] == method and r["source"] == side]
             for axis, word in zip(axes[1], ("resistance", "reactance"), strict=True):
                 place = np.array([r["value"] for r in mine]) * (1 + 0.06 * i)
-                axis.errorbar(place, [r[word] for r in mine], [r[f"std {word}"] for r in mine],
-                              capsize=2, **styles[name] | dashes)  # fmt: skip
+                axis.errorbar(
+                    place, [r[word] for r in mine], [r[f"std {word}"] for r in mine], capsize=2, **styles[name] | dashes
+                )
     for column, (_, label) in enumerate(PARTS):
         for line in range(2):
-            axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="0.6", linewidth=2,
-                                       zorder=0)  # fmt: skip
+            axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="0.6", linewidth=2, zorder=0)
             axes[line, column].set_ylabel(label)
         axes[0, column].set_xlabel("order of the prediction")
         axes[1, column].set_xlabel("error of the microphones (dB, degrees)")
@@ -260,9 +288,14 @@ def draw_ends(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
                 x, z = of(rows, study, side, method)
                 for axis, part in zip(axes[line], ("real", "imag"), strict=True):
                     axis.plot(
-                        x, getattr(z, part), ("-", "--", ":", "-.")[i], color=DARK[side],
-                        marker=MARKERS[i], markersize=3, label=f"{method}, {side}",
-                    )  # fmt: skip
+                        x,
+                        getattr(z, part),
+                        ("-", "--", ":", "-.")[i],
+                        color=DARK[side],
+                        marker=MARKERS[i],
+                        markersize=3,
+                        label=f"{method}, {side}",
+                    )
         for column, (_, label) in enumerate(PARTS):
             axes[line, column].axhline((TRUE.real, TRUE.imag)[column], color="k", linewidth=0.8)
             axes[line, column].set_xlabel(ACROSS.get(study, study))
@@ -288,16 +321,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows += noise(lines, solvers, options.draws)
     rows += ends_and_gradients()
     keys = list(dict.fromkeys(key for each in rows for key in each))
-    write_rows([{key: each.get(key) for key in keys} for each in rows],
-               options.output / "kt_mismatch.csv")  # fmt: skip
+    write_rows([{key: each.get(key) for key in keys} for each in rows], options.output / "kt_mismatch.csv")
     draw_truth(rows, options.output / "kt_truth.png")
     draw_length(rows, options.output / "kt_length.png")
     draw_choices(rows, options.output / "kt_choices.png")
     draw_ends(rows, options.output / "kt_ends.png")
     for flow in FLOWS:
         for method in METHODS:
-            ends = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)]
-                    for side in SIDES]  # fmt: skip
+            ends = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES]
             print(f"{flow:16s} {method:10s} upstream {ends[0]:.3f} downstream {ends[1]:.3f}")
     return 0
 

@@ -34,8 +34,10 @@ HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mi
 CASES = {"upstream": 0, "downstream": 2}  # source side: its number in the last column
 REPEATED = 3  # a second measurement of case 2
 MACH, TEMPERATURE, FREQUENCY, LINER, CASE = 0, 2, 4, slice(8, 18), 21
-RIGID = {"before the liner": (slice(5, 8), (-0.249, -0.059, 0.0)),
-         "behind the liner": (slice(18, 21), (0.0, 0.055, 0.248))}  # fmt: skip
+RIGID = {
+    "before the liner": (slice(5, 8), (-0.249, -0.059, 0.0)),
+    "behind the liner": (slice(18, 21), (0.0, 0.055, 0.248)),
+}
 HEARD = 0.15  # of the pressure: below it the reflected wave cannot be told from noise
 BANDS = ((300, 450), (450, 700), (700, 1000), (1000, 1480))  # Hz
 SCANNED = (40.0, 80.0)  # mm, heights of ``--scan`` besides the two
@@ -70,11 +72,15 @@ def line_of(rows: Rows, case: int, side: str, height: float, spacing: float) -> 
     if len(mach) > 1 or len(temperature) > 1:
         raise ValueError(f"case {case} has several Mach numbers or temperatures: {mach}, K {temperature}")
     return MicrophoneLine(
-        spacing * np.arange(10), some[:, LINER].T, some[:, FREQUENCY].real, duct_height=height,
-        mach=float(mach[0]), source_side=side,
+        spacing * np.arange(10),
+        some[:, LINER].T,
+        some[:, FREQUENCY].real,
+        duct_height=height,
+        mach=float(mach[0]),
+        source_side=side,
         fluid=tl.Fluid.from_temperature(float(temperature[0])),
         name=f"case {case}, source {side}",
-    )  # fmt: skip
+    )
 
 
 def error_of(line: MicrophoneLine) -> tuple[float, float]:
@@ -228,9 +234,11 @@ def scan_lines(rows: Rows, heights: Sequence[float], machs: Sequence[float]) -> 
                 for side, case in CASES.items():
                     line = line_of(rows, case, side, height, spacing)
                     line = dataclasses.replace(
-                        line, mach=mach, pressure=line.pressure[:, ::2],
+                        line,
+                        mach=mach,
+                        pressure=line.pressure[:, ::2],
                         frequency=line.frequency[::2],
-                    )  # fmt: skip
+                    )
                     tied, free = (tl.two_wave_fit(line, tied=t).residual for t in (True, False))
                     pair.append(f"{float((tied / free).median()):.2f}")
                 cells.append(f"{1e3 * spacing:.0f} mm {'/'.join(pair)}")
@@ -282,8 +290,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.scan:
         scanned = sorted({*heights, *(1e-3 * height for height in SCANNED)})
         print("\n".join(scan_lines(rows, scanned, machs)))
-    write_rows([row for wave in waves for row in wave_rows(wave)],
-               options.output / "measured_mismatch.csv")  # fmt: skip
+    write_rows([row for wave in waves for row in wave_rows(wave)], options.output / "measured_mismatch.csv")
     draw_mismatch(waves, heights, options.output / "measured_mismatch.png")
     print(f"figure and numbers are in {options.output}")
 

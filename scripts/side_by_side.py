@@ -102,9 +102,16 @@ def tone(amplitude: np.ndarray, times: np.ndarray) -> np.ndarray:
 def plane_of(x: np.ndarray, into_liner: np.ndarray, side: str) -> tl.VelocityPlane:
     """A measured plane; files store v away from the liner."""
     return tl.VelocityPlane(
-        -into_liner, sampling_rate=RATE, x=x, frequency=FREQUENCY, height=HEIGHT, mach=MACH,
-        source_side=side, liner="onera", name=f"simulated plane, source {side}",
-    )  # fmt: skip
+        -into_liner,
+        sampling_rate=RATE,
+        x=x,
+        frequency=FREQUENCY,
+        height=HEIGHT,
+        mach=MACH,
+        source_side=side,
+        liner="onera",
+        name=f"simulated plane, source {side}",
+    )
 
 
 def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarray) -> World:
@@ -130,9 +137,13 @@ def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarr
 
 
 def reflect(
-    field: DuctField, liner: Any, turbulence: np.ndarray, x: np.ndarray, times: np.ndarray,
+    field: DuctField,
+    liner: Any,
+    turbulence: np.ndarray,
+    x: np.ndarray,
+    times: np.ndarray,
     literal: bool = False,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Z that the wave of each place meets there, its phase to the velocity being known."""
     velocity = field.wall_velocity(x)[0].numpy()
     pressure = field.wall_pressure(x, "lined")[0].numpy()
@@ -154,17 +165,24 @@ def mapped(method: str, world: World, found: ImpedanceMap) -> dict[str, Any]:
     educed = found.liner["admittance"]
     interval = educed.interval
     assert interval is not None
-    return result(method, world, complex(educed.impedance[0]),
-                  complex(interval.low[0]), complex(interval.high[0]))  # fmt: skip
+    return result(method, world, complex(educed.impedance[0]), complex(interval.low[0]), complex(interval.high[0]))
 
 
 def result(method: str, world: World, z: complex, low: complex, high: complex) -> dict[str, Any]:
     """One educed value beside the truth."""
-    return {"turbulence": world.name, "source": world.side, "method": method,
-            "resistance": z.real, "reactance": z.imag, "resistance low": low.real,
-            "resistance high": high.real, "reactance low": low.imag, "reactance high": high.imag,
-            "error of resistance": z.real - world.truth.real,
-            "error of reactance": z.imag - world.truth.imag}  # fmt: skip
+    return {
+        "turbulence": world.name,
+        "source": world.side,
+        "method": method,
+        "resistance": z.real,
+        "reactance": z.imag,
+        "resistance low": low.real,
+        "resistance high": high.real,
+        "reactance low": low.imag,
+        "reactance high": high.imag,
+        "error of resistance": z.real - world.truth.real,
+        "error of reactance": z.imag - world.truth.imag,
+    }
 
 
 def by_velocity(world: World, liner: Any) -> tuple[list[dict[str, Any]], ImpedanceMap]:
@@ -179,14 +197,18 @@ def by_velocity(world: World, liner: Any) -> tuple[list[dict[str, Any]], Impedan
         mapped("DIR-TDIBC, at the wall", world, first),
         mapped("DIR-TDIBC, 1 mm above the holes", world, tl.educe(above, liner)),
         mapped("DIR-TDIBC, porosity 5 % too high", world, tl.educe(at_wall, wrong)),
-    ]  # fmt: skip
+    ]
     return rows, first
 
 
 def by_bursts(
-    world: World, liner: Any, noise: b2a_line.Turbulence, growth: float, stations: int,
+    world: World,
+    liner: Any,
+    noise: b2a_line.Turbulence,
+    growth: float,
+    stations: int,
     seconds: float,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """DIR-TDIBC on laser Doppler bursts 1 mm above the holes."""
     x = (np.arange(stations) + 0.5) * LENGTH / stations
     shape = b2a_line.imprint(x, HEIGHT, liner.cell_pitch, liner.orifice_diameter)
@@ -199,15 +221,30 @@ def by_bursts(
         times = times[times < seconds]
         turbulent = turbulence_at(noise, times, float(place), growth, 8000 + i)
         into = turbulent + np.real(amplitude * np.exp(2j * np.pi * FREQUENCY * times))
-        records.append(tl.BurstRecord(
-            times, wall_normal=-into, x=float(place), y=HEIGHT, frequency=FREQUENCY, mach=MACH,
-            incident_level=145.0, source_side=world.side, liner="onera", title=f"station {i}",
-        ))  # fmt: skip
+        records.append(
+            tl.BurstRecord(
+                times,
+                wall_normal=-into,
+                x=float(place),
+                y=HEIGHT,
+                frequency=FREQUENCY,
+                mach=MACH,
+                incident_level=145.0,
+                source_side=world.side,
+                liner="onera",
+                title=f"station {i}",
+            )
+        )
     average = tl.educe_bursts(records, liner, FREQUENCY).average
     assert average is not None
     assert average.interval is not None
-    return result("DIR-TDIBC, laser Doppler, 1 mm", world, complex(average.impedance[0]),
-                  complex(average.interval.low[0]), complex(average.interval.high[0]))  # fmt: skip
+    return result(
+        "DIR-TDIBC, laser Doppler, 1 mm",
+        world,
+        complex(average.impedance[0]),
+        complex(average.interval.low[0]),
+        complex(average.interval.high[0]),
+    )
 
 
 def turbulence_at(noise: b2a_line.Turbulence, times: np.ndarray, x: float, growth: float, seed: int) -> np.ndarray:
@@ -234,11 +271,16 @@ def cavities(world: World, liner: Any, hydrodynamic: np.ndarray) -> tl.PressureR
     behind = fluid.characteristic_impedance * world.sound / (liner.open_area_fraction * turn)
     return tl.PressureRecord(
         tone(world.field.wall_pressure(world.x, "lined")[0].numpy(), times) + hydrodynamic,
-        tone(behind, times), sampling_rate=RATE, x=world.x, cavity_depth=liner.cavity_depth,
-        cavity_porosity=liner.open_area_fraction, probe_cell=np.arange(len(world.x)),
-        cavity_hydraulic_radius=liner.cavity_hydraulic_radius, frequency=FREQUENCY,
+        tone(behind, times),
+        sampling_rate=RATE,
+        x=world.x,
+        cavity_depth=liner.cavity_depth,
+        cavity_porosity=liner.open_area_fraction,
+        probe_cell=np.arange(len(world.x)),
+        cavity_hydraulic_radius=liner.cavity_hydraulic_radius,
+        frequency=FREQUENCY,
         name="simulated cavities",
-    )  # fmt: skip
+    )
 
 
 def by_cavities(world: World, record: tl.PressureRecord) -> tuple[list[dict[str, Any]], Any]:
@@ -247,20 +289,19 @@ def by_cavities(world: World, record: tl.PressureRecord) -> tuple[list[dict[str,
     rows, first = [], None
     samples = record.facesheet.shape[-1] // BLOCKS
     for label, depth, losses in (
-        ("in situ, lossless cavity", 1.0, "none"), ("in situ, with losses", 1.0, "viscothermal"),
+        ("in situ, lossless cavity", 1.0, "none"),
+        ("in situ, with losses", 1.0, "viscothermal"),
         ("the same, depth 1 % too small", 0.99, "viscothermal"),
-    ):  # fmt: skip
+    ):
         stated = replace(record, cavity_depth=depth * record.cavity_depth)
         found = tl.in_situ(stated, losses=losses)
         parts = []
         for block in range(BLOCKS):
             some = slice(block * samples, (block + 1) * samples)
-            part = replace(stated, facesheet=record.facesheet[..., some],
-                           backplate=record.backplate[..., some])  # fmt: skip
+            part = replace(stated, facesheet=record.facesheet[..., some], backplate=record.backplate[..., some])
             parts.append(complex(tl.in_situ(part, losses=losses).liner_impedance[0]))
         z = complex(found.liner_impedance[0])
-        wide = 2.36 / math.sqrt(BLOCKS) * complex(np.std(np.real(parts), ddof=1),
-                                                  np.std(np.imag(parts), ddof=1))  # fmt: skip
+        wide = 2.36 / math.sqrt(BLOCKS) * complex(np.std(np.real(parts), ddof=1), np.std(np.imag(parts), ddof=1))
         rows.append(result(label, world, z, z - wide, z + wide))
         first = found if label == "in situ, with losses" else first
     return rows, first
@@ -287,22 +328,34 @@ def by_microphones(world: World) -> list[dict[str, Any]]:
 def profile(world: World, by_plane: ImpedanceMap, by_cavity: Any) -> list[dict[str, Any]]:
     """Z along the liner: what it is, and what the local methods say."""
     return [
-        {"turbulence": world.name, "source": world.side, "x (m)": x, "true resistance": z.real,
-         "true reactance": z.imag, "DIR-TDIBC resistance": one.real,
-         "DIR-TDIBC reactance": one.imag, "in situ resistance": other.real,
-         "in situ reactance": other.imag}
+        {
+            "turbulence": world.name,
+            "source": world.side,
+            "x (m)": x,
+            "true resistance": z.real,
+            "true reactance": z.imag,
+            "DIR-TDIBC resistance": one.real,
+            "DIR-TDIBC reactance": one.imag,
+            "in situ resistance": other.real,
+            "in situ reactance": other.imag,
+        }
         for x, z, one, other in zip(
-            world.x.tolist(), world.impedance.tolist(), by_plane.impedance[:, 0].tolist(),
-            by_cavity.point_impedance[:, 0].tolist(), strict=True,
+            world.x.tolist(),
+            world.impedance.tolist(),
+            by_plane.impedance[:, 0].tolist(),
+            by_cavity.point_impedance[:, 0].tolist(),
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 @styled
 def draw(
-    rows: Sequence[dict[str, Any]], profiles: Sequence[dict[str, Any]],
-    truths: dict[tuple[str, str], complex], path: Path,
-) -> Figure:  # fmt: skip
+    rows: Sequence[dict[str, Any]],
+    profiles: Sequence[dict[str, Any]],
+    truths: dict[tuple[str, str], complex],
+    path: Path,
+) -> Figure:
     """Along x in the growing turbulence; averages of all methods in both."""
     figure, axes = subplots(2, 2, 7.2)
     growing = list(WORLDS)[-1]
@@ -312,13 +365,24 @@ def draw(
         for i, side in enumerate(SIDES):
             mine = [p for p in profiles if (p["turbulence"], p["source"]) == (growing, side)]
             x = [1e3 * p["x (m)"] for p in mine]
-            axis.plot(x, [p[f"true {word}"] for p in mine], color=COLOURS[i],
-                      label=f"(a), (b): true, source {side}")  # fmt: skip
-            axis.plot(x, [p[f"DIR-TDIBC {word}"] for p in mine], "x", color=COLOURS[i],
-                      markersize=3, label=f"(a), (b): DIR-TDIBC, source {side}")  # fmt: skip
-            axis.plot(x, [p[f"in situ {word}"] for p in mine], "o", color=COLOURS[i],
-                      markersize=3, markerfacecolor="none",
-                      label=f"(a), (b): in situ with losses, {side}")  # fmt: skip
+            axis.plot(x, [p[f"true {word}"] for p in mine], color=COLOURS[i], label=f"(a), (b): true, source {side}")
+            axis.plot(
+                x,
+                [p[f"DIR-TDIBC {word}"] for p in mine],
+                "x",
+                color=COLOURS[i],
+                markersize=3,
+                label=f"(a), (b): DIR-TDIBC, source {side}",
+            )
+            axis.plot(
+                x,
+                [p[f"in situ {word}"] for p in mine],
+                "o",
+                color=COLOURS[i],
+                markersize=3,
+                markerfacecolor="none",
+                label=f"(a), (b): in situ with losses, {side}",
+            )
             for j, world in enumerate(WORLDS):
                 truth = truths[world, side]
                 value = {"resistance": truth.real, "reactance": truth.imag}[word]
@@ -329,9 +393,15 @@ def draw(
                     up = -methods.index(row["method"]) - 0.18 * (2 * i + j - 1.5)
                     ends = [row[f"{word} low"], row[f"{word} high"]]
                     dots.plot(ends, [up, up], color=COLOURS[i], linewidth=0.8)
-                    dots.plot(row[word], up, MARKERS[i], color=COLOURS[i], markersize=3.5,
-                              markerfacecolor=COLOURS[i] if j else "white",
-                              label=f"source {side}, {world}")  # fmt: skip
+                    dots.plot(
+                        row[word],
+                        up,
+                        MARKERS[i],
+                        color=COLOURS[i],
+                        markersize=3.5,
+                        markerfacecolor=COLOURS[i] if j else "white",
+                        label=f"source {side}, {world}",
+                    )
         axis.set_xlabel("$x$ (mm)")
         axis.set_ylabel(label)
         dots.set_xlabel(label)
@@ -341,9 +411,8 @@ def draw(
             dots.axhline(-i - 0.5, color="0.9", linewidth=0.5, zorder=0)
         dots.set_ylim(-len(methods) + 0.5, 0.5)
     unique = {
-        label: handle for axis in axes[:, 0]
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }  # fmt: skip
+        label: handle for axis in axes[:, 0] for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
     place_legend(figure, list(unique.values()), list(unique), 2)
     words = (
         f"SIMULATED, truth known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
@@ -369,9 +438,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             world = settle(name, side, liner, turbulence, x)
             truths[name, side] = world.truth
             z = world.impedance
-            print(f"{name}, source {side}: true Z {world.truth:.4f}, R {z.real.min():.3f} to "
-                  f"{z.real.max():.3f}, X {z.imag.min():.3f} to {z.imag.max():.3f} along x; the "
-                  f"literal sum is off by {world.literal_error:.1e} at most", flush=True)  # fmt: skip
+            print(
+                f"{name}, source {side}: true Z {world.truth:.4f}, R {z.real.min():.3f} to "
+                f"{z.real.max():.3f}, X {z.imag.min():.3f} to {z.imag.max():.3f} along x; the "
+                f"literal sum is off by {world.literal_error:.1e} at most",
+                flush=True,
+            )
             planes, by_plane = by_velocity(world, liner)
             bursts = by_bursts(world, liner, noise, growth, options.stations, options.seconds)
             pressures, by_cavity = by_cavities(world, cavities(world, liner, hydrodynamic))
@@ -379,9 +451,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             profiles += profile(world, by_plane, by_cavity)
             rows.append(result("true", world, world.truth, world.truth, world.truth))
     for row in rows:
-        print(f"{row['turbulence'][11:18]:8s} {row['source']:10s} {row['method']:34s} "
-              f"{row['resistance']:.3f}{row['reactance']:+.3f}j  off by "
-              f"{row['error of resistance']:+.3f} {row['error of reactance']:+.3f}")  # fmt: skip
+        print(
+            f"{row['turbulence'][11:18]:8s} {row['source']:10s} {row['method']:34s} "
+            f"{row['resistance']:.3f}{row['reactance']:+.3f}j  off by "
+            f"{row['error of resistance']:+.3f} {row['error of reactance']:+.3f}"
+        )
     write_rows(rows, options.output / "side_by_side.csv")
     write_rows(profiles, options.output / "side_by_side_along_x.csv")
     shown = [row for row in rows if row["method"] != "true"]

@@ -96,8 +96,7 @@ def test_published_number():
     """Ingard-Myers, M 0.3, 1500 Hz, Z = 2.33-0.30j in 50 mm: alpha = 21.45776-2.51104j."""
     found = complex(wavenumber_from_impedance(exact(2.33 - 0.30j), FREQUENCY, mach=0.3, **DUCT))
     assert abs(found - (21.45776 - 2.51104j)) < 1e-5
-    back = complex(impedance_from_wavenumber(exact(21.45776 - 2.51104j), FREQUENCY, mach=0.3,
-                                             **DUCT))  # fmt: skip
+    back = complex(impedance_from_wavenumber(exact(21.45776 - 2.51104j), FREQUENCY, mach=0.3, **DUCT))
     assert abs(back - (2.33 - 0.30j)) < 1e-5
 
 
@@ -135,10 +134,15 @@ def test_eigen_solver_and_argument_principle(condition, mach, impedance):
         complex(alpha)
         for d in DIRECTIONS
         for alpha in wavenumber_from_impedance(
-            exact(impedance), FREQUENCY, mach=mach, condition=condition, direction=d,
-            mode=torch.arange(4), **DUCT,
+            exact(impedance),
+            FREQUENCY,
+            mach=mach,
+            condition=condition,
+            direction=d,
+            mode=torch.arange(4),
+            **DUCT,
         )
-    ]  # fmt: skip
+    ]
     solver = chebyshev_wavenumbers(impedance, mach, condition)
     for alpha in found:
         assert np.abs(solver - alpha).min() < 1e-6 * abs(alpha)
@@ -163,9 +167,13 @@ def test_no_jumps_along_the_ray(condition):
     rays = torch.polar(torch.ones(3).double(), torch.tensor([0.3, -0.5, 1.2]).double())
     share = torch.linspace(0.01, 3, 1200, dtype=torch.float64)  # of the admittance
     alpha = wavenumber_from_impedance(
-        rays[:, None, None] / share[:, None], FREQUENCY, mach=0.3, condition=condition,
-        mode=torch.arange(3), **DUCT,
-    )  # fmt: skip
+        rays[:, None, None] / share[:, None],
+        FREQUENCY,
+        mach=0.3,
+        condition=condition,
+        mode=torch.arange(3),
+        **DUCT,
+    )
     steps = alpha.diff(dim=1).abs()
     apart = torch.stack([(alpha[..., i] - alpha[..., j]).abs() for i, j in ((0, 1), (1, 2), (0, 2))])
     assert float(steps.max()) < 0.25 * float(apart.min())

@@ -114,15 +114,13 @@ def test_a_table_is_read_by_its_names_and_units(tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             walls.append(load_duct(with_table(tmp_path)).impedance(at, torch.tensor([900.0]))[0])
-    assert walls[0].tolist() == pytest.approx([2 - 0.3j, 1 / (0.6 / (2 - 0.3j) + 0.4 / (4 + 1j)),
-                                               4 + 1j])  # fmt: skip
+    assert walls[0].tolist() == pytest.approx([2 - 0.3j, 1 / (0.6 / (2 - 0.3j) + 0.4 / (4 + 1j)), 4 + 1j])
     for wall in walls[1:]:
         assert wall.tolist() == pytest.approx(walls[0].tolist())
 
 
 def test_a_velocity_table_is_read_by_its_names_and_units(tmp_path):
-    flow = ('profile = "tanh"\nbulk_mach = 0.3\nshear = 0.1 ',
-            'profile = "table"\nbulk_mach = 0.3\nfile = "u.csv"\n')  # fmt: skip
+    flow = ('profile = "tanh"\nbulk_mach = 0.3\nshear = 0.1 ', 'profile = "table"\nbulk_mach = 0.3\nfile = "u.csv"\n')
     path = write(tmp_path, flow)
     found = []
     for text in ("y [mm],U [m/s]\n0,0\n5,90\n25,105\n", "Velocity,y [m]\n0,0\n6,.005\n7,.025\n"):

@@ -94,9 +94,8 @@ def test_the_growing_wave_of_a_vortex_sheet(wall):
 
 @pytest.mark.parametrize(
     ("profile", "frequency", "wall"),
-    [(TANH, 1000.0, 0.3), (TANH, 1500.0, 0.3), (LawOfTheWallProfile(0.3, HEIGHT, SPEED), 1500.0,
-                                                0.3)],
-)  # fmt: skip
+    [(TANH, 1000.0, 0.3), (TANH, 1500.0, 0.3), (LawOfTheWallProfile(0.3, HEIGHT, SPEED), 1500.0, 0.3)],
+)
 def test_the_growing_wave_of_a_layer(profile, frequency, wall):
     """The Euler equations integrated from the rigid wall by another method meet the wall's law."""
     alpha = complex(growing_wave(profile, frequency, wall))
@@ -120,9 +119,14 @@ def test_the_growing_wave_runs_downstream():
 
 @pytest.mark.parametrize(
     ("profile", "wall", "condition"),
-    [(TANH, B2A, None), (TANH, math.inf, None), (STILL, 0.3, None), (UNIFORM, 0.3, VELOCITY),
-     (ParabolicProfile(0.3, HEIGHT, SPEED), 0.3, None)],
-)  # fmt: skip
+    [
+        (TANH, B2A, None),
+        (TANH, math.inf, None),
+        (STILL, 0.3, None),
+        (UNIFORM, 0.3, VELOCITY),
+        (ParabolicProfile(0.3, HEIGHT, SPEED), 0.3, None),
+    ],
+)
 def test_ducts_without_a_growing_wave(profile, wall, condition):
     assert bool(torch.isnan(growing_wave(profile, 1500.0, wall, condition).real).all())
 
@@ -198,8 +202,9 @@ def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
         + "".join(f"{f},{z.real:.17g},{z.imag:.17g}\n" for f, z in zip((0.9, 1.2), wanted.tolist(), strict=True))
     )
     about = ["--bulk-mach", "0", "--frequency", "900", "1200", *MESH, "--quiet"]
-    one = told(["solve", "b2a", "--liner", "polito", "--speed", "2", *about,
-                "--figure", str(tmp_path / "w.png")], capsys)  # fmt: skip
+    one = told(
+        ["solve", "b2a", "--liner", "polito", "--speed", "2", *about, "--figure", str(tmp_path / "w.png")], capsys
+    )
     other = told(["solve", "b2a", "--liner", str(tmp_path / "z.csv"), *about], capsys)
     for row, same in zip(one["plane_mode"], other["plane_mode"], strict=True):
         assert {k: v or 0 for k, v in row.items()} == pytest.approx({k: v or 0 for k, v in same.items()})

@@ -28,9 +28,14 @@ pytestmark = [
 def solved_setup(*frequency, side="upstream", **changes):
     """A small duct."""
     return load_duct(
-        "b2a", source_side=side, profile="uniform", start=-0.12, end=0.27,
-        frequency=list(frequency), **changes,
-    )  # fmt: skip
+        "b2a",
+        source_side=side,
+        profile="uniform",
+        start=-0.12,
+        end=0.27,
+        frequency=list(frequency),
+        **changes,
+    )
 
 
 def solver_of(setup):
@@ -173,10 +178,13 @@ def test_the_duct_of_a_line(tmp_path):
     solver = DuctSolver(setup.case, setup.frequency)
     line, _ = heard_in(setup, TRUE, solver)
     text = (
-        duct_text("b2a").replace('profile = "tanh"', 'profile = "uniform"')
-        .replace("shear = 0.1 ", "# ").replace("start = -0.300", "start = -0.12")
-        .replace("end = 0.450", "end = 0.27").replace('wall = "opposite"', 'wall = "lined"')
-    )  # fmt: skip
+        duct_text("b2a")
+        .replace('profile = "tanh"', 'profile = "uniform"')
+        .replace("shear = 0.1 ", "# ")
+        .replace("start = -0.300", "start = -0.12")
+        .replace("end = 0.450", "end = 0.27")
+        .replace('wall = "opposite"', 'wall = "lined"')
+    )
     (tmp_path / "mine.toml").write_text(text)
     fitted = fit_line(line, duct=tmp_path / "mine.toml", start=1.0)
     assert fitted.choices["wall"] == "lined"
@@ -189,15 +197,19 @@ def test_a_fit_that_leans_on_a_growing_wave_says_so():
     x, frequency = torch.linspace(0.02, 0.78, 12).double(), torch.tensor([500.0]).double()
     cases = [
         DuctCase(profile, 0.0, 0.8, [(0.2, 0.6)], slip_condition=slip)
-        for profile, slip in ((UniformProfile(0.3, 0.0635), "ingard-myers"),
-                              (TanhProfile(0.3, 0.0635, 0.1), None))
-    ]  # fmt: skip
+        for profile, slip in ((UniformProfile(0.3, 0.0635), "ingard-myers"), (TanhProfile(0.3, 0.0635, 0.1), None))
+    ]
     flat, sheared = (DuctSolver(case, frequency) for case in cases)
     heard = flat.solve(0.8 + 0.4j).wall_pressure(x.numpy(), "opposite").detach().movedim(-1, -2)
     line = MicrophoneLine(
-        x, heard, frequency, duct_height=0.0635, source_side="upstream", mach=0.3,
+        x,
+        heard,
+        frequency,
+        duct_height=0.0635,
+        source_side="upstream",
+        mach=0.3,
         fluid=tl.Fluid(sound_speed=cases[0].profile.sound_speed),
-    )  # fmt: skip
+    )
     right, wrong = (fit_field(line, duct, start=2.0) for duct in (flat, sheared))
     assert abs(complex(right.impedance[0]) - (0.8 + 0.4j)) < 1e-6
     assert right.notes == ()

@@ -94,8 +94,11 @@ def test_cells_have_their_own_backplate(how):
     """Each cell is divided by its own pressure, however the cells are told."""
     unit = standing_wave(1.0, 1.0)
     x = [0.0005, 0.0015, 0.0025, 0.0035]
-    about = {"pitch": {"cell_pitch": 0.002}, "labels": {"probe_cell": [0, 0, 1, 1]},
-             "per probe": {"cell_pitch": 0.002}}[how]  # fmt: skip
+    about = {
+        "pitch": {"cell_pitch": 0.002},
+        "labels": {"probe_cell": [0, 0, 1, 1]},
+        "per probe": {"cell_pitch": 0.002},
+    }[how]
     back = [1.0, 1.0, 2j, 2j] if how == "per probe" else [1.0, 2j]
     found = tl.in_situ(record_of([unit, unit, unit, unit], back, x=x, **about))
     assert found.cell_x.tolist() == pytest.approx([0.001, 0.003])

@@ -36,13 +36,14 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
     [
         ([str(DATA / "slit_n130_y2.5mm.h5")], "is no pressure record"),
         ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
-        ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")],
-         "is an input"),
+        ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")], "is an input"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
-        ([str(DATA / "pressure_n130.h5"), "--interval", "0.9", "--no-intervals"],
-         "--no-intervals leaves out what --interval is of"),
+        (
+            [str(DATA / "pressure_n130.h5"), "--interval", "0.9", "--no-intervals"],
+            "--no-intervals leaves out what --interval is of",
+        ),
     ],
-)  # fmt: skip
+)
 def test_command_refuses(arguments, match, capsys):
     assert main(["insitu", *arguments]) == 2
     assert match in capsys.readouterr().err

@@ -128,11 +128,11 @@ def test_wavenumbers_of_the_lined_duct(profile, wall_cell, tolerance):
     # a' = S_aa a + S_ab b', b = S_ba a + S_bb b', with a' = s a, b' = s b.
     forth, back = closed("right", "left").shape[0], closed("left", "right").shape[0]
     zero, one = torch.zeros(forth, back), torch.eye(back, dtype=torch.complex128)
-    left = torch.cat([torch.cat([closed("right", "left"), zero], 1),
-                      torch.cat([-closed("left", "left"), one], 1)])  # fmt: skip
+    left = torch.cat([torch.cat([closed("right", "left"), zero], 1), torch.cat([-closed("left", "left"), one], 1)])
     one = torch.eye(forth, dtype=torch.complex128)
-    right = torch.cat([torch.cat([one, -closed("right", "right")], 1),
-                       torch.cat([zero.mT, closed("left", "right")], 1)])  # fmt: skip
+    right = torch.cat(
+        [torch.cat([one, -closed("right", "right")], 1), torch.cat([zero.mT, closed("left", "right")], 1)]
+    )
     factors = scipy.linalg.eigvals(left.numpy(), right.numpy())
     for direction in ("downstream", "upstream"):
         wanted = (
@@ -162,8 +162,10 @@ def test_energy_without_flow():
     """
     case = case_of()
     rough, steps = build_mesh(case, FREQUENCY, wall_cell=1e-3), np.array([0, 1e-3, 3e-3, 7e-3])
-    x = [np.r_[a + steps, np.linspace(a + 0.015, b - 0.015, 13), (b - steps)[::-1]]
-         for a, b in itertools.pairwise((case.start, *LINER, case.end))]  # fmt: skip
+    x = [
+        np.r_[a + steps, np.linspace(a + 0.015, b - 0.015, 13), (b - steps)[::-1]]
+        for a, b in itertools.pairwise((case.start, *LINER, case.end))
+    ]
     fine = DuctMesh(case, np.unique(np.concatenate(x).round(12)), rough.y)
     for reactance, passes in ((0.3, 0.602), (-0.8, 0.994)):
         field = solve_duct(case, FREQUENCY, 1j * reactance, fine)

@@ -165,9 +165,15 @@ FLOWS = {
 def test_sparse_lu_gives_the_same(name, source):
     """Two patches, a gap, both ends reflecting, uneven columns: 1e-10 of the largest value."""
     case = DuctCase(
-        FLOWS[name], -0.12, 0.2, [(0.0, 0.02), (0.02, 0.04), (0.05, 0.08)], source,
-        end_reflection=0.3 - 0.2j, source_reflection=-0.1 + 0.5j, slip_condition=VELOCITY,
-    )  # fmt: skip
+        FLOWS[name],
+        -0.12,
+        0.2,
+        [(0.0, 0.02), (0.02, 0.04), (0.05, 0.08)],
+        source,
+        end_reflection=0.3 - 0.2j,
+        source_reflection=-0.1 + 0.5j,
+        slip_condition=VELOCITY,
+    )
     mesh = build_mesh(case, FREQUENCY, degree=2, column=0.02, row=0.0125, wall_cell=4e-3)
     walls = [B2A, math.inf, 0.5 + 1j]
     wanted, _ = solve_assembled(case, FREQUENCY, walls, mesh)

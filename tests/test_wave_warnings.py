@@ -102,8 +102,7 @@ def test_intervals_from_the_residual_hold_the_truth():
     for seed in range(40):
         found = kumaresan_tufts(off(line, 0.005, seed))
         low, high = found.interval(0.95)
-        held += [(low.real < WALLS.real) & (WALLS.real < high.real),
-                 (low.imag < WALLS.imag) & (WALLS.imag < high.imag)]  # fmt: skip
+        held += [(low.real < WALLS.real) & (WALLS.real < high.real), (low.imag < WALLS.imag) & (WALLS.imag < high.imag)]
     assert 0.87 < float(torch.stack(held).double().mean()) < 0.995
 
 

@@ -49,11 +49,15 @@ def plain_duct(setup: DuctSetup, field: DuctField) -> dict[str, Any]:
     level = field.wall_level(places, setup.wall).detach()
     phase = field.wall_phase(places, setup.wall).detach()
     rows = [
-        {"frequency (Hz)": frequency, "x (m)": float(x), "SPL (dB)": float(level[f, i]),
-         "phase (deg)": float(phase[f, i])}
+        {
+            "frequency (Hz)": frequency,
+            "x (m)": float(x),
+            "SPL (dB)": float(level[f, i]),
+            "phase (deg)": float(phase[f, i]),
+        }
         for f, frequency in enumerate(setup.frequency.tolist())
         for i, x in enumerate(places)
-    ]  # fmt: skip
+    ]
     return {
         "duct": setup.facts,
         "unknowns": field.mesh.unknowns,
@@ -96,9 +100,12 @@ def _mesh_words(ratio: dict[str, Any]) -> str:
 
 @styled
 def draw_walls(
-    solved: Sequence[tuple[DuctSetup, DuctField]], path: str | Path | None = None,
-    frequency_index: int = 0, labels: Sequence[str] | None = None, title: str | None = None,
-) -> Figure:  # fmt: skip
+    solved: Sequence[tuple[DuctSetup, DuctField]],
+    path: str | Path | None = None,
+    frequency_index: int = 0,
+    labels: Sequence[str] | None = None,
+    title: str | None = None,
+) -> Figure:
     """SPL and phase along the wall of the microphones (figures 13, 18)."""
     figure, axes = subplots(1, 2, 3.2)
     for i, (setup, field) in enumerate(solved):
@@ -143,8 +150,9 @@ def draw_field(setup: DuctSetup, field: DuctField, path: str | Path | None = Non
         (axes[1, 0], speed, "$|v|$ (m s$^{-1}$)"),
     ):
         top = np.percentile(values[inside], 99.5)  # vorticity on the liner's face beside
-        drawn = axis.pcolormesh(1e3 * x, 1e3 * y, values, cmap="cividis", shading="gouraud",
-                                rasterized=True, vmin=values.min(), vmax=top)  # fmt: skip
+        drawn = axis.pcolormesh(
+            1e3 * x, 1e3 * y, values, cmap="cividis", shading="gouraud", rasterized=True, vmin=values.min(), vmax=top
+        )
         figure.colorbar(drawn, ax=axis, label=label, extend="max")
         for start, end in case.liner:
             axis.plot([1e3 * start, 1e3 * end], [0, 0], color=COLOURS[1], linewidth=3, clip_on=False)
@@ -164,8 +172,7 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes], growing: Tensor) -
     """
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     rows = [
-        (frequency, direction, n, complex(solved.wavenumber[f, n]),
-         _decay(complex(solved.wavenumber[f, n]), direction))
+        (frequency, direction, n, complex(solved.wavenumber[f, n]), _decay(complex(solved.wavenumber[f, n]), direction))
         for direction, solved in modes.items()
         for f, frequency in enumerate(setup.frequency.tolist())
         for n in range(solved.wavenumber.shape[-1])
@@ -173,16 +180,19 @@ def mode_table(setup: DuctSetup, modes: dict[str, DuctModes], growing: Tensor) -
         (frequency, "downstream", None, complex(alpha), _decay(complex(alpha), "downstream"))
         for frequency, alpha in zip(setup.frequency.tolist(), growing, strict=True)
         if alpha == alpha
-    ]  # fmt: skip
-    return Table(rows, (
-        Column("frequency (Hz)", lambda row: row[0], "f Hz", ".1f"),
-        Column("direction", lambda row: row[1], "direction"),
-        Column("mode", lambda row: row[2], "n", "d"),
-        *real_and_imaginary("alpha real (1/m)", "alpha imaginary (1/m)", lambda row: row[3]),
-        Column("", lambda row: row[3], "alpha 1/m", lambda z: f"{z.real:.5f}{z.imag:+.5f}j"),
-        Column("decay (dB/m)", lambda row: NEPER * row[4], "dB/m", ".2f"),
-        Column("decay over the liner (dB)", lambda row: NEPER * row[4] * length, "dB liner", ".2f"),
-    ))  # fmt: skip
+    ]
+    return Table(
+        rows,
+        (
+            Column("frequency (Hz)", lambda row: row[0], "f Hz", ".1f"),
+            Column("direction", lambda row: row[1], "direction"),
+            Column("mode", lambda row: row[2], "n", "d"),
+            *real_and_imaginary("alpha real (1/m)", "alpha imaginary (1/m)", lambda row: row[3]),
+            Column("", lambda row: row[3], "alpha 1/m", lambda z: f"{z.real:.5f}{z.imag:+.5f}j"),
+            Column("decay (dB/m)", lambda row: NEPER * row[4], "dB/m", ".2f"),
+            Column("decay over the liner (dB)", lambda row: NEPER * row[4] * length, "dB liner", ".2f"),
+        ),
+    )
 
 
 def _decay(alpha: complex, direction: str) -> float:
@@ -200,11 +210,14 @@ def format_modes(setup: DuctSetup, table: Table) -> str:
     wave = (
         f"a hydrodynamic wave without a number grows downstream at {grows[0]:g} Hz"
         + f" and {len(grows) - 1} other frequencies" * (len(grows) > 1)
-        if grows else "no growing wave was found"
-    )  # fmt: skip
-    return (f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
-            f"mode n as the wall's reflection went straight from 1; {wave}\n"
-            f"{table.as_text()}")  # fmt: skip
+        if grows
+        else "no growing wave was found"
+    )
+    return (
+        f"{setup.name}: {which}waves e^(-j alpha x), mode n grew out of the rigid duct's "
+        f"mode n as the wall's reflection went straight from 1; {wave}\n"
+        f"{table.as_text()}"
+    )
 
 
 @styled
@@ -217,8 +230,7 @@ def draw_modes(modes: dict[str, DuctModes], path: str | Path | None = None, freq
         pressure, _, _ = solved.at(heights)
         for n in range(count):
             shape = pressure[frequency_index, n].abs().numpy()
-            axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n],
-                      label=f"mode {n}")  # fmt: skip
+            axis.plot(shape / shape.max(), 1e3 * heights, color=COLOURS[n], label=f"mode {n}")
         label_axes(axis, "$|p|$ over its maximum", "$y$ (mm), liner at 0")
         head_panel(axis, direction)
     return finish(figure, path, legend=ONE_ROW)
