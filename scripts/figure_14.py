@@ -23,18 +23,7 @@ from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressur
 from torchliner.duct.presets import load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import FieldFit, WallEduction
-from torchliner.report.figure import (
-    COLOURS,
-    MARKERS,
-    PARTS,
-    SPL,
-    Figure,
-    entry,
-    finish,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, SPL, Figure, entry, finish, legend_below, styled, subplots
 from torchliner.report.wall_pressure import draw_cloud, draw_levels
 
 SIDES = ("upstream", "downstream")

@@ -25,16 +25,7 @@ from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.solver import DuctSolver
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.figure import (
-    COLOURS,
-    LINES,
-    MARKERS,
-    PARTS,
-    Figure,
-    finish,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, LINES, MARKERS, PARTS, Figure, finish, styled, subplots
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m
 PATCH, SHARE, TRUE = 0.2, 0.25, 0.8

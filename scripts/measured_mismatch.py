@@ -234,10 +234,7 @@ def scan_lines(rows: Rows, heights: Sequence[float], machs: Sequence[float]) -> 
                 for side, case in CASES.items():
                     line = line_of(rows, case, side, height, spacing)
                     line = dataclasses.replace(
-                        line,
-                        mach=mach,
-                        pressure=line.pressure[:, ::2],
-                        frequency=line.frequency[::2],
+                        line, mach=mach, pressure=line.pressure[:, ::2], frequency=line.frequency[::2]
                     )
                     tied, free = (tl.two_wave_fit(line, tied=t).residual for t in (True, False))
                     pair.append(f"{float((tied / free).median()):.2f}")

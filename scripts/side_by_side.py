@@ -30,16 +30,7 @@ from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import ImpedanceMap
-from torchliner.report.figure import (
-    COLOURS,
-    MARKERS,
-    PARTS,
-    Figure,
-    finish,
-    place_legend,
-    styled,
-    subplots,
-)
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, place_legend, styled, subplots
 
 FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane
@@ -137,12 +128,7 @@ def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarr
 
 
 def reflect(
-    field: DuctField,
-    liner: Any,
-    turbulence: np.ndarray,
-    x: np.ndarray,
-    times: np.ndarray,
-    literal: bool = False,
+    field: DuctField, liner: Any, turbulence: np.ndarray, x: np.ndarray, times: np.ndarray, literal: bool = False
 ) -> np.ndarray:
     """Z that the wave of each place meets there, its phase to the velocity being known."""
     velocity = field.wall_velocity(x)[0].numpy()
@@ -202,12 +188,7 @@ def by_velocity(world: World, liner: Any) -> tuple[list[dict[str, Any]], Impedan
 
 
 def by_bursts(
-    world: World,
-    liner: Any,
-    noise: b2a_line.Turbulence,
-    growth: float,
-    stations: int,
-    seconds: float,
+    world: World, liner: Any, noise: b2a_line.Turbulence, growth: float, stations: int, seconds: float
 ) -> dict[str, Any]:
     """DIR-TDIBC on laser Doppler bursts 1 mm above the holes."""
     x = (np.arange(stations) + 0.5) * LENGTH / stations

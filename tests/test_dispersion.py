@@ -134,13 +134,7 @@ def test_eigen_solver_and_argument_principle(condition, mach, impedance):
         complex(alpha)
         for d in DIRECTIONS
         for alpha in wavenumber_from_impedance(
-            exact(impedance),
-            FREQUENCY,
-            mach=mach,
-            condition=condition,
-            direction=d,
-            mode=torch.arange(4),
-            **DUCT,
+            exact(impedance), FREQUENCY, mach=mach, condition=condition, direction=d, mode=torch.arange(4), **DUCT
         )
     ]
     solver = chebyshev_wavenumbers(impedance, mach, condition)
@@ -167,12 +161,7 @@ def test_no_jumps_along_the_ray(condition):
     rays = torch.polar(torch.ones(3).double(), torch.tensor([0.3, -0.5, 1.2]).double())
     share = torch.linspace(0.01, 3, 1200, dtype=torch.float64)  # of the admittance
     alpha = wavenumber_from_impedance(
-        rays[:, None, None] / share[:, None],
-        FREQUENCY,
-        mach=0.3,
-        condition=condition,
-        mode=torch.arange(3),
-        **DUCT,
+        rays[:, None, None] / share[:, None], FREQUENCY, mach=0.3, condition=condition, mode=torch.arange(3), **DUCT
     )
     steps = alpha.diff(dim=1).abs()
     apart = torch.stack([(alpha[..., i] - alpha[..., j]).abs() for i, j in ((0, 1), (1, 2), (0, 2))])

@@ -53,10 +53,7 @@ def write(tmp_path, change):
         (("impedance = [[2.33, -0.30]]", ""), "0 impedances for 1 lined patches, and no impedance_file"),
         (("shear = 0.1 ", "shear = 0.02 "), "profile shear is 0.02, below 0.03"),
         (("step = 0.012", "step = 1e-9"), "microphones from -0.027 to 0.177 m in steps of 1e-09 m"),
-        (
-            ("last = 0.177", "last = 0.477"),
-            r"microphone 40 at x = 0\.453 m lies outside the duct, -",
-        ),
+        (("last = 0.177", "last = 0.477"), r"microphone 40 at x = 0\.453 m lies outside the duct, -"),
         (("step = 0.012", ""), "microphones need first, last and step"),
         (("[flow]", "[flow"), "is not valid TOML"),
         (("frequency = [1500.0]", "frequency = []"), r"sound\.frequency"),
@@ -206,10 +203,7 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
     ("words", "message"),
     [
         (["solve", "b2"], "unknown duct 'b2'"),
-        (
-            ["solve", "b2a", "--bulk-mach", "1"],
-            "bulk_mach = 1.0: input should be less than 1",
-        ),
+        (["solve", "b2a", "--bulk-mach", "1"], "bulk_mach = 1.0: input should be less than 1"),
         (["solve", "b2a", "-o", "x.txt"], "--output x.txt ends in '.txt'"),
         (["solve", "b2a", "--frequency", "-5"], "frequency (Hz) is -5"),
         (["solve", "b2a", "--liner", "polito", "--impedance", "1"], "--impedance and --liner both state the wall"),

@@ -16,12 +16,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.duct import settled as lee_settled
 from torchliner.duct.case import DuctCase
-from torchliner.duct.flow_profiles import (
-    LawOfTheWallProfile,
-    ParabolicProfile,
-    TanhProfile,
-    UniformProfile,
-)
+from torchliner.duct.flow_profiles import LawOfTheWallProfile, ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.growing_wave import growing_wave
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.modes import PridmoreBrown

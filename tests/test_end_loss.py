@@ -45,11 +45,7 @@ def ends(made, frequency=1400.0):
 def test_the_share_is_that_of_the_formula(mach, reading):
     """X at rest less X is s E, with s written out; the resistance is the paper's."""
     made = liner(
-        mach=mach,
-        hydraulic_diameter=1.368e-3,
-        open_area_fraction=0.7,
-        velocity_reading=reading,
-        velocity_gain=1.3,
+        mach=mach, hydraulic_diameter=1.368e-3, open_area_fraction=0.7, velocity_reading=reading, velocity_gain=1.3
     )
     for speed in (0.05, 0.4, 3.0):
         cell = speed * 1.3 / (0.7 if reading == "conserved" else 1)

@@ -15,9 +15,7 @@ from torchliner.pressure import field_model as field_search
 from torchliner.pressure import fit_field as field_fit
 from torchliner.pressure.fit_field import fit_field
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-]
+pytestmark = [pytest.mark.filterwarnings("ignore::torchliner.DataWarning")]
 
 
 def test_the_stated_error_is_the_scatter_of_draws():

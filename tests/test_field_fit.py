@@ -20,21 +20,13 @@ from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
 TRUE = 1.4 - 0.6j
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
-]
+pytestmark = [pytest.mark.filterwarnings("ignore::torchliner.DataWarning")]
 
 
 def solved_setup(*frequency, side="upstream", **changes):
     """A small duct."""
     return load_duct(
-        "b2a",
-        source_side=side,
-        profile="uniform",
-        start=-0.12,
-        end=0.27,
-        frequency=list(frequency),
-        **changes,
+        "b2a", source_side=side, profile="uniform", start=-0.12, end=0.27, frequency=list(frequency), **changes
     )
 
 

@@ -26,11 +26,7 @@ SPEEDS = torch.tensor([[0.0], [0.3], [2.0], [9.0]], dtype=torch.float64)
 
 def perforate(thickness, diameter, porosity, vena_contracta=0.8):
     return tl.sheet(
-        "perforate",
-        thickness=thickness,
-        orifice_diameter=diameter,
-        porosity=porosity,
-        vena_contracta=vena_contracta,
+        "perforate", thickness=thickness, orifice_diameter=diameter, porosity=porosity, vena_contracta=vena_contracta
     )
 
 
@@ -126,15 +122,7 @@ def test_two_degrees_of_freedom_worked_by_hand():
     ratio = 1 / abs(cosine * (1 + 0.8j * at_rest * upper))
     loud = 0.5 + 0.3 * ratio * speed + 2e-5j * omega + behind
     wanted = 0.1 + 0.05 * speed + up(loud)
-    liner = tl.LayeredLiner(
-        [
-            Weave(0.1, 0.05),
-            cavity(25e-3, 0.8),
-            Weave(0.5, 0.3, 2e-5),
-            cavity(15e-3),
-        ],
-        fluid=SMOOTH,
-    )
+    liner = tl.LayeredLiner([Weave(0.1, 0.05), cavity(25e-3, 0.8), Weave(0.5, 0.3, 2e-5), cavity(15e-3)], fluid=SMOOTH)
     assert complex(liner.impedance(1000.0, speed)) == pytest.approx(wanted, rel=2e-6)
     assert abs(ratio - 1) > 0.05  # the septum does not just see |v|
 
@@ -172,9 +160,7 @@ sheets = st.one_of(
 )
 cavities = st.builds(tl.Cavity, st.floats(1e-4, 0.5), st.floats(2e-4, 0.1), st.floats(0.05, 1))
 stacks = st.tuples(
-    st.lists(sheets, min_size=1, max_size=2),
-    st.lists(st.one_of(sheets, cavities), max_size=4),
-    cavities,
+    st.lists(sheets, min_size=1, max_size=2), st.lists(st.one_of(sheets, cavities), max_size=4), cavities
 ).map(lambda parts: [*parts[0], *parts[1], parts[2]])
 
 
@@ -259,10 +245,7 @@ def test_a_new_law_needs_no_code_in_the_files(tmp_path):
         ("layers = []", "layers none; the first is the sheet"),
         ("[[layers]]\ndepth = 1", r"layers\.0: kind is None.*perforate"),
         ("[[layers]]\nkind = 'cavty'", r"layers\.0: kind is 'cavty'.*'cavity'"),
-        (
-            "[[layers]]\nkind = 'weave'\nresistence = 1",
-            r"layers\.0\.weave\.resistence: .*'resistance'",
-        ),
+        ("[[layers]]\nkind = 'weave'\nresistence = 1", r"layers\.0\.weave\.resistence: .*'resistance'"),
         ("[[layers]]\nkind = 'cavity'\ndepth = 38.1\nhydraulic_radius = 1e-3", "depth is 38.1 m; .*at most 10 m"),
     ],
 )

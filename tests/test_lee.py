@@ -136,14 +136,7 @@ def test_wavenumbers_of_the_lined_duct(profile, wall_cell, tolerance):
     factors = scipy.linalg.eigvals(left.numpy(), right.numpy())
     for direction in ("downstream", "upstream"):
         wanted = (
-            duct_modes(
-                profile,
-                FREQUENCY,
-                B2A,
-                count=2,
-                direction=direction,
-                slip_condition=VELOCITY,
-            )
+            duct_modes(profile, FREQUENCY, B2A, count=2, direction=direction, slip_condition=VELOCITY)
             .wavenumber[0]
             .numpy()
         )
@@ -196,9 +189,7 @@ def test_reciprocity_without_flow():
 
 @pytest.mark.parametrize("source", BOTH)
 @pytest.mark.parametrize(
-    "profile",
-    [TANH, ParabolicProfile(0.3, HEIGHT, SPEED), PLUG, STILL],
-    ids=["tanh", "parabola", "plug", "still"],
+    "profile", [TANH, ParabolicProfile(0.3, HEIGHT, SPEED), PLUG, STILL], ids=["tanh", "parabola", "plug", "still"]
 )
 def test_rigid_duct_passes_the_mode_on(profile, source):
     """Some 1e-8 comes back; p is the mode's along the duct, 2e-6, and q across it, 4e-5."""

@@ -8,18 +8,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from test_lee import (
-    B2A,
-    BOTH,
-    FREQUENCY,
-    PLUG,
-    SPEED,
-    STILL,
-    TANH,
-    VELOCITY,
-    case_of,
-    solve,
-)
+from test_lee import B2A, BOTH, FREQUENCY, PLUG, SPEED, STILL, TANH, VELOCITY, case_of, solve
 
 from torchliner.duct import boundaries
 from torchliner.duct import sweep as lee_sweep

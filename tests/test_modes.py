@@ -11,12 +11,7 @@ from scipy.integrate import solve_ivp
 
 import torchliner as tl
 from torchliner.duct import modes as modes_module
-from torchliner.duct.flow_profiles import (
-    LawOfTheWallProfile,
-    ParabolicProfile,
-    TanhProfile,
-    UniformProfile,
-)
+from torchliner.duct.flow_profiles import LawOfTheWallProfile, ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.modes import cut_on_frequency, duct_modes
 
 VELOCITY = "continuous-velocity"
@@ -106,14 +101,7 @@ def test_homotopy_is_that_of_small_steps(direction):
     """
     generator = np.random.default_rng(0)
     walls = generator.uniform(0.02, 0.9, 60) + 1j * generator.uniform(-1, 0.2, 60)
-    modes = duct_modes(
-        UNIFORM,
-        1500.0,
-        walls[:, None],
-        count=3,
-        direction=direction,
-        slip_condition=VELOCITY,
-    )
+    modes = duct_modes(UNIFORM, 1500.0, walls[:, None], count=3, direction=direction, slip_condition=VELOCITY)
     rigid, k = duct_modes(UNIFORM, 1500.0, count=3, direction=direction), k_of(1500.0)
     alpha = np.repeat(rigid.wavenumber.numpy(), 60, 0)
     for s in np.linspace(0, 1, 601)[1:]:

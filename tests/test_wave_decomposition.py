@@ -18,11 +18,7 @@ WAVELENGTH = FLUID.sound_speed / FREQUENCY
 
 
 def record_of(
-    reflection: complex,
-    places: list[float],
-    mach: float = 0.0,
-    frequency: float = FREQUENCY,
-    **about,
+    reflection: complex, places: list[float], mach: float = 0.0, frequency: float = FREQUENCY, **about
 ) -> tl.PressureRecord:
     """Microphones and velocities in A e^{jk+ y} + B e^{-jk- y}, A = 2 Pa, written out by hand.
 

@@ -15,10 +15,7 @@ import torchliner as tl
 from coverage_waves import METHODS, held_by_draws
 from torchliner.cli.main import main
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
-from torchliner.pressure.microphone_errors import (
-    LEVEL_ERROR,
-    draw_pressures,
-)
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, draw_pressures
 from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import free_wave_fit
 from torchliner.records import MicrophoneLine

@@ -101,14 +101,7 @@ def _close_ends(
     kinds = along // n
     for left in (True, False):
         c = 0 if left else len(ports) - 1
-        ins, outs = (
-            (slice(0, along), slice(along, along + n))
-            if left
-            else (
-                slice(along, along + n),
-                slice(0, n),
-            )
-        )
+        ins, outs = (slice(0, along), slice(along, along + n)) if left else (slice(along, along + n), slice(0, n))
         into = modes.along[0].numpy() if left else modes.against[0].numpy()
         reading = modes.against[0].numpy() if left else modes.along[0, :, : count * n].numpy()
         going, coming = (1, 0) if left else (0, 1)  # modes upstream and downstream

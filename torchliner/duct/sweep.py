@@ -38,12 +38,7 @@ class SweptDuct:
         upper, lower: waves (p + v)/2 that arrive at the rigid wall and (p - v)/2 at the other, (F, C, n, D).
     """
 
-    def __init__(
-        self,
-        mesh: DuctMesh,
-        frequency: Tensor,
-        modes: Callable[..., EndModes] = plane_modes,
-    ) -> None:
+    def __init__(self, mesh: DuctMesh, frequency: Tensor, modes: Callable[..., EndModes] = plane_modes) -> None:
         self.mesh, self.frequency, case = mesh, frequency, mesh.case
         self.basis = basis = Basis.of_degree(mesh.degree, frequency.device)
         self._rows = Rows.of_flow(basis, mesh.y, case.profile)

@@ -145,10 +145,7 @@ def draw_field(setup: DuctSetup, field: DuctField, path: str | Path | None = Non
     level = spl_from_pressure_amplitude(p).numpy().reshape(grid[0].shape)
     speed = torch.abs(v).numpy().reshape(grid[0].shape)
     inside = y > NEAR_WALL * case.height
-    for axis, values, label in (
-        (axes[0, 0], level, SPL),
-        (axes[1, 0], speed, "$|v|$ (m s$^{-1}$)"),
-    ):
+    for axis, values, label in ((axes[0, 0], level, SPL), (axes[1, 0], speed, "$|v|$ (m s$^{-1}$)")):
         top = np.percentile(values[inside], 99.5)  # vorticity on the liner's face beside
         drawn = axis.pcolormesh(
             1e3 * x, 1e3 * y, values, cmap="cividis", shading="gouraud", rasterized=True, vmin=values.min(), vmax=top

@@ -15,14 +15,7 @@ from torchliner.records.notes import Note
 from torchliner.report.alongside import ORDERS, draw_cells, points_along_x
 from torchliner.report.figure import COLOURS, ONE_ROW, REFERENCES, draw_curve, finish, impedance_panels, styled
 from torchliner.report.numbers import part_of
-from torchliner.report.table import (
-    Column,
-    Table,
-    format_bounds,
-    format_complex,
-    plain_columns,
-    real_and_imaginary,
-)
+from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns, real_and_imaginary
 
 Row = dict[str, Any]
 

@@ -84,13 +84,7 @@ def near_cloud(values: np.ndarray) -> np.ndarray:
 
 
 def draw_levels(
-    axis: Any,
-    line: MicrophoneLine,
-    one: Educed,
-    colour: str,
-    marker: str,
-    f: int = 0,
-    style: Any = "-",
+    axis: Any, line: MicrophoneLine, one: Educed, colour: str, marker: str, f: int = 0, style: Any = "-"
 ) -> None:
     """Measured and fitted SPL; the shade is the range over the draws (figure 14b)."""
     x, level = one.level_along()

@@ -8,14 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
-from torchliner.report.table import (
-    Column,
-    Table,
-    format_bounds,
-    format_complex,
-    plain_columns,
-    real_and_imaginary,
-)
+from torchliner.report.table import Column, Table, format_bounds, format_complex, plain_columns, real_and_imaginary
 
 LEVEL = 0.95  # of the intervals
 HARD = 1e6  # |Z| that a table calls rigid
@@ -166,10 +159,7 @@ def _interval(row: Row) -> tuple[complex, complex] | None:
 
 
 _FREQUENCY = Column("", "frequency", "f Hz", ".1f")
-_BARS = (
-    Column("", "deviation", "deviation", _deviation),
-    Column("", _interval, "statistical interval", format_bounds),
-)
+_BARS = (Column("", "deviation", "deviation", _deviation), Column("", _interval, "statistical interval", format_bounds))
 _LEFT = (Column("", "residual", "residual %", ".3f", 100), Column("", "misfit", "over errors", ".3g"))
 WAVES = (
     _FREQUENCY,
@@ -187,7 +177,4 @@ FIELD = (
     *_LEFT,
     Column("", "end_reflection", "end reflection", format_complex),
 )
-KNOWN = (
-    Column("", "known", "known Z", format_complex),
-    Column("", "off", "Z - known", format_complex),
-)
+KNOWN = (Column("", "known", "known Z", format_complex), Column("", "off", "Z - known", format_complex))
