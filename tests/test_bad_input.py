@@ -73,12 +73,6 @@ def test_unknown_option_name(liner):
         tl.educe(good(), liner, frequncy=3)
 
 
-def test_no_frequency_anywhere(liner):
-    """Neither asked for nor stated by the plane."""
-    with pytest.raises(ValueError, match="states no frequency"):
-        tl.educe(plane_of(turbulence((2, 600)), frequency=None), liner)
-
-
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
 def test_cuda_asked_for_and_absent(liner):
     """The remedy is named."""
@@ -125,20 +119,6 @@ def test_dead_probes_are_doubted(liner):
     assert complex(found.impedance[0, 0]) == pytest.approx(complex(liner.impedance(1400.0)))
 
 
-def test_coarse_rate_is_doubted(liner):
-    """Fewer than 8 samples a period."""
-    plane = plane_of(turbulence((2, 600)), sampling_rate=7 * FREQUENCY)
-    with pytest.warns(tl.DataWarning, match="7 samples per period"):
-        tl.educe(plane, liner)
-
-
-def test_another_gas_is_doubted(liner):
-    """Liner and data must speak of the same air."""
-    plane = plane_of(turbulence((2, 600)), fluid=tl.Fluid(sound_speed=350.0))
-    with pytest.warns(tl.DataWarning, match=r"sound speed is 343.2 m/s in the liner and 350"):
-        tl.educe(plane, liner)
-
-
 def test_speed_beyond_a_table():
     """A tabulated liner names its limit and the probe."""
     table = tl.TabulatedLiner([200.0, 4000.0], np.ones((2, 2)) * (0.5 + 0.1j), speed=[0.0, 4.0], name="measured")
@@ -180,47 +160,6 @@ def test_phases_of_probes_are_not_those_of_frequencies(liner):
     by_frequency = tl.educe(plane, liner, reference_phase=[[0.0, 1.2]], **asked)
     alone = tl.educe(plane, liner, reference_phase=1.2, **{**asked, "frequency": 2100.0})
     assert complex(by_frequency.answer[1]) == pytest.approx(complex(alone.answer[0]), rel=1e-9)
-
-
-def test_frequency_beyond_a_table():
-    """So does its frequency range."""
-    table = tl.TabulatedLiner([200.0, 1000.0], [0.5 + 0.1j, 0.5 + 0.2j], name="measured")
-    with pytest.raises(ValueError, match=r"1400 Hz, outside the table's"):
-        tl.educe(good(), table)
-    with pytest.raises(ValueError, match="'measured': frequency is empty; give at least one, 200"):
-        table.impedance([])
-
-
-ONES = torch.ones(3, 4)
-PLANES = [
-    (torch.ones(3, 4, dtype=torch.int32), {}, TypeError, "int32; float32 or float64"),
-    (torch.ones(3, 4, dtype=torch.complex64), {}, TypeError, "complex64"),
-    (np.array([["a"]]), {}, TypeError, "floating-point"),
-    (torch.ones(3, 0), {}, ValueError, r"\(3, 0\)"),
-    (torch.ones(0, 9), {}, ValueError, "at least one probe"),
-    (ONES, {"sampling_rate": 0.0}, ValueError, "sampling_rate"),
-    (ONES, {"x": [1.0, 2.0]}, ValueError, r"x has 2 values; probes of shape \(3,\) need 3"),
-    (ONES, {"x": [1.0, 2.0, torch.nan]}, ValueError, "x holds values that are not finite"),
-    (ONES, {"height": -1.0}, ValueError, "height"),
-    (ONES, {"source_side": "left"}, ValueError, "source_side 'left'"),
-    (ONES, {"streamwise": torch.ones(3, 5)}, ValueError, "share probes and times"),
-]
-
-
-@pytest.mark.parametrize(("velocity", "about", "kind", "message"), PLANES)
-def test_bad_planes(velocity, about, kind, message):
-    """A plane is checked when it is made."""
-    with pytest.raises(kind, match=message):
-        tl.VelocityPlane(velocity, **{"sampling_rate": 1e4, **about})
-
-
-def test_warnings_are_in_the_notes(liner):
-    """What was warned of is kept with the result."""
-    plane = plane_of(turbulence((2, 300)))
-    with pytest.warns(tl.DataWarning) as caught:
-        found = tl.educe(plane, liner)
-    assert [str(w.message) for w in caught] == [str(note) for note in found.notes]
-    assert plane.duration == pytest.approx(300 / RATE)
 
 
 def test_velocities_beyond_sound_are_a_unit_mistake(liner):

@@ -1,11 +1,9 @@
 """Averages over cells."""
 
-import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-import torchliner as tl
 from torchliner.records.cells import Cells
 
 
@@ -26,21 +24,3 @@ def test_an_average_is_the_product_with_the_averaging_matrix(probes):
     torch.testing.assert_close(found, wanted, rtol=1e-14, atol=1e-15)
     last = cells.average(values.movedim(1, 2), used, axis=-1)
     torch.testing.assert_close(last, wanted.movedim(1, 2), rtol=1e-14, atol=1e-15)
-
-
-@pytest.mark.parametrize("order", ["admittance", "velocity", "phase-locked"])
-def test_half_as_many_cells_as_probes_need_no_matrix_of_both(order):
-    """60 800 probes x 30 400 cells would be 15 GB."""
-    liner, along, across = tl.load_liner("polito"), 304, 200
-    steps = torch.arange(along * across)
-    x = (steps % along + 0.5) * liner.cell_pitch / 2
-    z = (torch.div(steps, along, rounding_mode="floor") + 0.5) * liner.cell_pitch
-    v = 2 * torch.randn(8, 1000, generator=torch.Generator().manual_seed(0))
-    v = v.repeat(len(steps) // 8, 1)
-    plane = tl.VelocityPlane(v, sampling_rate=200e3, frequency=1400.0, x=x, z=z)
-    found = tl.educe(plane, liner, averaging=order, interval=None)
-    impedance = found.cells[order].impedance.squeeze()
-    assert len(impedance) == len(steps) // 2
-    # The same eight probes over and over again.
-    spread = (impedance.reshape(-1, 4) - impedance[:4]).abs().max()
-    assert float(spread) < 1e-6 * float(impedance.abs().max())

@@ -10,8 +10,6 @@ import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.engine.kernels import build_kernels
-from torchliner.records.unit_checks import plane_unit_warnings
 
 X = (torch.arange(15) + 0.5) * 12.44e-3 / 5  # three cells of five probes
 
@@ -48,14 +46,6 @@ def test_units_that_cannot_be_meant_are_said(liner, about, frequency, text):
     assert not any("are these" in str(each.message) for each in told)
 
 
-def test_what_no_tone_is_sampled_with_is_said():
-    """More than 1e5 samples a period; plausible ones pass."""
-    plane = plane_of(turbulence((3, 600)), sampling_rate=1e6)
-    found = plane_unit_warnings(plane, 9.9)
-    assert any("1.01e+05 samples a period of 9.9 Hz; 4 to 100000 are plausible" in t for t in found)
-    assert plane_unit_warnings(plane, 1e3) == []
-
-
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_unequal_areas_are_said(liner):
     """Averages weigh probes alike, which a file with areas may not mean."""
@@ -86,22 +76,6 @@ def test_flow_and_level_out_of_range(record, about, text):
     }[record]
     with pytest.raises(ValueError, match=text):
         make()
-
-
-@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64, torch.tensor, np.atleast_1d])
-def test_numbers_of_records_are_plain(liner, kind):
-    """A sampling rate of a float32 time axis computes in double precision like any other."""
-    plane = plane_of(
-        turbulence((2, 600)), sampling_rate=kind(42000), frequency=kind(1400), mach=kind(0),
-        reference={"true": np.complex64(1 - 2j)},
-    )  # fmt: skip
-    assert {type(v) for v in (plane.sampling_rate, plane.frequency, plane.mach)} == {float}
-    assert type(plane.reference["true"]) is complex
-    choices = {"phase": "given", "reference_phase": 0.3, "interval": None}
-    wanted = tl.educe(plane_of(plane.velocity), liner, **choices)
-    assert torch.equal(tl.educe(plane, liner, **choices).answer, wanted.answer)
-    assert type(tl.Fluid(sound_speed=np.float32(340)).sound_speed) is float
-    assert type(liner.replace(porosity=np.float32(0.05)).porosity) is float
 
 
 KINDS = [
@@ -144,58 +118,6 @@ def test_records_of_a_wrong_kind(make, text):
     """The message names the field and what it takes."""
     with pytest.raises(TypeError, match=text):
         make(turbulence((2, 600)))
-
-
-@pytest.mark.parametrize("kind", [np.array, torch.DoubleTensor])
-def test_coordinates_are_copies(kind):
-    """An array that is filled again for the next plane leaves those before as they were."""
-    places, areas, said = kind([0.0, 0.01]), kind([1e-6, 2e-6]), {"case": "first"}
-    plane = plane_of(turbulence((2, 600)), x=places, z=places, area=areas,
-                     provenance=said)  # fmt: skip
-    places += 5
-    areas += 5
-    said["case"] = "second"
-    assert plane.provenance["case"] == "first"
-    assert plane.x.tolist() == plane.z.tolist() == [0.0, 0.01]
-    assert plane.area.tolist() == [1e-6, 2e-6]
-
-
-def test_constants_of_a_liner_keep_their_digits():
-    """Python's own numbers are not rounded to the default precision of torch."""
-
-    class Constant:
-        def impedance(self, frequency, speed):
-            return 1.3 - 0.3j
-
-    torch.set_default_dtype(torch.float16)
-    try:
-        found = tl.educe(plane_of(turbulence((2, 600))), Constant(), 1400.0)
-    finally:
-        torch.set_default_dtype(torch.float32)
-    assert abs(complex(found.impedance[0, 0]) - (1.3 - 0.3j)) < 1e-12
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "most"),
-    [("facesheet_thickness", 0.635, "0.1"), ("orifice_diameter", 0.991, "0.1"),
-     ("cavity_depth", 38.1, "10"), ("cavity_hydraulic_radius", 12.5, "10")],
-)  # fmt: skip
-def test_a_liner_in_millimetres_is_refused(name, value, most):
-    """As in a file: a depth of 38.1 m has no resonance, and an impedance all the same."""
-    with pytest.raises(ValueError, match=rf"{name} is {value} m; .* at most {most} m \(1 mm is 0.001 m\)"):
-        tl.load_liner("onera").replace(cell_pitch=None, **{name: value})
-
-
-@pytest.mark.parametrize("given", [None, "1"])
-def test_what_is_no_impedance_is_refused(given):
-    """The message names the liner."""
-
-    class Broken:
-        def impedance(self, frequency, speed):
-            return given
-
-    with pytest.raises(TypeError, match=r"Broken.impedance\(frequency, speed\) gave .* numbers are"):
-        tl.educe(plane_of(turbulence((2, 600))), Broken(), 1400.0)
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -255,16 +177,6 @@ def test_coherence_does_not_know_other_frequencies(liner, shape):
         beside = tl.educe(plane_of(v), liner, [200.0, FREQUENCY, 1410.0, 5000.0], **choices)
     assert float((alone.coherence[:, 0] - beside.coherence[:, 1]).abs().max()) < 1e-12
     assert torch.equal(alone.phase_rule[:, 0], beside.phase_rule[:, 1])
-
-
-def test_threads_do_not_change_a_bit(liner, set_threads):
-    """Of the kernels' least squares, whose normal matrix is near singular."""
-    found = []
-    for threads in (1, 2):
-        set_threads(threads)
-        found.append(build_kernels(liner, 50e3, velocity_max=5.0, levels=40).taps)
-        assert torch.get_num_threads() == threads
-    assert torch.equal(*found)
 
 
 def test_autocast_around_an_eduction_has_no_effect(liner):

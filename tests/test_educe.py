@@ -104,18 +104,6 @@ def test_incident_level_by_hand(liner):
     assert complex(found.incident_pressure[0, 0]) == pytest.approx(-pressure, rel=1e-9)
 
 
-@pytest.mark.parametrize("phase", ["averaged", "self-consistent"])
-def test_sign_of_v_leaves_z_and_turns_the_wave(liner, phase):
-    """Only |v| and twice the phase enter Z; the inferred incident wave changes sign."""
-    t = torch.arange(487, dtype=torch.float64) / RATE
-    v = turbulence((3, 487), seed=1) + 4 * torch.cos(2 * torch.pi * FREQUENCY * t)
-    one, other = (tl.educe(plane_of(sign * v), liner, phase=phase) for sign in (1, -1))
-    assert bool(one.phase_rule.all())
-    assert float((reflection(one) - reflection(other)).abs().max()) < 1e-13
-    ratio = other.incident_pressure / one.incident_pressure
-    assert float((ratio + 1).abs().max()) < 1e-12
-
-
 def test_incoherent_velocity_falls_back_and_says_so(liner):
     """Where v hardly holds the tone 'self-consistent' is 'averaged', marked per probe and noted."""
     v = turbulence((6, 960), seed=9) + 0.7 * torch.cos(2 * torch.pi * FREQUENCY * torch.arange(960) / RATE)
@@ -135,15 +123,6 @@ def test_probe_alone_equals_probe_in_a_plane(liner):
     alone = tl.educe(plane_of(v[1, 2]), liner, **options)
     assert reflection(alone).shape == (1,)
     assert float((reflection(together)[1, 2] - reflection(alone)).abs().max()) < 1e-13
-
-
-def test_shapes_and_several_frequencies(liner):
-    """(z, x) planes, lines and single probes keep their axes; F comes last."""
-    for shape in ((4, 5), (5,), ()):
-        found = tl.educe(plane_of(turbulence((*shape, 480))), liner, [1000.0, 1400.0, 2000.0])
-        assert found.impedance.shape == (*shape, 3)
-        assert found.liner["admittance"].impedance.shape == (3,)
-        assert found.mean_velocity.shape == shape
 
 
 def test_drives(liner):
@@ -245,16 +224,6 @@ def test_resolved_slit_within_the_stated_distance():
         assert abs(value - plane.reference["true"]) < 0.01
 
 
-def test_hard_wall_still_educes_an_impedance(liner):
-    """The null test: turbulence over a rigid wall gives a liner's value, and is labelled so."""
-    from conftest import DATA
-
-    plane = tl.read_plane(DATA / "channel_y1.04mm.h5")
-    found = tl.educe(plane, liner, 1400.0)
-    assert 0.9 < float(found.liner["admittance"].impedance[0].real) < 1.3
-    assert found.choices["surface"] == "hard wall"
-
-
 def test_cells_are_counted_from_the_edge_also_from_upstream(liner):
     """Probes that begin before x = 0 do not shift the cells."""
     pitch = liner.cell_pitch
@@ -262,25 +231,6 @@ def test_cells_are_counted_from_the_edge_also_from_upstream(liner):
     found = tl.educe(plane_of(turbulence((60, 130), seed=20), x=x), liner)
     centres = (found.cell_x / pitch).tolist()
     assert centres == pytest.approx([-1.5, -0.5, 0.5, 1.5, 2.5, 3.5])
-
-
-def test_a_running_rms_as_long_as_the_record_is_doubted(liner):
-    """Its error bars shrink to nothing, since it does not vary within the record."""
-    plane = plane_of(turbulence((2, 1200)))
-    options = {"drive": "running-rms", "averaging": "admittance"}
-    with pytest.warns(tl.DataWarning, match=r"running rms is over 0.02 s .* too narrow; take a sho"):
-        tl.educe(plane, liner, running_window=0.02, **options)
-    assert not any("too narrow" in n.text for n in tl.educe(plane, liner, **options).notes)
-
-
-def test_a_window_without_its_drive_is_refused(liner):
-    with pytest.raises(ValueError, match="only used with drive='running-rms', not 'rms'"):
-        tl.educe(plane_of(turbulence((2, 600))), liner, running_window=1e-3, drive="rms")
-
-
-def test_no_gas_is_refused():
-    with pytest.raises(TypeError, match="velocity: fluid is NoneType; a Fluid is needed"):
-        plane_of(turbulence((2, 600)), fluid=None)
 
 
 def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypatch, liner):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from itertools import pairwise
 
 import pytest
 import torch
@@ -149,12 +148,6 @@ def test_nodes_reach_the_tolerance_that_they_are_chosen_for(preset: str) -> None
     f = torch.tensor([TONE], dtype=torch.float64)
     top = liner.speed_max or 100.0
     assert interpolation_error(choose_nodes([liner], f, 1e-6), liner, f, top)[0] <= 1e-6
-
-
-def test_the_error_falls_with_the_number_of_nodes() -> None:
-    liner, f = tl.load_liner("onera"), torch.linspace(300, 6000, 20, dtype=torch.float64)
-    errors = [interpolation_error(Chebyshev(count, 1.5), liner, f, 50.0)[0] for count in (16, 32, 64, 128)]
-    assert all(after < before / 5 for before, after in pairwise(errors))
 
 
 def test_coefficients_give_back_any_mean() -> None:
@@ -318,25 +311,10 @@ def test_a_frozen_speed_gives_the_model_itself(speed: float, preset: str, phase:
         assert away < 1e-7 * abs(1 + wanted) ** 2 + found.choices["model_error"] * abs(1 + wanted) ** 2
 
 
-def test_a_passive_liner_stays_passive() -> None:
-    found = tl.educe(plane_of(noise(2100, 20)), tl.load_liner("onera"), frequency=[400.0, TONE, 3000.0], interval=None)
-    for averaging in found.averagings:
-        assert float(found.liner[averaging].reflection.abs().max()) <= 1
-        assert float(found.cells[averaging].reflection.abs().max()) <= 1
-
-
 def test_the_liner_is_the_mean_admittance_of_its_probes() -> None:
     found = tl.educe(plane_of(noise(2100, 20)), tl.load_liner("onera"))
     of_probes = admittance_from_reflection(found.probes["admittance"].reflection).mean(0)
     assert torch.allclose(reflection_from_admittance(of_probes), found.liner["admittance"].reflection, atol=1e-12)
-
-
-def test_averagings_agree_where_all_probes_of_a_cell_are_alike() -> None:
-    v = noise(2100, 1).expand(-1, 6)
-    found = tl.educe(plane_of(v), tl.load_liner("onera"), interval=None)
-    z = [complex(found.liner[averaging].impedance[0]) for averaging in found.averagings]
-    assert z[0] == pytest.approx(z[1], abs=1e-9)
-    assert z[0] == pytest.approx(z[2], abs=1e-9)
 
 
 def test_moments_answer_like_the_plane() -> None:

@@ -83,13 +83,6 @@ def test_half_a_width_is_students_quantile_times_the_standard_error(count: int, 
     torch.testing.assert_close(found.widths, 2 * quantile * torch.view_as_real(found.standard_error).T)
 
 
-def test_a_quarter_turn_swaps_resistance_and_reactance_and_a_scale_scales() -> None:
-    means, shares = means_of(blocks_of(16, 50, 0.4))
-    one, turned = (jackknife(factor * means, shares, 0.95, ITSELF) for factor in (1, 3j))
-    torch.testing.assert_close(turned.low, torch.complex(-3 * one.high.imag, 3 * one.low.real))
-    torch.testing.assert_close(turned.standard_error.real, 3 * one.standard_error.imag)
-
-
 def test_a_square_is_off_by_the_variance_and_the_bounds_are_without_it() -> None:
     means, shares = means_of(blocks_of(16, 40000).real.to(torch.complex128) + 3)
     found = jackknife(means**2, shares, 0.95, ITSELF)
@@ -123,16 +116,6 @@ def test_blocks_that_do_not_vary_give_no_width_and_a_rigid_wall_no_bounds() -> N
     assert float(still.widths.abs().max()) < 1e-12
     wall = jackknife(*means_of(torch.ones(8, 3, dtype=torch.complex128)), 0.95)
     assert bool((wall.widths == math.inf).all())
-
-
-def test_a_column_does_not_depend_on_the_others() -> None:
-    means, shares = means_of(0.3 * blocks_of(16, 50, 0.5))
-    order, others = torch.randperm(50), torch.where(torch.arange(50) % 2 == 0, means, means.flip(1))
-    one, moved, beside = (jackknife(each, shares, 0.95) for each in (means, means[:, order], others))
-    for name, value in vars(one).items():
-        assert torch.equal(value[::2], getattr(beside, name)[::2]), name
-        # Only the last bit may depend on the place: torch works on the last few columns one by one.
-        torch.testing.assert_close(value[order], getattr(moved, name), rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 import torch
-from conftest import FREQUENCY
 from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.engine.kernels import VelocityGrid, build_kernels, interpolate
-from torchliner.liners.model import impedance_of, reflection_of
+from torchliner.liners.model import reflection_of
 
 F64 = torch.float64
 
@@ -24,14 +23,6 @@ def test_two_sided_kernels_are_the_model_in_the_band(name, rate):
     check = torch.linspace(300, 3500, 311, dtype=F64)
     away = kernels.response(check) - reflection_of(tl.load_liner(name), check, kernels.grid.speeds[:, None])
     assert float(away.abs().max()) <= kernels.error * 1.05
-
-
-def test_a_liner_at_rest_needs_no_taps_before_zero():
-    """There the model is causal: the causal kernel is five times nearer to it than at 5 m/s."""
-    liner, f = tl.load_liner("onera"), torch.tensor([FREQUENCY], dtype=F64)
-    kernels = build_kernels(liner, 200e3, velocity_max=5.0, levels=4, kind="causal")
-    away = (kernels.response(f) - reflection_of(liner, f, kernels.grid.speeds[:, None])).abs()[:, 0]
-    assert float(away[0]) < 0.2 * float(away[-1])
 
 
 @pytest.mark.parametrize(
@@ -68,12 +59,3 @@ def test_interpolation_is_exact_on_its_polynomials(top, levels, share, spacing, 
         wanted = (speed / top) ** (root * power)
         found = interpolate((grid.speeds[:, None] / top) ** (root * power), *grid.locate(speed))
         assert float((found - wanted).abs()) < 1e-9
-
-
-def test_a_liner_of_the_wrong_shape_is_named():
-    class Wrong:
-        def impedance(self, frequency, speed):
-            return torch.ones(7, dtype=torch.complex128)
-
-    with pytest.raises(ValueError, match=r"Wrong.impedance.*\(7,\).*\(3,\)"):
-        impedance_of(Wrong(), torch.ones(3), torch.ones(()))

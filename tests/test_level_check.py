@@ -1,9 +1,7 @@
 """Level check: Z and the phase-locked velocity against a pressure that is known."""
 
 import dataclasses
-import json
 import math
-import warnings
 
 import numpy as np
 import pytest
@@ -15,9 +13,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.records.level_check import Gap
-from torchliner.report.alongside import joint_bounds
-from torchliner.report.line_table import format_line, plain_line
-from torchliner.report.studies import audit_table, format_audit, format_calibration
+from torchliner.report.studies import format_calibration
 from torchliner.velocity.known_pressure import Case, known_pressure
 from torchliner.velocity.level_check import change_that_passes
 
@@ -89,18 +85,6 @@ def test_unlike_cells_close_under_one_wave():
     assert abs(own) < 0.8 * abs(amplitude)
     assert found.level_check.cells.level[1, :, 0].tolist() == pytest.approx([wanted] * 2, abs=1e-3)
     assert float(found.level_check.liner.level[1, 0]) == pytest.approx(wanted, abs=1e-3)
-
-
-def test_the_sentence_says_by_how_much_what_it_excludes_and_what_to_try():
-    """Numbers of the case in it."""
-    velocity, amplitude = square_wave(2.0)
-    level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0))) + 1
-    with pytest.warns(tl.DataWarning, match=r"level check at 1400 Hz fails, phase-locked: -1.00 dB"):
-        found = tl.educe(plane(velocity, incident_level=level), MODEL)
-    (text,) = (str(note) for note in found.notes if note.code == "level-check")
-    for word in ("limit of 0.3 dB", "not that of the cell", "model is wrong",
-                 f"level is {level - 1:.1f} dB", "no averaging passes"):  # fmt: skip
-        assert word in text
 
 
 @pytest.mark.parametrize("height", [None, 0.02])
@@ -251,37 +235,6 @@ def test_where_nothing_is_known_the_map_says_what_to_state(about, choices, reaso
     assert tl.read_map(tmp_path / "m.h5").level_check_words == found.level_check_words
 
 
-@pytest.mark.parametrize("choice", ["level_limit", "level_uncertainty"])
-def test_limit_and_doubt_add_up_and_are_checked(choice):
-    """0.3 dB unless stated, with the doubt on top."""
-    velocity, amplitude = square_wave(2.0)
-    level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, 2.0))) + 1
-    record = plane(velocity, incident_level=level)
-    plain = {"interval": None}
-    assert tl.educe(record, MODEL, **plain).level_check.limit == 0.3
-    assert not tl.educe(record, MODEL, **plain, **{choice: 1.5}).level_check.failed
-    with pytest.raises(ValueError, match=f"{choice} is -1 dB; it is at least 0"):
-        tl.educe(record, MODEL, **{choice: -1.0})
-
-
-def test_closure_survives_a_file(tmp_path):
-    """All numbers and words; bounds lie about the values."""
-    record = tl.read_plane(DATA / "slit_n130_y0.5mm.h5")
-    found = tl.educe(record, tl.load_liner("lbm_slit"))
-    found.write(tmp_path / "m.h5")
-    again = tl.read_map(tmp_path / "m.h5").level_check
-    for name in ("averagings", "averaging", "known", "kind", "limit", "uncertainty", "confidence"):
-        assert getattr(again, name) == getattr(found.level_check, name)
-    for part in ("liner", "cells"):
-        for name, value in vars(getattr(found.level_check, part)).items():
-            torch.testing.assert_close(getattr(getattr(again, part), name), value, equal_nan=True)
-    gap = found.level_check.liner
-    assert bool((gap.level_low < gap.level).all())
-    assert bool((gap.level < gap.level_high).all())
-    assert found.level_check.verdict("velocity") == "passes"
-    assert found.level_check.verdict("admittance") == "fails"
-
-
 def test_the_interval_covers():
     """Turbulence with a tone, 30 records: the mean over them lies in nine of ten intervals."""
     steps = torch.arange(960, dtype=torch.float64) / RATE
@@ -329,84 +282,6 @@ def test_the_phase_is_of_one_clock(cut, tmp_path):
         assert float(found.liner.phase[1, 0]) == pytest.approx(0, abs=1e-5)
     elsewhere = dataclasses.replace(later, start=9.0)
     assert "without phase" in tl.educe(elsewhere, MODEL, pressure=record).level_check.known
-
-
-def test_the_clock_does_not_change_how_far_a_level_is_known():
-    """A record that began earlier has its phase turned, and the interval of its level stays."""
-    draw = torch.Generator().manual_seed(3)
-    velocity, _ = square_wave(2.0, periods=60)
-    velocity = velocity + 0.3 * torch.randn(velocity.shape, generator=draw, dtype=torch.float64)
-    turn = 2 * math.pi * FREQUENCY / RATE * torch.arange(velocity.shape[-1], dtype=torch.float64)
-    pressure = 100 * torch.cos(turn) + 60 * torch.randn(len(turn), generator=draw).double()
-    options = {"averaging": "velocity"}
-    found = [
-        tl.educe(plane(velocity), MODEL, **options,
-                 pressure=facesheet_record(pressure.expand(3, -1), start=start)).level_check.liner
-        for start in (0.0, -0.25 / FREQUENCY)
-    ]  # fmt: skip
-    for end in ("level", "level_low", "level_high"):
-        assert torch.allclose(*(getattr(each, end) for each in found), rtol=1e-9, equal_nan=True)
-    assert float((found[1].phase - found[0].phase)[1, 0] % 360) == pytest.approx(270, abs=1e-6)
-
-
-def test_the_command_takes_wall_pressures(capsys):
-    """Of --in-situ, or of a file of their own."""
-    path = str(DATA / "slit_n130_y2.5mm.h5")
-    record = str(DATA / "pressure_n130.h5")
-    for option in ("--in-situ", "--wall-pressure"):
-        assert main(["educe", path, option, record, "--quiet", "--json"]) == 0
-        assert "facesheet's pressure (rho c Z V, with phase)" in capsys.readouterr().out
-    assert pressure_amplitude_from_spl(94.0) == pytest.approx(1.417, abs=1e-3)
-
-
-def test_every_row_of_an_audit_has_its_closure(tmp_path):
-    """As the map of the same choice says; other heights with their own velocity."""
-    planes = [
-        plane(turbulence((4, 480), seed) + square_wave(1.0)[0], incident_level=130.0, height=height)
-        for seed, height in enumerate((0.5e-3, 2.5e-3))
-    ]
-    found = tl.audit(planes, MODEL, averaging="velocity", interval=None)
-    one, other = (tl.educe(each, MODEL, interval=None) for each in planes)
-    assert found.level_check == pytest.approx(float(one.level_check.liner.level[1, 0]), abs=1e-9)
-    (height,) = found.of(factor="height")
-    assert height.level_check == pytest.approx(float(other.level_check.liner.level[1, 0]), abs=1e-3)
-    swapped = next(row for row in found.of(factor="averaging") if row.variant == "admittance")
-    assert swapped.level_check == pytest.approx(float(one.level_check.liner.level[0, 0]), abs=1e-3)
-    assert f"level check {found.level_check:+.2f} dB off the stated 130 dB" in format_audit(found)
-    audit_table(found, everything=True).write_csv(tmp_path / "a.csv")
-    assert "level_check" in (tmp_path / "a.csv").read_text().splitlines()[0]
-
-
-def test_an_audit_without_a_known_pressure_says_so():
-    """No column, and the words of the map."""
-    velocity, _ = square_wave(2.0, periods=20)
-    found = tl.audit(plane(velocity), MODEL, interval=None)
-    assert found.level_check is None
-    assert "level check: not checked, state incident_level=" in format_audit(found)
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_a_line_of_stations_has_closure_of_average_and_stations(tmp_path):
-    """rho c |Z||V| off the stated level; the file keeps it; another dB of level shows."""
-    about = {"source_side": "upstream"}
-    for level in (130.0, 131.0):
-        records = [dataclasses.replace(station(seed, seconds=0.2), incident_level=level, **about)
-                   for seed in range(3)]  # fmt: skip
-        line = tl.educe_bursts(records, tl.load_liner("onera"), segment=0.04)
-        wanted = 20 * torch.log10(
-            line.fluid.characteristic_impedance * (line.impedance * line.velocity_amplitude).abs()
-            / pressure_amplitude_from_spl(level)
-        )  # fmt: skip
-        torch.testing.assert_close(line.level_check.cells.level[0], wanted)
-        gap = line.level_check.liner
-        assert bool((gap.level_low < gap.level).all() & (gap.level < gap.level_high).all())
-        assert any("level check at" in note.text for note in line.notes) == line.level_check.failed
-    assert "level check: off the stated 131 dB at the wall" in format_line(line)
-    line.write(tmp_path / "line.h5")
-    again = tl.read_line(tmp_path / "line.h5").level_check
-    torch.testing.assert_close(again.cells.level, line.level_check.cells.level)
-    assert again.words("stations") == line.level_check.words("stations")
-    assert plain_line(line)["level_check"]["rows"][0]["verdict"]
 
 
 def rough_station(seed: int, noise: float = 3.0, **about):
@@ -465,15 +340,6 @@ def test_stations_without_a_common_clock_do_not_close_by_their_phases(onera, sid
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_noise_alone_sets_no_clocks_apart(onera):
-    """Phases of stations on one clock scatter by a quarter of a radian here."""
-    about = {"incident_level": 130.0, "source_side": "normal", "tone": 0.2}
-    for first in range(0, 40, 8):
-        records = [rough_station(first + i, **about)[0] for i in range(8)]
-        assert tl.educe_bursts(records, onera, segment=0.04).level_check is not None
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_a_level_is_that_of_the_stated_tone(onera):
     """Closure of a line is checked there, and nowhere else."""
     record = station(0, incident_level=130.0, source_side="upstream")
@@ -484,23 +350,6 @@ def test_a_level_is_that_of_the_stated_tone(onera):
     other = tl.educe_bursts([record], onera, 1000.0, segment=0.04)
     assert other.level_check is None
     assert "nothing is known at the frequencies asked for" in other.level_check_words
-
-
-def test_values_beside_are_compared_in_their_joint_interval(capsys):
-    """In situ with pressure first differs from velocity first by what a subtraction says."""
-    options = ["--in-situ", str(DATA / "pressure_n130.h5"), "--quiet", "--json"]
-    assert main(["educe", str(DATA / "slit_n130_y2.5mm.h5"), *options]) == 0
-    (found,) = json.loads(capsys.readouterr().out)
-    (beside,) = found["alongside"]
-    row = beside["differences"][1]
-    (order,) = (each for each in found["level_check"]["rows"] if each["averaging"] in row["between"])
-    assert order["verdict"]
-    own = complex(*found["rows"][0]["impedance"]["phase-locked"].values())
-    wanted = own - complex(*beside["impedance"]["in situ (Dean), pressure first"].values())
-    assert complex(*row["difference"].values()) == pytest.approx(wanted)
-    low, high = (complex(*row[end].values()) for end in ("low", "high"))
-    assert low.real < wanted.real < high.real
-    assert row["differs"] == (low.real > 0 or high.real < 0 or low.imag > 0 or high.imag < 0)
 
 
 def known_planes(*speeds, **about):
@@ -542,66 +391,3 @@ def test_pressures_with_a_phase_count_twice():
     )  # fmt: skip
     assert found.values.tolist() == pytest.approx([0.3, 6e-5], rel=1e-6)
     assert found.data == 2
-
-
-@pytest.mark.parametrize(
-    ("about", "message"),
-    [
-        ({"incident_level": None}, "cannot be fitted to its level: not checked, state inc"),
-        ({"source_side": "unknown"}, "state source_side"),
-    ],
-)
-def test_closure_without_a_level_is_refused(about, message):
-    """The message says what to state."""
-    (record,) = known_planes(2.0)
-    with pytest.raises(ValueError, match=message):
-        tl.calibrate(dataclasses.replace(record, **about), MODEL, "level-check", {"a": (0.1, 1.0)})
-
-
-@pytest.mark.parametrize("noise", [0.2 + 0.1j, [0.2 + 0.1j]])
-def test_noise_of_levels_is_no_pair(noise):
-    """A traceback, and in a list u(X) in dB weighed the phase."""
-    with pytest.raises(ValueError, match="with level-check it is of levels: state dB"):
-        tl.calibrate(known_planes(2.0), MODEL, "level-check", {"a": (0.1, 1.0)}, noise=noise, draws=0)
-
-
-@pytest.mark.parametrize(("speed", "outside"), [(1.5, 0.0), (6.0, 1.0), (0.2, 1.0)])
-def test_a_prediction_beyond_the_speeds_fitted_says_so(speed, outside):
-    """Between those of the planes of the fit nothing is unseen."""
-    found = tl.calibrate(known_planes(1.0, 3.0), MODEL, "level-check", {"a": (0.1, 1.0)}, draws=0)
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        (row,) = found.predict(*known_planes(speed))
-    assert row.outside == pytest.approx(outside, abs=0.02)
-    assert any("no other run saw (seen: about" in str(each.message) for each in said) == (outside > 0)
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_the_orifice_by_closure_alone(capsys):
-    """From levels alone the vena contracta comes out at 0.43, and R of o145 within 5 %."""
-    paths = [str(DATA / f"orifice_{case}_y0.5mm.h5") for case in ("o115", "o145")]
-    words = ["calibrate", *paths, "--reference", "level-check", "--free", "vena_contracta=0.2:1", "--draws", "0"]
-    assert main([*words, "--json", "--quiet"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["parameters"][0]["value"] == pytest.approx(0.435, abs=0.01)
-    assert found["fitted"][1]["impedance"]["resistance"] == pytest.approx(1.099, rel=0.05)
-    assert max(abs(row["level_check"]) for row in found["fitted"]) < 0.1
-
-
-@pytest.mark.parametrize(("other", "differs"), [((1.15, 1.25), True), ((1.0, 1.2), False)])
-def test_half_widths_of_two_intervals_add_as_independent(other, differs):
-    """R 0.9 to 1.1 less 1.15 to 1.25: -0.2 +- sqrt(0.1^2 + 0.05^2)."""
-    found = joint_bounds((0.9 + 0j, 1.1 + 0j), (complex(other[0]), complex(other[1])))
-    middle, reach = 1.0 - sum(other) / 2, math.hypot(0.1, (other[1] - other[0]) / 2)
-    assert found["low"].real == pytest.approx(middle - reach)
-    assert found["high"].real == pytest.approx(middle + reach)
-    assert found["differs"] is differs
-
-
-def test_a_difference_from_what_has_no_bound_has_none():
-    """A hard wall that the record does not bound, less what is known: -inf to inf, not nan."""
-    unbounded = (complex(-math.inf, -math.inf), complex(math.inf, math.inf))
-    for pair in ((unbounded, (1 + 1j, 2 + 2j)), ((1 + 1j, 2 + 2j), unbounded)):
-        found = joint_bounds(*pair)
-        assert (found["low"], found["high"]) == unbounded
-        assert found["differs"] is False

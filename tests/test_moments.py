@@ -83,17 +83,6 @@ def test_moments_of_any_liner_know_most(diameter, porosity, thickness, depth):
     assert max(error(tl.load_liner(name))[0] for name in preset_names()) < 7e-7
 
 
-def test_an_averaging_of_phase_locked_moments_is_as_that_of_the_plane(liner):
-    """Nothing of the averaging that is not asked for."""
-    plane = plane_of(velocity(), x=[0.002 * i for i in range(5)])
-    known = tl.moments(plane, cell_pitch=liner.cell_pitch)
-    one, other = (
-        each.educe(liner, averaging="velocity") for each in (known, tl.moments(plane, liner, averaging="velocity"))
-    )
-    assert list(one.choices) == list(other.choices)
-    assert relative_error(one.answer, other.answer) < 1e-6
-
-
 def test_a_liner_that_the_moments_do_not_know_is_refused(liner):
     """A table, which ends at a |v|."""
     bare = liner.replace(cell_pitch=None)
@@ -118,19 +107,6 @@ def test_other_choices_are_refused(choices, message, liner):
     known = tl.moments(plane_of(velocity()), liner, averaging="admittance")
     with pytest.raises(ValueError, match=message):
         known.educe(liner, **{"averaging": "admittance"} | choices)
-
-
-def test_other_cells_are_refused(liner):
-    known = tl.moments(plane_of(velocity(), x=[0.002 * i for i in range(5)]), liner)
-    with pytest.raises(ValueError, match=r"was reduced for cells of .* reduce the data again"):
-        known.educe(liner.replace(cell_pitch=2 * liner.cell_pitch))
-
-
-def test_what_is_no_plane_is_refused(liner):
-    with pytest.raises(TypeError, match="make a VelocityPlane"):
-        tl.moments(velocity(), liner)
-    with pytest.raises(ValueError, match="cell_pitch is the liner's"):
-        tl.moments(plane_of(velocity()), liner, cell_pitch=0.01)
 
 
 def test_moments_state_their_error(liner):

@@ -8,11 +8,10 @@ import warnings
 import numpy as np
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
+from conftest import FREQUENCY, RATE, plane_of, relative_error, turbulence
 from scipy.signal import lfilter
 
 import torchliner as tl
-from torchliner.names import AVERAGINGS
 
 PROBES, PITCH = 8, 12.44e-3
 PERIODS = 20
@@ -54,23 +53,6 @@ def without_periodic(noise: torch.Tensor, harmonics: int = 8) -> torch.Tensor:
     return noise - torch.from_numpy((basis.T @ fit).T)
 
 
-@pytest.mark.parametrize("samples", [600, 613, 1201])
-def test_without_turbulence_it_is_velocity_first(onera, samples):
-    """Also where the record holds no whole number of periods."""
-    found = educed(on_cells(sound(samples)), onera)
-    wanted = found.cells["velocity"].reflection
-    assert relative_error(found.cells["phase-locked"].reflection, wanted) < 1e-10
-    assert relative_error(found.answer, found.liner["velocity"].impedance) < 1e-10
-    assert relative_error(found.answer, found.liner["admittance"].impedance) > 1e-2
-
-
-def test_without_coherent_motion_it_is_probes_first(onera):
-    noise = without_periodic(turbulence((2 * PROBES, 600), rms=2.0))
-    found = educed(on_cells(noise), onera)
-    assert relative_error(found.probes["phase-locked"].reflection, found.probes["admittance"].reflection) < 1e-10
-    assert relative_error(found.liner["phase-locked"].impedance, found.liner["admittance"].impedance) < 1e-10
-
-
 def test_chance_is_not_taken_for_sound(onera):
     """What a fit finds in turbulence scatters from block to block, and is left where it is."""
     plane = on_cells(turbulence((2 * PROBES, 600), seed=4, rms=2.0))
@@ -91,13 +73,6 @@ def test_slow_turbulence_is_not_taken_for_a_mean(onera):
         found = educed(on_cells(torch.from_numpy(slow)), onera)
         apart.append(found.liner["phase-locked"].impedance.real / found.liner["admittance"].impedance.real - 1)
     assert abs(float(torch.cat(apart).mean())) < 0.02
-
-
-@pytest.mark.parametrize("speed", [0.01, 0.7, 6.0])
-def test_frozen_speed_gives_the_model(onera, speed):
-    found = educed(frozen_plane(speed, periods=20.0), onera)
-    wanted = onera.impedance(FREQUENCY, speed)
-    assert relative_error(found.answer, wanted) < 3e-9  # R is known to 1e-9
 
 
 def mixed(samples: int = 600, seed: int = 0) -> torch.Tensor:
@@ -180,16 +155,6 @@ def test_oncoming_turbulence_of_a_known_rms(onera, choices):
         educed(on_cells(velocity), onera, background=1.0, averaging="velocity")
 
 
-def test_another_cell_does_not_matter(onera):
-    velocity = mixed()
-    other = velocity.clone()
-    other[PROBES:] = 3 * other[PROBES:] + 1.0
-    one, two = (educed(on_cells(v), onera) for v in (velocity, other))
-    first = slice(0, PROBES)
-    assert torch.equal(one.probes["phase-locked"].reflection[first], two.probes["phase-locked"].reflection[first])
-    assert not torch.equal(one.cells["phase-locked"].reflection, two.cells["phase-locked"].reflection)
-
-
 def test_probes_left_out_and_probes_of_no_cell(onera):
     """A faulty probe is not in its cell's coherent velocity; one of no cell keeps its own."""
     velocity = torch.cat([mixed(), sound(600)[:3]])  # three probes of a third tile
@@ -208,46 +173,6 @@ def test_probes_left_out_and_probes_of_no_cell(onera):
     assert (
         relative_error(found.probes["phase-locked"].reflection[-3:], found.probes["admittance"].reflection[-3:]) < 1e-12
     )
-
-
-def test_file_keeps_it(onera, tmp_path):
-    found = tl.educe(on_cells(mixed()), onera)
-    found.write(tmp_path / "map.h5")
-    again = tl.read_map(tmp_path / "map.h5")
-    for averaging in AVERAGINGS:
-        assert torch.equal(again.liner[averaging].impedance, found.liner[averaging].impedance)
-        assert again.bounds_of_liner(averaging) == found.bounds_of_liner(averaging)
-    assert torch.equal(again.answer, found.answer)
-    assert torch.equal(again.probes["phase-locked"].reflection, found.probes["phase-locked"].reflection)
-
-
-def without_pitch(liner):
-    return liner.replace(cell_pitch=None)
-
-
-@pytest.mark.parametrize(
-    ("change", "liner_of", "asked", "words"),
-    [
-        (
-            {"x": 0.05 * torch.arange(16.0)},
-            without_pitch,
-            None,
-            "cell_pitch",
-        ),
-        ({"x": 0.02 * torch.arange(16.0)}, lambda one: one, None, "no cell holds more than one"),
-        ({"frequency": None}, lambda one: one, [1400.0, 1500.0, 1600.0], "of v only the"),
-    ],
-    ids=["one long cell", "one probe a cell", "no tone"],
-)
-def test_cells_that_are_not_what_their_name_says(onera, change, liner_of, asked, words):
-    plane = dataclasses.replace(on_cells(mixed()), **change)
-    with pytest.warns(tl.DataWarning, match=words):
-        educed(plane, liner_of(onera), frequency=asked)
-
-
-def test_short_record_that_is_meant_to_be(onera):
-    found = educed(on_cells(sound(60)), onera, allow_short=True)
-    assert relative_error(found.answer, found.liner["velocity"].impedance) < 1e-8
 
 
 def in_turbulence(onera, samples: int, generator: np.random.Generator, **choices):
@@ -284,12 +209,3 @@ def test_intervals_are_those_of_that_velocity(onera, phase):
         ratio = mine.standard_error.real / theirs.standard_error.real
         print(ratio)
         assert 0.9 < float(ratio.mean()) < 1.5
-
-
-def test_other_averagings_leave_it_out(onera):
-    plane = on_cells(mixed())
-    for averaging in ("admittance", "velocity"):
-        found = tl.educe(plane, onera, averaging=averaging)
-        assert found.averagings == ("admittance", "velocity")
-        assert "phase-locked" not in found.probes
-        assert torch.equal(found.answer, found.liner[averaging].impedance)

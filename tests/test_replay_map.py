@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, RATE, frozen_plane, plane_of, relative_error, turbulence
+from conftest import DATA, FREQUENCY, RATE, frozen_plane, plane_of, turbulence
 
 import torchliner as tl
 
@@ -37,17 +37,6 @@ def test_a_frozen_velocity_returns_the_model(liner, wave):
     assert [found.choices[key] for key in ("phase", "incident", "edge")] == ["signal", wave.label, "periodic"]
     assert found.averagings == ("admittance", "velocity")
     assert found.level is None
-
-
-def test_a_frozen_velocity_and_steady_tones(liner):
-    """Tones that are no lines of the record: silence before it and Hann leakage, as much as the map says."""
-    tones = [512.0, 1391.0, 2777.0]
-    found = tl.replay(frozen_plane(2.0, periods=133.3), liner, tl.Tones(tones))
-    assert found.frequency.tolist() == tones
-    wanted = liner.impedance(torch.tensor(tones, dtype=F64), 2.0)
-    assert relative_error(found.impedance, wanted) < 2e-3
-    away = (found.probes["admittance"].reflection - tl.reflection_from_impedance(wanted)).abs().max()
-    assert float(away) == pytest.approx(found.choices["signal_error"], rel=0.3)
 
 
 def test_noise_tends_to_what_educe_gives_at_once(liner):
@@ -160,19 +149,6 @@ def test_gradients_pass_to_velocity_and_liner():
 
 
 # Lines, notes and files.
-
-
-def test_default_frequencies_are_the_lines(liner):
-    """Lines of the segments in the band of the wave, thinned evenly if there are many."""
-    plane = plane_of(turbulence((1, SAMPLES)))
-    found = tl.replay(plane, liner, "noise:300:1000")
-    assert found.frequency.tolist() == pytest.approx([50.0 * k for k in range(6, 21)])
-    halves = tl.replay(plane, liner, "noise:300:1000", segment=0.01)
-    assert halves.frequency.tolist() == pytest.approx([100.0 * k for k in range(3, 11)])
-    many = tl.replay(plane_of(turbulence((1, 8400))), liner, "noise:300:5000")
-    assert 100 < len(many.frequency) <= 200
-    assert float(many.frequency.diff().max() - many.frequency.diff().min()) < 1e-9
-    assert tl.replay(plane, liner, [700.0, 1400.0]).frequency.tolist() == [700.0, 1400.0]
 
 
 def test_what_is_doubtful_is_noted(liner):

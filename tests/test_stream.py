@@ -9,14 +9,14 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from conftest import FREQUENCY, frozen_plane, plane_of, turbulence
+from conftest import FREQUENCY, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.engine import sums
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.sums import PlaneRecord
-from torchliner.records.slabs import WORK_BYTES, bounds_of, read_ahead, rows_per_slab
+from torchliner.records.slabs import bounds_of, read_ahead
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -76,14 +76,6 @@ def test_every_layout_gives_the_same_map(mapped, plane, path, layout, monkeypatc
         away = (found.cells[name].reflection - wanted.cells[name].reflection).abs().max()
         assert float(away) < 1e-7  # float32, in another order in memory
     assert float((found.velocity_rms - wanted.velocity_rms).abs().max()) < 1e-6
-
-
-def test_a_memory_limit_cuts_the_slabs(plane):
-    """Rows follow from the limit; one below a slab is refused."""
-    assert rows_per_slab(1000, 4, WORK_BYTES + 8000 * 17, most=256) == 17
-    assert rows_per_slab(1000, 4, 10**12, most=256) == 256
-    with pytest.raises(ValueError, match=r"below one slab: one sample of 1000 probes.*67\.1\d MB"):
-        rows_per_slab(1000, 4, WORK_BYTES + 7999)
 
 
 class Numbers:
@@ -159,46 +151,3 @@ def test_a_file_that_shrinks_is_noticed(mapped, path):
         file.truncate(path.stat().st_size - 3000)
     with pytest.raises(OSError, match=r"plane\.h5.*shrank from \d+ to \d+ bytes.*nothing of it"):
         mapped(lazy)
-
-
-def test_strides_do_not_matter(mapped):
-    """Transposed, stepped and zero-stride tensors give what their copies give."""
-    v = turbulence((6, 300), seed=8)
-    for view in (
-        v.T.contiguous().T,
-        v[::2],
-        v[:, : 150 * 2 : 2],
-        v[:1].expand(4, 300),
-        v[0].expand(2, 2, 300),
-    ):
-        wanted = mapped(plane_of(view.clone()), interval=None)
-        found = mapped(plane_of(view), interval=None)
-        for name in wanted.probes:
-            away = (found.probes[name].reflection - wanted.probes[name].reflection).abs().max()
-            assert float(away) < 1e-12
-    still = torch.tensor(2.0, dtype=torch.float64).expand(2, 480)
-    assert mapped(plane_of(still)).impedance.shape == (2, 1)
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [torch.complex64, torch.complex128, torch.int16, torch.int64, torch.bfloat16, torch.bool],
-)
-def test_kinds_that_are_no_velocity(kind):
-    """Complex, integer and half-precision velocity is refused by name."""
-    with pytest.raises(TypeError, match="float32 or float64"):
-        plane_of(torch.ones(2, 480).to(kind))
-
-
-def test_a_plane_in_memory_is_not_changed(mapped, plane):
-    """Nothing writes into its input."""
-    before = plane.velocity.clone()
-    mapped(plane, mean="removed")
-    assert torch.equal(plane.velocity, before)
-
-
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_a_frozen_velocity_returns_the_liner(mapped, liner, dtype):
-    """The law of both ways, through the public door: Z of the model, but for the kernel."""
-    found = mapped(frozen_plane(2.0, dtype=dtype))
-    assert float((found.impedance / liner.impedance(FREQUENCY, 2.0) - 1).abs().max()) < 3e-5

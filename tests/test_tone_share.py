@@ -57,24 +57,3 @@ def test_a_tone_that_changes_little_is_no_warning(liner):
     assert not weak.notes
     moved = (weak.liner["admittance"].impedance / none.liner["admittance"].impedance - 1).abs()
     assert float(moved[0]) < LARGEST_CHANGE
-
-
-def test_one_note_for_many_frequencies(liner):
-    found = educed(3 * TONE.expand(4, -1), liner, [300.0 + 300 * i for i in range(20)])
-    assert "100 % of the variance of v is in step with the tone of 1400" in shown(found)
-    assert "at 300 to 6000 Hz Z is that of a weak second tone" in shown(found)
-
-
-@pytest.mark.parametrize(
-    ("about", "choices"),
-    [({"frequency": 2100.0}, {}), ({"frequency": None}, {}), ({}, {"averaging": "admittance"})],
-)
-def test_nothing_is_said_where_nothing_is_known(about, choices, liner):
-    """At the tone itself, of a plane that states none, where v was not taken apart."""
-    v = 3 * torch.cos(2 * torch.pi * 2100 * TIMES).expand(4, -1)
-    plane = plane_of(v, **about)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tl.DataWarning)
-        found = tl.educe(plane, liner, 2100.0, interval=None, **choices)
-    assert not [note for note in found.notes if note.code == "other-tone"]
-    assert found.choices.get("tone_share") is None or about.get("frequency")

@@ -59,19 +59,6 @@ def test_noise_on_the_output_leaves_h1_unbiased():
     assert abs(complex(good) - 2) < 0.05
 
 
-def test_batch_is_the_loop_and_lengths_must_agree():
-    """Signals do not know their neighbours."""
-    x, y = turbulence((3, 500)), turbulence((3, 500), seed=5)
-    where = torch.tensor([900.0, 1400.0])
-    together = transfer_function(x, y, where, RATE).response
-    alone = torch.stack([transfer_function(a, b, where, RATE).response
-                         for a, b in zip(x, y, strict=True)])  # fmt: skip
-    assert float((together - alone).abs().max()) < 1e-12
-    with pytest.raises(ValueError, match="driver has 500 samples, response 400"):
-        transfer_function(x, y[:, :400], where, RATE)
-    assert torch.isnan(transfer_function(x, y, where, RATE).coherence).all()
-
-
 def test_segments_share_one_clock():
     """A steady tone has the same amplitude and phase in every segment, between the bins too."""
     rate, frequency = 8000.0, torch.tensor([433.0, 1210.0], dtype=torch.float64)

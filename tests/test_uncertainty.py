@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import re
 import warnings
 
 import numpy as np
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, RATE, frozen_plane, load_script, plane_of, turbulence
+from conftest import FREQUENCY, RATE, load_script, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.cli.main import main
 
 PERIODS = 20
 SAMPLES = round(PERIODS * RATE / FREQUENCY)
@@ -29,16 +26,6 @@ def every_part(found: tl.ImpedanceMap):
     parts = [*found.probes.values(), *found.cells.values(), *found.liner.values(), *found.along_x.values()]
     assert all(each.interval is not None for each in parts)
     return parts
-
-
-@pytest.mark.parametrize("phase", ["averaged", "self-consistent", "given"])
-def test_frozen_velocity_leaves_no_doubt(liner, phase):
-    """With |v| constant nothing fluctuates, so both bounds are the model's Z."""
-    choices = {"reference_phase": 0.3} if phase == "given" else {}
-    found = tl.educe(frozen_plane(2.0, periods=20), liner, phase=phase, minimum_coherence=0.0, **choices)
-    for each in every_part(found):
-        assert (each.interval.high - each.interval.low).abs().max() < 1e-9
-        assert (each.interval.low - each.impedance).abs().max() < 1e-9
 
 
 @pytest.mark.parametrize("drive", ["instantaneous", "rms", "running-rms"])
@@ -57,43 +44,12 @@ def test_interval_holds_its_value(noisy, liner, drive):
                 assert (width < 7).all()
 
 
-@pytest.mark.parametrize("rows", [2, 4, 12])
-def test_averages_of_copies_are_known_as_well_as_one(liner, rows):
-    """Probes that all see the same eddies are one observation, along z too."""
-    velocity = turbulence((1, 100 * 30)).expand(rows, 2, -1).clone()
-    plane = plane_of(velocity, z=[0.02 * i for i in range(rows)], x=[0.0, 1e-3])
-    found = tl.educe(plane, liner, averaging="admittance")
-    one = found.probes["admittance"].interval
-    for part in (found.liner, found.along_x, found.cells):
-        other = part["admittance"].interval
-        for name in ("low", "high", "standard_error"):
-            a, b = (getattr(each, name).reshape(-1)[0] for each in (one, other))
-            assert abs(a - b) < 1e-9, name
-
-
 def test_averages_of_independent_probes_are_known_better(liner):
     """Sixteen independent probes: the mean admittance is known four times better."""
     found = tl.educe(plane_of(turbulence((16, 40 * 30))), liner)
     single = float(found.probes["admittance"].interval.standard_error.real.median())
     error = float(found.liner["admittance"].interval.standard_error[0].real)
     assert error == pytest.approx(single / 4, rel=0.5)
-
-
-def test_longer_records_are_known_better(liner):
-    """Sixteen times as long: a quarter of the width, in the mean over probes."""
-    v = turbulence((40, 16 * 40 * 30))
-    widths = [
-        float(tl.educe(plane_of(part), liner).probes["admittance"].interval.widths[0].mean())
-        for part in (v[:, : 40 * 30], v)
-    ]
-    assert widths[1] == pytest.approx(widths[0] / 4, rel=0.25)
-
-
-def test_interval_does_not_depend_on_neighbours(noisy, liner):
-    whole = tl.educe(noisy, liner).probes["admittance"].interval
-    single = dataclasses.replace(noisy, velocity=noisy.velocity[2:3], x=noisy.x[2:3])
-    alone = tl.educe(single, liner).probes["admittance"].interval
-    assert (alone.low[0] - whole.low[2]).abs().max() < 1e-12
 
 
 def test_excluded_probes_have_no_interval(noisy, liner):
@@ -128,24 +84,6 @@ def test_the_script_knows_the_mean(liner):
             mean = tl.reflection_from_impedance(liner.impedance(script.FREQUENCY, v.abs())).mean()
             found = complex(tl.impedance_from_reflection(mean))
             assert abs(found - script.true_impedance(liner, tone)) < 0.02
-
-
-def test_levels_nest(noisy, liner):
-    """Nothing is drawn: the same bounds again; a higher level gives wider ones."""
-    first, again = (tl.educe(noisy, liner).liner["admittance"].interval for _ in range(2))
-    wide = tl.educe(noisy, liner, interval=0.99).liner["admittance"].interval
-    assert torch.equal(first.low, again.low)
-    for part in ("real", "imag"):
-        assert getattr(wide.low, part) < getattr(first.low, part)
-        assert getattr(first.high, part) < getattr(wide.high, part)
-
-
-def test_without_a_level_there_are_none(tmp_path, noisy, liner):
-    found = tl.educe(noisy, liner, interval=None)
-    found.write(tmp_path / "map.h5")
-    for each in (found, tl.read_map(tmp_path / "map.h5")):
-        assert each.level is None
-        assert each.liner["admittance"].interval is each.probes["admittance"].interval is None
 
 
 def test_map_file_keeps_intervals_and_spread_apart(tmp_path, liner):
@@ -188,66 +126,3 @@ def test_few_blocks_are_said(liner):
     with pytest.warns(tl.DataWarning, match="no error bars"):
         found = tl.educe(plane_of(turbulence((2, 3 * 30))), liner, allow_short=True)
     assert found.level is None
-
-
-@pytest.mark.parametrize(
-    ("interval", "error", "message"),
-    [
-        (1.0, ValueError, "interval is 1; it is a level between 0 and 1"),
-        (95.0, ValueError, "interval is 95; it is a level between 0 and 1"),
-        ("0.95", TypeError, "interval is the text '0.95'; a number is needed"),
-    ],
-)
-def test_bad_levels(noisy, liner, interval, error, message):
-    with pytest.raises(error, match=message):
-        tl.educe(noisy, liner, interval=interval)
-
-
-def test_csv_holds_the_bounds(tmp_path, noisy, liner):
-    """A row a probe, bounds in columns of their own."""
-    found = tl.educe(noisy, liner)
-    found.write(tmp_path / "map.csv")
-    rows = list(csv.DictReader((tmp_path / "map.csv").read_text().splitlines()))
-    bounds = found.probes["admittance"].interval
-    ends = zip(bounds.low[:, 0].tolist(), bounds.high[:, 0].tolist(), strict=True)
-    for row, (low, high) in zip(rows, ends, strict=True):
-        assert float(row["resistance_low"]) == pytest.approx(low.real, rel=1e-8)
-        assert float(row["reactance_high"]) == pytest.approx(high.imag, rel=1e-8)
-
-
-def test_command_prints_both(capsys):
-    """Spread and interval stand in different columns; --no-intervals leaves them out."""
-    path = str(DATA / "slit_n130_y2.5mm.h5")
-    assert main(["educe", path, "--quiet"]) == 0
-    printed = capsys.readouterr().out
-    assert "spread R, X" in printed
-    assert "95 % statistical interval" in printed
-    assert main(["educe", path, "--quiet", "--no-intervals"]) == 0
-    assert "interval" not in capsys.readouterr().out
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_the_page_has_the_interval_that_misses():
-    """Of ``o145`` at 2.5 mm, in the averaging that ``educe`` answers in."""
-    page = (DATA.parent / "docs" / "uncertainty.md").read_text(encoding="utf-8")
-    stated = re.search(r"`o145` at 2\.5 mm has R between ([\d.]+) and ([\d.]+)", page)
-    plane = tl.read_plane(DATA / "orifice_o145_y2.5mm.h5")
-    found = tl.educe(plane, tl.load_liner(plane.liner)).liner["phase-locked"].interval
-    ends = [float(found.low.real), float(found.high.real)]
-    assert ends == pytest.approx([float(each) for each in stated.groups()], abs=6e-4)
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_the_page_has_the_halves_that_differ():
-    page = (DATA.parent / "docs" / "uncertainty.md").read_text(encoding="utf-8")
-    stated = re.search(r"halves of `g03_145` differ by ([\d.]+) in R at 0\.5 mm, by ([\d.]+)", page)
-    for height, apart in zip(("0.5", "2.5"), stated.groups(), strict=True):
-        plane = tl.read_plane(DATA / f"slit_g03_145_y{height}mm.h5")
-        middle, liner = plane.samples // 2, tl.load_liner(plane.liner)
-        first, second = (
-            tl.educe(
-                dataclasses.replace(plane, velocity=plane.velocity[..., part], streamwise=None), liner, interval=None
-            )
-            for part in (slice(None, middle), slice(middle, None))
-        )
-        assert float((second.answer - first.answer).real) == pytest.approx(float(apart), abs=6e-3)

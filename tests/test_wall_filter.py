@@ -57,27 +57,6 @@ def test_walls_dilute_the_admittance(mixed, liner):
     assert "3 of 5 probes (60 %)" in next(note.text for note in found.notes if note.code == "wall-filter")
 
 
-def test_the_note_says_share_and_what_is_not_filtered(mixed, liner):
-    for frequency, words in ((None, ("4 of 6 probes", "below 0.7")), (1000.0, ("the tone of the data is 1400 Hz",))):
-        (note,) = [n for n in tl.educe(mixed, liner, frequency, wall_filter=0.7).notes if n.code == "wall-filter"]
-        assert all(word in note.text for word in words)
-
-
-def test_a_map_file_keeps_the_walls(mixed, liner, tmp_path):
-    found = tl.educe(mixed, liner, wall_filter=0.7)
-    found.write(tmp_path / "map.h5")
-    again = tl.read_map(tmp_path / "map.h5")
-    assert torch.equal(again.wall, found.wall)
-    assert torch.equal(again.answer, found.answer)
-    assert again.choices["wall_filter"] == 0.7
-
-
-@pytest.mark.parametrize("value", [-0.1, 1.1, float("nan")])
-def test_thresholds_outside_0_to_1_are_refused(mixed, liner, value):
-    with pytest.raises(ValueError, match=r"wall_filter is .*0 to 1"):
-        tl.educe(mixed, liner, wall_filter=value)
-
-
 @pytest.mark.skipif(not SHARED.exists(), reason="full simulation files are not here")
 def test_full_n130_between_the_holes():
     """At 0.5 mm v between the slits is the wave's, and as coherent: without turbulence no probe is a wall."""

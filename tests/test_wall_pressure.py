@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import math
 
 import numpy as np
@@ -16,11 +15,10 @@ from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.modes import cut_on_frequency
-from torchliner.names import CONDITIONS, WALL_METHODS, resolve
-from torchliner.pressure.fit_field import fit_field
+from torchliner.names import CONDITIONS
 from torchliner.pressure.kumaresan_tufts import find_exponentials, kumaresan_tufts
 from torchliner.pressure.microphone_errors import draw_pressures
-from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.records import MicrophoneLine
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
 FREQUENCY = torch.tensor([600.0, 1000.0, 1500.0], dtype=torch.float64)
@@ -102,27 +100,6 @@ def test_of_two_modes_the_stronger_one():
         assert relative_error(found.impedance, WALLS) < 1e-7
 
 
-def test_sides_mirror_each_other_without_flow():
-    """Read backwards the same duct has the same impedance and minus the wavenumber; with flow
-    a source on the other side is another wave."""
-    pressure = wave("upstream", mach=0.0)[0]
-    one = kumaresan_tufts(line_of(pressure, mach=0.0))
-    other = kumaresan_tufts(line_of(pressure.flip(0), "downstream", mach=0.0))
-    assert torch.equal(one.wavenumber, -other.wavenumber)
-    assert torch.equal(one.impedance, other.impedance)
-    assert (one.origin, other.origin) == (float(X[0]), float(X[-1]))
-    alpha = [wave(side)[1] for side in OTHER]
-    assert float((alpha[0] + alpha[1]).abs().min()) > 5.0
-
-
-def test_amplitude_and_place_do_not_matter():
-    """Z is that of the wavenumber: neither gain, phase nor origin of x enters."""
-    pressure = wave("upstream")[0] + 0.2 * wave("upstream", back=True)[0]
-    one = kumaresan_tufts(line_of(pressure))
-    two = kumaresan_tufts(line_of((3 - 40j) * pressure, x=X + 0.437))
-    assert relative_error(two.impedance, one.impedance) < 1e-9
-
-
 def test_microphones_over_the_liner_alone_are_used():
     """Those before and behind it see other waves; ``margin`` keeps off its ends."""
     pressure = wave("upstream")[0].clone()
@@ -136,17 +113,6 @@ def test_microphones_over_the_liner_alone_are_used():
     assert len(kumaresan_tufts(line, margin=2e-3).x) == 7
 
 
-def test_signals_in_parts_are_signals_one_by_one(monkeypatch):
-    """But for rounding, with any leading axes."""
-    generator = torch.Generator().manual_seed(1)
-    signal = torch.randn(3, 5, 12, dtype=torch.complex128, generator=generator)
-    whole = find_exponentials(signal, 2, 6)
-    for count in (1, 4, 15):
-        monkeypatch.setattr("torchliner.pressure.kumaresan_tufts.SIGNALS", count)
-        for value, wanted in zip(find_exponentials(signal, 2, 6), whole, strict=True):
-            assert torch.allclose(value, wanted, rtol=1e-11, atol=1e-13)
-
-
 def test_exponentials_by_hand():
     """1, 1/2, 1/4, 1/8: lambda = 1/2, a = 1, energy all of it."""
     signal = torch.tensor([1, 0.5, 0.25, 0.125], dtype=torch.complex128)
@@ -157,16 +123,6 @@ def test_exponentials_by_hand():
     growing = find_exponentials(signal.flip(0), 1, 2)
     assert complex(growing.ratio[0]) == pytest.approx(2.0)
     assert complex(growing.amplitude[0]) == pytest.approx(0.125)
-
-
-@pytest.mark.parametrize("method", WALL_METHODS)
-def test_rows_of_the_methods_name_functions_that_take_their_options(method):
-    home, _, options = WALL_METHODS[method]
-    known = list(inspect.signature(resolve(home)).parameters)
-    if method == "field":
-        known += inspect.signature(fit_field).parameters
-    assert known[0] == "line"
-    assert set(options) <= set(known)
 
 
 # --- errors of the microphones ------------------------------------------------------------------
@@ -202,37 +158,6 @@ def test_drawn_deviation_is_the_scatter_of_realisations():
     assert float((found.mean - WALLS).abs()[2]) < 4 * float(found.standard_deviation[2].abs())
 
 
-def test_deviation_grows_with_the_errors():
-    """Linear where small: ten times the errors, ten times the deviation; none, none."""
-    line = line_of(100 * wave("upstream")[0])
-    deviations = [
-        kumaresan_tufts(line, rank=1, draws=200, level_error=e, phase_error=e).standard_deviation
-        for e in (0.0, 1e-3, 1e-2)
-    ]
-    assert float(deviations[0].abs().max()) < 1e-11
-    # Second order is 1e-2 of the first at 0.01 dB.
-    assert float((deviations[2] / deviations[1]).real.sub(10).abs().max()) < 0.1
-
-
-def test_draws_are_reproducible_and_summed_up():
-    """Seed 0 unless a generator is given; quantiles and means are those of the draws."""
-    line = line_of(100 * wave("upstream")[0])
-    one, two = (kumaresan_tufts(line, draws=50) for _ in range(2))
-    assert torch.equal(one.draws.impedance, two.draws.impedance)
-    other = kumaresan_tufts(line, draws=50, generator=torch.Generator().manual_seed(9))
-    assert not torch.equal(one.draws.impedance, other.draws.impedance)
-    drawn = one.draws.impedance.numpy()
-    low, high = one.interval(0.9)
-    assert low.real.tolist() == pytest.approx(np.quantile(drawn.real, 0.05, axis=0).tolist())
-    assert high.imag.tolist() == pytest.approx(np.quantile(drawn.imag, 0.95, axis=0).tolist())
-    assert one.mean.tolist() == pytest.approx(drawn.mean(0).tolist())
-    assert one.standard_deviation.imag.tolist() == pytest.approx(drawn.imag.std(0, ddof=1).tolist())
-    alpha = one.draws.wavenumber.numpy()
-    assert one.wavenumber_deviation.real.tolist() == pytest.approx(alpha.real.std(0, ddof=1).tolist())
-    assert one.failed.tolist() == [0, 0, 0]
-    assert one.choices["draws"] == 50
-
-
 def test_drawn_errors_are_what_they_say():
     """0.1 dB and 0.1 degrees, independent of each other and of place."""
     pressure = torch.full((2, 3), 5j, dtype=torch.complex128)
@@ -250,35 +175,6 @@ def test_drawn_errors_are_what_they_say():
 
 
 # --- batches ------------------------------------------------------------------------------------
-
-
-@BY_CHANCE
-def test_batch_is_the_loop():
-    """Cases and frequencies do not know each other."""
-    line = noisy(100 * wave("upstream")[0] + 20 * wave("upstream", back=True)[0], 6, seed=5)
-    shaped = dataclasses.replace(line, pressure=line.pressure.reshape(2, 3, COUNT, 3))
-    together = kumaresan_tufts(shaped)
-    assert together.impedance.shape == (2, 3, 3)
-    assert together.modes.shape == (2, 3, 2, 3)
-    for i in range(2):
-        for j in range(3):
-            for f in range(3):
-                alone = kumaresan_tufts(
-                    dataclasses.replace(
-                        shaped, pressure=shaped.pressure[i, j, :, f : f + 1],
-                        frequency=FREQUENCY[f : f + 1],
-                    )
-                )  # fmt: skip
-                error = abs(complex(alone.impedance[0] - together.impedance[i, j, f]))
-                assert error < 1e-12 * abs(complex(alone.impedance[0]))
-
-
-def test_single_precision_data():
-    """complex64 in, computed in double: what is lost is what the data lost."""
-    pressure = 100 * wave("upstream")[0] + 20 * wave("upstream", back=True)[0]
-    found = kumaresan_tufts(line_of(pressure.to(torch.complex64)))
-    assert found.impedance.dtype == torch.complex128
-    assert relative_error(found.impedance, WALLS) < 1e-3
 
 
 # --- doubts and bad input -----------------------------------------------------------------------
@@ -309,33 +205,6 @@ def test_refusals(options, match):
         kumaresan_tufts(line, **options)
 
 
-@pytest.mark.parametrize("options", [{"rank": 1.5}, {"rank": "2"}, {"order": 4.0}, {"draws": 2.5}])
-def test_whole_numbers_are_needed(options):
-    line = line_of(wave("upstream")[0])
-    with pytest.raises(TypeError, match=f"{next(iter(options))} is .*; a whole number is needed"):
-        kumaresan_tufts(line, **options)
-    numpy_s = kumaresan_tufts(line, rank=np.int64(1), order=np.int64(6), draws=np.int64(2))
-    assert numpy_s.choices["rank"] == 1
-
-
-def test_unequal_spacing_names_the_microphone():
-    x = X.clone()
-    x[7] += 1e-3
-    with pytest.raises(ValueError, match=r"method needs equal spacing, but microphone 7 at x = "
-                       r"85 mm is \+0\.9\d* mm off an even grid of 12 mm"):  # fmt: skip
-        kumaresan_tufts(line_of(wave("upstream", x)[0], x=x))
-
-
-def test_a_source_on_the_wrong_side():
-    """Nothing runs away from it; the message says what to look at."""
-    line = line_of(wave("upstream")[0], side="downstream")
-    with pytest.raises(RuntimeError, match="none of the waves found runs away from a source downs"):
-        kumaresan_tufts(line, rank=1)
-    conjugated = line_of(wave("upstream")[0].conj())
-    with pytest.raises(RuntimeError, match=r"the phases of the other sign \(exp\(\+j omega t\)"):
-        kumaresan_tufts(conjugated, rank=1)
-
-
 @pytest.mark.filterwarnings("ignore:.*draws have no impedance")
 def test_doubts_are_warned_of_and_kept():
     """Higher modes, half a wavelength, a wave that gains, frequencies without a wave."""
@@ -362,18 +231,3 @@ def test_doubts_are_warned_of_and_kept():
     (lost,) = (note.text for note in found.notes if note.code == "lost-draws")
     assert "10 of 30 draws have no impedance" in lost
     assert torch.isfinite(found.mean[[0, 2]]).all()
-
-
-def test_results_are_checked():
-    found = kumaresan_tufts(line_of(wave("upstream")[0]))
-    with pytest.raises(ValueError, match="no draws were made; educe with draws=500"):
-        _ = found.mean
-    with pytest.raises(ValueError, match="level is 95; it must be between 0 and 1"):
-        found.interval(95)
-    with pytest.raises(ValueError, match=r"residual has shape \(2,\); \(draws, 3 frequency\) is needed"):
-        dataclasses.replace(found, residual=found.residual[:2])
-    with pytest.raises(ValueError, match=r"impedance has shape \(3,\); \(draws, 1 frequency\)"):
-        dataclasses.replace(found, frequency=FREQUENCY[:1])
-    with pytest.raises(TypeError, match=r"impedance is torch\.float64"):
-        dataclasses.replace(found, impedance=found.residual)
-    assert isinstance(found, WallEduction)

@@ -85,17 +85,6 @@ def test_shares_are_the_bits_of_one_reading(tmp_path, file, small, read, choices
     assert not list(tmp_path.glob(".torchliner-*"))
 
 
-def test_other_questions_are_not_answered_by_what_is_kept(tmp_path, file, small, read):
-    """Another liner, precision, drive or cell: all is read."""
-    plane, liner = tl.read_plane(file, lazy=True), tl.load_liner("polito")
-    asked = [{"liner": liner}, {"cell_pitch": PITCH}, {"cell_pitch": PITCH, "dtype": "float64"}, {"cell_pitch": 0.02},
-             {"cell_pitch": PITCH, "drive": "running-rms", "running_window": 1e-3}]  # fmt: skip
-    for each in asked:
-        read.clear()
-        tl.moments(plane, kept=tmp_path, averaging="velocity", **each)
-        assert len(read) == 5
-
-
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 @settings(max_examples=10)
 @given(st.integers(1, 8), st.sampled_from([*EVERY, {"missing": "exclude"}]), st.randoms())
@@ -118,13 +107,6 @@ def test_jobs_of_an_array_make_one_record(jobs, choices, random):
         found = tl.moments(plane, cell_pitch=6e-3, kept=f"{folder}/kept", **choices)
     assert same_bits(found, whole)
     assert found.notes == whole.notes
-
-
-@pytest.mark.parametrize("job", [-1, 2])
-def test_jobs_that_do_not_exist_are_refused(tmp_path, file, job):
-    """With how many there are."""
-    with pytest.raises(ValueError, match="there are 2, numbered from 0"):
-        tl.sum_share(tl.read_plane(file, lazy=True), tmp_path, job, 2)
 
 
 def test_data_do_not_travel(tmp_path):
@@ -206,18 +188,6 @@ def test_planes_of_commands_go_through_a_cluster(capsys, file, client):
 def test_a_cluster_that_is_not_there(where, kind, words):
     """Said with what would be right; nothing waits for ever."""
     with pytest.raises(kind, match=re.escape(words)), cluster.open_cluster(where, wait=1):
-        pass
-
-
-def test_without_dask_the_extra_is_named(monkeypatch):
-    """And no cluster needs none."""
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with cluster.open_cluster(None) as none:
-        assert none is None
-    with (
-        pytest.raises(ImportError, match=r"torchliner\[cluster\]"),
-        cluster.open_cluster("local:1"),
-    ):
         pass
 
 
