@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
@@ -55,34 +54,10 @@ def test_unequal_areas_are_said(liner):
         assert ("areas of the probes differ, 1 to 3 m2" in notes) == told
 
 
-@pytest.mark.parametrize("record", ["plane", "bursts", "pressure"])
-@pytest.mark.parametrize(
-    ("about", "text"),
-    [
-        ({"mach": float("nan")}, "mach is nan; it must be at least 0"),
-        ({"mach": 102.0}, "mach is 102; .*a Mach number, not m/s"),
-        ({"incident_level": float("nan")}, "incident_level is nan dB"),
-        ({"incident_level": 300.0}, "incident_level is 300 dB; .* at most 194 dB"),
-        ({"incident_level": -300.0}, "incident_level is -300 dB; it must be at least -126 dB"),
-    ],
-)
-def test_flow_and_level_out_of_range(record, about, text):
-    """No record takes a Mach number or a level that no duct has."""
-    v = torch.ones(8, dtype=torch.float64)
-    make = {
-        "plane": lambda: plane_of(v, **about),
-        "bursts": lambda: tl.BurstRecord(torch.arange(8.0), v, **about),
-        "pressure": lambda: tl.PressureRecord(v, v, sampling_rate=RATE, **about),
-    }[record]
-    with pytest.raises(ValueError, match=text):
-        make()
-
-
 KINDS = [
     ({"allow_short": "no"}, TypeError, "allow_short is 'no'; True or False is needed"),
     ({"device": "mps"}, ValueError, "unknown device 'mps'; use 'cpu', 'cuda'"),
     ({"device": 1.5}, ValueError, "unknown device 1.5; use 'cpu', 'cuda'"),
-    ({"running_window": "0"}, TypeError, "running_window is the text '0'"),
 ]
 
 
@@ -91,33 +66,6 @@ def test_choices_of_a_wrong_kind(liner, choice, error, text):
     """Refused by name, with what is needed; nothing is rounded, nothing is true by being text."""
     with pytest.raises(error, match=text):
         tl.educe(plane_of(turbulence((2, 600))), liner, **choice)
-
-
-@pytest.mark.parametrize(
-    ("make", "text"),
-    [
-        (lambda v: plane_of(v, sampling_rate=True), "sampling_rate is True; one number"),
-        (lambda v: plane_of(v, sampling_rate=torch.ones(2)), "sampling_rate is .* one number"),
-        (lambda v: plane_of(v.to_sparse()), "velocity is a sparse_coo tensor; give a dense one"),
-        (lambda v: plane_of(v.to("meta")), "velocity is a meta tensor"),
-        (lambda v: plane_of(v.numpy().astype(np.longdouble)), "convert it to float64"),
-        (lambda v: tl.load_liner("polito").replace(impedance_offset="1"), "offset is '1'"),
-        (lambda v: plane_of(v, reference=None), "velocity: reference is NoneType; a dictionary"),
-        (lambda v: plane_of(v, provenance=[1]), "velocity: provenance is list; a dictionary"),
-        (lambda v: tl.load_liner("polito").replace(fluid="air"), "fluid is str; a Fluid is needed"),
-        (
-            lambda v: tl.MicrophoneLine([0, 1], [1j, 1j], 1e3, duct_height=0.05, fluid=None),
-            "microphones: fluid is NoneType; a Fluid",
-        ),
-        (lambda v: plane_of(v, x=np.array([0, 1 + 1j])), "velocity: x: a real .* not complex128"),
-        (lambda v: plane_of(v, z=["0", "1"]), "velocity: z: a real number is needed, not <U1"),
-        (lambda v: plane_of(v, area="a"), "velocity: area: a real number is needed, not <U1"),
-    ],
-)
-def test_records_of_a_wrong_kind(make, text):
-    """The message names the field and what it takes."""
-    with pytest.raises(TypeError, match=text):
-        make(turbulence((2, 600)))
 
 
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -169,7 +117,7 @@ def test_columns_without_probes_have_no_interval(liner):
 def test_coherence_does_not_know_other_frequencies(liner, shape):
     """The same alone and beside a low and a high one, and with it what falls back."""
     v = turbulence((5, shape[1])).repeat(shape[0] // 5, 1)
-    v += torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(shape[1]))
+    v += 3 * torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(shape[1]))
     choices = {"phase": "self-consistent", "interval": None, "allow_short": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -14,7 +14,7 @@ from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.records.level_check import Gap
 from torchliner.report.studies import format_calibration
-from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes
 
 OF_AIR = tl.Fluid()
@@ -94,12 +94,11 @@ def test_the_size_of_the_warning_is_the_change_that_passes(height):
     level = incident_level_of(amplitude, 1.9 - 0.8j, height or 0.0)  # the model has 0.8 - 0.15j
     record = plane(velocity, height=height, incident_level=level)
     known = tl.moments(record, MODEL)
-    case = Case(known.plane, torch.tensor([FREQUENCY], dtype=torch.float64), known.cells, None, known.survey.blocks)
-    pressure = known_pressure(case)
+    pressure = known_pressure(known, torch.tensor([FREQUENCY], dtype=torch.float64))
     with pytest.warns(tl.DataWarning, match="level check"):
         found = known.educe(MODEL)
     gap = Gap(*(value[-1] for value in vars(found.level_check.liner).values()))
-    change = complex(change_that_passes(case, pressure, found.answer, gap)[0])
+    change = complex(change_that_passes(pressure, found.answer, gap)[0])
     there = complex(found.answer[0]) + change
     assert abs(change) > 0.1
     assert incident_level_of(amplitude, there, height or 0.0) == pytest.approx(level, abs=LEVELS)

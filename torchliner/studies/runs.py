@@ -30,7 +30,7 @@ from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import moments
-from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.review import review_liner, review_record
 
@@ -219,13 +219,11 @@ def _held(run: Run, reference: Any, record: Any, noise: Any) -> Run:
         )
     spread = torch.full((len(run.frequency),), u, dtype=torch.complex128)
     if level:
-        known = run.known
-        case = Case(run.plane, run.frequency, known.cells, known.cell_pitch, known.survey.blocks)
-        pressures = known_pressure(case, record)
+        pressures = known_pressure(run.known, run.frequency, record)
         if isinstance(pressures, str) or not bool(torch.isfinite(pressures.liner.abs()).all()):
             words = pressures if isinstance(pressures, str) else f"not at all frequencies: {pressures.words}"
             raise ValueError(f"{run.plane.name} cannot be fitted to its level: {words}")
-        ratio = ratio_of_pressures(known, case, pressures)
+        ratio = ratio_of_pressures(pressures)
         return replace(run, noise=NEPER * spread, ratio=ratio, has_phase=pressures.has_phase)
     if isinstance(reference, str):
         reference = _named(run, reference, record)

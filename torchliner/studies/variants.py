@@ -29,7 +29,7 @@ from torchliner.studies.rows import Row
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import Case, KnownPressure, known_pressure
+from torchliner.velocity.known_pressure import KnownPressure, known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
 
@@ -145,7 +145,7 @@ class Source:
         pressure = self._pressure
         if isinstance(pressure, str):
             return [None] * len(impedance)
-        ratio = ratio_of_pressures(self.known, self._case, pressure)(impedance)
+        ratio = ratio_of_pressures(pressure)(impedance)
         return [level if math.isfinite(level) else None for level in (20 * ratio.abs().log10()).tolist()]
 
     @property
@@ -154,13 +154,8 @@ class Source:
         return self._pressure if isinstance(self._pressure, str) else self._pressure.words
 
     @functools.cached_property
-    def _case(self) -> Case:
-        known = self.known
-        return Case(known.plane, self.frequency, known.cells, known.cell_pitch, known.survey.blocks)
-
-    @functools.cached_property
     def _pressure(self) -> KnownPressure | str:
-        return known_pressure(self._case)
+        return known_pressure(self.known, self.frequency)
 
     def _is_known(self, variant: Variant) -> bool:
         own = Variant({}, variant.averaging, self.chosen)

@@ -24,7 +24,7 @@ from torchliner.velocity import review, review_answer
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.background import with_background
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
 from torchliner.velocity.rescaled import widened
 from torchliner.velocity.review_answer import ToneShare
@@ -85,14 +85,13 @@ def answer(
         *review_answer.review_rule(found["admittance"].held, count, chosen),
         *review_answer.review_intervals(plane, chief, seen.blocks, frequency),
     ]
-    case = Case(plane, frequency, known.cells, known.cell_pitch, seen.blocks)
-    pressures = known_pressure(case, pressure)
+    pressures = known_pressure(known, frequency, pressure)
     check, checked = None, pressures
     if not isinstance(pressures, str):
-        check, checked = check_level(known, case, found, pressures, chosen, answered), "checked"
+        check, checked = check_level(pressures, found, chosen, answered), "checked"
         place = check.averagings.index(answered)
         gap = Gap(*(value[place] for value in vars(check.liner).values()))
-        sizes = change_that_passes(case, pressures, z, gap).abs()
+        sizes = change_that_passes(pressures, z, gap).abs()
         for i, f in enumerate(frequency.tolist()):
             if text := check.sentence(answered, f, i):
                 notes.append(Note("level-check", f"{plane.name}: {text}", float(sizes[i])))

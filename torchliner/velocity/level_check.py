@@ -24,28 +24,23 @@ from torch import Tensor
 
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.engine.intervals import ITSELF, jackknife, replicates
-from torchliner.engine.moments import Moments
 from torchliner.fluid import Fluid
 from torchliner.records.level_check import Gap, LevelCheck, gap_of
 from torchliner.velocity.averages import Averages
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import INCIDENT, Case, KnownPressure
+from torchliner.velocity.known_pressure import INCIDENT, KnownPressure
 
 NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
 WAVENUMBERS = 241  # tried along x, up to three times that of sound
 
 
-def check_level(
-    moments: Moments, case: Case, found: dict[str, Averages], known: KnownPressure, chosen: Choices, averaging: str
-) -> LevelCheck:
+def check_level(known: KnownPressure, found: dict[str, Averages], chosen: Choices, averaging: str) -> LevelCheck:
     """Of all averagings, with intervals where these have them; ``averaging``: of the answer."""
-    velocity = cell_velocity(moments, case, known)
-    pressure = torch.cat([known.liner[None], known.cells])
-    ratios, bounds = [], []
-    lengths = case.blocks.lengths
+    velocity, ratios, bounds = cell_velocity(known), [], []
+    lengths = known.moments.survey.blocks.lengths
     for each in found.values():
         z = impedance_from_reflection(each.replicates.detach()).cpu()
-        ratio = _implied(case, known, z, velocity[: len(z)]) / pressure
+        ratio = _implied(known, z, velocity[: len(z)]) / known.places
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:
             change = ratio / ratio[:1]
@@ -73,7 +68,7 @@ def check_level(
     )
 
 
-def change_that_passes(case: Case, known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
+def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
     r"""Z' - Z of the whole plane, complex, (F,): Z' gives the known pressure with the velocity as it is.
 
     The implied pressure goes as :math:`w = (Z + e)/(\cos ky + j Z \sin ky)`, with e = 1 for the incident wave and 0 for
@@ -83,42 +78,42 @@ def change_that_passes(case: Case, known: KnownPressure, z: Tensor, gap: Gap) ->
         z: of the whole plane, (F,).
         gap: implied over known pressure there, (F,).
     """
-    angle = 2 * torch.pi * case.frequency / float(case.plane.fluid.sound_speed) * _height(case, known)
+    angle = 2 * torch.pi * known.frequency / float(known.moments.plane.fluid.sound_speed) * known.height
     cosine, sine, end = angle.cos(), angle.sin(), float(known.kind == INCIDENT)
     q = torch.polar(10 ** (gap.level / 20), torch.deg2rad(gap.phase.nan_to_num(0)))
     wanted = (z + end) / (cosine + 1j * z * sine) / q
     return (wanted * cosine - end) / (1 - 1j * wanted * sine) - z
 
 
-def ratio_of_pressures(moments: Moments, case: Case, known: KnownPressure) -> Callable[[Tensor], Tensor]:
+def ratio_of_pressures(known: KnownPressure) -> Callable[[Tensor], Tensor]:
     """Implied over known pressure of the whole plane as a function of its Z, (..., F), complex.
 
     Its phase means something where ``known.has_phase``.
     """
-    velocity = cell_velocity(moments, case, known)[0, :1]
-    return lambda z: _implied(case, known, z[None], velocity)[0] / known.liner
+    velocity = cell_velocity(known)[0, :1]
+    return lambda z: _implied(known, z[None], velocity)[0] / known.liner
 
 
-def ratios_of_liner(moments: Moments, case: Case, known: KnownPressure, z: Tensor) -> Tensor:
+def ratios_of_liner(known: KnownPressure, z: Tensor) -> Tensor:
     """Implied over known pressure of the whole plane from its Z, of all blocks and without each of them, (B, F)."""
-    velocity = cell_velocity(moments, case, known)[: len(z), :1]
-    ratio = _implied(case, known, z[:, None], velocity)[:, 0] / known.liner
+    velocity = cell_velocity(known)[: len(z), :1]
+    ratio = _implied(known, z[:, None], velocity)[:, 0] / known.liner
     return ratio if known.replicates is None else ratio / known.replicates[: len(z), 0]
 
 
-def cell_velocity(moments: Moments, case: Case, known: KnownPressure) -> Tensor:
+def cell_velocity(known: KnownPressure) -> Tensor:
     """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
-    seen = moments.survey
-    probes = seen.tone(case.frequency, lambda sums: replicates(sums, seen.lengths))
-    cells = -moments.membership.mean(probes.transpose(1, 2)).transpose(1, 2).cpu()
-    scale = moments.membership.mean(moments.survey.mean_square).sqrt().cpu()
+    moments, seen, members = known.moments, known.moments.survey, known.moments.membership
+    probes = seen.tone(known.frequency, lambda sums: replicates(sums, seen.lengths))
+    cells = -members.mean(probes.transpose(1, 2)).transpose(1, 2).cpu()
+    scale = members.mean(seen.mean_square).sqrt().cpu()
     cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)
-    count, share = case.cells.count, case.cells.weight
-    share = torch.ones(count, dtype=torch.float64) if share is None else share
+    share = moments.cells.weight
+    share = torch.ones(moments.cells.count, dtype=torch.float64) if share is None else share
     weights = (share / share.sum())[:, None].to(torch.complex128)
     if not known.moved:
-        speed = float(case.plane.fluid.sound_speed)
-        weights = weights * turned_back(case.cells.x, torch.nan_to_num(cells[0]), case.frequency, speed)
+        speed = float(moments.plane.fluid.sound_speed)
+        weights = weights * turned_back(moments.cells.x, torch.nan_to_num(cells[0]), known.frequency, speed)
     return torch.cat([(weights * cells).sum(1, keepdim=True), cells], 1)
 
 
@@ -151,11 +146,6 @@ def implied_pressure(kind: str, fluid: Fluid, frequency: Tensor, height: Any, z:
     return float(fluid.characteristic_impedance) * pressure
 
 
-def _implied(case: Case, known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
+def _implied(known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
     """``implied_pressure`` of a plane."""
-    return implied_pressure(known.kind, case.plane.fluid, case.frequency, _height(case, known), z, velocity)
-
-
-def _height(case: Case, known: KnownPressure) -> float:
-    """From which the velocity is moved to the wall, m."""
-    return case.plane.height if known.moved and case.plane.height is not None else 0.0
+    return implied_pressure(known.kind, known.moments.plane.fluid, known.frequency, known.height, z, velocity)

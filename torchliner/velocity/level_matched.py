@@ -24,7 +24,7 @@ from torchliner.records.level_matched import LevelMatched
 from torchliner.records.notes import Note
 from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import Case, known_pressure
+from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import ratios_of_liner
 from torchliner.velocity.reading import Reading
 from torchliner.velocity.rescaled import with_drive
@@ -56,8 +56,7 @@ def match_level(
     chosen, frequency, name = reading.chosen, reading.frequency, known.plane.name
     if known.locked is None:
         raise ValueError("level_matched scales what phase-locked averaging leaves; choose averaging='phase-locked'")
-    case = Case(known.plane, frequency, known.cells, known.cell_pitch, known.survey.blocks)
-    pressures = known_pressure(case, pressure)
+    pressures = known_pressure(known, frequency, pressure)
     if isinstance(pressures, str):
         return None, [Note("level-matched", f"{name}: no level-matched answer: {pressures}")]
     scale, seen = known.locked.scale, dict[float, Point]()
@@ -70,7 +69,7 @@ def match_level(
             moments = known if share == 1 else with_drive(reading, known, drive)
             found = average(moments, Asked.of(moments, liner, frequency, chosen), "phase-locked")
             z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
-            seen[share] = z, ratios_of_liner(known, case, pressures, z).log()
+            seen[share] = z, ratios_of_liner(pressures, z).log()
         return seen[share]
 
     every, notes = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128), []
