@@ -13,7 +13,7 @@ def main() -> None:
     options_of(parser_of(__doc__))
     print(ROW.format("case", "reference Z", "educed Z", "level check"), flush=True)
     errors = []
-    files = [path for kind in ("slit", "orifice") for path in plane_files(f"{kind}_*_y0.5mm.h5")]
+    files = [*plane_files("slit_*_y0.5mm.h5"), *plane_files("orifice_[ot]*_y0.5mm.h5")]
     for path in files:
         plane = tl.read_plane(path)
         found = tl.educe(plane, tl.load_liner(plane.liner), allow_short=True)

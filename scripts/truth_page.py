@@ -3,7 +3,7 @@
     python scripts/truth_page.py [--write] [--rows FILE]
 
 Rows, tables and pictures go to results/truth. ``--write`` puts rows and pictures into docs/figures,
-the tables into docs/truth.md and README.md, and the default rules into the package, where ``educe``
+the tables into docs/truth.md, and the default rules into the package, where ``educe``
 and ``audit`` find them. ``--rows`` takes the rows from a CSV instead of computing them again, which
 takes minutes.
 """
@@ -338,8 +338,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for path in FOLDER.glob("truth_*"):
             with written_whole(FIGURES / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
-        for page in (PAGE, ROOT / "README.md"):
-            write_tables(page, tables)
+        write_tables(PAGE, tables)
         write_rows(known_rows(read_rows(FOLDER / "truth_errors.csv")), KNOWN, end="\n")
     print(f"\nNumbers and pictures are in {FOLDER}")
     return 0

@@ -182,6 +182,8 @@ def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
     found: dict[str, Any] = {}
     for name, ends in _pairs(texts, "free").items():
         usual = bounds_for([name], liner)
+        if twice := sorted(usual.keys() & found.keys()):
+            raise ValueError(f"--free names {twice[0]} twice; give it once")
         found |= dict.fromkeys(usual, ends) if ends else usual
     return found
 
