@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from conftest import FREQUENCY, plane_of, turbulence
+from conftest import FREQUENCY, RATE, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
@@ -33,7 +33,8 @@ def make(name=None, value=None):
 
 
 def reflection(liner, frequencies=(FREQUENCY,), **options):
-    plane = plane_of(turbulence((4, 300), seed=2))
+    tone = 3 * torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(300))
+    plane = plane_of(turbulence((4, 300), seed=2) + tone)
     if options.get("phase") == "given":
         options["reference_phase"] = 0.3
     return tl.educe(plane, liner, list(frequencies), **options).probes["admittance"].reflection

@@ -360,8 +360,6 @@ def test_command(tmp_path, capsys, unrendered):
     assert [row["level"] for row in json.loads(capsys.readouterr().out)["rows"]] == [115, 130]
     for more, message in (
         (["--incident-rate", "5e4"], "--incident-rate is the rate of an --incident file"),
-        (["--kernel", "periodic", "--band", "200", "4000"], "--band is of a kernel, and"),
-        (["--kernel", "periodic", "--after", "0.02"], "--after is of a kernel, and 'periodic' has"),
         (["--velocity-max", "0.1"], "give --velocity-max"),
     ):
         assert main([*words, *more]) == 2

@@ -74,7 +74,7 @@ def test_every_layout_gives_the_same_map(mapped, plane, path, layout, monkeypatc
     found = mapped(tl.read_plane(path, lazy=True))
     for name in ("admittance", "velocity"):
         away = (found.cells[name].reflection - wanted.cells[name].reflection).abs().max()
-        assert float(away) < 1e-7  # float32, in another order in memory
+        assert float(away) < 3e-7  # float32, in another order in memory
     assert float((found.velocity_rms - wanted.velocity_rms).abs().max()) < 1e-6
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
-from torchliner.engine.blocks import Blocks
+from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
 from torchliner.engine.moments import Moments
@@ -97,6 +97,9 @@ def review_reading(
                 "choose averaging='admittance'"
             )
             yield Note("no-cell-pitch", text)
+    if blocks.count < min(MOST_BLOCKS, blocks.periods):
+        text = f"of its {plane.probes} probes sums are kept over {blocks.count} blocks instead of {MOST_BLOCKS}"
+        yield Note("many-probes", f"{plane.name}: {text}, which saves memory and makes the error bars rougher")
     if chosen.interval is not None and blocks.count < FEWEST_FOR_INTERVALS:
         text = f"no error bars, since the record holds {blocks.periods} whole periods of the tone"
         least = f"{FEWEST_FOR_INTERVALS} are the least, and 16 periods give a fair interval"
