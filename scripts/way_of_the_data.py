@@ -14,7 +14,7 @@ from matplotlib.patches import FancyBboxPatch
 
 TARGET = Path(__file__).parent.parent / "docs" / "figures" / "way_of_the_data.png"
 STEPS = [  # place along x, heading, what happens, file
-    (0.0, "record", "slabs of v(t)\n(t, P)", "plane_record"),
+    (0.0, "record", "slabs of v(t)\n(t, P)", "sums"),
     (1.0, "drive", "columns u(t)\nby averaging", "drives"),
     (2.0, "one loop", "sums over blocks\n(S, R, K, N)", "sums, nodes"),
     (3.0, "weights", "R(f) at K speeds\n(S, N, F)", "nodes, moments"),
