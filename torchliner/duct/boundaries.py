@@ -64,19 +64,18 @@ def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes
 def wall_matrices(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
     """R of the C lined columns, n points each, (..., F, C, n, n), of an impedance as ``DuctSolver.solve`` takes it;
     ValueError for shapes that do not fit."""
-    widths, places = mesh.lined_widths[:, None], mesh.x[:-1, None][mesh.lined]
-    inside, values, weights = basis.quadrature()
-    x = torch.as_tensor(places + widths * inside)
-    along = callable(impedance)
-    wall = impedance(x.flatten().to(frequency), frequency) if along else impedance
-    wanted = (len(frequency), x.numel() if along else len(mesh.case.liner))
+    wall, wanted, words = impedance, (len(frequency), len(mesh.case.liner)), "lined patches"
+    if along := callable(impedance):
+        inside, values, weights = basis.quadrature()
+        x = torch.as_tensor(mesh.x[:-1, None][mesh.lined] + mesh.lined_widths[:, None] * inside)
+        wall, wanted, words = impedance(x.flatten().to(frequency), frequency), (len(frequency), x.numel()), "places"
     reflection = wall_reflection(wall, frequency.device).to(frequency.device)
     try:
         each = reflection.expand(*reflection.shape[:-2], *wanted)
     except RuntimeError:
         raise ValueError(
             f"impedance has shape {tuple(reflection.shape)}; its last two axes must fit {wanted}: frequencies and "
-            f"{'places' if along else 'lined patches'} (one value of each for all: 1)"
+            f"{words} (one value of each for all: 1)"
         ) from None
     if not along:
         each = each[..., torch.as_tensor(mesh.patch_numbers[mesh.lined])]
