@@ -218,7 +218,7 @@ def test_page_states_every_case_and_rule():
     assert page.default_table(ROWS) == TABLES["default"]
     assert page.interval_table(ROWS) == TABLES["intervals"]
     assert page.rule_table(ROWS) == TABLES["rules"]
-    assert set(TABLES) == {"default", "intervals", "rules", "reasons", "limits", "motion"}
+    assert set(TABLES) == {"default", "intervals", "rules", "reasons", "limits"}
 
 
 @pytest.mark.slow
