@@ -186,7 +186,7 @@ BAD = {
     "wrong units": ({"units": "Pa"}, f"{V} has units 'Pa'.*a velocity is needed in one of m/s"),
     "no time units": ({"time_units": None}, f"{T} has no units attribute; set it to one of s, ms"),
     "time units": ({"time_units": "m"}, f"{T} has units 'm'.*a time is needed in one of s, ms"),
-    "uneven": ({"time": shifted(0.3)}, f"{T} is not uniform.* 0.3 sampling .*limit 0.01.*Resample"),
+    "uneven": ({"time": shifted(0.3)}, f"{T} is not uniform.* 0.3 sampling .*limit 0.01.*resample"),
     "lost frames": (
         {"time": np.r_[TIMES[:9], TIMES[9:] + 2 / RATE]},
         "lacks 2 frames, the fir",

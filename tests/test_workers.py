@@ -22,7 +22,7 @@ import torchliner as tl
 from torchliner.campaign import cluster
 from torchliner.engine import workers
 from torchliner.engine.workers import on_worker
-from torchliner.io.plane_format import FrameVelocity
+from torchliner.io.plane_format import Stored
 
 SAMPLES, PITCH = 1500, 12.44e-3  # 50 periods
 EVERY = [{}, {"mean": "removed"}, {"averaging": "velocity"}, {"drive": "rms"}, {"drive": "running-rms"},
@@ -152,11 +152,13 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
     with pytest.raises(FileNotFoundError, match=words):
         tl.moments(plane, client=client)
 
-    def source(begin, end):
-        raise ImportError("this format needs zarr; pip install 'torchliner[xarray]'")
+    class Unreadable(Stored):
+        shape, dtype, label = (40, SAMPLES), torch.float32, "plane.zarr"
 
-    frames = FrameVelocity(source, (40, SAMPLES), "plane.zarr")
-    plane = tl.VelocityPlane(frames, sampling_rate=RATE, frequency=FREQUENCY)
+        def fill(self, begin, end, out):
+            raise ImportError("this format needs zarr; pip install 'torchliner[xarray]'")
+
+    plane = tl.VelocityPlane(Unreadable(), sampling_rate=RATE, frequency=FREQUENCY)
     with pytest.raises(ImportError, match=r"worker on \S+ .*needs zarr"):
         tl.moments(plane, client=client)
     with pytest.raises(RuntimeError, match=r"worker on .* has torchliner .*, and 9\.9 asks"):

@@ -96,16 +96,15 @@ RESULT_WRITERS = {  # beside .h5: functions of a result and a path
 }
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it
     "powerflow": "torchliner.io.powerflow:FORMAT",
-    "openfoam-probes": "torchliner.io.openfoam_probes:FORMAT",
-    "openfoam-surfaces": "torchliner.io.openfoam_surfaces:FORMAT",
-    "vtk": "torchliner.io.vtk_series:FORMAT",
-    "vtkhdf": "torchliner.io.vtkhdf:FORMAT",
+    "openfoam-probes": "torchliner.io.openfoam:PROBES",
+    "openfoam-surfaces": "torchliner.io.openfoam:SURFACES",
+    "vtk": "torchliner.io.vtk:FORMAT",
     "matlab": "torchliner.io.arrays:MATLAB_FORMAT",
     "npy": "torchliner.io.arrays:NPY_FORMAT",
-    "csv": "torchliner.io.csv_histories:FORMAT",
+    "csv": "torchliner.io.histories:FORMAT",
     "zarr": "torchliner.io.foreign:STORE",
     "netcdf3": "torchliner.io.foreign:NETCDF3",
-    "hdf5": "torchliner.io.plane_file:FORMAT",  # behind all others that are HDF5 inside
+    "hdf5": "torchliner.io.to_plane:FORMAT",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_sources:FORMAT",

@@ -18,15 +18,15 @@ from scipy.io import loadmat, whosmat
 
 from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import hold_open, open_file
-from torchliner.io.plane_file import FORMAT as HDF5
-from torchliner.io.plane_file import to_plane
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.to_plane import FORMAT as HDF5
+from torchliner.io.to_plane import HDF5_SIGNATURE, to_plane
 from torchliner.io.variables import Field, fields_of_hdf5
 from torchliner.names import ARRAY_ENDINGS, did_you_mean
 from torchliner.records import VelocityPlane
 
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
-NO_NUMBERS = ("char", "cell", "struct", "object", "function", "opaque", "sparse", "logical", "unknown")
+NUMBERS = {"double": "f8", "single": "f4"} | {f"{sign}int{n}": "i8" for sign in ("", "u") for n in (8, 16, 32, 64)}
 
 
 @dataclass
@@ -61,9 +61,8 @@ def _matlab(function: Callable[..., Any], path: Path, **options: Any) -> Any:
 
 def matlab_arrays(path: Path) -> dict[str, MatlabArray]:
     """The arrays of a MATLAB file before v7.3."""
-    types = {"single": "f4"} | dict.fromkeys(NO_NUMBERS, "O")
     return {
-        name: MatlabArray(path, name, tuple(shape), np.dtype(types.get(kind, "f8" if kind == "double" else "i8")))
+        name: MatlabArray(path, name, tuple(shape), np.dtype(NUMBERS.get(kind, "O")))
         for name, shape, kind in _matlab(whosmat, path)
     }
 
@@ -112,12 +111,11 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
 def _pick(names: Sequence[str], variable: str | None, path: Path) -> str:
     if variable is None and len(names) == 1:
         return names[0]
-    if variable is None:
-        raise ValueError(f"{path} holds {', '.join(names) or 'no array'}; name the one meant")
     if variable not in names:
-        raise ValueError(
-            f"{path} has no variable {variable!r}{did_you_mean(variable, list(names))}; it holds {', '.join(names)}"
-        )
+        if variable is None:
+            raise ValueError(f"{path} holds {', '.join(names) or 'no array'}; name the one meant")
+        near = did_you_mean(variable, list(names))
+        raise ValueError(f"{path} has no variable {variable!r}{near}; it holds {', '.join(names)}")
     return variable
 
 
@@ -143,13 +141,13 @@ def open_matlab(path: Path, request: PlaneRequest) -> VelocityPlane:
 
 MATLAB_FORMAT = PlaneFormat(
     "MATLAB",
-    lambda path, head: head.startswith(MATLAB) or (head[:8] == b"\x89HDF\r\n\x1a\n" and path.suffix.lower() == ".mat"),
+    lambda path, head: head.startswith(MATLAB) or (head[:8] == HDF5_SIGNATURE and path.suffix.lower() == ".mat"),
     open_matlab,
     tuple(each for each in HDF5.takes if each != "group"),
 )
 NPY_FORMAT = PlaneFormat(
     "numpy",
     lambda path, head: head[:6] == b"\x93NUMPY",
-    lambda path, request: _open(path, request, npy_arrays),
+    partial(_open, arrays=npy_arrays),
     tuple(each for each in MATLAB_FORMAT.takes if each != "variable"),
 )

@@ -75,9 +75,8 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
             f"{name} lacks {int(lost.sum())} frames, the first {lost[gap]} after sample {gap} ({time[gap]:.9g} s); "
             "restore them, or keep one stretch between the gaps"
         )
-    worst = int(np.abs(steps - step).argmax())
     raise ValueError(
         f"{name} is not uniform: stamps are off by up to {error / step:.3g} sampling intervals "
-        f"(limit {UNIFORMITY:g}); the step after sample {worst} is {steps[worst]:.6g} s, "
-        f"{step:.6g} s on average. Resample the data to uniform times first"
+        f"(limit {UNIFORMITY:g}), most after sample {int(np.abs(steps - step).argmax())}; resample the data to uniform "
+        "times first"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,13 +12,13 @@ from typing import Any
 import numpy as np
 from scipy.io import netcdf_file
 
-from torchliner.file_checks import DAMAGE, naming
-from torchliner.io.plane_file import FORMAT as HDF5
-from torchliner.io.plane_file import to_plane
+from torchliner.file_checks import DAMAGE, naming, require_regular
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import require_velocity
+from torchliner.io.points import require_velocity
 from torchliner.io.stored_values import PLAIN, Packing
-from torchliner.io.variables import Field, fields_of_xarray
+from torchliner.io.to_plane import FORMAT as HDF5
+from torchliner.io.to_plane import to_plane
+from torchliner.io.variables import Field
 from torchliner.records import VelocityPlane
 
 # What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.
@@ -37,32 +38,37 @@ def open_classic(path: Path) -> Any:
         OSError: it ends before its values do.
     """
     try:
-        file: Any = netcdf_file(path, "r", mmap=True)
+        with path.open("rb") as raw:  # the map stays
+            file: Any = netcdf_file(raw, "r", mmap=True)
     except (ValueError, TypeError, *DAMAGE) as error:
         raise OSError(
-            f"{path} is truncated, or its header is damaged: what that names goes beyond the end of the file; copy or "
-            "write it again"
+            f"{path} is truncated, or its header is damaged: what that names goes beyond the end of the file"
         ) from error
     file._mm_buf = None  # the arrays hold the map, of which closing would warn
     return file
 
 
-def _classic_arrays(path: Path) -> dict[str, np.ndarray]:
+def classic_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a netCDF-3 file by name."""
     return {name: each.data for name, each in open_classic(path).variables.items()}
+
+
+def classic_fields(path: Path) -> tuple[dict[str, Field], Mapping[str, Any]]:
+    """Variables and attributes of a netCDF-3 file; values that nobody wrote are marked as missing."""
+    file, fields = open_classic(path), {}
+    for name, each in file.variables.items():
+        attrs: dict[str, Any] = dict(each._attributes)
+        kind = each.data.dtype.str[1:]
+        if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
+            attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
+        fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
+    return fields, file._attributes
 
 
 def open_netcdf3(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a netCDF-3 file; as ``open_classic`` and ``to_plane``."""
     with naming(path):
-        file, fields = open_classic(path), {}
-        for name, each in file.variables.items():
-            attrs: dict[str, Any] = dict(each._attributes)
-            kind = each.data.dtype.str[1:]
-            if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
-                attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
-            dims = tuple(f"/{dim}" for dim in each.dimensions)
-            fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, dims)
-        return to_plane(fields, file._attributes, path, request, partial(_classic_arrays, path))
+        return to_plane(*classic_fields(path), path, request, partial(classic_arrays, path))
 
 
 def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
@@ -82,9 +88,8 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
         data, request = data.rename(name).to_dataset(), replace(request, variable=name)
     if not hasattr(data, "data_vars"):
         raise TypeError(
-            f"a DataArray or Dataset of xarray is needed, not {type(data).__name__}; of a table "
-            "of pandas: VelocityPlane.from_xarray(table.set_index(['time', 'x']).to_xarray(), "
-            "variable=..., velocity_units=..., length_units=..., sampling_rate=...)"
+            f"a DataArray or Dataset of xarray is needed, not {type(data).__name__}; of a table of pandas: "
+            "table.set_index(['time', 'x']).to_xarray()"
         )
     path = Path(data.encoding.get("source") or "xarray")
     plane = to_plane(fields_of_xarray(data, path), data.attrs, path, request, partial(getattr, data, "variables"))
@@ -94,17 +99,33 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
     return plane if lazy else plane.load()
 
 
+def fields_of_xarray(data: Any, path: Path) -> dict[str, Field]:
+    """All variables of a Dataset by name, dates as ns since 1970."""
+    found = {}
+    for name, each in data.variables.items():
+        attrs = {key: value for key, value in each.attrs.items() if value is not None}
+        if each.dtype.kind in "mM":
+            attrs["units"] = "ns" if each.dtype.kind == "m" else "ns since 1970-01-01"
+            each = each.astype(f"{each.dtype.kind}8[ns]").astype("i8")
+        found[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
+    return found
+
+
 def open_store(path: Path, group: str | None) -> Any:
     """The dataset of a zarr store, as it is stored.
 
     Raises:
         ImportError: xarray or zarr is not installed.
+        OSError: a part of it is a pipe or a device.
     """
     try:
         import xarray
         import zarr  # noqa: F401
     except ImportError as error:
         raise ImportError(f'{path} is a zarr store; xarray is needed: pip install "torchliner[xarray]"') from error
+    for each in path.rglob("*"):
+        if not each.is_dir():
+            require_regular(each)
     return xarray.open_dataset(path, engine="zarr", group=group, chunks=None, **RAW)
 
 
@@ -141,8 +162,8 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
 
 def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a zarr store; as ``open_store``, ``to_plane`` and ``require_written``."""
-    data = open_store(path, request.group)
     with naming(path):
+        data = open_store(path, request.group)
         if not (path / ZARR[0]).is_file():
             # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
             for each in data.variables.values():
@@ -152,7 +173,7 @@ def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
             require_written(path, request.group, str(name))
         opens = partial(_stored_variables, path, request.group)
         plane = to_plane(fields_of_xarray(data, path), data.attrs, path, replace(request, group=None), opens)
-        require_written(path, request.group, plane.velocity.source.key, plane.velocity.source.packing)
+        require_written(path, request.group, plane.velocity.key, plane.velocity.packing)
     return plane
 
 

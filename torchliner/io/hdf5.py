@@ -60,10 +60,14 @@ def _opened(path: Path, **settings: Any) -> h5py.File:
 
 
 def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
-    """Whether a group has an object of this name; a link that leads nowhere is a ValueError."""
+    """Whether a group has an object of this name; a link that leads nowhere is a ValueError, to a pipe an OSError."""
     link = group.get(key, getlink=True)
     if link is None:
         return False
+    if isinstance(link, h5py.ExternalLink):
+        for target in (Path(group.file.filename).parent / link.filename, Path(link.filename)):
+            if target.exists():
+                require_regular(target)  # HDF5 would wait for a pipe without an end
     if not isinstance(link, h5py.HardLink) and group.get(key) is None:
         target = ":".join(getattr(link, name) for name in ("filename", "path") if hasattr(link, name))
         raise ValueError(

@@ -1,8 +1,9 @@
-"""What a format of velocity planes offers, and velocity that such a format leaves in its files."""
+"""What a format of velocity planes offers, and velocity that stays in its files."""
 
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -13,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.file_checks import require_memory
+from torchliner.file_checks import machine_memory, require_memory
 from torchliner.records.holes import Holes
 from torchliner.records.slabs import slab_bounds
 
@@ -75,8 +76,7 @@ class PlaneFormat:
         name: as messages and ``torchliner info`` call it.
         recognises: whether a file or folder is of this format, from its path and its first 4096
             bytes (empty of a folder); by content, not by name; quick, never raises.
-        open: the plane of a path, or of the series that the path stands for, with its velocity
-            left in the files (a ``records.StoredVelocity``).
+        open: the plane of a path, or of the series that the path stands for.
         takes: fields of ``PlaneRequest`` that mean something here; others given are refused.
     """
 
@@ -87,30 +87,39 @@ class PlaneFormat:
 
 
 class Stored:
-    """What all velocity that stays in its files shares; a ``records.StoredVelocity``."""
+    """Velocity that is read by slabs; a ``records.StoredVelocity``. A format supplies ``fill``.
 
-    shape: tuple[int, ...]  # (..., T)
+    Attributes: ``shape``, (..., T); ``dtype`` of what is read; ``label``, FILE:/variable; ``tile_rows``, samples that
+    are best read together, and ``tile_bytes`` of a compressed tile; ``clock``, the epoch of the times, where they
+    have one; ``files``, which must stay as they are while they are read.
+    """
+
+    shape: tuple[int, ...]
     dtype: torch.dtype
     label: str
+    tile_rows: int = 1
+    tile_bytes: int = 0
+    clock: Clock | None = None
+    files: tuple[Path, ...] = ()
+
+    def fill(self, begin: int, end: int, out: Tensor) -> None:
+        """Samples begin .. end - 1 of every probe, m/s, into (t, P)."""
+        raise NotImplementedError
 
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
         """Samples begin .. end - 1 of every probe, m/s, (t, P); in ``out`` if one is given."""
-        raise NotImplementedError
-
-    def rows(self, begin: int, end: int, out: Tensor | None) -> Tensor:
-        """Memory for these samples, (t, P)."""
-        if out is not None:
-            return out[: end - begin]
-        return torch.empty(end - begin, math.prod(self.shape[:-1]), dtype=self.dtype)
+        end = min(end, self.shape[-1])
+        if out is None:
+            out = torch.empty(end - begin, math.prod(self.shape[:-1]), dtype=self.dtype)
+        self.fill(begin, end, out[: end - begin])
+        return out[: end - begin]
 
     def load(self) -> Tensor:
         """All of it, (..., T), a view of time-major memory."""
         samples, probes = self.shape[-1], math.prod(self.shape[:-1])
-        require_memory(
-            self.dtype.itemsize * samples * probes,
-            f"{self.label}, {samples} samples of {probes} probes,",
-            "read it by slabs (lazy=True)",
-        )
+        size = self.dtype.itemsize * samples * probes
+        label = f"{self.label}, {samples} samples of {probes} probes,"
+        require_memory(size, label, "read it by slabs (lazy=True)")
         whole = torch.empty(samples, probes, dtype=self.dtype)
         for begin, end in slab_bounds(samples, probes):
             self.read(begin, end, whole[begin:end])
@@ -118,52 +127,30 @@ class Stored:
 
 
 @dataclass
-class FrameVelocity(Stored):
-    """Velocity that a format reads by slabs.
+class Imported(Stored):
+    """Velocity that was read once, from text or from one file a frame.
 
     Args:
-        source: values of samples begin .. end - 1, (t, ...), as they stand in the file; picklable,
-            so that workers read on their own. It may have ``fill(begin, end, out)`` into (t, P).
+        values: m/s, (T, P), in memory or in a temporary file (``room``).
         shape: (..., T).
-        label: FILE:/variable, for messages.
-        factor: to m/s.
-        dtype: of what is read.
-        tile_rows: samples that are best read together.  tile_bytes: of a compressed tile.
-        clock: epoch of the times, where they have one.
+        label: for messages.
     """
 
-    source: Any
+    values: np.ndarray = field(repr=False)
     shape: tuple[int, ...]
     label: str
-    factor: float = 1.0
-    dtype: torch.dtype = torch.float32
-    tile_rows: int = 1
-    tile_bytes: int = field(default=0, repr=False)
-    clock: Clock | None = None
 
-    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
-        """As ``Stored.read``.
+    def __post_init__(self) -> None:
+        self.dtype = torch.float32 if self.values.dtype.itemsize == 4 else torch.float64
 
-        Raises:
-            OSError: the file cannot be read there.
-        """
-        end = min(end, self.shape[-1])
-        out = self.rows(begin, end, out)
-        into = out.numpy()
-        try:
-            if hasattr(self.source, "fill"):
-                self.source.fill(begin, end, into)
-                return out if self.factor == 1 else out.mul_(self.factor)
-            values = np.asarray(self.source(begin, end))
-        except FileNotFoundError:
-            raise
-        except (OSError, RuntimeError) as error:
-            raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
-        np.multiply(values.reshape(into.shape), self.factor, out=into, casting="same_kind")
-        return out
+    def fill(self, begin: int, end: int, out: Tensor) -> None:
+        """As ``Stored.fill``."""
+        out.numpy()[:] = self.values[begin:end]
 
 
-def exact_type(kind: np.dtype[Any]) -> torch.dtype:
-    """float32 where it holds all values of a type, else float64."""
-    exact = 4 if kind.kind == "f" else 2  # bytes
-    return torch.float32 if kind.itemsize <= exact else torch.float64
+def room(shape: tuple[int, ...], kind: Any) -> np.ndarray:
+    """An array to fill: in memory, or in a temporary file where that would take a quarter of it."""
+    if math.prod(shape) * np.dtype(kind).itemsize < machine_memory() / 4:
+        return np.empty(shape, kind)
+    with tempfile.TemporaryFile() as file:  # the map keeps it
+        return np.memmap(file, kind, "w+", shape=shape)

@@ -40,14 +40,11 @@ class SelectedVelocity(Stored):
     def __post_init__(self) -> None:
         self.dtype, self.label = self.stored.dtype, getattr(self.stored, "label", "velocity")
         self.tile_rows = max(1, getattr(self.stored, "tile_rows", 1) // self.every)
-        self.tile_bytes = getattr(self.stored, "tile_bytes", 0)
+        self.tile_bytes, self.files = getattr(self.stored, "tile_bytes", 0), getattr(self.stored, "files", ())
 
-    def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
-        """Samples begin .. end - 1 of every probe selected, m/s, (t, P)."""
-        end = min(end, self.shape[-1])
-        out = self.rows(begin, end, out)
-        rows = len(out)
-        low = self.begin + begin * self.every
+    def fill(self, begin: int, end: int, out: Tensor) -> None:
+        """As ``Stored.fill``."""
+        rows, low = end - begin, self.begin + begin * self.every
         if self.every == 1 and self.columns is None:
             self.stored.read(low, low + rows, out)
         else:
@@ -57,13 +54,18 @@ class SelectedVelocity(Stored):
                 last = min(first + most, rows)
                 slab = self.stored.read(low + first * self.every, low + (last - 1) * self.every + 1)[:: self.every]
                 out[first:last] = slab if self.columns is None else slab[:, self.columns]
-        return out if self.factor == 1 else out.mul_(self.factor)
+        if self.factor != 1:
+            out.mul_(self.factor)
 
 
 def select(
-    plane: VelocityPlane, start: float | None = None, stop: float | None = None, every: int = 1,
-    region: Sequence[Limits] | str | None = None, factor: float = 1.0,
-) -> VelocityPlane:  # fmt: skip
+    plane: VelocityPlane,
+    start: float | None = None,
+    stop: float | None = None,
+    every: int = 1,
+    region: Sequence[Limits] | str | None = None,
+    factor: float = 1.0,
+) -> VelocityPlane:
     """A part of a plane; nothing is read.
 
     Args:
@@ -80,57 +82,54 @@ def select(
         raise ValueError(f"every is {every}; keep every n-th sample, n at least 1")
     begin, end = _samples(plane, start, stop)
     samples = len(range(begin, end, every))
-    columns, about = _region(plane, region)
-    if samples < 1:
-        raise ValueError(f"{plane.name}: every {every}-th sample leaves none")
-    chosen = {name: value for name, value in (("start", start), ("stop", stop), ("region", region))
-              if value is not None} | ({} if every == 1 else {"every": every})  # fmt: skip
+    about = {} if region is None else _region(plane, region)
+    stated = {"start": start, "stop": stop, "region": region, "every": None if every == 1 else every}
+    chosen = {name: value for name, value in stated.items() if value is not None}
     if not chosen and factor == 1.0:
         return plane
-    shape = about.pop("shape", plane.probe_shape)
-    for name in ("velocity", "streamwise"):
-        value, sign = getattr(plane, name), factor if name == "velocity" else 1.0
+    columns, shape = about.pop("columns", None), about.pop("shape", plane.probe_shape)
+    for name, sign in (("velocity", factor), ("streamwise", 1.0)):
+        value = getattr(plane, name)
         if isinstance(value, Tensor):
-            part = value[..., begin:end:every]
-            part = part if columns is None else part.reshape(-1, samples)[columns]
-            about[name] = sign * part.reshape(*shape, samples) if sign != 1 else (
-                part.reshape(*shape, samples))  # fmt: skip
+            part = value[..., begin:end:every].reshape(-1, samples)
+            part = part if columns is None else part[columns]
+            about[name] = (part if sign == 1 else sign * part).reshape(*shape, samples)
         elif value is not None:
             about[name] = SelectedVelocity(value, (*shape, samples), begin, every, columns, sign)
-    provenance = {**plane.provenance, **({"selected": chosen} if chosen else {})}
     return replace(
-        plane, sampling_rate=plane.sampling_rate / every, provenance=provenance,
-        start=plane.start + begin / plane.sampling_rate, **about,
-    )  # fmt: skip
+        plane,
+        sampling_rate=plane.sampling_rate / every,
+        start=plane.start + begin / plane.sampling_rate,
+        provenance={**plane.provenance, **({"selected": chosen} if chosen else {})},
+        **about,
+    )
 
 
 def _samples(plane: VelocityPlane, start: float | None, stop: float | None) -> tuple[int, int]:
     """First sample, and that behind the last."""
-    last = plane.start + (plane.samples - 1) / plane.sampling_rate
 
     def sample(time: float) -> int:
         # A time stamp's rounding does not shut out the sample that it names.
-        place = math.ceil((time - plane.start) * plane.sampling_rate - 1e-3)
-        return min(max(place, 0), plane.samples)
+        return min(max(math.ceil((time - plane.start) * plane.sampling_rate - 1e-3), 0), plane.samples)
 
     low = 0 if start is None else sample(float(start))
     high = plane.samples if stop is None else sample(float(stop))
     if high <= low:
+        last = plane.start + (plane.samples - 1) / plane.sampling_rate
         raise ValueError(
-            f"{plane.name} has no sample from {'its start' if start is None else f'{start:g} s'} "
-            f"to {'its end' if stop is None else f'{stop:g} s'}; it runs from {plane.start:.9g} to "
-            f"{last:.9g} s"
+            f"{plane.name} has no sample from {'its start' if start is None else f'{start:g} s'} to "
+            f"{'its end' if stop is None else f'{stop:g} s'}; it runs from {plane.start:.9g} to {last:.9g} s"
         )
     return low, high
 
 
-def _region(plane: VelocityPlane, region: Sequence[Limits] | str | None) -> tuple[Tensor | None, dict[str, Any]]:
-    """Numbers of the probes, and shape and coordinates that go with them."""
-    if region is None:
-        return None, {}
+def _region(plane: VelocityPlane, region: Sequence[Limits] | str) -> dict[str, Any]:
+    """Numbers of the probes in a region, their ``shape``, and what else of the plane goes with them."""
     limits = parse_region(region) if isinstance(region, str) else [tuple(each) for each in region]
-    inside: dict[str, Tensor] = {}
-    for name, (low, high) in zip(("x", "z"), limits, strict=False):
+    on_grid = len(plane.probe_shape) == 2
+    lengths = dict(zip("zx", plane.probe_shape, strict=True)) if on_grid else dict.fromkeys("zx", plane.probes)
+    inside = {name: torch.ones(count, dtype=torch.bool) for name, count in lengths.items()}
+    for name, (low, high) in zip("xz", limits, strict=False):
         values = getattr(plane, name)
         if (low, high) == (None, None):
             continue
@@ -143,28 +142,20 @@ def _region(plane: VelocityPlane, region: Sequence[Limits] | str | None) -> tupl
                 f"{plane.name} has no probe with {name} from {low:g} to {high:g} m; its {name} "
                 f"runs from {float(values.min()):g} to {float(values.max()):g} m"
             )
-    everywhere = torch.ones(1, dtype=torch.bool)
-    if len(plane.probe_shape) == 2:
-        rows, columns = plane.probe_shape
-        keep = {"z": inside.get("z", everywhere.expand(rows)),
-                "x": inside.get("x", everywhere.expand(columns))}  # fmt: skip
-        shape: tuple[int, ...] = (int(keep["z"].sum()), int(keep["x"].sum()))
-        chosen = (keep["z"][:, None] & keep["x"]).reshape(-1)
+    if on_grid:
+        chosen = (inside["z"][:, None] & inside["x"]).reshape(-1)
+        shape: tuple[int, ...] = (int(inside["z"].sum()), int(inside["x"].sum()))
     else:
-        chosen = everywhere.expand(plane.probes)
-        for each in inside.values():
-            chosen = chosen & each
-        shape = (int(chosen.sum()),)
-        keep = {"x": chosen, "z": chosen}
+        chosen = inside["z"] & inside["x"]
+        inside, shape = {"x": chosen, "z": chosen}, (int(chosen.sum()),)
         if not shape[0]:
             raise ValueError(f"{plane.name} has no probe in the region {region}")
-    about = {name: getattr(plane, name)[keep[name]] for name in ("x", "z")
-             if getattr(plane, name) is not None}  # fmt: skip
+    about = {name: value[inside[name]] for name in "xz" if (value := getattr(plane, name)) is not None}
     if plane.area is not None:
         about["area"] = plane.area[chosen]
     if plane.holes is not None:
         about["holes"] = plane.holes.within(about.get("x"), about.get("z"))
-    return chosen.nonzero()[:, 0], {"shape": shape, **about}
+    return {"columns": chosen.nonzero()[:, 0], "shape": shape, **about}
 
 
 def parse_region(text: str) -> list[Limits]:
@@ -175,16 +166,15 @@ def parse_region(text: str) -> list[Limits]:
     """
     found: list[Limits] = []
     for part in text.split(","):
-        low, colon, high = part.partition(":")
         try:
-            sides = tuple(float(each) if each.strip() else None for each in (low, high))
-            if not colon or len(found) == 2 or any(s is not None and s != s for s in sides):
+            low, high = (float(each) if each.strip() else None for each in part.split(":"))
+            if len(found) == 2 or low != low or high != high:
                 raise ValueError
         except ValueError:
             raise ValueError(f"region {text!r} cannot be read; write X0:X1 or X0:X1,Z0:Z1, in m") from None
-        if None not in sides and sides[0] > sides[1]:  # type: ignore[operator]
-            raise ValueError(f"region {text!r} is upside down: {low} is above {high}")
-        found.append((sides[0], sides[1]))
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"region {text!r} is upside down: {low:g} is above {high:g}")
+        found.append((low, high))
     return found
 
 

@@ -14,8 +14,8 @@ import torch
 
 from torchliner.io.hdf5 import attach_scales, set_texts, tiles
 from torchliner.io.own_writer import fill, write_times
-from torchliner.io.plane_file import KIND
 from torchliner.io.tables import write_dimensions, write_row
+from torchliner.io.to_plane import KIND
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import Variable, table_of

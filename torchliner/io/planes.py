@@ -17,10 +17,10 @@ from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_join import JOINED, join_planes
 from torchliner.io.plane_selection import select
-from torchliner.io.point_layout import require_velocity
-from torchliner.io.surface_frames import frames_of
+from torchliner.io.points import require_velocity
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
+from torchliner.records.origin import series_of
 from torchliner.units import si_factor
 
 HEAD = 4096  # bytes by which a file is recognised
@@ -74,7 +74,7 @@ def read_plane(
     for each in paths_of(path):
         if os.path.abspath(each) not in seen:
             planes.append(open_plane(each, request))
-            seen.update(os.path.abspath(frame) for frame in frames_of(planes[-1].velocity))
+            seen.update(os.path.abspath(frame) for frame in series_of(each))
     clocks = [getattr(each.velocity, "clock", None) for each in planes]
     plane = select(join_planes(planes, clocks, request.overlap or "refuse"), start, stop, every, region)
     return plane if lazy else plane.load()

@@ -9,7 +9,7 @@ import tempfile
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from torchliner.checks import tell
 from torchliner.file_checks import Unwritten, machine_memory, require_memory, require_regular
 
 BLOCK = 1 << 24  # bytes parsed at a time
-TOKEN = 64  # bytes of the longest first number
 SPACES = bytes.maketrans(b"(){}\t\r,;", b" " * 8)
 COMMAS = bytes.maketrans(b"(){}\t\r,;", b" " * 6 + b". ")  # decimal commas
 SAMPLE = 1 << 16  # bytes of rows that the decimal mark is looked for in
@@ -30,21 +29,11 @@ COMMA_CELL = re.compile(rb"[+-]?(\d+(,\d+)?([eE][+-]?\d+)?|nan|inf)", re.IGNOREC
 
 @dataclass(frozen=True)
 class Rows:
-    """Some columns of a file; a source of ``FrameVelocity``.
-
-    Args:
-        time: the column of times, float64, (T,).
-        rounding: one in its last digit, at worst.
-        values: the others, (T, C).
-    """
+    """Some columns of a file: times, float64, (T,); one in their last digit, at worst; values, (T, C)."""
 
     time: np.ndarray
     rounding: float
-    values: np.ndarray = field(repr=False)
-
-    def __call__(self, begin: int, end: int) -> np.ndarray:
-        """Values of rows begin .. end - 1."""
-        return self.values[begin:end]
+    values: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -74,28 +63,32 @@ class TextFile:
             kind: dtype of these.
             whole: nobody writes to the file any more: its last line needs no end.
         Raises:
+            OSError: another file has taken its place meanwhile.
             ValueError: a row has another width, or a cell is no number.
         Warns:
             DataWarning: the last line has no end, as where a run was broken off: it is left out.
         """
         times, digits, line, rest = [np.empty(0)], 0, len(self.heading) + 1, b""
-        size = self.path.stat().st_size
-        small = size < machine_memory() / 4
+        before = self.path.stat()
+        small = before.st_size < machine_memory() / 4
         store: Any = io.BytesIO() if small else tempfile.TemporaryFile()  # noqa: SIM115  # the values keep it
         with self.path.open("rb") as file:
             file.seek(self.begin)
-            while block := file.read(BLOCK):
+            while block := file.read(
+                min(BLOCK, before.st_size - file.tell())
+            ):  # what a run adds meanwhile is not of it
                 block = rest + block
-                end = len(block) if whole and file.tell() >= size else block.rfind(b"\n") + 1
+                end = len(block) if whole and file.tell() == before.st_size else block.rfind(b"\n") + 1
                 text, rest = block[:end].translate(self.marks), block[end:]
                 found = parse_rows(text, self.width, f"{self.path}, from line {line}")
-                words = [
-                    w[time] for each in text.split(b"\n") if (w := each.split(None, time + 1)) and w[0][:1] != b"#"
-                ]
-                digits = max([digits, *(number_of(word)[1] for word in words)])
+                words = (row.split(None, time + 1) for row in text.split(b"\n"))
+                digits = max([digits, *(number_of(row[time])[1] for row in words if row and row[0][:1] != b"#")])
                 times.append(found[:, time].copy())
                 store.write(found[:, list(columns)].astype(kind).tobytes())
                 line += block.count(b"\n")
+        now = self.path.stat()  # a run may add rows, no more
+        if now.st_ino != before.st_ino or now.st_size < before.st_size:
+            raise OSError(f"{self.path} was replaced while it was read; read it when it is complete")
         stamps, shape = np.concatenate(times), (-1, len(columns))
         if rest.strip():
             tell(
@@ -105,7 +98,9 @@ class TextFile:
             )
         if not len(stamps):
             raise Unwritten(f"{self.path} holds no row of numbers that is whole")
-        held = np.frombuffer(store.getbuffer(), kind) if small else np.memmap(store, kind, "r")
+        held = np.frombuffer(store.getbuffer(), kind) if small else np.memmap(store, kind, "r+")
+        if not small:
+            store.close()  # the map holds it
         return Rows(stamps, last_digit(stamps, digits), held.reshape(shape))
 
 
@@ -129,7 +124,10 @@ def open_text(path: Path) -> TextFile:
                 marks = COMMAS if _has_decimal_commas(sample[: sample.rfind(b"\n") + 1]) else SPACES
                 return TextFile(path, tuple(heading), begin + mark, marks, len(line[mark:].translate(marks).split()))
             begin += len(line)
-            heading.append(_decoded(line))
+            try:
+                heading.append(line.decode("utf-8-sig").rstrip())
+            except UnicodeDecodeError:
+                heading.append(line.decode("latin-1").rstrip())
     bare = [line for line in heading if line and not line.startswith("#")]
     raise (Unwritten if len(bare) < 2 else ValueError)(f"{path} holds no row of numbers that is whole")
 
@@ -167,21 +165,6 @@ def last_digit(values: np.ndarray, digits: int) -> float:
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     power = math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
     return 10.0 ** (power + 1 - max(6, digits))
-
-
-def bytes_at(path: Path, offset: int, size: int = TOKEN) -> bytes:
-    """Some bytes of a file."""
-    with path.open("rb") as file:
-        file.seek(offset)
-        return file.read(size)
-
-
-def _decoded(line: bytes) -> str:
-    """A line of a heading, UTF-8 or else latin-1."""
-    try:
-        return line.decode("utf-8-sig").rstrip()
-    except UnicodeDecodeError:
-        return line.decode("latin-1").rstrip()
 
 
 def number_of(word: bytes | str) -> tuple[float | None, int]:

@@ -81,16 +81,13 @@ class Field:
         """
         if self.dims is not None:
             return self.dims
-        names = []
-        for axis, dim in enumerate(self.array.dims):
-            scale = dim[0] if len(dim) else None
+        scales = [(dim[0] if len(dim) else None, dim) for dim in self.array.dims]
+        for axis, (scale, dim) in enumerate(scales):
             if len(dim) and (scale is None or scale.name is None):
                 raise ValueError(
-                    f"{self.label}: the dimension scale of axis {axis} is no longer in the file; write it "
-                    "again, or detach it from the axis"
+                    f"{self.label}: the dimension scale of axis {axis} is no longer in the file; restore it"
                 )
-            names.append(dim.label if scale is None else scale.name)
-        return tuple(names)
+        return tuple(dim.label if scale is None else scale.name for scale, dim in scales)
 
     @property
     def packing(self) -> Packing:
@@ -167,16 +164,7 @@ def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
     return found
 
 
-def fields_of_xarray(data: Any, path: Path) -> dict[str, Field]:
-    """All variables of a Dataset by name, dates as ns since 1970."""
-    found = {}
-    for name, each in data.variables.items():
-        attrs = {key: value for key, value in each.attrs.items() if value is not None}
-        if each.dtype.kind in "mM":
-            attrs["units"] = "ns" if each.dtype.kind == "m" else "ns since 1970-01-01"
-            each = each.astype(f"{each.dtype.kind}8[ns]").astype("i8")
-        found[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
-    return found
+# Times
 
 
 def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
@@ -209,9 +197,8 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     rate = uniform_rate(time, name, exact)
     if stated is None and exact * rate > UNIFORMITY:
         tell(
-            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, "
-            f"{rate:.9g} Hz, is known to {exact / (time[-1] - time[0]):.1g} of itself; count times "
-            "from a nearer origin, or in float64, or, of a plane, state sampling_rate=..."
+            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, {rate:.9g} Hz, is "
+            f"known to {exact / (time[-1] - time[0]):.1g} of itself; write them in float64, or state sampling_rate=..."
         )
     since = Fraction(counts[0].item()) * Fraction(str(factor)) if epoch else Fraction(0)
     clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since) if epoch else None
@@ -221,6 +208,9 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     if stated is not None and abs(stated / rate - 1) * (time[-1] - time[0]) <= 2 * exact:
         rate = stated  # the stamps cannot tell the two apart
     return rate, len(time), first, clock
+
+
+# Axes and places
 
 
 def time_axis(field: Field, samples: int) -> int:

@@ -25,9 +25,9 @@ from torchliner.version import __version__
 
 BLOCK, BLOCKS = 1 << 20, 32
 NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")
-SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtk")
+SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtr", ".vtm", ".vtk")
 MOST_FILES = 20_000  # of a folder that is looked through to see whether it is still the same
-State = tuple[tuple[str, int, int], ...]  # of files: name, bytes, time of change
+State = tuple[tuple[str, int, int, int], ...]  # of files: name, bytes, time of change, inode
 Result = TypeVar("Result", bound=Any)
 
 
@@ -59,10 +59,15 @@ def input_file(what: str, path: str | Path) -> dict[str, Any]:
     Raises:
         OSError: it cannot be read.
     """
-    path = Path(path)
+    state = state_of(Path(path))
+    return {"what": what, "name": str(path), "bytes": sum(size for _, size, *_ in state), "hash": _hash(state)}
+
+
+def state_of(path: Path) -> State:
+    """What tells whether any of the files that a path stands for is another now."""
     files = [each for each in path.rglob("*") if each.is_file()] if path.is_dir() else series_of(path) or [path]
-    state = tuple((str(each), (status := each.stat()).st_size, status.st_mtime_ns) for each in sorted(files))
-    return {"what": what, "name": str(path), "bytes": sum(size for _, size, _ in state), "hash": _hash(state)}
+    status = [(str(each), each.stat()) for each in sorted(files)]
+    return tuple((name, each.st_size, each.st_mtime_ns, each.st_ino) for name, each in status)
 
 
 @functools.lru_cache(maxsize=64)
@@ -71,10 +76,10 @@ def _hash(state: State) -> str:
     if len(state) == 1 and state[0][1] <= BLOCKS * BLOCK:
         with open(state[0][0], "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    names = [os.path.basename(name) if len(state) > 1 else "" for name, _, _ in state]
-    found = hashlib.sha256(repr([(name, size) for name, (_, size, _) in zip(names, state, strict=True)]).encode())
+    names = [os.path.basename(name) if len(state) > 1 else "" for name, *_ in state]
+    found = hashlib.sha256(repr([(name, size) for name, (_, size, *_) in zip(names, state, strict=True)]).encode())
     each = max(2, BLOCKS // max(1, len(state)))  # blocks of a file, first and last among them
-    for name, size, _ in state[:: 1 + 2 * len(state) // BLOCKS]:
+    for name, size, *_ in state[:: 1 + 2 * len(state) // BLOCKS]:
         with open(name, "rb") as file:
             for place in range(each):
                 file.seek(max(0, size - BLOCK) * place // (each - 1))

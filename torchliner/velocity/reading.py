@@ -18,11 +18,10 @@ from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, Nodes, OfOneLi
 from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, linear, reduce, square
 from torchliner.engine.survey import Membership, Survey, harmonics_of, merged_lines, survey_of, survey_sums
 from torchliner.engine.workers import Reduce
-from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.origin import named_file
+from torchliner.records.origin import State, state_of
 from torchliner.velocity import review
 from torchliner.velocity.background import review_background, with_background
 from torchliner.velocity.choices import Choices
@@ -277,10 +276,9 @@ def run_jobs(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Prog
     return dict(zip(jobs, found, strict=True))
 
 
-def _files(plane: VelocityPlane) -> list[tuple[int, int, int]]:
-    """State of the files that a plane is read from."""
-    files = [path for _, name in named_planes(plane) if plane.stored is not None and (path := named_file(name))]
-    return [(each.st_ino, each.st_size, each.st_mtime_ns) for each in (path.stat() for path in files)]
+def _files(plane: VelocityPlane) -> list[State]:
+    """State of the files that a plane is read from; of what was imported none, so that a run may add frames."""
+    return [state_of(path) for path in getattr(plane.stored, "files", ())]
 
 
 def faulty_probes(survey: Tensor) -> Tensor:

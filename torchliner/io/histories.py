@@ -17,16 +17,8 @@ import numpy as np
 from torchliner.checks import tell
 from torchliner.io.arrays import read_array
 from torchliner.io.clocks import clock_of, require_same_rate
-from torchliner.io.plane_format import FrameVelocity, PlaneFormat, PlaneRequest
-from torchliner.io.point_layout import (
-    AXES,
-    component_of,
-    length_factor,
-    named,
-    plane_at,
-    require_velocity,
-    velocity_factor,
-)
+from torchliner.io.plane_format import Imported, PlaneFormat, PlaneRequest
+from torchliner.io.points import AXES, component_of, named, place, require_velocity, stated_factor
 from torchliner.io.text_rows import NUMERIC, number_of, open_text
 from torchliner.names import ARRAY_ENDINGS
 from torchliner.records import VelocityPlane
@@ -39,6 +31,7 @@ LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
 NO_PROBE = re.compile(r"(iter(ation)?s?|(time ?)?steps?|cycles?|frames?)\b.*|.*:(\d|magnitude)", re.IGNORECASE)
 INDEX = re.compile(r"(index|unnamed.*)?", re.IGNORECASE)  # of a table of pandas
+Labels = list[tuple[str, str]]  # names and units
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -66,21 +59,30 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
             where the times have no unit; ``normal``.
     Raises:
         ValueError: a unit is missing; another number of points than columns; as ``TextFile.rows``,
-            ``clock_of`` and ``plane_at``.
+            ``clock_of`` and ``place``.
     """
-    text = open_text(path)
-    heading, label = [line.strip("# \t\r") for line in text.heading], str(path)
+    text, label = open_text(path), str(path)
+    heading = [line.strip("# \t\r") for line in text.heading]
     units = {found[1].lower(): found[2] for line in heading if (found := UNIT.match(line))}
     at, labels = _columns(heading, text.width, path, request)
-    stated = {a or b for _, a, b in labels[1:]} - {""} or {units.get("velocity", "")} - {""}
+    stated = {unit for _, unit in labels[1:]} - {""} or {units.get("velocity", "")} - {""}
     if len(stated) > 1:
         raise ValueError(f"{path}: columns are in {', '.join(sorted(stated))}; one unit is needed")
-    if stated:
-        factor = si_factor("velocity", stated.pop(), f"{path}: velocity")
+    factor = stated_factor(request, "velocity", label) if not stated else si_factor("velocity", stated.pop(), label)
+    count, name = text.width - at - 1, request.variable or path.stem
+    if request.points is None:
+        points = _points_of(heading, count, units.get("length"), request, path)
     else:
-        factor = velocity_factor(request, label)
-    rows, count = text.rows(at, range(at + 1, text.width)), text.width - at - 1
-    unit, rate = (labels[0][1] or labels[0][2]) if labels else "", request.sampling_rate
+        points = read_points(Path(request.points), request)
+    order, sign, placed = np.arange(count), -1.0 if (request.normal or "").startswith("-") else 1.0, None
+    if points is not None:
+        if len(points) != count:
+            listed = "" if request.points is None else f" ({request.points})"
+            raise ValueError(f"{path} has {count} columns of values, its points are {len(points)}{listed}")
+        placed = place(points, request, f"{path}:/{name}", component_of(name))
+        order, sign = placed.order, placed.sign
+    rows = text.rows(at, (at + 1 + order).tolist())
+    unit, rate = labels[0][1] if labels else "", request.sampling_rate
     unnamed = len(labels) == count and (unit or count > 2)
     if unnamed and np.array_equal(rows.time, np.arange(len(rows.time))):
         raise ValueError(
@@ -94,58 +96,30 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     second = si_factor("time", unit, f"{path}: time") if unit else 1.0
     own, start = clock_of(rows.time * second, f"{path}, time", None if unit else rate, rows.rounding * second)
     require_same_rate(own, rate, label, unit)
-    rate, name = rate or own, request.variable or path.stem
-    if request.points is not None:
-        points: np.ndarray | None = read_points(Path(request.points), request)
-    else:
-        points = _points_of(heading, count, units.get("length"), request, path)
-    if points is None:
-        turned = (request.normal or "").startswith("-")
-        velocity = FrameVelocity(rows, (count, len(rows.time)), label, -factor if turned else factor)
-        return VelocityPlane(velocity, sampling_rate=rate, start=start, name=label, title=path.stem)
-    if len(points) != count:
-        raise ValueError(
-            f"{path} has {count} columns of values, its points are {len(points)}"
-            f"{'' if request.points is None else f' ({request.points})'}"
-        )
-    return plane_at(
-        points,
-        request,
-        lambda axis: rows,
-        len(rows.time),
-        rate,
-        path=path,
-        variable=name,
-        component=component_of(name),
-        factor=factor,
-        start=start,
-        format="time histories",
-    )
+    if factor * sign != 1:
+        np.multiply(rows.values, factor * sign, out=rows.values, casting="same_kind")
+    if placed is not None:
+        return placed.plane(rows.values, rate or own, start, path, format="time histories")
+    velocity = Imported(rows.values, (count, len(rows.time)), label)
+    return VelocityPlane(velocity, sampling_rate=rate or own, start=start, name=label, title=path.stem)
 
 
-def _columns(
-    heading: Sequence[str], width: int, path: Path, request: PlaneRequest
-) -> tuple[int, list[tuple[str, str, str]]]:
-    """Which column is time, and (name, unit, unit) of it and those after it, where a line of the heading names them.
+def _columns(heading: Sequence[str], width: int, path: Path, request: PlaneRequest) -> tuple[int, Labels]:
+    """Which column is time, and name and unit of it and those after it, where a line of the heading names them.
 
     Raises:
         ValueError: it names more or fewer than there are; a counter; components of a vector; another quantity.
     """
-    line, labels = next(
-        (
-            (line, cells)
-            for line in reversed(heading)
-            if (cells := LABEL.findall(line.lstrip('",; \t'))) and cells[0][0].lower() in (*TIMES, "index")
-        ),
-        ("", []),
-    )
-    labels = labels[1:] if labels and labels[0][0].lower() == "index" else labels
+    line, labels = "", Labels()
+    for each in heading:
+        found = [(name, a or b) for name, a, b in LABEL.findall(each.lstrip('",; \t'))]
+        if found and found[0][0].lower() in (*TIMES, "index"):
+            line, labels = each, found[found[0][0].lower() == "index" :]
     mark = next((each for each in "\t;," if each in line), None)
     if mark is None:
         return 0, labels
     names = [each.strip('" ') for each in line.split(mark)]
-    if names[-1] == "":
-        names.pop()
+    names = names if names[-1] else names[:-1]
     at = 1 if INDEX.fullmatch(names[0]) else 0
     if len(names) != width:
         raise ValueError(
@@ -174,11 +148,11 @@ def _points_of(
     """
     lines: dict[str, np.ndarray] = {}
     single: list[tuple[int, list[str], list[float]]] = []
-    for place, line in enumerate(heading):
+    for at, line in enumerate(heading):
         found = COORDINATE.match(line)
         cells = _cells(found[4] if found else line)
         numbers = [n for cell in cells if (n := number_of(cell)[0]) is not None]
-        _require_numbers(cells, len(numbers), found is not None, f"{path}, line {place + 1}")
+        _require_numbers(cells, len(numbers), found is not None, f"{path}, line {at + 1}")
         if found is not None and len(numbers) == count:
             lines[found[1].lower()] = np.array(numbers) * _length(found[2] or found[3] or unit, request, path)
         elif found is not None and len(numbers) == len(cells) > 1:
@@ -190,7 +164,7 @@ def _points_of(
             return np.reshape(numbers, (count, 3)) * _length(unit, request, path)
         elif len(numbers) in (3, 4) and UNIT.match(line) is None:
             words = [re.sub(r"\d+", "", c) for c in cells if number_of(c)[0] is None]
-            single.append((place, [*words, str(len(numbers))], numbers[-3:]))
+            single.append((at, [*words, str(len(numbers))], numbers[-3:]))
     if lines:
         absent = [axis for axis in AXES if axis not in lines]
         if len(absent) > 1:
@@ -209,23 +183,14 @@ def _points_of(
             "points=..., or mend the heading"
         )
     if single:
-        tell(
-            f"{path}, line {single[0][0] + 1} is a remark: one point does not place {count} columns of values", depth=2
-        )
+        tell(f"{path}, line {single[0][0] + 1} is a remark: one point does not place {count} columns of values")
     return None
 
 
 def _require_numbers(cells: Sequence[str], numbers: int, named: bool, label: str) -> None:
-    """Refuse a line that looks like coordinates and has a cell that is no number, though most are or it begins as one.
-
-    Args:
-        cells: of the line, behind the name of a coordinate.
-        numbers: how many are.
-        named: the line begins with such a name.
-        label: for messages.
-    """
+    """Refuse a line that looks like coordinates, by its name and most of its cells or as a point, and has a bad one."""
     own = list(cells)
-    while (own and not NUMERIC.match(own[0].encode())) or (own and own[0].endswith(":")):
+    while own and (not NUMERIC.match(own[0].encode()) or own[0].endswith(":")):
         own.pop(0)  # words before a point
     bad = [cell for cell in own if number_of(cell)[0] is None]
     point = len(own) in (3, 4) and all(NUMERIC.match(cell.encode()) for cell in own)
@@ -235,7 +200,8 @@ def _require_numbers(cells: Sequence[str], numbers: int, named: bool, label: str
 
 def _length(unit: str | None, request: PlaneRequest, path: Path) -> float:
     """Factor to m of what a file states, or else the user."""
-    return si_factor("length", unit, f"{path}: points") if unit else length_factor(request, f"{path}: points")
+    label = f"{path}: points"
+    return si_factor("length", unit, label) if unit else stated_factor(request, "length", label)
 
 
 def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
@@ -255,12 +221,11 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
     else:
         text = open_text(path)
         for line in (each.strip("# \t\r") for each in text.heading):
-            named = [(word.lower(), a or b) for word, a, b in LABEL.findall(line)]
+            named = {word.lower(): a or b for word, a, b in LABEL.findall(line)}
             if (found := UNIT.match(line)) is not None:
                 unit = found[2]
-            elif {word for word, _ in named} >= set("xz"):
-                axes = [word for word, _ in named]
-                own = {word: each for word, each in named if each}
+            elif named.keys() >= set("xz"):
+                axes, own = list(named), {word: each for word, each in named.items() if each}
         values = text.rows(0, range(text.width), np.float64, whole=True).values
     if values.ndim != 2 or values.shape[1] != len(axes) or sorted(axes) != list(AXES):
         raise ValueError(

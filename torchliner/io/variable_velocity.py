@@ -10,9 +10,11 @@ from typing import Any
 
 import h5py
 import numpy as np
+import torch
+from torch import Tensor
 
 from torchliner.file_checks import naming, require_memory
-from torchliner.io.plane_format import Clock, FrameVelocity, exact_type
+from torchliner.io.plane_format import Clock, Stored
 from torchliner.io.stored_values import PLAIN, Packing, require_numbers, require_stored
 from torchliner.io.variables import Field
 
@@ -20,15 +22,15 @@ Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables 
 
 
 @dataclass
-class Slabs:
-    """Samples of a variable, as a source of ``FrameVelocity``.
+class VariableVelocity(Stored):
+    """Velocity of one variable that stays where it lies.
 
     Args:
-        path: of the file.
-        key: of the variable.
+        path, key: of the file and variable.
         opens: the file, by whoever reads it.
-        order: axes as of ``plane_layout.Layout``.
+        order: axes of the variable, time first, then those of the probes; of those left out one value is taken.
         part: of the variable by axis, where not all of it is read.
+        factor: to m/s.
         packing: how the values are stored.
         size: bytes of the file when it was opened; 0 of what is no file.
     """
@@ -38,20 +40,40 @@ class Slabs:
     opens: Opener
     order: tuple[int, ...]
     part: dict[int, slice]
+    factor: float
     packing: Packing
     size: int
+    shape: tuple[int, ...]
+    label: str
+    dtype: torch.dtype
+    tile_rows: int = 1
+    tile_bytes: int = 0
+    clock: Clock | None = None
     _held: Any = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.files = (self.path,) if self.path.exists() else ()
 
     def __getstate__(self) -> dict[str, Any]:
         """Handles do not travel to other processes; each opens its own."""
         return {**self.__dict__, "_held": None}
 
-    def fill(self, begin: int, end: int, out: np.ndarray) -> None:
-        """Samples begin .. end - 1 into (t, P).
+    def fill(self, begin: int, end: int, out: Tensor) -> None:
+        """As ``Stored.fill``.
 
         Raises:
-            OSError: the file has become shorter since it was opened.
+            OSError: the file cannot be read there, or has become shorter since it was opened.
         """
+        try:
+            self._fill(begin, end, out.numpy())
+        except FileNotFoundError:
+            raise
+        except (OSError, RuntimeError) as error:
+            raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
+        if self.factor != 1:
+            out.mul_(self.factor)
+
+    def _fill(self, begin: int, end: int, out: np.ndarray) -> None:
         self._require_whole()  # where a map of it would end the process
         with naming(self.path):
             self._held = self._held or self.opens()
@@ -79,8 +101,8 @@ def velocity_of(
     factor: float,
     clock: Clock | None = None,
     part: dict[int, slice] | None = None,
-) -> FrameVelocity:
-    """The velocity of a variable, m/s by a factor; arguments as of ``Slabs`` and ``FrameVelocity``.
+) -> VariableVelocity:
+    """The velocity of a variable; arguments as of ``VariableVelocity``.
 
     Raises:
         ValueError: as ``require_stored`` and ``packing_of``; a sample that does not fit into memory.
@@ -92,19 +114,25 @@ def velocity_of(
     else:
         sizes = getattr(each.array, "encoding", {}).get("preferred_chunks") or {}
         chunks = tuple(int(sizes[dim]) for dim in each.array.dims) if sizes else None
-    kind, shape = exact_type(each.array.dtype), (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
-    require_memory(
-        2 * kind.itemsize * math.prod(shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,"
-    )
-    size = each.path.stat().st_size if each.path.is_file() else 0
-    return FrameVelocity(
-        Slabs(each.path, each.name.lstrip("/"), opens, order, part or {}, each.packing, size),
-        shape,
-        each.label,
-        factor,
-        kind,
+    stored = each.array.dtype
+    wide = stored.itemsize > (4 if stored.kind == "f" else 2)  # than float32 holds exactly
+    shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
+    row = 8 * math.prod(shape[:-1])
+    require_memory(2 * row, f"{each.label}, {each.shape}: one sample of all probes, read ahead,")
+    return VariableVelocity(
+        path=each.path,
+        key=each.name.lstrip("/"),
+        opens=opens,
+        order=order,
+        part=part or {},
+        factor=factor,
+        packing=each.packing,
+        size=each.path.stat().st_size if each.path.is_file() else 0,
+        shape=shape,
+        label=each.label,
+        dtype=torch.float64 if wide else torch.float32,
         # Rows of a tile hold together; a whole probe where time runs fastest.
         tile_rows=chunks[order[0]] if chunks else 1 if order[0] == 0 else shape[-1],
-        tile_bytes=math.prod(chunks or (0,)) * each.array.dtype.itemsize,
+        tile_bytes=math.prod(chunks or (0,)) * stored.itemsize,
         clock=clock,
     )

@@ -1,0 +1,858 @@
+"""One contract for all formats: the canonical plane in is the plane out, lazy as at once, whatever the order, the units
+and the signs; and what each format refuses."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import pickle
+import shutil
+import warnings
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import pyvista
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from plane_makers import (
+    FIXED,
+    MAKERS,
+    NAMES,
+    POINTS,
+    QUADS,
+    SI,
+    STEP,
+    SURFACES,
+    TEXTS,
+    UP,
+    VALUES,
+    VARIABLES,
+    X,
+    Z,
+    coordinates,
+    image,
+    measurement,
+    names,
+    numbered,
+    of_foam,
+    of_frames,
+    probes,
+    rows,
+    save,
+    store,
+    surface,
+    text,
+    texts,
+)
+
+import torchliner as tl
+from torchliner.io.frames import centres_of
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.planes import format_of, paths_of
+from torchliner.io.powerflow import attenuation
+from torchliner.io.text_rows import open_text
+from torchliner.io.vtk import read_frame
+from torchliner.names import PLANE_FORMATS, resolve
+
+WANTED = np.moveaxis(VALUES[..., 1].reshape(9, 3, 4), 0, -1)
+STORED = Path(__file__).parent / "stored/solver_files"
+EXACT = {"powerflow netcdf3", "powerflow hdf5"}  # but for the lattice unit
+NAMED = {  # the row of the table that a maker's file is of
+    **dict.fromkeys(("own", "netcdf4", "hdf5"), "hdf5"),
+    **dict.fromkeys(("matlab5", "packed matlab5", "matlab73"), "matlab"),
+    **dict.fromkeys(("foam vtp", "foam raw"), "openfoam-surfaces"),
+    **dict.fromkeys(EXACT, "powerflow"),
+    **dict.fromkeys(("histories", "listed histories"), "csv"),
+    "probes": "openfoam-probes",
+}
+
+
+def made(name, folder, *more, **about):
+    """A file of the table, in a new folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return MAKERS[name](folder, *more, **about)
+
+
+def row_of(path):
+    """The first row of the table that recognises a path."""
+    head = b"" if path.is_dir() else path.read_bytes()[:4096]
+    return next((row for row, home in PLANE_FORMATS.items() if resolve(home).recognises(path, head)), None)
+
+
+def refused(path, match, error=ValueError, **stated):
+    with pytest.raises(error, match=match) as caught:
+        tl.read_plane(path, **stated)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_a_plane_in_is_the_plane_out(tmp_path, name):
+    """To the bit, or to the digits of text; its slabs, here and in another process, are the whole."""
+    values = VALUES.copy()
+    values[7, 5] = np.nan
+    path, stated = made(name, tmp_path, values)
+    assert row_of(path) == NAMED.get(name, name if name in PLANE_FORMATS else "vtk")
+    found, lazy = tl.read_plane(path, **stated), tl.read_plane(path, lazy=True, **stated)
+    wanted = WANTED.copy()
+    wanted[1, 1, 7] = np.nan
+    rounding = 3e-7 if name in EXACT | TEXTS.keys() else 0
+    assert np.allclose(found.velocity, wanted, rtol=rounding, atol=rounding, equal_nan=True)
+    assert found.velocity.dtype == torch.float32
+    assert np.allclose(found.x, X, atol=1e-9)
+    assert np.allclose(found.z, Z, atol=1e-9)
+    if name not in EXACT:
+        assert found.sampling_rate == pytest.approx(1 / STEP)
+        assert found.start == 0
+    again = pickle.loads(pickle.dumps(lazy.velocity))
+    for begin, end in ((0, 9), (2, 5), (8, 9), (6, 99)):
+        for part in (lazy, again):
+            assert torch.equal(part.read(begin, end).nan_to_num(7), found.read(begin, end).nan_to_num(7))
+    assert lazy.stored is not None
+    assert torch.equal(lazy.load().velocity.nan_to_num(7), found.velocity.nan_to_num(7))
+
+
+@pytest.mark.parametrize("name", [name for name in VARIABLES if name != "own"])
+@pytest.mark.parametrize("order", [("z", "x", "time"), ("x", "time", "z"), ("time", "x", "z"), ("x", "z", "time")])
+@pytest.mark.parametrize("dtype", ["f8", ">f4"])
+def test_order_of_axes_and_bytes_does_not_matter(tmp_path, name, order, dtype):
+    if name == "zarr" and dtype == ">f4":
+        return
+    path, stated = made(name, tmp_path, VALUES.astype(dtype), order=order)
+    for lazy in (False, True):
+        found = tl.read_plane(path, lazy=lazy, **stated).load()
+        assert np.array_equal(found.velocity, WANTED)
+        assert found.velocity.dtype == (torch.float64 if dtype == "f8" else torch.float32)
+
+
+@pytest.mark.parametrize("name", [name for name in SURFACES | TEXTS if name not in FIXED])
+def test_order_of_points_does_not_matter(tmp_path, name):
+    """They fill a grid; the normal is another one, or turned."""
+    order = np.random.default_rng(0).permutation(12)
+    path, stated = made(name, tmp_path, VALUES[:, order], POINTS[order])
+    found = tl.read_plane(path, **stated)
+    assert np.allclose(found.velocity, WANTED, atol=3e-7)
+    assert found.provenance["normal"] == "y"
+    assert found.provenance["normal_coordinate"] == pytest.approx(1e-3)
+    down = tl.read_plane(path, **stated | {"normal": "-y"})
+    assert torch.equal(down.velocity, -found.velocity)
+    if name == "listed histories":  # named as a component
+        return
+    path, stated = made(name, tmp_path / "side", VALUES[..., [1, 0, 2]] if name != "histories" else VALUES,
+                        POINTS[:, [1, 0, 2]])  # fmt: skip
+    side = tl.read_plane(path, **stated | {"normal": "x"})
+    assert np.allclose(side.velocity, WANTED, atol=3e-7)
+    with pytest.warns(tl.DataWarning, match=r"taken as \+x.*'-x' if the liner lies on the other side"):
+        assert torch.equal(tl.read_plane(path, **{k: v for k, v in stated.items() if k != "normal"}).velocity,
+                           side.velocity)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [name for name in MAKERS if name not in ("probes", *EXACT, "foam vtp", "foam raw")])
+def test_units_and_signs(tmp_path, name):
+    """mm/s and mm, stated or in the file; positive into the liner."""
+    if name in ("histories", "listed histories"):
+        path, stated = made(name, tmp_path)
+        unit = {"[m/s]": "[mm/s]"} if name == "histories" else {"[m/s]": "[mm/s]", "[ms]": "[us]"}
+        for old, new in unit.items():
+            path.write_text(path.read_text().replace(old, new))
+        assert np.allclose(1e3 * tl.read_plane(path, **stated).velocity, WANTED, atol=1e-5)
+        return
+    path, stated = made(name, tmp_path)
+    if name in ("own", "netcdf4", "netcdf3", "zarr", "hdf5"):
+        assert np.array_equal(tl.read_plane(path, **stated, velocity_units="m/s").velocity, WANTED)
+        refused(path, "by its own words, not in mm/s|mm/s", **stated, velocity_units="mm/s")
+        return
+    scaled = tl.read_plane(path, **stated | {"velocity_units": "mm/s", "length_units": "mm"})
+    assert np.allclose(1e3 * scaled.velocity, WANTED, atol=1e-6)
+    assert np.allclose(1e3 * scaled.x, X)
+    turned = tl.read_plane(path, **stated | {"normal": "-y"})
+    assert np.array_equal(turned.velocity, -WANTED)
+    refused(path, r"a\.\w+ holds no velocity.*velocity_units=|no unit of velocity.*--velocity-units",
+            **stated | {"velocity_units": None})  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_values_on_faces(tmp_path, name):
+    """They stand at centroids, with areas."""
+    path, stated = made(name, tmp_path, VALUES[:, :6])
+    found = tl.read_plane(path, **stated)
+    assert np.allclose(found.velocity.flatten(0, 1).T, VALUES[:, :6, 1], atol=3e-7)
+    assert found.probe_shape == (2, 3)
+    assert np.allclose(found.x, X[:-1] + 5e-3)
+    if name != "foam raw":
+        assert np.allclose(found.area, 5e-5)
+        assert found.provenance.get("values", "faces") == "faces"
+
+
+@pytest.mark.parametrize("name", ["vtp", "foam vtp", "foam raw", "vtkhdf", "pvd"])
+@pytest.mark.parametrize("faces", [False, True])
+def test_a_restart_may_write_another_order(tmp_path, name, faces):
+    """As on other cores; each value stands where it is; points that move are refused."""
+    values = VALUES[:, :6] if faces else VALUES
+    path, stated = made(name, tmp_path / "a", values)
+    wanted = tl.read_plane(path, **stated).velocity
+    turned, stated = made(name, tmp_path / "b", values[:, ::-1], POINTS[::-1].copy())
+    if name == "vtkhdf":
+        assert torch.equal(tl.read_plane(turned, **stated).velocity, wanted)
+        return
+    kinds = ("*/*",) if name.startswith("foam") else ("*.vtp",)
+    root = path if path.is_dir() else path.parent
+    other = turned if turned.is_dir() else turned.parent
+    for file in sorted(file.relative_to(root) for kind in kinds for file in root.glob(kind))[4:]:
+        shutil.copy(other / file, root / file)
+    assert torch.equal(tl.read_plane(path, **stated).velocity, wanted)
+    moved, _ = made(name, tmp_path / "c", values, POINTS + np.array([0.0, 1e-4, 0.0]))
+    shutil.copy((moved if moved.is_dir() else moved.parent) / file, root / file)
+    assert "points elsewhere than the first frame" in refused(path, file.name, **stated)
+
+
+@pytest.mark.parametrize("name", [*PLANE_FORMATS])
+def test_rows_of_the_table(tmp_path, name):
+    """A row is a format, takes only what can be asked, and never raises when it is asked."""
+    found = resolve(PLANE_FORMATS[name])
+    assert isinstance(found, PlaneFormat)
+    assert set(found.takes) <= {each.name for each in fields(PlaneRequest)}
+    assert len([p for p in inspect.signature(found.open).parameters.values() if p.kind != p.KEYWORD_ONLY]) == 2
+    for i, head in enumerate(
+        (b"", b"\0" * 9, b"\x89HDF\r\n\x1a\n\0", b"CDF\1\0\0\0", b"\x93NUMPY", b"<VTKFile", b"time")
+    ):
+        path = tmp_path / f"{i}.bin"
+        path.write_bytes(head)
+        assert found.recognises(path, head) in (True, False)
+        assert found.recognises(tmp_path / "absent", b"") is False
+    assert found.recognises(tmp_path, b"") is False
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "is empty"), (b"hello\nworld", "begins with b'hello"), (b"\0\1\2\3", r"b'\\x00\\x01")],
+)
+def test_what_nobody_recognises_is_described(tmp_path, content, message):
+    (tmp_path / "a.bin").write_bytes(content)
+    refused(tmp_path / "a.bin", f"a.bin .*{message}.*of no format .*netCDF-3", OSError)
+    (tmp_path / "folder").mkdir()
+    refused(tmp_path / "folder", "is a folder of nothing ...; it is of no format", OSError)
+    path, _ = made("netcdf3", tmp_path / "b")
+    refused(path, "netCDF-3, which says group itself or has none", group="run")
+    refused(path, r"takes no 'varable' \(did you mean 'variable'\?\)", TypeError, varable="v")
+    assert paths_of([path, path]) == [path, path]
+
+
+# Mutated bytes
+
+
+MUTATED = [name for name in MAKERS if name != "zarr" and (name not in SURFACES or name in (*EXACT, "vtp", "vtp ascii"))]
+
+
+@pytest.mark.parametrize("name", MUTATED)
+def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, name):
+    """A clear error that names the file, or a plane; no other exception. (HDF5 of VTK may crash VTK.)"""
+    path, stated = made(name, tmp_path_factory.mktemp("mutated"))
+    file = path / "0/U" if path.is_dir() else path.with_stem("plane_05") if name in SURFACES and "vtp" in name else path
+    clean = file.read_bytes()
+
+    @settings(max_examples=40, suppress_health_check=[*HealthCheck])
+    @given(st.integers(8, min(len(clean), 6000) - 1), st.integers(1, 255), st.booleans())
+    def mutate(at, change, cut):
+        content = bytearray(clean[:at] if cut else clean)
+        if not cut:
+            content[at] ^= change
+        file.write_bytes(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                tl.read_plane(path, **stated)
+            except (OSError, ValueError) as error:
+                assert path.name in str(error) or file.name in str(error), error  # noqa: PT017
+
+    mutate()
+
+
+@pytest.mark.parametrize("keep", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("name", ["netcdf3", "npy", "matlab5", "packed matlab5", "matlab73"])
+def test_a_truncated_file_is_named(tmp_path, name, keep):
+    """In the header or in the values; and one that is cut while it is read."""
+    path, stated = made(name, tmp_path, np.tile(VALUES, (16, 1, 1)))
+    whole, lazy = path.read_bytes(), tl.read_plane(path, lazy=True, **stated)
+    path.write_bytes(whole[: int(keep * len(whole))])
+    refused(path, path.name, (OSError, ValueError), **stated)
+    with pytest.raises(OSError, match=rf"{path.name}.* cannot be read from .* the file shrank"):
+        lazy.read(0, 9)
+
+
+# Pipes, and files that change
+
+
+def test_a_pipe_behind_a_link_or_in_a_store_does_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    path, _ = made("netcdf4", tmp_path / "a")
+    for target in ("pipe", str(tmp_path / "pipe")):
+        with h5py.File(tmp_path / "b.h5", "w") as file, h5py.File(path) as other:
+            other.copy("time", file)
+            file["v"] = h5py.ExternalLink(target, "/v")
+        refused(tmp_path / "b.h5", "pipe is a device or a pipe", OSError)
+    layout = h5py.VirtualLayout((9, 3), "f4")
+    layout[:] = h5py.VirtualSource("pipe", "v", (9, 3))
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file.create_virtual_dataset("v", layout)
+    refused(tmp_path / "b.h5", "pipe", (OSError, ValueError), axes="time,x", velocity_units="m/s", sampling_rate=1e3)
+    store, _ = made("zarr", tmp_path / "c")
+    chunk = next(each for each in store.rglob("*/c/*") if each.is_file())
+    chunk.unlink()
+    os.mkfifo(chunk)
+    refused(store, f"{chunk.name} is a device or a pipe", OSError)
+
+
+class Grows:
+    """A reader in whose middle something happens to the file."""
+
+    def __init__(self, act):
+        self.act, self.calls = act, 0
+
+    def __call__(self, samples):
+        self.calls += 1
+        if self.calls == 1:
+            self.act()
+
+
+def test_a_file_that_is_replaced_while_it_is_read(tmp_path):
+    """Old data and new ones are not mixed; what was imported may grow."""
+    rate, values = 50e3, np.random.default_rng(0).normal(size=(3, 9000)).astype("f4")
+    plane = tl.VelocityPlane(values, sampling_rate=rate, frequency=1000.0)
+    plane.write(tmp_path / "a.h5")
+    lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
+    choices = {"averaging": "phase-locked", "interval": None}
+
+    def replace():
+        plane.write(tmp_path / "b.h5")
+        (tmp_path / "b.h5").rename(tmp_path / "a.h5")
+
+    with pytest.raises(OSError, match=r"a.h5:/wall_normal_velocity was changed while it was read"):
+        tl.educe(lazy, tl.load_liner("onera"), progress=Grows(replace), **choices)
+    path, stated = made("probes", tmp_path, np.tile(VALUES, (120, 1, 1)))
+    lazy = tl.read_plane(path, lazy=True, **stated)
+    grow = Grows(lambda: (path / "0/U").open("a").close() or os.utime(path / "0/U", (1, 1)))
+    tl.educe(lazy, tl.load_liner("onera"), frequency=2000.0, progress=grow, **choices)
+    assert grow.calls
+
+
+def test_text_may_grow_but_not_be_replaced(tmp_path, monkeypatch):
+    path, _ = made("histories", tmp_path)
+    found = open_text(path)
+    parse = resolve("torchliner.io.text_rows:parse_rows")
+
+    def acting(act):
+        return lambda *words: (act(), parse(*words))[1]
+
+    def append():
+        with path.open("a") as file:
+            file.write(rows()[0] + "\n")
+
+    monkeypatch.setattr("torchliner.io.text_rows.parse_rows", acting(append))
+    assert len(found.rows(0, [1]).time) >= 9
+    monkeypatch.setattr("torchliner.io.text_rows.parse_rows", acting(lambda: path.write_text("1 2\n")))
+    with pytest.raises(OSError, match=r"v.csv was replaced while it was read"):
+        found.rows(0, [1])
+
+
+@pytest.mark.parametrize("name", ["vtp", "histories", "probes"])
+def test_what_does_not_fit_into_memory_lies_in_a_temporary_file(tmp_path, monkeypatch, name):
+    path, stated = made(name, tmp_path)
+    wanted = tl.read_plane(path, **stated)
+    monkeypatch.setattr("torchliner.io.plane_format.machine_memory", lambda: 1.0)
+    monkeypatch.setattr("torchliner.io.text_rows.machine_memory", lambda: 1.0)
+    lazy = tl.read_plane(path, lazy=True, **stated)
+    assert isinstance(lazy.velocity.values, np.memmap)
+    assert torch.equal(lazy.velocity.load(), wanted.velocity)
+
+
+# What solvers wrote
+
+
+@pytest.mark.filterwarnings("ignore:.*lie outside the mesh")
+def test_what_solvers_wrote():
+    """OpenFOAM v1912 states four times the bytes of its binary .vtp; ParaView has U on points and on cells; EnSight."""
+    stated = SI | UP | {"sampling_rate": 5e4}
+    found = {kind: tl.read_plane(STORED / kind, **UP) for kind in ("vtp", "legacy_binary", "legacy", "raw")}
+    assert torch.equal(found["vtp"].velocity, found["legacy_binary"].velocity)
+    found["ensight"] = tl.read_plane(STORED / "ensight/y1.case", **SI | UP)
+    for each in found.values():
+        assert torch.allclose(each.velocity, found["vtp"].velocity, atol=1e-5)
+        assert each.sampling_rate == pytest.approx(5e4)
+    refused(STORED / "ensight/y1.case", "no unit of velocity", normal="y")
+    of_cells = [tl.read_plane(STORED / f"paraview/slice_0{ending}", **stated) for ending in (".vtp", ".vtk")]
+    assert {plane.provenance["values"] for plane in of_cells} == {"faces"}
+    assert torch.equal(*(plane.velocity for plane in of_cells))
+    saturne = STORED / "code_saturne/probes_Velocity[Y].csv"
+    table = np.loadtxt(saturne, delimiter=",", skiprows=1)
+    points = STORED / "code_saturne/probes_coords.csv"
+    assert np.allclose(
+        tl.read_plane(saturne, points=points, **stated).velocity.reshape(6, -1).T, table[:, 1:], rtol=1e-6
+    )
+    assert tl.read_plane(STORED / "probes", **UP).samples > 2
+    wrong = (("code_saturne/probes_Pressure.csv", stated | {"points": points}),
+             ("probes", UP | {"variable": "p"}), ("probes/0/p", UP))  # fmt: skip
+    for path, more in wrong:
+        refused(STORED / path, "(names no velocity|no direction).*--wall-normal-component", **more)
+        assert tl.read_plane(STORED / path, **more, wall_normal_component=True).samples > 2
+
+
+@pytest.mark.parametrize("name", ["high_pressure_run", "suppressed", "fan_pressure_ratio", "pressure"])
+def test_names_of_files_that_speak_of_pressure(tmp_path, name):
+    np.save(tmp_path / f"{name}.npy", np.zeros((8, 3)))
+    stated = {"axes": ["time", "x"], "velocity_units": "m/s", "sampling_rate": 1e3}
+    if name == "pressure":
+        refused(tmp_path / f"{name}.npy", "names no velocity", **stated)
+    else:
+        assert tl.read_plane(tmp_path / f"{name}.npy", **stated).samples == 8
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [("y-velocity", True), ("v.y", True), ("W", False), ("vel_y", True), ("pressure", False), ("U_y", True)],
+)
+def test_one_value_a_point_names_its_direction(tmp_path, name, read):
+    path, stated = numbered(tmp_path, ".vti", lambda frame: image(frame, name), VALUES[..., 1])
+    stated |= {"variable": name}
+    if not read:
+        refused(path, rf"plane_00.vti:/{name} has one value a point.*--wall-normal-component", **stated)
+        stated["wall_normal_component"] = True
+    assert np.array_equal(tl.read_plane(path, **stated).velocity, WANTED)
+
+
+# Quirks of each format: what it reads, or refuses
+
+
+def edit(change):
+    return lambda path: path.write_text(change(path.read_text()))
+
+
+def replaced(old, new, count=-1):
+    return edit(lambda words: words.replace(old, new, count))
+
+
+def restart(values, first, points=POINTS, time="3e-05"):
+    return lambda path: probes(path.parent, values, points, first, time=time)
+
+
+def fewer():
+    mesh = pyvista.PolyData(POINTS[:8])
+    mesh.point_data["U"] = VALUES[5, :8]
+    return mesh
+
+
+OTHER = VALUES[3:].copy()
+OTHER[1, 7, 1] += 0.25
+IN_U = {"file": "0/U"}
+QUIRKS = [
+    # maker, what is done to the file, what is stated beside, the refusal
+    ("histories", replaced("1.0", "x", 1), {}, "could not convert|no number"),
+    ("histories", replaced("# x, 0, 0.01", "# x, 0, O.01"), {}, "line 1 looks like coordinates, but 'O.01' is no"),
+    ("histories", replaced("# x, 0, 0.01", "# x, 0, 0.01x"), {}, "line 1 looks like coordinates, but '0.01x'"),
+    ("histories", replaced("\n0 ", "\n0x "), {}, "could not convert string '0x'"),
+    ("histories", replaced("\n5e-05 ", "\n6.5e-05 "), {}, "not uniform|out of order"),
+    ("histories", edit(lambda t: "".join(r for r in t.splitlines(True) if r[:5] != "5e-05")), {}, "lacks 1 frames"),
+    ("histories", replaced("p3 [m/s]", "p3 [mm/s]"), {}, "columns are in m/s, mm/s; one unit"),
+    ("histories", replaced("time [s]", "time [fortnight]"), {}, "time has units 'fortnight'"),
+    ("histories", replaced("# time [s]", "# time"), {}, r"no unit; write 'time \[s\]'"),
+    ("histories", edit(lambda t: t.replace("# z", "# a").replace("# y", "# a")), {}, "states x of the points, not y"),
+    ("histories", replaced("\n3e-05 ", "\n3e-05 1.5 "), {}, "changed from 13 to 14 at row 4; 13 numbers a row"),
+    ("histories", replaced("# x, ", "# x, 7, "), {}, "has 13 values of x, but there are 12 columns"),
+    ("histories", replaced("[m/s]", "[s]"), {}, "units 's'.*a velocity"),
+    ("histories", None, {"length_units": None}, "states no unit of length.*--length-units"),
+    ("histories", None, {"sampling_rate": 5e3}, "its times are at .* states 5000 Hz"),
+    ("listed histories", None, {"normal": "x"}, "is the velocity along y, but normal is 'x'"),
+    ("listed histories", replaced(";p11 [m/s]", ""), {}, "names 12 columns, .* first row holds 13 numbers"),
+    ("listed histories", replaced("p3 [m/s]", "iter [m/s]"), {}, "'iter .*' is a counter or"),
+    ("listed histories", replaced("p3 [m/s]", "U:1"), {}, "'U:1' is a .*component of a vector"),
+    ("listed histories", replaced("p3 [m/s]", "pressure_3 [m/s]"), {}, "'pressure' names no velocity"),
+    ("probes", replaced("(0.02 0.001 0)", "(0.02 0.001)"), IN_U, "numbers no probes"),
+    ("probes", edit(lambda t: t.rpartition(")   (")[0] + ")\n"), IN_U, "changed from 37 to 34 at row 9; 37 numbers"),
+    ("probes", edit(lambda t: t.split("\n        ")[0] + "\n"), IN_U, "no row of numbers"),
+    ("probes", replaced("\n        4e-05", "\n        end"), IN_U, "could not convert string 'end'"),
+    ("probes", None, {"normal": "up"}, "normal is 'up'; x, y or z"),
+    ("probes", None, {"normal": "x"}, r"9 of 12 stand above others, x = 0 to 0\.03 m"),
+    ("probes", None, {"variable": "T"}, "no 'T' in the folders of its times; there are: U"),
+    ("probes", restart(OTHER, 3), {}, r"3e-05/U begins 6 samples before .* at 4e-05 s .*0\.25.*--overlap"),
+    ("probes", restart(VALUES, 11), {}, "lacks 2 frames, the first 2 after sample 8"),
+    ("probes", restart(VALUES[:, :8], 9, POINTS[:8]), {}, r"other probes \(8\)"),
+    ("vtp", lambda p: save(fewer(), p.with_stem("plane_05")), {}, "plane_05.vtp has 8 values"),
+    ("vtp", lambda p: p.with_stem("plane_05").write_text("<VTKFile>"), {}, "VTK cannot read all|nothing that VTK"),
+    ("vtp", None, {"variable": "T"}, "no variable 'T'.*it holds U"),
+    ("vtp", None, {"normal": None, "length_units": None}, "no unit of length.*--length-units m"),
+    ("vtp", lambda p: save(surface(VALUES[0]), p.with_name("one_0.vtp")), {"file": ".."}, "series one_, plane_; n"),
+    ("pvd", lambda p: (p.parent / "p3.vtp").unlink(), {}, "1 of 9 frames are not there, the first .*p3.vtp"),
+    ("pvd", edit(lambda t: t[:-40]), {}, "all.pvd is no whole XML"),
+    ("pvd", replaced("2e-05", "1e-05"), {}, "have the same time, 1e-05 s"),
+    ("series", replaced("3e-05", "3.3e-05"), {}, "times is not uniform"),
+    ("foam vtp", lambda p: shutil.rmtree(p / "4e-05"), {}, "lacks 1 frames.*after sample 3"),
+    ("foam vtp", lambda p: shutil.copy(p / "0/top.vtp", p / "0/side.vtp"), {}, "surfaces side, top; name one as group"),
+    ("foam vtp", lambda p: shutil.copy(p / "0/top.vtp", p / "0/side.vtp"), {"group": "side"},
+     "8 of 9 times, 1e-05.* have no surface 'side'"),
+    ("foam raw", lambda p: text(p / "4e-05/U_top.raw", "# U  POINT_DATA 12", "# x", "1 2 3 4 5 6"), {}, "1 rows; 12"),
+    ("netcdf4", None, {"variable": "vv"}, r"has no variable 'vv' \(did you mean 'v'\?\)"),
+    ("netcdf4", None, {"row": 2}, "no axis of heights has a row 2"),
+    ("npy", None, {"sampling_rate": None}, "give sampling_rate=..., in Hz"),
+    ("npy", None, {"axes": "z,x"}, "2 axes are named: z,x"),
+    ("npy", None, {"axes": "time,u,x"}, "axes time, u, x; which runs along"),
+    ("npy", None, {"axes": "time,y,x"}, "a plane has one height .*row=0 or so"),
+    ("npy", None, {"x": [0, 1]}, "x has 2 values; .* need 4"),
+    ("npy", None, {"length_units": "mn"}, "units 'mn' .*one of m, mm"),
+    ("matlab5", None, {"variable": "u"}, "has no variable 'u'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "change", "stated", "message"), QUIRKS, ids=range(len(QUIRKS)))
+def test_faults_are_refused_with_their_place(tmp_path, name, change, stated, message):
+    path, more = made(name, tmp_path)
+    inside = stated.get("file", "")
+    if change is not None:
+        change(path / inside if inside not in ("", "..") else path)
+    path = path.parent if inside == ".." else path
+    more = more | {key: value for key, value in stated.items() if key != "file"}
+    said = refused(path, message, (ValueError, OSError), **more)
+    assert str(tmp_path) in said or "need" in said or "one of" in said
+
+
+def test_zstd_is_refused_before_units_are_asked_for(tmp_path):
+    path, _ = of_frames(".vtp", packer="ZLib")(tmp_path)
+    for file in tmp_path.glob("*.vtp"):
+        file.write_bytes(file.read_bytes().replace(b"vtkZLibDataCompressor", b"vtkZstdDataCompressor"))
+    refused(path, "VTK cannot read all of .*plane_00.vtp")
+    path, _ = made("vtp lz4", tmp_path / "lz4")
+    refused(path, "no unit of velocity")
+
+
+# Histories
+
+HEADINGS = {
+    "coordinates": [*coordinates(), f"# {names()}"],
+    "coordinates with units": [line.replace(",", " [mm],", 1) for line in coordinates(scale=1e3)] + [f"# {names()}"],
+    "points": [f"# {x:.6g}, {y:.6g}, {z:.6g}" for x, y, z in POINTS] + [f"# {names()}"],
+    "numbered points": [f"# Point {i}: ({x:.6g}, {y:.6g}, {z:.6g})" for i, (x, y, z) in enumerate(POINTS)]
+    + [f"# {names()}"],
+    "in one line": ["# " + ", ".join(f"({x:.6g} {y:.6g} {z:.6g})" for x, y, z in POINTS), f"# {names()}"],
+    "unit line": ["# length_unit = mm", "# velocity_unit = m/s", *coordinates(scale=1e3), "# time [s] p"],
+}
+REMARKS = ("# run 2024 11 23", "# 4 blocks of 1 2 3", "# Case 7: (1, 2, 3)")
+
+
+@pytest.mark.parametrize("heading", HEADINGS)
+@pytest.mark.parametrize("above", [0, 1, 2, 3])
+def test_points_in_a_heading(tmp_path, heading, above):
+    """However it lists them, and whatever remarks with numbers stand above and below."""
+    path = text(tmp_path / "v.csv", *REMARKS[:above], *HEADINGS[heading], *REMARKS[above:], *rows())
+    found = tl.read_plane(path, normal="y", length_units="m", **({"velocity_units": "m/s"} if above else {}))
+    assert np.allclose(found.velocity, WANTED, atol=1e-6)
+    assert np.allclose(found.x, X)
+    assert np.allclose(found.z, Z)
+
+
+def test_points_that_do_not_fit_are_not_dropped(tmp_path):
+    path, stated = tmp_path / "v.csv", SI | {"sampling_rate": 1 / STEP}
+    for lines, message in ((["# 2024 11 23", *HEADINGS["points"]], "13 lines of its heading may be points.* 12 col"),
+                           (HEADINGS["points"][1:], "11 lines of its heading may be points")):  # fmt: skip
+        refused(text(path, *lines, *rows()), message, **stated)
+    for line in ("# 0.1, 0.0x1, 0", "# Point 0: (0.1, 0.001, 0O)"):
+        refused(text(path, line, "0 1", "1e-5 2"), "line 1 looks like coordinates, but '.*' is no number", **stated)
+    with pytest.warns(tl.DataWarning, match="v.csv, line 1 is a remark"):
+        assert tl.read_plane(text(path, REMARKS[0], *rows()), **stated).x is None
+    np.save(tmp_path / "points.npy", POINTS[:11])
+    refused(path, r"12 columns of values, its points are 11 \(.*npy\)", points=tmp_path / "points.npy", **stated)
+    np.save(tmp_path / "points.npy", POINTS[:, [0, 2, 1]])
+    found = tl.read_plane(path, points=tmp_path / "points.npy", axes="x,z,y", normal="y", **stated)
+    assert np.allclose(found.velocity, WANTED, atol=1e-6)
+    refused(path, r"shape \(12, 3\) and columns x, z;", points=tmp_path / "points.npy", axes="x,z", **stated)
+
+
+@pytest.mark.parametrize("separator", ["\t", "  ", ";"])
+@pytest.mark.parametrize("heading", [True, False])
+def test_decimal_commas(tmp_path, separator, heading):
+    """Between blanks cells that hold one comma and no point can be nothing else; a BOM is passed over."""
+    values = np.round(VALUES, 3)
+    values[0] = 0
+    lines = [line.replace(".", ",") for line in rows(values, separator, 1e6)]
+    path = text(tmp_path / "v.txt", *(["\ufeff" + names(separator, "time [us]")] if heading else []), *lines)
+    found = tl.read_plane(path, velocity_units=None if heading else "m/s", sampling_rate=1 / STEP)
+    assert np.allclose(found.velocity.T, values[..., 1], atol=1e-6)
+    for mark in (", ", ","):
+        whole = text(
+            tmp_path / "v.csv", "time [s], a [m/s], b [m/s]", *(mark.join(map(str, (i, 1, 2))) for i in range(9))
+        )
+        assert tl.read_plane(whole).velocity[:, 0].tolist() == [1, 2]
+
+
+def test_an_index_of_pandas_is_no_time(tmp_path):
+    """Where it is parted from time [s] it is passed over; where nothing names it, it is refused."""
+    import pandas
+
+    table = pandas.DataFrame(
+        {"time [s]": STEP * np.arange(9), "p0 [m/s]": VALUES[:, 0, 1], "p1 [m/s]": VALUES[:, 1, 1]}
+    )
+    path = tmp_path / "a.csv"
+    for stated in ({}, {"index_label": "index"}, {"index": False}):
+        table.to_csv(path, encoding="utf-8-sig", **stated)
+        found = tl.read_plane(path)
+        assert found.sampling_rate == pytest.approx(1 / STEP)
+        assert np.allclose(found.velocity, VALUES[:, :2, 1].T, atol=1e-7)
+    path.write_text(table.to_string() + "\n")
+    refused(path, "its first column counts the rows and has no name")
+
+
+def test_times_without_a_unit_and_a_last_row_without_end(tmp_path):
+    """Whatever they count; a row that may go on is left out, and told; remarks stand where they begin."""
+    for head, unit in ((names(), 1.0), (names(time="time [ms]"), 1e3), (names(time="time"), 7.0)):
+        path = text(tmp_path / "v.csv", head, *rows(unit=unit)[3:])
+        found = tl.read_plane(path, sampling_rate=1.005 / STEP)
+        assert found.sampling_rate == 1.005 / STEP
+        assert found.start == pytest.approx(3 * STEP, rel=6e-3)
+    path = text(tmp_path / "v.csv", names(), rows()[0], " # a restart", *rows()[1:])
+    assert tl.read_plane(path).samples == 9
+    path.write_text(path.read_text()[:-4])
+    with pytest.warns(tl.DataWarning, match="the last line, .*8 rows remain"):
+        assert tl.read_plane(path).samples == 8
+
+
+# Probes
+
+
+def test_restarts_of_probes_are_one_record(tmp_path):
+    """Folders of times are joined; an instant that both runs have comes once, or as the user says."""
+    path, _ = probes(tmp_path / "whole")
+    wanted = tl.read_plane(path, **UP).velocity
+    path, _ = probes(tmp_path, VALUES[:5])
+    probes(tmp_path, VALUES[3:], first=3, time="3e-05")
+    assert torch.equal(tl.read_plane(path, **UP).velocity, wanted)
+    probes(tmp_path, OTHER, first=3, time="3e-05")
+    for overlap, value in (("earlier", VALUES[4, 7, 1]), ("later", OTHER[1, 7, 1])):
+        with pytest.warns(tl.DataWarning, match=f"begins 2 samples before .*the {overlap} ones count"):
+            found = tl.read_plane(path, overlap=overlap, **UP).velocity
+        assert found[1, 3, 4] == pytest.approx(value)
+        found[1, 3, 4] = wanted[1, 3, 4]
+        assert torch.equal(found, wanted)
+
+
+def test_probes_outside_the_mesh_and_on_a_slope(tmp_path):
+    values = VALUES.copy()
+    values[:, 3] = -1e30 * 10
+    path, _ = probes(tmp_path, values, marks=[3])
+    with pytest.warns(tl.DataWarning, match="probes 3 lie outside the mesh.*11 remain"):
+        found = tl.read_plane(path, **UP)
+    assert np.allclose(found.velocity.T, np.delete(VALUES[..., 1], 3, 1), atol=1e-6)
+    path, _ = probes(tmp_path, points=POINTS + np.outer(POINTS[:, 0], [0, 0.01, 0]))
+    with pytest.warns(tl.DataWarning, match=r"stand at y = .* of which a plane has one"):
+        tl.read_plane(path, **UP)
+    path, _ = probes(tmp_path, VALUES[:, :4], POINTS[:4])
+    refused(path, "0.03 x 0 x 0 m along x, y, z.*state normal='y'")
+
+
+def test_stamps_of_few_digits(tmp_path):
+    """Seven digits of a late time tell steps of 1e-5 s still; a missing row is told all the same."""
+    path, _ = probes(tmp_path, np.tile(VALUES, (5, 1, 1)))
+    head, table = path.joinpath("0/U").read_text().split("Time\n")
+    values = [line.split(None, 1)[1] for line in table.splitlines()]
+
+    def stamped(times):
+        (path / "0/U").write_text(
+            f"{head}Time\n" + "".join(f"{t:.7g} {v}\n" for t, v in zip(times, values, strict=False))
+        )
+        return path
+
+    late = 35 + 4e-5 * np.arange(45)
+    assert tl.read_plane(stamped(late), **UP).sampling_rate == pytest.approx(2.5e4, rel=0.02)
+    refused(stamped(np.delete(late, 20)), "not uniform|lacks", **UP)
+    refused(stamped(np.full(9, 1.00001)), "have the same time, 1.00001 s.*timePrecision", **UP)
+
+
+# Series
+
+
+@pytest.mark.parametrize("numbers", [
+    [f"plane_{i * 1e-4:.6g}" for i in range(1, 25)],
+    [f"plane_{i / 10:.1f}" for i in range(5, 15)],
+    [f"plane_{i * 1e-5:.5e}" for i in range(5, 15)],
+    [f"y1.{i}" for i in range(8, 12)],
+    [f"plane_{i}" for i in (1000, 1033, 1071, 1100)],
+])  # fmt: skip
+def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
+    """A decimal, as of a time, is one number; a count of uneven steps may be of even times; a glob opens it once."""
+    for i, name in enumerate(numbers):
+        image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
+    stated = UP | SI | {"sampling_rate": 1 / STEP}
+    for path in (tmp_path, tmp_path / f"{numbers[0]}.vti", f"{tmp_path}/*.vti"):
+        assert tl.read_plane(path, **stated).velocity[0, 0].tolist() == [*range(len(numbers))]
+    refused(tmp_path, "states no time.*sampling_rate", **UP, **SI)
+
+
+def test_counts_behind_a_number_and_a_point(tmp_path):
+    """Two planes that are numbered are two series, not decimals of one."""
+    for i, name in enumerate(f"y{n}.{i:03d}" for n in (1, 2) for i in range(5)):
+        image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
+    stated = UP | SI | {"sampling_rate": 1 / STEP}
+    assert tl.read_plane(tmp_path / "y2.003.vti", **stated).velocity[0, 0].tolist() == [5, 6, 7, 8, 9]
+    assert tl.read_plane(tmp_path, group="y1.", **stated).velocity[0, 0].tolist() == [0, 1, 2, 3, 4]
+
+
+WITHOUT = [i for i in range(20) if i not in (7, 8)]
+
+
+@pytest.mark.parametrize(("numbers", "times", "message"), [
+    ([f"p_{i:03d}" for i in WITHOUT], None, "2 frames are missing, the first after number 6"),
+    ([f"p_{10 * i}" for i in WITHOUT], None, "2 frames are missing, the first after number 60"),
+    ([f"p_{i / 10:g}" for i in WITHOUT], None, "2 frames are missing, the first after number 0.6"),
+    (["p_1", "p_01", "p_2"], None, "two frames have the number 1"),
+    ([f"p_{i}" for i in range(18)], WITHOUT, "times lacks 2 frames.* after sample 6"),
+    ([f"p_{i}" for i in range(3)], [0, 2, 1], "times is out of order: sample 2"),
+])  # fmt: skip
+def test_a_stated_rate_closes_no_gap(tmp_path, numbers, times, message):
+    """Times are tested whatever they count, or numbers where no times are stated."""
+    for i, name in enumerate(numbers):
+        mesh = image(VALUES[0])
+        if times is not None:
+            mesh.field_data["Time"] = np.array([float(times[i])])
+        mesh.save(tmp_path / f"{name}.vti")
+    refused(tmp_path, message, **UP, **SI, sampling_rate=1 / STEP)
+
+
+def test_times_of_another_unit_tell_the_start(tmp_path):
+    """Of ms where the rate is stated: they count evenly, whatever they count; any spelling of the clock."""
+    for i, name in enumerate(("Time", "TIMEVALUE", "TimeValue")):
+        mesh = image(VALUES[i])
+        mesh.field_data[name] = np.array([5 + 0.01 * i])
+        mesh.save(tmp_path / f"p_{i}.vti")
+    plane = tl.read_plane(tmp_path / "p_1.vti", **UP, **SI, sampling_rate=1 / STEP)
+    assert (plane.sampling_rate, plane.start) == (1 / STEP, pytest.approx(5e-3))
+
+
+def test_content_tells_the_kind_of_a_file_and_a_year_is_no_time(tmp_path):
+    path, stated = of_frames(".vtp")(tmp_path)
+    (tmp_path / "2024").mkdir()
+    for file in tmp_path.glob("*.vtp"):
+        file.rename(tmp_path / "2024" / f"{file.stem}.vtk")
+    found = tl.read_plane(tmp_path / "2024/plane_04.vtk", **stated)
+    assert np.array_equal(found.velocity, WANTED)
+    assert row_of(tmp_path / "2024/plane_04.vtk") == "vtk"
+    path, _ = of_foam("raw")(tmp_path / "foam")
+    for inside in (path / "4e-05", path / "4e-05/U_top.raw"):
+        assert tl.read_plane(inside, **UP).samples == 9
+    for time in ("0.1", "0.2"):
+        text(tmp_path / "foamFile" / time / "top/points", "1")
+    refused(tmp_path / "foamFile", "0.1/top is a surface in the format foamFile.* surfaceFormat vtk or raw", **UP)
+
+
+def test_faces_are_where_they_are(tmp_path):
+    """A trapezoid's centroid and area by hand; a triangle; pixels and pixels turned; boxes have no area."""
+    points = np.array([[0, 0, 0], [4, 0, 0], [2, 0, 2], [0, 0, 2], [6, 0, 3], [3, 0, 5.0]])
+    centres, areas = centres_of(points, np.array([0, 1, 2, 3, 1, 4, 2]), np.array([4, 7]), None, "mesh")
+    assert np.allclose(areas, [6, 5])
+    assert np.allclose(centres, [[14 / 9, 0, 8 / 9], [4, 0, 5 / 3]])
+    for kind, ring in ((11, False), (12, True)):
+        x, y, z = np.meshgrid([0, 0.01, 0.02], [0, 1e-3], [0, 0.005], indexing="ij")
+        corners, number = np.stack([x, y, z], -1).reshape(-1, 3), np.arange(12).reshape(3, 2, 2)
+        cells = [[number[i + a, b, c] for c in (0, 1) for b in (0, 1) for a in (0, 1)] for i in (0, 1)]
+        order = [0, 1, 3, 2, 4, 5, 7, 6] if ring else list(range(8))
+        grid = pyvista.UnstructuredGrid(np.insert(np.array(cells)[:, order], 0, 8, 1).reshape(-1), [kind] * 2, corners)
+        grid.cell_data["U"] = VALUES[0, :2]
+        grid.save(tmp_path / "a.vtu")
+        middle, area = read_frame(tmp_path / "a.vtu").places(True, "a")
+        assert area is None
+        assert np.allclose(middle[:, 0], [0.005, 0.015])
+
+
+def test_values_of_faces_stand_behind_those_of_other_cells(tmp_path):
+    """Of vertices and lines; strips are refused, as are several blocks unless one is named."""
+    faces = np.insert(QUADS, 0, 4, 1).reshape(-1)
+    mesh = pyvista.PolyData(POINTS, faces=faces, lines=[2, 0, 1], verts=[1, 0, 1, 1])
+    mesh.cell_data["U"] = np.vstack([np.full((3, 3), 7.0), VALUES[0, :6]])
+    mesh.save(tmp_path / "a.vtp")
+    assert np.array_equal(read_frame(tmp_path / "a.vtp").arrays["U"][1], VALUES[0, :6])
+    blocks = pyvista.MultiBlock({"a": mesh, "b": image(VALUES[0])})
+    blocks.save(tmp_path / "b.vtm")
+    with pytest.raises(ValueError, match=r"b.vtm has 2 blocks, a, b; name one \(--group\)"):
+        read_frame(tmp_path / "b.vtm")
+    assert len(read_frame(tmp_path / "b.vtm", "b").points) == 12
+    strips = pyvista.PolyData(POINTS, strips=[4, 0, 1, 4, 5])
+    strips.cell_data["U"] = VALUES[0, :1]
+    strips.save(tmp_path / "c.vtp")
+    with pytest.raises(ValueError, match=r"has 1 triangle strips.*triangulate"):
+        read_frame(tmp_path / "c.vtp")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda g: g.__delitem__("Steps"), "no Steps: it is one frame"),
+        (lambda g: g["Steps/PointDataOffsets/U"].__setitem__(8, 100), "VTK cannot read all of"),
+        (lambda g: g.__delitem__("Points"), "VTK cannot read all of"),
+        (lambda g: g["Steps/Values"].__setitem__(4, 7e-5), "out of order|not uniform"),
+        (lambda g: g.move("PointData/U", "PointData/p"), "VTK cannot|holds p; name the velocity"),
+    ],
+)
+def test_faults_of_vtkhdf(tmp_path, change, message):
+    """Also frames that reach beyond their array, which HDF5 would fill with zeros."""
+    path, stated = made("vtkhdf", tmp_path)
+    with h5py.File(path, "r+") as file:
+        change(file["VTKHDF"])
+    refused(path, message, **stated)
+
+
+# PowerFLOW
+
+
+def test_frames_of_powerflow_are_means(tmp_path):
+    """Their middle is the time; they attenuate a tone, by the mean of a sine, and that is told."""
+    seconds = 0.5 * 2e-3 / 340
+    path = store(tmp_path / "a.fnc", measurement(window=2))
+    plane = tl.read_plane(path, **UP)
+    assert plane.sampling_rate == pytest.approx(1 / (10 * seconds))
+    assert plane.start == pytest.approx(5 * seconds)
+    assert plane.provenance["frame_average"] == pytest.approx(2 * seconds)
+    time = (np.arange(20000) + 0.5) / 20000 * 1e-4
+    assert attenuation(3000.0, 1e-4) == pytest.approx(np.cos(2 * np.pi * 3000 * (time - 5e-5)).mean(), rel=1e-6)
+    with pytest.warns(tl.DataWarning, match=r"more than 1% above 3314 Hz.*6000 Hz 0\.9675"):
+        tl.read_plane(store(tmp_path / "a.fnc", measurement(window=8)), **UP)
+    without = {name: each for name, each in measurement().items() if name != "voxel_scales"}
+    refused(store(tmp_path / "a.fnc", without), "no variable voxel_scales", **UP)
+
+
+def test_surfels_say_where_they_face_and_of_which_face_they_are(tmp_path):
+    variables = measurement(VALUES[:, :6], faces=(0, 1))
+    path = store(tmp_path / "a.snc", variables)
+    found = tl.read_plane(path, group="plane_1", **UP)
+    assert np.allclose(found.velocity.T, VALUES[:, 1:6:2, 1], atol=1e-6)
+    assert found.provenance["face"] == "plane_1"
+    for group in ("plane_7", None):
+        refused(path, "plane_0, plane_1.*name one as group", group=group, **UP)
+    with pytest.warns(tl.DataWarning, match=r"taken as \+y.*the surface faces that way"):
+        up = tl.read_plane(path, group="plane_0").velocity
+    variables["surfel_normal"] = (-variables["surfel_normal"][0], ("npoints", "ndims"))
+    with pytest.warns(tl.DataWarning, match=r"taken as -y"):
+        down = tl.read_plane(store(path, variables), group="plane_0").velocity
+    assert torch.equal(down, -up)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda v: v.pop("lx_scales"), "no variable lx_scales, which PowerFLOW's files have"),
+        (lambda v: v.pop("csys"), "no variable csys.*it holds"),
+        (lambda v: v.update(lx_scales=(np.zeros(5), ("scales",))), "lx_scales is .*above 0"),
+        (lambda v: v["end_time"][0].__setitem__(3, 50), "frame 3 is a mean over 16 time steps"),
+        (lambda v: [v[n][0].__iadd__(10 * (np.arange(9) > 3)) for n in ("start_time", "end_time")], "lacks 1 frames"),
+        (lambda v: v["face"][0].__setitem__(2, 7), "2 face_names; it is damaged"),
+        (lambda v: v.update(variable_short_names=(texts(NAMES[:4]), ("s",))), "names 4 variables"),
+        (lambda v: v.update(variable_short_names=(texts("abcde"), ("s",))), "no variable 'y_velocity'"),
+        (lambda v: v["vertex_refs"][0].__setitem__(0, 99), "there are 12"),
+        (lambda v: v["first_vertex_refs"][0].__setitem__(2, 1), "does not increase"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("classic", [True, False])
+def test_faults_of_powerflow(tmp_path, change, message, classic):
+    variables = {name: (each.copy(), dims) for name, (each, dims) in measurement(VALUES[:, :6]).items()}
+    change(variables)
+    path = store(tmp_path / "a.fnc", variables, classic)
+    assert format_of(path).name == "PowerFLOW"
+    refused(path, rf"a.fnc.*({message})", **UP)

@@ -1,0 +1,262 @@
+"""Points of a solver's file as a plane: wall-normal direction, grid or scattered, order of probes.
+
+Points have coordinates x, y, z of the solver. The plane's x and z are the two axes along the wall
+in this order: x and z where the normal is y, x and y where it is z, y and z where it is x.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torchliner.checks import tell
+from torchliner.file_checks import Unwritten, naming
+from torchliner.io.plane_format import Imported, PlaneRequest, Stored
+from torchliner.records import VelocityPlane
+from torchliner.units import require_plausible, si_factor
+
+AXES = "xyz"
+SAME = 1e-5  # of the largest coordinate: points that agree to the digits of a text
+COMPONENT = re.compile(r"([xyz])[ _.-]?vel(?:ocity)?|(?:u|v|(?:.*[ _])?vel(?:ocity)?)[ _:.[-]*([xyz])]?", re.IGNORECASE)
+OTHERS = re.compile(
+    r"(?:p|rho|t)(?:[ _]?(?:rgh|mean|prime|prime2mean|fluc\w*|rms|0))?|cp|k|nut|omega"
+    r"|.*(?:temperature|density|vorticity)",
+    re.IGNORECASE,
+)
+PRESSURE = re.compile(r"(?:.*[ _-])?(?:static|total|dynamic|mean|acoustic|wall)?[ _-]?press(?:ure)?s?", re.IGNORECASE)
+
+
+def component_of(name: str | None) -> int | None:
+    """0, 1, 2 for names as x_velocity, YVelocity, U_z; None for those of a vector or of others."""
+    found = COMPONENT.fullmatch(name or "")
+    return AXES.index((found[1] or found[2]).lower()) if found else None
+
+
+def require_velocity(label: str, request: PlaneRequest) -> None:
+    """Refuse what is named as another quantity: a pressure gives an impedance as any numbers do.
+
+    Args:
+        label: FILE:/VARIABLE, or FILE alone where the format names no variable.
+        request: its ``wall_normal_component`` says that it is the velocity all the same.
+    Raises:
+        ValueError: it is.
+    """
+    path, _, name = label.rpartition(":/")
+    name = name.rpartition("/")[2] if path else Path(label).stem
+    if request.wall_normal_component or not (PRESSURE.fullmatch(name) or (path and OTHERS.fullmatch(name))):
+        return
+    raise ValueError(
+        f"{label}: {name!r} names no velocity but another quantity; name the velocity (--variable), or state "
+        "wall_normal_component=True (--wall-normal-component) if it is one"
+    )
+
+
+def direction_of(name: str, request: PlaneRequest, label: str) -> int | None:
+    """``component_of`` one value a point; None only where the user says that it is along the wall normal.
+
+    Raises:
+        ValueError: its name tells no direction, and the user says none.
+    """
+    component = component_of(name)
+    if component is None and not request.wall_normal_component:
+        raise ValueError(
+            f"{label} has one value a point, and its name tells no direction: take a vector or a component "
+            "(--variable), or state wall_normal_component=True (--wall-normal-component)"
+        )
+    return component
+
+
+def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
+    """To SI, of velocities or lengths whose unit no file states.
+
+    Raises:
+        ValueError: it is not stated here either.
+    """
+    unit = getattr(request, f"{quantity}_units")
+    if unit is None:
+        example = "m/s" if quantity == "velocity" else "m"
+        raise ValueError(
+            f"{label} states no unit of {quantity}: state {quantity}_units='{example}' or another "
+            f"(--{quantity}-units {example})"
+        )
+    return si_factor(quantity, unit, f"{label}: {quantity}_units")
+
+
+def named(opens: Callable[[Path, PlaneRequest], VelocityPlane]) -> Callable[[Path, PlaneRequest], VelocityPlane]:
+    """A function that opens a path, whatever fails in it an error that names the path."""
+
+    def opened(path: Path, request: PlaneRequest) -> VelocityPlane:
+        with naming(path):
+            return opens(path, request)
+
+    return opened
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Points as probes of a plane.
+
+    Args:
+        label: for messages.
+        axis, sign: of the wall normal, and 1, or -1 where it points towards lower coordinates.
+        order: point that each probe is, (P,).
+        shape: of the probes, (z, x) or (P,).
+        x, z: m, of columns and rows of a grid, or of each probe.
+        area: m2, of each probe, or None.
+        height: m, where the points lie along the normal.
+    """
+
+    label: str
+    axis: int
+    sign: float
+    order: np.ndarray
+    shape: tuple[int, ...]
+    x: np.ndarray
+    z: np.ndarray
+    area: np.ndarray | None
+    height: float
+
+    def plane(
+        self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **about: Any
+    ) -> VelocityPlane:
+        """The plane, from values (T, P) in its order, or from what is stored.
+
+        Args:
+            velocity: m/s along the normal.
+            rate, start: Hz, s.
+            path: of the file, for the title.
+            about: for the provenance.
+        """
+        stored = velocity
+        if isinstance(velocity, np.ndarray):
+            stored = Imported(velocity, (*self.shape, len(velocity)), self.label)
+        if stored.shape[-1] < 2:
+            raise Unwritten(f"{self.label} has {stored.shape[-1]} samples; at least two are needed")
+        where = {"normal": ("-" if self.sign < 0 else "") + AXES[self.axis], "normal_coordinate": self.height}
+        return VelocityPlane(
+            stored,
+            sampling_rate=rate,
+            start=start,
+            x=self.x,
+            z=self.z,
+            area=self.area,
+            name=self.label,
+            title=path.stem,
+            provenance={**where, **about},
+        )
+
+
+def place(
+    points: np.ndarray,
+    request: PlaneRequest,
+    label: str,
+    component: int | None = None,
+    facing: np.ndarray | None = None,
+    area: np.ndarray | None = None,
+) -> Placed:
+    """Where points lie in a plane; those that fill a grid of two rows at least are one.
+
+    Args:
+        points: m, (N, 3).
+        request: its ``normal`` is taken if stated.
+        label: for messages.
+        component: axis that the velocity in the file is along; None: it is a vector.
+        facing: normal of the surface, (3,), where the file has one.
+        area: m2, that each point stands for, (N,).
+    Raises:
+        ValueError: no points, coordinates that are not finite or too large; no direction is stated, and the points do
+            not tell; another than the component's is stated; points that stand one above another.
+    Warns:
+        DataWarning: the normal is not stated but follows from points or names; the points stand at several heights.
+    """
+    if not len(points):
+        raise Unwritten(f"{label} has no points")
+    if not np.isfinite(points).all():
+        lost = int((~np.isfinite(points)).any(1).sum())
+        raise ValueError(f"{label}: {lost} points have coordinates that are not finite")
+    require_plausible(points, "length", f"{label}: points")
+    axis, sign = _wall_normal(points, request, label, component, facing)
+    height = points[:, axis]
+    x, z = (points[:, i] for i in range(3) if i != axis)
+    near = SAME * max(np.abs(x).max(), np.abs(z).max())
+    (columns, column), (rows, row) = (_levels(values, near) for values in (x, z))
+    spot = row * len(columns) + column
+    order = np.lexsort((height, spot))
+    _require_one_height(height, spot, order, SAME * np.abs(points).max(), f"{label}: the points", AXES[axis])
+    shape: tuple[int, ...] = (len(rows), len(columns))
+    if min(shape) > 1 and np.array_equal(spot[order], np.arange(math.prod(shape))):
+        x, z = columns, rows
+    else:
+        order, shape = np.arange(len(points)), (len(points),)
+    area = None if area is None else area[order]
+    return Placed(label, axis, sign, order, shape, x, z, area, float(np.median(height)))
+
+
+def _wall_normal(
+    points: np.ndarray, request: PlaneRequest, label: str, component: int | None, facing: np.ndarray | None
+) -> tuple[int, float]:
+    """Axis of the wall normal, and 1, or -1 where it points towards lower coordinates."""
+    if request.normal is not None:
+        stated = re.fullmatch(r"([+-]?)([xyz])", str(request.normal))
+        if stated is None:
+            raise ValueError(
+                f"{label}: normal is {request.normal!r}; x, y or z is needed, with '-' where the "
+                "liner lies on the positive side"
+            )
+        axis = AXES.index(stated[2])
+        if component not in (None, axis):
+            raise ValueError(
+                f"{label} is the velocity along {AXES[component or 0]}, but normal is "
+                f"{request.normal!r}; name the variable of that direction"
+            )
+        return axis, -1.0 if stated[1] == "-" else 1.0
+    extent = np.ptp(points, axis=0)
+    flat = np.flatnonzero(extent <= SAME * max(extent.max(), np.abs(points).max()))
+    if component is None and len(flat) != 1:
+        raise ValueError(
+            f"{label}: the points extend over {' x '.join(f'{length:.4g}' for length in extent)} m along x, y, z, "
+            "which tells no wall-normal direction; state normal='y' or another (--normal y; --normal=-y where the "
+            "liner lies above)"
+        )
+    axis = int(flat[0]) if component is None else component
+    sign = -1.0 if facing is not None and facing[axis] < 0 else 1.0
+    side, other = ("-", "") if sign < 0 else ("", "-")
+    why = "the variable is named so" if component is not None else "the points lie in a plane"
+    faces = "" if facing is None else " and the surface faces that way"
+    tell(
+        f"{label}: the wall normal is taken as {side or '+'}{AXES[axis]}, since {why}{faces}; state "
+        f"normal='{side}{AXES[axis]}' if so, '{other}{AXES[axis]}' if the liner lies on the other side",
+        depth=2,
+    )
+    return axis, sign
+
+
+def _require_one_height(
+    height: np.ndarray, spot: np.ndarray, order: np.ndarray, near: float, label: str, axis: str
+) -> None:
+    """Refuse points one above another: at one ``spot`` along the wall, in the order of spot and height."""
+    if np.ptp(height) <= near:
+        return
+    above = (np.diff(spot[order]) == 0) & (np.diff(height[order]) > near)
+    span = f"{axis} = {height.min():.6g} to {height.max():.6g} m along the wall normal"
+    if above.any():
+        raise ValueError(
+            f"{label}: {int(above.sum())} of {len(spot)} stand above others, {span}; a plane has one height: write the "
+            "points of one height alone"
+        )
+    tell(f"{label} stand at {span}, of which a plane has one", depth=2)
+
+
+def _levels(values: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values that differ by more than ``near``, and which of them each one is."""
+    order = np.argsort(values, kind="stable")
+    new = np.diff(values[order], prepend=-math.inf) > near
+    level = np.empty(len(values), np.int64)
+    level[order] = np.cumsum(new) - 1
+    return values[order][new], level
