@@ -127,8 +127,8 @@ def _moments_of(case: Case, path: Path) -> Moments:
     tone, made = case.facts.get("frequency"), known.plane.frequency
     if tone is not None and tone != made:
         raise ValueError(
-            f"{case.shown} holds moments that were reduced with {f'{made:g}' if made else 'no'} Hz, and frequency = {tone:g} is stated: "
-            "leave it out, or name the plane that was reduced"
+            f"{case.shown} holds moments that were reduced with {f'{made:g}' if made else 'no'} Hz, and frequency = "
+            f"{tone:g} is stated: leave it out, or name the plane that was reduced"
         )
     return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
 

@@ -109,11 +109,11 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
 
 
 def _pick(names: Sequence[str], variable: str | None, path: Path) -> str:
-    if variable is None and len(names) == 1:
+    if variable is None:
+        if len(names) != 1:
+            raise ValueError(f"{path} holds {', '.join(names) or 'no array'}; name the one meant")
         return names[0]
     if variable not in names:
-        if variable is None:
-            raise ValueError(f"{path} holds {', '.join(names) or 'no array'}; name the one meant")
         near = did_you_mean(variable, list(names))
         raise ValueError(f"{path} has no variable {variable!r}{near}; it holds {', '.join(names)}")
     return variable

@@ -179,7 +179,7 @@ def _order(frame: Frame, first: Frame, on_faces: bool, file: Path) -> Any:
     if steady and (not on_faces or _same_faces(frame.faces(), first.faces())):
         return slice(None)
     (here, _), (there, _) = frame.places(on_faces, str(file)), first.places(on_faces, str(file))
-    away, order = cKDTree(here).query(there)
+    away, order = (np.asarray(each) for each in cKDTree(here).query(there))
     if (away > near).any():
         at = " ".join(f"{n:.9g}" for n in there[away.argmax()])
         raise ValueError(

@@ -155,7 +155,7 @@ def _steps(path: Path, ending: str, group: str | None) -> Series:
         go(i)
         return _frame(reader, path, group)
 
-    frames = [(path, partial(read, i)) for i in range(len(times))]
+    frames: list[tuple[Path, Callable[[], Frame]]] = [(path, partial(read, i)) for i in range(len(times))]
     return frames, times if ending == ".case" else [], []
 
 
