@@ -41,5 +41,5 @@ def plane_files(pattern: str) -> list[Path]:
 
 def case_files(case: str) -> list[Path]:
     """Shipped planes of a resolved case, n130 or o145 or such, the lowest first."""
-    kind = "orifice" if case[0] in "ot" else "slit"
+    kind = "orifice" if case[0] in "otq" else "slit"
     return plane_files(f"{kind}_{case}_y*.h5")

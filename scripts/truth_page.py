@@ -272,9 +272,9 @@ def with_tables(page: str, tables: dict[str, str]) -> str:
     """The page with its tables replaced."""
 
     def replaced(found: re.Match[str]) -> str:
-        return f"<!-- table {found[1]} -->\n{tables[found[1]]}\n<!-- end -->"
+        return f"<!-- table {found[1]} -->\n{tables.get(found[1], found[2])}\n<!-- end -->"
 
-    return re.sub(r"<!-- table (\w+) -->\n.*?<!-- end -->", replaced, page, flags=re.DOTALL)
+    return re.sub(r"<!-- table (\w+) -->\n(.*?)\n?<!-- end -->", replaced, page, flags=re.DOTALL)
 
 
 def write_tables(page: Path, tables: dict[str, str]) -> None:
