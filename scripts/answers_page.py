@@ -75,7 +75,7 @@ def check_of(found: tl.ImpedanceMap) -> float:
 
 def row_of(case: str, plane: tl.VelocityPlane) -> dict[str, Any]:
     """Every answer to one plane."""
-    about = {"allow_short": True, "interval": None}
+    about: Any = {"allow_short": True, "interval": None}
     quiet, liner = quiet_of(case), liner_of(case)
     preset = tl.educe(plane, tl.load_liner(plane.liner), **about)
     own = tl.educe(plane, liner, level_matched=True, **about)
