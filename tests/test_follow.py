@@ -218,7 +218,7 @@ def test_a_terminated_command_leaves_its_moments(tmp_path, velocity):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"x": 3e-3 * torch.arange(PROBES)}, "differ in x by up to"),
+        ({"x": 3e-3 * torch.arange(PROBES)}, "apart in x by up to"),
         ({"sampling_rate": RATE / 2}, "files of one plane share their rate"),
         ({"height": 2e-3}, "height is .* and 0.002"),
         ({"incident_level": 150.0}, "incident_level is .* and 150.0"),

@@ -186,14 +186,11 @@ def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]
     """
     found = [folder / pattern]
     if not found[0].exists():
-        found = [
-            Path(each) for each in sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True))
-        ]
+        matched = glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True)
+        found = [*map(Path, sorted(matched))]
     if not found:
         place = (folder / pattern).parent
-        there = (
-            f"{place} holds {', '.join(sorted(os.listdir(place))[:4])} ..." if place.is_dir() else f"no folder {place}"
-        )
+        there = f"{', '.join(sorted(os.listdir(place))[:4])} ..." if place.is_dir() else f"no folder {place}"
         raise FileNotFoundError(f"{path}: planes.files = {pattern!r} matches nothing in {folder}; there is {there}")
     planes = [each for each in found if not each.absolute().is_relative_to(output.absolute())]
     if not planes:

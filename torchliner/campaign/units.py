@@ -126,9 +126,10 @@ def _moments_of(case: Case, path: Path) -> Moments:
     known = read_moments(path)
     tone, made = case.facts.get("frequency"), known.plane.frequency
     if tone is not None and tone != made:
+        at = "no tone" if made is None else f"{made:g} Hz"
         raise ValueError(
-            f"{case.shown} holds moments that were reduced with {f'{made:g}' if made else 'no'} Hz, and frequency = "
-            f"{tone:g} is stated: leave it out, or name the plane that was reduced"
+            f"{case.shown} holds moments that were reduced with {at}, and frequency = {tone:g} is stated: leave it out, "
+            "or name the plane that was reduced"
         )
     return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
 

@@ -49,17 +49,15 @@ def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
     Raises:
         ValueError: they do not; what differs is named.
     """
-    for name in ("probe_shape", "x", "z"):
+    both = f"{first.name} and {other.name} cannot be joined"
+    if other.probe_shape != first.probe_shape:
+        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")
+    for name in ("x", "z"):
         mine, theirs = getattr(first, name), getattr(other, name)
-        if name == "probe_shape":
-            apart = "" if mine == theirs else f", {mine} and {theirs}"
-        elif mine is None or theirs is None:
-            apart = "" if mine is theirs else ", which one of them does not state"
-        else:
-            off = float((mine - theirs).abs().max())
-            apart = "" if off <= SAME_PLACE else f" by up to {1e3 * off:.4g} mm"
-        if apart:
-            raise ValueError(f"{first.name} and {other.name} cannot be joined: their probes differ in {name}{apart}")
+        if (mine is None) != (theirs is None):
+            raise ValueError(f"{both}: one of them states no {name}")
+        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
+            raise ValueError(f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm")
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 
