@@ -17,9 +17,10 @@ from pathlib import Path
 LONGEST_LINE = 1 << 20  # bytes
 CELLS = 16  # bytes of memory that a byte of text takes as cells and numbers
 # What libraries raise on damaged files, beside ValueError, TypeError and OSError.
-DAMAGE = (LookupError, AttributeError, ArithmeticError, NameError, EOFError, RuntimeError,
-          AssertionError, SystemError, SyntaxError, struct.error, zlib.error, csv.Error,
-          tokenize.TokenError)  # fmt: skip
+DAMAGE = (
+    *(LookupError, AttributeError, ArithmeticError, NameError, EOFError, RuntimeError, AssertionError, SystemError),
+    *(SyntaxError, struct.error, zlib.error, csv.Error, tokenize.TokenError),
+)
 
 
 class Unwritten(ValueError):
@@ -103,24 +104,17 @@ def read_bytes(path: str | Path, head: int | None = None) -> bytes:
     Raises:
         FileNotFoundError: no such file.
         OSError: a folder, a device, a pipe; it cannot be read.
-        ValueError: a line above ``LONGEST_LINE``; more than fits into memory as cells.
+        ValueError: a line above ``LONGEST_LINE``; zero bytes; more than fits into memory as cells.
     """
     path = Path(path)
     require_regular(path)
     require_memory(CELLS * min(path.stat().st_size, head or math.inf), f"{path} as cells of text")
-    parts: list[bytes] = []
     with path.open("rb") as file:
-        while head is None or head > len(parts) * LONGEST_LINE:
-            parts.append(file.read(LONGEST_LINE if head is None else min(LONGEST_LINE, head)))
-            if len(parts[-1]) < LONGEST_LINE:
-                break
-            if b"\n" not in parts[-1] and b"\r" not in parts[-1]:
-                raise ValueError(f"{path} has a line of more than {LONGEST_LINE} bytes; it is no table of text")
-            _refuse_zero_bytes(parts[-1], path)
-    _refuse_zero_bytes(parts[-1], path)
-    return b"".join(parts)
-
-
-def _refuse_zero_bytes(part: bytes, path: Path) -> None:
-    if b"\0" in part:
+        raw = file.read(-1 if head is None else head)
+    if b"\0" in raw:
         raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")
+    for begin in range(0, len(raw) - LONGEST_LINE, LONGEST_LINE):
+        part = raw[begin : begin + LONGEST_LINE]
+        if b"\n" not in part and b"\r" not in part:
+            raise ValueError(f"{path} has a line of more than {LONGEST_LINE} bytes; it is no table of text")
+    return raw

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 import reprlib
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from torchliner.file_checks import read_bytes
 from torchliner.fluid import Fluid
@@ -27,7 +26,6 @@ class Strict(BaseModel):
 
 
 Table = TypeVar("Table", bound=Strict)
-Pair = Annotated[tuple[float, float], BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)]
 
 
 class FluidTable(Strict):
@@ -43,10 +41,9 @@ class FluidTable(Strict):
 
     def build(self) -> Fluid:
         """The gas; explicit values win over those from temperature and pressure."""
-        stated = {k: v for k, v in self.model_dump().items() if v is not None}
+        stated = self.model_dump(exclude_none=True)
         state = {k: stated.pop(k) for k in ("temperature", "pressure") if k in stated}
-        base = vars(Fluid.from_temperature(**state)) if state else {}
-        return Fluid(**{**base, **stated})
+        return Fluid(**{**(vars(Fluid.from_temperature(**state)) if state else {}), **stated})
 
 
 def one_of(*known: str) -> AfterValidator:
@@ -120,11 +117,9 @@ def preset_or_file(package: str, name: str | Path, kind: str, endings: str) -> t
         ValueError: no such preset, or no valid TOML.
         FileNotFoundError: no such file.
     """
-    path = Path(name)
-    if path.suffix.lower() == ".toml":
-        return parse_toml(read_text(path), path), path
-    path = Path(f"{name}.toml")
-    return parse_toml(preset_text(package, str(name), kind, endings), path), path
+    own = Path(name).suffix.lower() == ".toml"
+    path = Path(name) if own else Path(f"{name}.toml")
+    return parse_toml(read_text(path) if own else preset_text(package, str(name), kind, endings), path), path
 
 
 def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]) -> Table:
@@ -149,21 +144,13 @@ def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables
 
 def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict]]) -> str:
     """One line a user can act on."""
-    place = ".".join(str(part) for part in mistake["loc"])
-    if mistake["type"] == "extra_forbidden":
-        inside = [tables[str(part)] for part in mistake["loc"][:-1] if str(part) in tables]
-        schema = inside[-1] if inside else model
-        key, known = str(mistake["loc"][-1]), list(schema.model_fields)
-        return f"{place}: no such key{did_you_mean(key, known)}"
-    if mistake["type"] == "missing":
+    kind, place = mistake["type"], ".".join(map(str, mistake["loc"]))
+    if kind == "extra_forbidden":
+        inside = [tables[str(part)] for part in mistake["loc"][:-1] if str(part) in tables] or [model]
+        return f"{place}: no such key{did_you_mean(str(mistake['loc'][-1]), list(inside[-1].model_fields))}"
+    if kind == "missing":
         return f"{place}: missing"
-    about = mistake.get("ctx", {})
-    if mistake["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        known = re.findall(r"'([^']+)'", about.get("expected_tags", ""))
-        name, tag = about["discriminator"].strip("'"), about.get("tag")
-        stated = "missing" if tag is None else f"{tag!r}{did_you_mean(tag, known)}"
-        return f"{place}: {name} is {stated}" + (f"; it is one of {', '.join(known)}" if known else "")
-    if mistake["type"] == "list_type" and isinstance(mistake["input"], Mapping):
+    if kind == "list_type" and isinstance(mistake["input"], Mapping):
         return f"{place}: write [[{place}]], with two brackets, for each of its tables"
     message = mistake["msg"].removeprefix("Value error, ")
     message = message.replace("a valid dictionary or object to extract fields from", "a table")

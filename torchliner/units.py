@@ -11,37 +11,36 @@ import numpy as np
 
 from torchliner.names import did_you_mean
 
-FACTORS: dict[str, dict[str, float]] = {
-    "velocity": {"m/s": 1.0, "m s-1": 1.0, "m s^-1": 1.0, "m.s-1": 1.0, "mm/s": 1e-3, "cm/s": 1e-2,
-                 "km/s": 1e3, "ft/s": 0.3048},
-    "velocity squared": {"m2/s2": 1.0, "m2 s-2": 1.0},
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
-    "area": {"m2": 1.0, "mm2": 1e-6, "cm2": 1e-4},
-    "wavenumber": {"1/m": 1.0, "rad/m": 1.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
-    "frequency": {"Hz": 1.0, "1/s": 1.0, "s-1": 1.0, "kHz": 1e3},
-    "level": {"dB": 1.0},
-    "number": {"1": 1.0, "": 1.0},
-    "impedance": {"rho c": 1.0},
-    "phase": {"deg": 1.0, "degree": 1.0, "degrees": 1.0, "°": 1.0, "rad": 57.29577951308232},
-    "density": {"kg/m3": 1.0, "kg m-3": 1.0},
-    "temperature": {"K": 1.0},
-    "pressure": {"Pa": 1.0, "kPa": 1e3, "hPa": 100.0, "mbar": 100.0, "bar": 1e5, "uPa": 1e-6,
-                 "MPa": 1e6, "psi": 6894.757293168361, "atm": 101325.0},
-    "viscosity": {"Pa s": 1.0, "kg/(m s)": 1.0, "kg/m/s": 1.0},
-}  # fmt: skip
+_UNITS = {  # by quantity: each unit and its factor to SI
+    "velocity": "m/s=1; m s-1=1; m s^-1=1; m.s-1=1; mm/s=1e-3; cm/s=1e-2; km/s=1e3; ft/s=0.3048",
+    "velocity squared": "m2/s2=1; m2 s-2=1",
+    "length": "m=1; mm=1e-3; cm=1e-2; um=1e-6; in=0.0254; ft=0.3048",
+    "area": "m2=1; mm2=1e-6; cm2=1e-4",
+    "wavenumber": "1/m=1; rad/m=1",
+    "time": "s=1; ms=1e-3; us=1e-6; ns=1e-9; min=60; h=3600; d=86400",
+    "frequency": "Hz=1; 1/s=1; s-1=1; kHz=1e3",
+    "level": "dB=1",
+    "number": "1=1; =1",
+    "impedance": "rho c=1",
+    "phase": "deg=1; degree=1; degrees=1; °=1; rad=57.29577951308232",
+    "density": "kg/m3=1; kg m-3=1",
+    "temperature": "K=1",
+    "pressure": "Pa=1; kPa=1e3; hPa=100; mbar=100; bar=1e5; uPa=1e-6; MPa=1e6; psi=6894.757293168361; atm=101325",
+    "viscosity": "Pa s=1; kg/(m s)=1; kg/m/s=1",
+}
+FACTORS = {
+    quantity: {unit: float(factor) for unit, factor in (each.rsplit("=", 1) for each in units.split("; "))}
+    for quantity, units in _UNITS.items()
+}
 # How else files spell units: words, as netCDF has them, then powers.
-PREFIXES = {"milli": "m", "centi": "c", "kilo": "k", "micro": "u", "nano": "n", "": ""}
-WORDS = {rf"\b{long}{word}\b": short + unit for long, short in PREFIXES.items()
-         for word, unit in {"met(?:er|re)s?": "m", "sec(?:ond)?s?": "s", "hertz": "Hz",
-                            "pascals?": "Pa", "decibels?": "dB"}.items()}  # fmt: skip
-WORDS |= {r"\bmsecs?\b": "ms", r"\bdays?\b": "d", r"\bhours?\b|\bhrs?\b": "h",
-          r"\bminutes?\b": "min", r"\bkelvin\b": "K", r"\s*\bper\b\s*": "/"}  # fmt: skip
-POWERS = {"\u207b": "-", "\u00b9": "1", "\u00b2": "2", "\u00b3": "3", "**": "^", "\u00b7": " ",
-          "\u22c5": " "}  # fmt: skip
+_PREFIXES = {"milli": "m", "centi": "c", "kilo": "k", "micro": "u", "nano": "n", "": ""}
+_NAMES = {"met(?:er|re)s?": "m", "sec(?:ond)?s?": "s", "hertz": "Hz", "pascals?": "Pa", "decibels?": "dB"}
+WORDS = {rf"\b{a}{b}\b": short + unit for a, short in _PREFIXES.items() for b, unit in _NAMES.items()}
+WORDS |= {r"\bmsecs?\b": "ms", r"\bdays?\b": "d", r"\bhours?\b|\bhrs?\b": "h", r"\bminutes?\b": "min"}
+WORDS |= {r"\bkelvin\b": "K", r"\s*\bper\b\s*": "/"}
+POWERS = dict(zip("\u207b\u00b9\u00b2\u00b3\u00b7\u22c5", "-123  ", strict=True)) | {"**": "^"}
 # Which quantity an SI unit is one of: "m" a length, "1" a number.
-SI_QUANTITY = {unit: quantity for quantity, units in FACTORS.items()
-               for unit, factor in units.items() if factor == 1}  # fmt: skip
+SI_QUANTITY = {unit: quantity for quantity, units in FACTORS.items() for unit, factor in units.items() if factor == 1}
 
 
 def si_factor(quantity: str, unit: str | None, name: str) -> float:
@@ -87,11 +86,10 @@ def canonical_unit(text: str) -> str:
 
 # What no measurement of this field exceeds, SI: a wrong unit, a mark of missing values, damage.
 PLAUSIBLE = {
-    "velocity": (-1e6, 1e6), "length": (-1e5, 1e5), "time": (-1e9, 1e9), "frequency": (0.0, 1e9),
-    "level": (-1e3, 1e3), "phase": (-1e6, 1e6), "density": (0.0, 1e5), "pressure": (-1e12, 1e12),
-    "viscosity": (0.0, 1e3), "temperature": (0.0, 1e4),
-    "impedance": (-1e6, 1e6), "area": (0.0, 1e10),
-}  # fmt: skip
+    **{"velocity": (-1e6, 1e6), "length": (-1e5, 1e5), "time": (-1e9, 1e9), "frequency": (0.0, 1e9)},
+    **{"level": (-1e3, 1e3), "phase": (-1e6, 1e6), "density": (0.0, 1e5), "pressure": (-1e12, 1e12)},
+    **{"viscosity": (0.0, 1e3), "temperature": (0.0, 1e4), "impedance": (-1e6, 1e6), "area": (0.0, 1e10)},
+}
 
 
 def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[int] | None = None) -> None:

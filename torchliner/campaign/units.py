@@ -128,8 +128,8 @@ def _moments_of(case: Case, path: Path) -> Moments:
     if tone is not None and tone != made:
         at = "no tone" if made is None else f"{made:g} Hz"
         raise ValueError(
-            f"{case.shown} holds moments that were reduced with {at}, and frequency = {tone:g} is stated: leave it out, "
-            "or name the plane that was reduced"
+            f"{case.shown} holds moments that were reduced with {at}, and frequency = {tone:g} is stated: leave it "
+            "out, or name the plane that was reduced"
         )
     return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
 

@@ -30,10 +30,7 @@ class KeptRows:
 
     def load(self, asked: Any) -> list[np.ndarray] | None:
         """What was saved; None if nothing was, or if the file is damaged: it is read again."""
-        with (
-            suppress(OSError, ValueError, BadZipFile, EOFError),
-            np.load(self._path(asked), allow_pickle=False) as file,
-        ):
+        with suppress(OSError, ValueError, BadZipFile, EOFError), np.load(self._path(asked)) as file:
             return [file[name] for name in file.files]
         return None
 
@@ -52,25 +49,22 @@ class KeptRows:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, asked: Any) -> Path:
-        found = hashlib.sha256(__version__.encode())
-        _add(found, asked)
-        return self.folder / f"{found.hexdigest()[:32]}.npz"
+        name = hashlib.sha256(repr((__version__, _said(asked))).encode()).hexdigest()
+        return self.folder / f"{name[:32]}.npz"
 
 
-def _add(found: Any, value: Any) -> None:
-    """All that a value is made of: dataclasses, lists, tensors, functions with what they hold."""
+def _said(value: Any) -> Any:
+    """All that a value is made of, in plain words: dataclasses, lists, tensors, functions with what they hold."""
     if isinstance(value, Tensor):
-        found.update(f"{value.dtype} {tuple(value.shape)}".encode())
-        found.update(value.detach().cpu().contiguous().numpy().tobytes())
-    elif isinstance(value, functools.partial):
-        _add(found, (value.func, value.args))
-    elif dataclasses.is_dataclass(value):
-        _add(found, (type(value).__qualname__, [getattr(value, each.name) for each in dataclasses.fields(value)]))
-    elif isinstance(value, list | tuple):
-        found.update(f"{len(value)} of ".encode())
-        for each in value:
-            _add(found, each)
-    elif hasattr(value, "__self__"):  # a method, such as the sums of nodes
-        _add(found, (value.__self__, value.__name__))
-    else:
-        found.update(f"{getattr(value, '__qualname__', repr(value))};".encode())
+        data = value.detach().cpu().contiguous().numpy().tobytes()
+        return str(value.dtype), tuple(value.shape), hashlib.sha256(data).hexdigest()
+    if isinstance(value, functools.partial):
+        return _said((value.func, value.args))
+    if dataclasses.is_dataclass(value):
+        fields = [_said(getattr(value, each.name)) for each in dataclasses.fields(value)]
+        return type(value).__qualname__, fields
+    if isinstance(value, list | tuple):
+        return [_said(each) for each in value]
+    if hasattr(value, "__self__"):  # a method, such as the sums of nodes
+        return _said((value.__self__, value.__name__))
+    return getattr(value, "__qualname__", repr(value))

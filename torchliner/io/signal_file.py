@@ -27,8 +27,6 @@ def read_signal(path: str | Path, sampling_rate: float | None = None, channel: i
         FileNotFoundError, ValueError: missing, not readable, no rate, several channels.
     """
     path = Path(path)
-    if str(path) in ("", "."):
-        raise ValueError("the incident signal has no name; give a file or a generated signal")
     require_regular(path)
     if path.suffix.lower() == ".wav":
         rate, values = _read_wav(path)
@@ -39,15 +37,11 @@ def read_signal(path: str | Path, sampling_rate: float | None = None, channel: i
             raise ValueError(f"{path} does not state its sampling rate; give it in Hz (--incident-rate)")
         rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
         values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
-    if channel is not None:
-        columns = values[:, None] if values.ndim == 1 else values
-        if not 0 <= channel < columns.shape[1]:
-            raise ValueError(f"{path} has channels 0 to {columns.shape[1] - 1}, not {channel}")
-        values = columns[:, channel]
-    if values.ndim != 1:
-        raise ValueError(f"{path} has shape {values.shape}, (samples, channels); choose one channel")
+    columns = values[:, None] if values.ndim == 1 else values
+    if columns.ndim != 2 or not 0 <= (channel or 0) < columns.shape[1] or (channel is None and columns.shape[1] > 1):
+        raise ValueError(f"{path} has shape {values.shape}, (samples, channels); choose one channel, not {channel}")
     with naming(path):
-        return Recorded(values, rate, path.name)
+        return Recorded(columns[:, channel or 0], rate, path.name)
 
 
 def _read_wav(path: Path) -> tuple[float, np.ndarray]:
@@ -67,8 +61,6 @@ def _read_wav(path: Path) -> tuple[float, np.ndarray]:
             raise ValueError("it holds no samples, as one that was streamed or broken off")
     except Exception as error:  # whatever it says of damage
         raise ValueError(f"{path} is not a whole .wav file: {error}") from error
-    if values.dtype == np.uint8:
-        return float(rate), (values.astype(np.float64) - 128) / 128
-    if values.dtype.kind == "i":
-        return float(rate), values / -float(np.iinfo(values.dtype).min)
-    return float(rate), values.astype(np.float64)
+    offset = 128 if values.dtype == np.uint8 else 0
+    scale = -float(np.iinfo(values.dtype).min) if values.dtype.kind == "i" else float(offset or 1)
+    return float(rate), (values.astype(np.float64) - offset) / scale

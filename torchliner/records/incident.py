@@ -17,23 +17,17 @@ from torchliner.checks import frequency_tensor, make_plain, real_tensor, require
 
 EDGES = ("silent", "periodic")
 SWEEPS = ("linear", "logarithmic")
+EXAMPLES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:0"
 
 
 class Incident:
-    """Base of all incident waves."""
+    """Base of all incident waves: ``label`` is kind and numbers, for messages and results; ``band`` is the lowest and
+    highest frequency, Hz, None if unknown."""
 
     edge: ClassVar[str] = "periodic"
     window: ClassVar[str] = "boxcar"
-
-    @property
-    def label(self) -> str:
-        """Kind and numbers, for messages and results."""
-        raise NotImplementedError
-
-    @property
-    def band(self) -> tuple[float, float] | None:
-        """Lowest and highest frequency, Hz; None if unknown."""
-        return None
+    label: Any = ""
+    band: Any = None
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """On a record: float64, (T,); complex128, (F, T), if each frequency is a wave by itself.
@@ -64,12 +58,12 @@ class ComplexTones(Incident):
         object.__setattr__(self, "frequency", frequency_tensor(self.frequency).cpu())
 
     @property
-    def label(self) -> str:
-        """Frequencies, and what else belongs to the tones."""
+    def label(self) -> str:  # type: ignore[override]
+        """Frequencies."""
         return f"complex tones {_listed(self.frequency)} Hz"
 
     @property
-    def band(self) -> tuple[float, float]:
+    def band(self) -> tuple[float, float]:  # type: ignore[override]
         """Lowest and highest tone, Hz."""
         return float(self.frequency.min()), float(self.frequency.max())
 
@@ -117,7 +111,7 @@ class Tones(ComplexTones):
             object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
 
     @property
-    def label(self) -> str:
+    def label(self) -> str:  # type: ignore[override]
         """Frequencies, amplitudes and phases."""
         shown = (_listed(self.frequency), _listed(self.amplitude), _listed(self.phase))
         return "tones {} Hz, amplitude {}, phase {} rad".format(*shown)
@@ -141,7 +135,7 @@ class _Banded(Incident):
             raise ValueError(f"{self.label} must run upwards")
 
     @property
-    def band(self) -> tuple[float, float]:
+    def band(self) -> tuple[float, float]:  # type: ignore[override]
         """Hz."""
         return self.low, self.high
 
@@ -161,7 +155,7 @@ class Sweep(_Banded):
         require_choice("sweep", self.spacing, SWEEPS)
 
     @property
-    def label(self) -> str:
+    def label(self) -> str:  # type: ignore[override]
         """Kind and range."""
         return f"{self.spacing} sweep {self.low:g}-{self.high:g} Hz"
 
@@ -182,7 +176,7 @@ class BandNoise(_Banded):
     seed: int = 0
 
     @property
-    def label(self) -> str:
+    def label(self) -> str:  # type: ignore[override]
         """Range and seed."""
         return f"band noise {self.low:g}-{self.high:g} Hz, seed {self.seed}"
 
@@ -192,10 +186,7 @@ class BandNoise(_Banded):
         spacing = sampling_rate / samples
         first, last = math.ceil(self.low / spacing - 1e-9), math.floor(self.high / spacing + 1e-9)
         if last < first:
-            raise ValueError(
-                f"{self.label} holds no line of the record: they are {spacing:g} Hz apart; "
-                "widen the band or use a longer record"
-            )
+            raise ValueError(f"{self.label} holds no line of the record, they are {spacing:g} Hz apart; widen the band")
         generator = torch.Generator().manual_seed(self.seed)
         phase = 2 * torch.pi * torch.rand(last - first + 1, generator=generator, dtype=torch.float64)
         spectrum = torch.zeros(samples // 2 + 1, dtype=torch.complex128)
@@ -241,20 +232,18 @@ def _listed(values: Tensor) -> str:
 def parse_signal(text: str) -> Incident | None:
     """``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or ``noise:300:6000[:seed]``; None for other text."""
     kind, _, rest = text.partition(":")
-    if kind not in ("tones", "sweep", "noise"):
-        return None
     try:
         if kind == "tones":
             return Tones([float(f) for f in rest.split(",")])
-        low, high, *more = rest.split(":", 2) if ":" in rest else ("", "")
-        if kind == "noise":
-            return BandNoise(float(low), float(high), *(int(seed) for seed in more))
-        return Sweep(float(low), float(high), *more)
+        if kind in ("sweep", "noise"):
+            low, high, *more = rest.split(":", 2)
+            own: list[Any] = [int(each) if kind == "noise" else each for each in more]
+            return {"sweep": Sweep, "noise": BandNoise}[kind](float(low), float(high), *own)
     except ValueError as error:
         raise ValueError(
-            f"incident signal {text!r} cannot be read ({error}); write tones:500,900, sweep:300:6000:logarithmic, "
-            "noise:300:6000:0 or the name of a .wav or .npy file"
+            f"incident signal {text!r} cannot be read ({error}); write {EXAMPLES} or name a .wav or .npy file"
         ) from error
+    return None
 
 
 def as_incident(incident: Any, tones: type[ComplexTones]) -> Incident:
