@@ -40,7 +40,7 @@ def test_signal_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ValueError, match=r"\(100, 2\).*choose one channel"):
         tl.read_signal(tmp_path / "two.wav")
     assert len(tl.read_signal(tmp_path / "two.wav", channel=1).signal) == 100
-    with pytest.raises(ValueError, match="channels 0 to 1, not 2"):
+    with pytest.raises(ValueError, match="choose one channel, not 2"):
         tl.read_signal(tmp_path / "two.wav", channel=2)
     with pytest.raises(ValueError, match="says 42000 Hz, sampling_rate 50000"):
         tl.read_signal(tmp_path / "two.wav", 50e3)
@@ -51,10 +51,8 @@ def test_signal_files_that_cannot_be_read(tmp_path):
             tl.read_signal(tmp_path / "cut.wav")
     with pytest.raises(OSError, match="is a folder"):
         tl.read_signal(tmp_path, 50e3)
-    with pytest.raises(ValueError, match="has no name"):
-        tl.read_signal("")
     np.save(tmp_path / "s.npy", np.ones(10))
-    with pytest.raises(ValueError, match="channels 0 to 0, not 5"):
+    with pytest.raises(ValueError, match="choose one channel, not 5"):
         tl.read_signal(tmp_path / "s.npy", 50e3, channel=5)
     with pytest.raises(ValueError, match="does not state its sampling rate"):
         tl.read_signal(tmp_path / "s.npy")

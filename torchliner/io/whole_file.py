@@ -79,12 +79,13 @@ def writable(path: str | Path, *endings: str) -> Path:
     if endings:
         require_ending(path, endings)
     path, target = Path(path), Path(os.path.realpath(path))
+    if len(os.fsencode(target.name)) > LONGEST_NAME:
+        raise OSError(f"{path}: the name has more than {LONGEST_NAME} bytes; shorten it")
     folder = target.parent if path.is_symlink() else path.parent  # as the user knows it
     if identity(target) in _inputs.get():
         raise ValueError(f"the output {path} is an input; name another file")
     # The mode as well: root may write to what is marked read-only.
     for wrong, why in (
-        (len(os.fsencode(target.name)) > LONGEST_NAME, f"the name has more than {LONGEST_NAME} bytes; shorten it"),
         (target.is_symlink(), "it is a link that leads to itself; name a file"),
         (not folder.is_dir(), f"the folder {folder} does not exist"),
         (target.is_dir(), "it is a folder; name a file"),
