@@ -11,7 +11,6 @@ numbers, into docs/figures.
 
 from __future__ import annotations
 
-import csv
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,10 +19,11 @@ from typing import Any
 
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from studies.without_flow import PredictedRow, draw_without_flow
-from torchliner.io.csv_rows import write_rows
+from studies.without_flow import draw_without_flow
 from torchliner.names import AVERAGINGS
+from torchliner.report.study_table import table_of
 from torchliner.report.table import format_complex
+from torchliner.studies.rows import Row
 from truth_page import page_table, write_tables
 
 PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate_without_flow"
@@ -58,11 +58,10 @@ def calibrated(fit: Fit) -> Any:
     """The calibration at the lowest height, in the averaging whose predictions are asked for."""
     planes = [planes_of(case)[0] for case in fit.fitted]
     liner = tl.load_liner(planes[0].liner)
-    return tl.calibrate(planes, liner, "true", FREE, averaging=RULE, noise=NOISE, draws=0,
-                        allow_short=True)  # fmt: skip
+    return tl.calibrate(planes, liner, "true", FREE, averaging=RULE, noise=NOISE, draws=0, allow_short=True)
 
 
-def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
+def rows_of(fit: Fit, found: Any) -> list[Row]:
     """Every case of a fit, averaging and height, before and after."""
     rows = []
     for case in (*fit.fitted, *fit.predicted):
@@ -71,14 +70,11 @@ def rows_of(fit: Fit, found: Any) -> list[PredictedRow]:
                 tl.educe(plane, liner, interval=None, allow_short=True)
                 for liner in (tl.load_liner(plane.liner), found.liner)
             )
+            about = {"model": fit.name, "case": case, "fitted": case in fit.fitted, "height": plane.height or 0.0}
             for averaging in after.averagings:
-                rows.append(
-                    PredictedRow(
-                        fit.name, case, case in fit.fitted, plane.height or 0.0, averaging,
-                        complex(before.liner[averaging].impedance[0]), complex(after.liner[averaging].impedance[0]),
-                        complex(plane.reference["true"]), level_check_of(after, averaging),
-                    )
-                )  # fmt: skip
+                both = (complex(each.liner[averaging].impedance[0]) for each in (before, after))
+                values = dict(zip(("before", "after"), both, strict=True), true=complex(plane.reference["true"]))
+                rows.append(Row(about, averaging=averaging, level_check=level_check_of(after, averaging), **values))
     return rows
 
 
@@ -88,50 +84,50 @@ def level_check_of(found: tl.ImpedanceMap, averaging: str) -> float:
     return float("nan") if check is None else float(check.liner.level[check.averagings.index(averaging), 0])
 
 
-def read_rows(path: Path) -> list[PredictedRow]:
-    """Rows of an earlier run."""
-    with path.open(newline="") as file:
-        return [PredictedRow.of_plain(row) for row in csv.DictReader(file)]
-
-
 def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
     """What was fitted to what."""
     lines = [
-        [fit.name, ", ".join(fit.fitted), f"{float(found.values[0]):.3f}",
-         f"{float(found.standard[0]):.3f}"]
+        [fit.name, ", ".join(fit.fitted), f"{float(found.values[0]):.3f}", f"{float(found.standard[0]):.3f}"]
         for fit, found in fits
-    ]  # fmt: skip
+    ]
     return page_table("model | fitted to | contraction coefficient | ±", lines)
 
 
-def rows_by_case(rows: Sequence[PredictedRow]) -> list[list[PredictedRow]]:
+def rows_by_case(rows: Sequence[Row]) -> list[list[Row]]:
     """Rows of each case."""
     return [[row for row in rows if row.case == case] for case in dict.fromkeys(r.case for r in rows)]
 
 
-def prediction_table(rows: Sequence[PredictedRow]) -> str:
+def prediction_table(rows: Sequence[Row]) -> str:
     """Per case at its lowest height: before, then every averaging after."""
     lines = []
     for mine in rows_by_case(rows):
         here = {row.averaging: row for row in mine if row.height == mine[0].height}
         rule = here[RULE]
-        lines.append([
-            f"{rule.case}{', fitted' if rule.fitted else ''}", format_complex(rule.true),
-            format_complex(rule.before), *(format_complex(here[each].after) for each in AVERAGINGS),
-        ])  # fmt: skip
+        lines.append(
+            [
+                f"{rule.case}{', fitted' if rule.fitted else ''}",
+                format_complex(rule.true),
+                format_complex(rule.before),
+                *(format_complex(here[each].after) for each in AVERAGINGS),
+            ]
+        )
     return page_table(f"case | reference Z | {RULE}, 0.8 | {' | '.join(AVERAGINGS)}", lines)
 
 
-def height_table(rows: Sequence[PredictedRow]) -> str:
+def height_table(rows: Sequence[Row]) -> str:
     """Per case that was not fitted, over its heights: by how much R is off, and the level check."""
     lines = []
     for mine in rows_by_case([row for row in rows if row.averaging == RULE and not row.fitted]):
         shares = [100 * (row.after.real / row.true.real - 1) for row in mine]
-        lines.append([
-            mine[0].case, ", ".join(f"{1e3 * row.height:g}" for row in mine),
-            ", ".join(f"{round(share) + 0:+d}" for share in shares),
-            ", ".join(f"{row.level_check:+.2f}" for row in mine),
-        ])  # fmt: skip
+        lines.append(
+            [
+                mine[0].case,
+                ", ".join(f"{1e3 * row.height:g}" for row in mine),
+                ", ".join(f"{round(share) + 0:+d}" for share in shares),
+                ", ".join(f"{row.level_check:+.2f}" for row in mine),
+            ]
+        )
     return page_table("case | y (mm) | R off by (%) | level check (dB)", lines)
 
 
@@ -143,15 +139,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     FOLDER.mkdir(parents=True, exist_ok=True)
     fits = [(fit, calibrated(fit)) for fit in FITS]
     rows = [row for fit, found in fits for row in rows_of(fit, found)]
-    write_rows([row.plain() for row in rows], FOLDER / f"{STEM}.csv", ".5g")
-    rows = read_rows(FOLDER / f"{STEM}.csv")  # so that the table follows from the file
-    tables = {"fits": fit_table(fits), "predictions": prediction_table(rows),
-              "heights": height_table(rows)}  # fmt: skip
+    tables = {"fits": fit_table(fits), "predictions": prediction_table(rows), "heights": height_table(rows)}
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     folders: list[Path] = [FOLDER, *([FIGURES] if options.write else [])]
     for folder in folders:
-        write_rows([row.plain() for row in rows], folder / f"{STEM}.csv", ".5g")
+        table_of(rows, "").write_csv(folder / f"{STEM}.csv")
         draw_without_flow(rows, folder / f"{STEM}.png")
     if options.write:
         write_tables(PAGE, tables)

@@ -24,7 +24,6 @@ import torchliner as tl
 from common import RESULTS, options_of, parser_of
 from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
 from studies.poisson import CLOSED_FORMS, poisson_attenuation
-from studies.slotting import slotted_correlation, slotted_spectrum
 from torchliner.bursts.arrivals import GridSignal, onto_grid
 from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
 from torchliner.names import GRID_METHODS
@@ -120,7 +119,7 @@ def amplitude_errors(draws: int) -> Curves:
 
 
 def spectra() -> list[Curves]:
-    """Power spectral densities: known everywhere, rebuilt, and from the pairs of samples."""
+    """Power spectral densities: known everywhere, and rebuilt."""
     flow = Flow(LONG, 77)
     times = flow.arrivals(SPECTRUM_RATE)
     values = flow.velocity(times)
@@ -130,9 +129,7 @@ def spectra() -> list[Curves]:
         if not found:
             found.append(_welch(flow.velocity(signal.grid.times), "velocity known everywhere"))
         found.append(_welch(signal.values, method))
-    slotted = slotted_spectrum(slotted_correlation(times, values, 1 / GRID, 16e-3))
-    name = "slotted, local normalisation"
-    return [*found, Curves(slotted[0], {"density (m2/s2/Hz)": slotted[1]}, name, "frequency (Hz)")]
+    return found
 
 
 def _welch(signal: Tensor, label: str) -> Curves:

@@ -14,7 +14,6 @@ from test_audit import Counted
 
 import torchliner as tl
 from torchliner.cli.main import CHECK_FAILED, DONE, main
-from torchliner.least_squares import with_slopes
 from torchliner.names import AVERAGINGS
 from torchliner.report.studies import parameter_table
 from torchliner.studies.calibrate import calibrate
@@ -67,16 +66,6 @@ def test_known_parameters_are_recovered(averaging):
     assert found.on_bound == found.unseen == ()
 
 
-def test_liners_of_their_own_share_the_parameters():
-    """Two cavities, one vena contracta and offset; rms |v| is that of the columns averaged over."""
-    deep = [start(), start().replace(cavity_depth=30e-3)]
-    wanted = [complex(impedance(each, liner.with_numbers(TRUE))) for each, liner in zip(planes(), deep, strict=True)]
-    found = calibrate(planes(), deep, wanted, BOUNDS, draws=0)
-    assert found.values.tolist() == pytest.approx(list(TRUE.values()), abs=1e-7)
-    cells = [each.velocity.unflatten(0, (2, 4)).mean(1) for each in planes()]
-    assert [run.speed for run in found.runs] == pytest.approx([float(v.square().mean().sqrt()) for v in cells])
-
-
 def test_data_are_read_once():
     """Fit, Jacobian, posterior: one preparation a plane, whatever is asked of it afterwards."""
     stored = [Counted(each.velocity) for each in planes()]
@@ -94,26 +83,6 @@ def test_moments_stand_for_planes():
     assert torch.allclose(found.values, wanted.values, rtol=1e-10)
     (predicted,) = found.predict(reduced[1], start())
     assert predicted.impedance == pytest.approx(found.rows[1].impedance, abs=1e-9)
-
-
-@dataclasses.dataclass(frozen=True)
-class Kinked(Resistive):
-    """Resistance that rises from 1 m/s on alone, known up to 20 m/s."""
-
-    speed_max = 20.0
-    speed_kinks = (1.0, 2.0, 4.0, 8.0)
-
-    def impedance(self, frequency, speed=0.0):
-        return super().impedance(frequency, (torch.as_tensor(speed) - 1).clamp(min=0))
-
-
-def test_models_with_kinks_are_fitted():
-    """Their basis is that of tables, whatever the numbers; Chebyshev would miss the kink."""
-    true = Kinked(0.2, 0.15, 1e-4, 0.04)
-    wanted = [impedance(each, true, "admittance") for each in planes()]
-    found = calibrate(planes(), true.replace(a=0.05), wanted, {"a": (0.01, 1.0)}, averaging="admittance", draws=0)
-    assert isinstance(found.liner, Kinked)
-    assert float(found.values[0]) == pytest.approx(0.15, abs=1e-6)
 
 
 def test_any_model_that_states_numbers_is_fitted():
@@ -239,12 +208,6 @@ def test_prediction_has_the_spread_of_the_parameters(with_noise):
     assert found.predict(held_to, noise=1e9 + 1e9j)[0].misses.real == pytest.approx(0, abs=1e-6)
     inside = (found.interval[0] < found.values) & (found.values < found.interval[1])
     assert bool(inside.all())
-
-
-def test_noise_scales_the_uncertainty(with_noise):
-    """Twice the noise, twice the spread."""
-    one = calibrate(planes(), start(), references(), BOUNDS, noise=0.001, draws=0)
-    assert float((with_noise.standard / one.standard - 2).abs().max()) < 1e-6
 
 
 def test_what_cannot_be_told_apart_is_named():
@@ -379,10 +342,3 @@ def test_command_ends_with_1_on_a_bound(capsys):
     assert code == CHECK_FAILED
     assert "vena_contracta" in out
     assert "on its bound" in err
-
-
-def test_a_parameter_that_z_does_not_use_has_slopes_of_zero():
-    """A user's model may hold numbers that do not enter: nothing is found of them, and nothing fails."""
-    still = with_slopes(lambda at: torch.ones(3, dtype=torch.complex128), torch.tensor([1.0, 2.0], dtype=torch.float64))
-    assert still[0].tolist() == [1, 1, 1]
-    assert still[1].tolist() == [[0, 0]] * 3

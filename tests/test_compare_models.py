@@ -120,8 +120,11 @@ def test_cells_belong_to_the_data():
     liners = {name: tl.load_liner(name) for name in ("onera", "lbm_orifice", "mesh_example")}
     with pytest.warns(tl.DataWarning, match=r"cells are of 12.44 mm \(onera; state cell_pitch .*lbm_orifice 4.428 mm"):
         tl.compare_models(noisy(), liners)
-    with pytest.warns(tl.DataWarning, match=r"cells are of 3 mm \(cell_pitch\) for all models; as "
-                      r"files: onera 12.44 mm, lbm_orifice 4.428 mm"):  # fmt: skip
+    with pytest.warns(
+        tl.DataWarning,
+        match=r"cells are of 3 mm \(cell_pitch\) for all models; as "
+        r"files: onera 12.44 mm, lbm_orifice 4.428 mm",
+    ):
         found = tl.compare_models(noisy(), liners, cell_pitch=3e-3)
     alone = tl.educe(noisy(), liners["onera"].replace(cell_pitch=3e-3))
     assert found.rows[0].impedance == pytest.approx(complex(alone.answer[0]), abs=1e-9)
@@ -136,8 +139,10 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
     """By ``educe`` and here; the plane's turbulence is in |v| already."""
     calm = tl.load_liner("goodrich_example")
     plate = calm.layers[0]
-    windy = tl.sheet("goodrich", **{n: each.value for n, each in plate.numbers().items()}
-                     | {"mach": 0.3, "displacement_thickness": 1.7e-3})  # fmt: skip
+    windy = tl.sheet(
+        "goodrich",
+        **{n: each.value for n, each in plate.numbers().items()} | {"mach": 0.3, "displacement_thickness": 1.7e-3},
+    )
     liner = calm.replace(layers=(windy, calm.layers[1]), open_area_fraction=0.5)
     still = calm.replace(open_area_fraction=0.5)
     added = complex(liner.impedance(1500.0, 1.0) - still.impedance(1500.0, 1.0)).real
@@ -151,29 +156,6 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
     with pytest.warns(tl.DataWarning, match=f"windy: the {text}"):
         tl.compare_models(given, {"calm": calm, "windy": liner})
     assert not [note for note in tl.educe(plane, calm).notes if note.code == "flow-counted-twice"]
-
-
-@pytest.mark.parametrize(
-    ("names", "options", "message"),
-    [
-        (("onera",), {}, r"models given: onera; name two or more, or use educe"),
-        (("onera", "polito"), {"cell_pitch": -1.0}, r"cell_pitch \(m\) is -1; it must be finite"),
-        (("onera", "polito"), {"frequency": -1.0}, r"frequenc"),
-    ],
-)
-def test_comparisons_that_are_none_are_refused(names, options, message):
-    with pytest.raises(ValueError, match=message):
-        tl.compare_models(noisy(), {name: tl.load_liner(name) for name in names}, **options)
-
-
-def test_a_model_that_does_not_reach_the_frequency_is_named_before_the_data_are_read():
-    table = tl.TabulatedLiner([500.0, 1000.0], [1 - 1j, 3 + 1j], name="mine")
-    done = []
-    with pytest.raises(ValueError, match=r"table 'mine': frequency is 1500 Hz, outside the"):
-        tl.compare_models(noisy(), {"mine": table, "onera": tl.load_liner("onera")}, progress=done.append)
-    assert done == []
-    with pytest.raises(TypeError, match=r"plane is str; a VelocityPlane or Moments is needed"):
-        tl.compare_models("plane.h5", {})
 
 
 COMMAND = ["compare-models", str(PLANE), "--liner", "lbm_orifice", "--liner", "lbm_slit"]

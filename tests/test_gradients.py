@@ -8,7 +8,7 @@ from conftest import FREQUENCY, RATE, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
-from torchliner.forward_mode import dual_level, slopes_of
+from torchliner.forward_mode import dual_level
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
@@ -99,25 +99,6 @@ def test_constants_have_the_tangent_zero(work):
     for wanted, mine in zip(*found, strict=True):
         assert mine.dtype == wanted.dtype
         assert float((mine - wanted).abs().max()) < (1e-15 if mine.dtype.itemsize == 16 else 1e-7)
-
-
-def test_two_backward_passes_are_forward_mode():
-    """Complex values, one number that enters twice, one that does not enter."""
-    numbers = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (0.7, 2.0, 5.0)]
-    speed = torch.linspace(0.1, 3, 12, dtype=torch.float64).reshape(3, 4)
-
-    def work(a, b):
-        return torch.exp(1j * a * speed) / (b + a * speed.sqrt())
-
-    first, none, second = slopes_of(work(numbers[0], numbers[2]), numbers)
-    assert none is None
-    for i, found in enumerate((first, second)):
-        with forward_ad.dual_level():
-            at = [each.detach() for each in numbers[::2]]
-            at[i] = forward_ad.make_dual(at[i], torch.ones_like(at[i]))
-            wanted = forward_ad.unpack_dual(work(*at)).tangent
-        assert torch.allclose(found, wanted, rtol=1e-13)
-    assert slopes_of(speed, numbers) == [None] * 3
 
 
 def test_second_derivative():

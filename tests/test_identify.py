@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.cli.main import CHECK_FAILED, DONE, main
-from torchliner.liners.catalogue import liner_text
 from torchliner.liners.model import LinerModel
-from torchliner.studies.calibrate import calibrate
 from torchliner.studies.fit import fit_law
 from torchliner.studies.laws import BOUNDS, Curves, Knots
 from torchliner.studies.solve import residuals_of
@@ -193,23 +191,6 @@ def without(fit, left_out):
     return fit_law(fit.law, others, fit.choices, fit.knots, stated=True)
 
 
-def test_parameters_left_out_are_those_of_calibrate():
-    runs, wanted = planes(), [z * 1.03 for z in known()]
-    names = {"vena_contracta": (0.2, 1.0), "mass_loss": (0.0, 10.0)}
-    found = tl.identify(runs, base(), wanted, models=[names], noise=0.02, averaging=ORDER)
-    left, out = [0, 1, 3, 4], 2
-    other = calibrate(
-        [runs[i] for i in left],
-        tl.AdjustedSDoFLiner.of(base()),
-        [wanted[i] for i in left],
-        names,
-        noise=0.02,
-        averaging=ORDER,
-        draws=0,
-    )
-    assert found.rows[out].impedance == pytest.approx(other.predict(runs[out])[0].impedance, abs=1e-7)
-
-
 def test_planes_of_one_run_are_left_out_together():
     """Two heights of a case: neither predicts the other."""
     groups = ["a", "a", "b", "c", "d"]
@@ -278,32 +259,6 @@ def test_several_frequencies_have_a_curve_each():
         found.fit.predict(runs[0], frequency=700.0)
 
 
-@pytest.mark.filterwarnings("ignore:.*parameters of the curve|.*the misfit is|R of curve, .* is")
-def test_liners_of_their_own_keep_their_linear_part():
-    """Two offsets, one change over |v|."""
-    own = [base(impedance_offset=0.1j * i) for i in range(3)]
-    wanted = [
-        impedance(each, tl.AdjustedSDoFLiner.of(liner, **TRUE))
-        for each, liner in zip(planes(LEVELS[:3]), own, strict=True)
-    ]
-    found = tl.identify(planes(LEVELS[:3]), own, wanted, noise=1e-3, freedom=1.0, averaging=ORDER)
-    assert [row.fitted for row in found.rows] == pytest.approx(wanted, abs=5e-3)
-    assert found.fit.misfit < 1
-    shared = tl.identify(planes(LEVELS[:3]), own[0], wanted, noise=1e-3, freedom=1.0, averaging=ORDER)
-    assert shared.fit.misfit > 2
-
-
-@pytest.mark.filterwarnings("ignore:R of curve, .* is known")
-def test_a_table_may_be_the_prior_shape():
-    """Read at any |v|, though the table ends below that of the runs."""
-    speed = torch.linspace(0, 1, 40, dtype=torch.float64) ** 2 * 3
-    table = tl.TabulatedLiner([FREQUENCY], base().impedance(FREQUENCY, speed)[None], speed)
-    found = tl.identify(planes()[:3], table, known()[:3], freedom=1.0, averaging=ORDER)
-    assert [row.fitted for row in found.rows] == pytest.approx(list(known()[:3]), rel=0.05)
-    with pytest.raises(TypeError, match=r"TabulatedLiner, whose numbers\(\) names no parameter"):
-        tl.identify(planes()[:3], table, known()[:3], models=[("porosity",)], averaging=ORDER)
-
-
 def test_a_stated_linear_part_is_kept():
     """Without a slow run nothing else says what Z is at rest."""
     options = {"noise": 1e-3, "freedom": 1.0, "averaging": ORDER}
@@ -351,22 +306,6 @@ def test_bad_input_is_refused(changes, message):
         tl.identify(planes()[:count], base(), **options)
 
 
-def test_runs_at_one_speed_are_refused():
-    runs = [moving(1.0, seed) for seed in range(3)]
-    with pytest.raises(ValueError, match=r"all runs are at one speed: rms \|v\| is 1 to 1 m/s"):
-        tl.identify(runs, base(), [1 + 0j] * 3, groups="abc", averaging=ORDER)
-    wide = base(vena_contracta=0.6)
-    found = tl.identify(
-        runs,
-        base(),
-        [impedance(each, wide) for each in runs],
-        models=[("vena_contracta",)],
-        groups="abc",
-        averaging=ORDER,
-    )
-    assert found.fit.numbers["vena_contracta"] == pytest.approx(0.6, abs=1e-6)
-
-
 def test_references_of_other_frequencies_are_refused():
     """A run whose tone no other has cannot be predicted by a curve."""
     other = plane_of(turbulence((4, 420), 7, 2.0), frequency=700.0, name="odd")
@@ -382,14 +321,6 @@ def test_a_curve_the_wrong_way_is_warned_of():
 
 
 # The liner with factors.
-
-
-def test_neutral_factors_are_the_plain_liner():
-    plain, adjusted = base(), tl.AdjustedSDoFLiner.of(base(), mach=0.0)
-    frequency, speed = [[500.0], [1400.0], [3000.0]], [0.0, 0.1, 3.0, 40.0]
-    assert torch.equal(adjusted.impedance(frequency, speed), plain.impedance(frequency, speed))
-    assert set(adjusted.numbers()) - set(plain.numbers()) == set(FACTORS)
-    assert not set(plain.describe()) & set(FACTORS)
 
 
 def test_each_factor_does_what_it_says():
@@ -416,36 +347,6 @@ def test_each_factor_does_what_it_says():
     assert change(2.0, mass_loss=3.0) == pytest.approx(-2j * lost[0])
     # Lost at three times the speed what was lost before.
     assert change(2.0, mass_loss_speed=3.0) == pytest.approx(1j * (lost[0] - lost[1]))
-
-
-def test_factors_go_through_files_and_gradients(tmp_path):
-    made = tl.AdjustedSDoFLiner.of(
-        base(),
-        end_correction=0.5,
-        mass_loss=1.5,
-        mass_loss_speed=2.0,
-        mach=0.2,
-        mach_resistance=-0.1,
-        mach_mass_loss=0.3,
-    )
-    (tmp_path / "a.toml").write_text(liner_text(made, "a test"))
-    assert tl.load_liner(tmp_path / "a.toml").describe() == made.describe()
-    at = [0.5, 1.5, 2.0, 0.2, 0.1, 0.3]
-
-    def impedance_at(values):
-        moved = made.with_numbers(dict(zip(FACTORS, values.unbind(), strict=True)))
-        return torch.view_as_real(moved.impedance(FREQUENCY, 1.3))
-
-    start = torch.tensor(at, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(impedance_at, start)
-    assert isinstance(made.with_numbers({"porosity": 0.05}), tl.AdjustedSDoFLiner)
-    for name, bad, message in (
-        ("mass_loss", -0.1, "liner .polito.: mass_loss is -0.1; it is at least 0"),
-        ("mass_loss_speed", 0.0, "liner .polito.: mass_loss_speed is 0; it is above 0"),
-        ("mach_resistance", math.inf, "liner .polito.: mach_resistance is inf; it is finite"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            tl.AdjustedSDoFLiner.of(base(), **{name: bad})
 
 
 # The command.

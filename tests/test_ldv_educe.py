@@ -15,7 +15,6 @@ from test_stations import station
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
 from torchliner.cli.main import main
-from torchliner.io.burst_sources import write_bursts
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SHORT = ["--segment", "0.04", "--liner", "onera"]
@@ -107,8 +106,7 @@ def test_parts_of_other_data_or_choices_are_not_taken_up(tmp_path, monkeypatch):
     def educe(source=folder, **choices):
         """Titles of the stations that were educed anew."""
         seen.clear()
-        tl.educe_bursts(source, choices.pop("liner", liner), parts=parts,
-                        **{"segment": 0.04, **choices})  # fmt: skip
+        tl.educe_bursts(source, choices.pop("liner", liner), parts=parts, **{"segment": 0.04, **choices})
         return list(seen)
 
     assert educe() == ["s0"]
@@ -126,19 +124,6 @@ def test_parts_of_other_data_or_choices_are_not_taken_up(tmp_path, monkeypatch):
     records = [station(seed, seconds=0.2) for seed in range(2)]
     assert educe(records) == ["s0", "s1"]
     assert educe(records) == []
-
-
-def test_stations_of_one_file_are_read_one_by_one(folder, known, tmp_path):
-    """HDF5 with many stations gives what the folder gives, and one station at a time."""
-    records = tl.read_bursts(folder)
-    write_bursts(records, tmp_path / "all.h5")
-    sources = tl.list_stations(tmp_path / "all.h5")
-    assert [source.number for source in sources] == [0, 1, 2]
-    assert [source.place[0] for source in sources] == [0.0, 0.01, 0.02]
-    for source, record in zip(sources, records, strict=True):
-        assert torch.equal(source.read().wall_normal, record.wall_normal)
-    other = tl.educe_bursts(tmp_path / "all.h5", tl.load_liner("onera"), segment=0.04)
-    assert torch.equal(known.reflection, other.reflection)
 
 
 def test_references_from_a_folder(tmp_path, capsys):

@@ -83,10 +83,9 @@ def segment_means(generator: np.random.Generator, segments: int) -> np.ndarray:
     length = 64
     white = generator.standard_normal(((segments + 1) * length // 2, 2)) @ [1, 1j]
     window = np.hanning(length + 1)[:-1]
-    return np.array([
-        (window * white[i * length // 2 : i * length // 2 + length]).sum() / window.sum()
-        for i in range(segments)
-    ])  # fmt: skip
+    return np.array(
+        [(window * white[i * length // 2 : i * length // 2 + length]).sum() / window.sum() for i in range(segments)]
+    )
 
 
 def test_intervals_cover_with_overlapping_segments():

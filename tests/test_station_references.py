@@ -24,8 +24,7 @@ def drifting(seed: int, seconds: float = 0.6):
     angle = 2 * np.pi * FREQUENCY * times + np.interp(times, clock, wander)
     velocity = noise(times, generator, 0.4) + 1.5 * np.cos(angle + 0.9)
     loud = 3.0 * np.cos(2 * np.pi * FREQUENCY * clock + wander)
-    record = tl.BurstRecord(times, wall_normal=velocity, x=0.0, y=1e-3, z=0.0, frequency=FREQUENCY,
-                            title="wanders")  # fmt: skip
+    record = tl.BurstRecord(times, wall_normal=velocity, x=0.0, y=1e-3, z=0.0, frequency=FREQUENCY, title="wanders")
     return record, tl.ReferenceChannel(loud, 40e3)
 
 
@@ -100,23 +99,6 @@ def test_the_wall_filter_counts_silent_stations_as_wall(onera):
     assert any("1 of 2 stations have a squared coherence below 0.5" in n.text for n in both.notes)
 
 
-def test_faulty_references_are_refused(onera):
-    good = station(0)
-    wave = np.cos(np.arange(4000) / 5)
-    with pytest.raises(ValueError, match=r"reference runs from 0 to 0\.0999.* s, the velocity from "
-                       r".* state start"):  # fmt: skip
-        educed([good], onera, reference=tl.ReferenceChannel(wave, 40e3))
-    with pytest.raises(ValueError, match="reference is constant, 2; it holds no tone"):
-        tl.ReferenceChannel(np.full(10, 2.0), 40e3)
-    wave[3] = np.nan
-    with pytest.raises(ValueError, match="nan at 3"):
-        tl.ReferenceChannel(wave, 40e3)
-    with pytest.raises(ValueError, match=r"shape \(2, 5\)"):
-        tl.ReferenceChannel(np.random.default_rng(0).normal(size=(2, 5)), 40e3)
-    with pytest.raises(ValueError, match=r"sampling_rate \(Hz\) is 0"):
-        tl.ReferenceChannel(np.arange(5.0), 0.0)
-
-
 @pytest.mark.parametrize("which", [0, 1])
 def test_one_clock_for_all_stations(onera, which):
     """V relative to a channel and V on the clock of the arrivals have no common mean."""
@@ -127,13 +109,6 @@ def test_one_clock_for_all_stations(onera, which):
         educed(both, onera, reference=channels)
 
 
-def test_one_tone_for_all_stations(onera):
-    """Another tone was corrected at each, and the level was that of the first."""
-    both = [station(0), dataclasses.replace(station(1), frequency=FREQUENCY - 100)]
-    with pytest.raises(ValueError, match=r"has tone \(Hz\) 1400.0, s0 1500.0; .*share one case"):
-        educed(both, onera, frequency=FREQUENCY)
-
-
 def test_references_that_tell_no_phase_say_so(onera):
     """Noise, and another tone: v does not follow; too few samples a period are refused."""
     times = np.arange(26_000) / 40e3
@@ -141,8 +116,7 @@ def test_references_that_tell_no_phase_say_so(onera):
     for values in (random, np.cos(2 * np.pi * 700 * times)):
         channel = tl.ReferenceChannel(values, 40e3)
         found = educed([station(0)], onera, reference=channel, phase="given", reference_phase=0.0)
-        assert any("it tells nothing of the phase of the sound" in note
-                   for note in found.station_notes[0])  # fmt: skip
+        assert any("it tells nothing of the phase of the sound" in note for note in found.station_notes[0])
     coarse = tl.ReferenceChannel(np.cos(2 * np.pi * FREQUENCY * np.arange(3000) / 6e3), 6e3)
     with pytest.raises(ValueError, match="reference is sampled at 6000 Hz, less than 8 times"):
         educed([station(0)], onera, reference=coarse)

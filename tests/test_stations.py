@@ -29,8 +29,14 @@ def station(seed=0, *, seconds=0.4, tone=1.0, phase=0.3, rms=1.0, rate=RATE, **a
     times = np.cumsum(generator.exponential(1 / rate, int(1.3 * rate * seconds) + 50))
     times = times[times < seconds]
     velocity = noise(times, generator, rms) + tone * np.cos(2 * np.pi * FREQUENCY * times + phase)
-    about = {"x": 0.01 * seed, "y": 1e-3, "z": 0.0, "frequency": FREQUENCY,
-             "title": f"s{seed}", "name": f"s{seed}"} | about  # fmt: skip
+    about = {
+        "x": 0.01 * seed,
+        "y": 1e-3,
+        "z": 0.0,
+        "frequency": FREQUENCY,
+        "title": f"s{seed}",
+        "name": f"s{seed}",
+    } | about
     return tl.BurstRecord(times, wall_normal=velocity, **about)
 
 
@@ -48,9 +54,13 @@ def test_frozen_velocity_returns_the_model(onera, method):
     """Constant bursts are a constant |v| on any grid, in every segment and average."""
     still = station(1)
     still = tl.BurstRecord(
-        still.arrival_time, wall_normal=torch.full_like(still.arrival_time, -2.0), x=0.0, y=1e-3,
-        z=0.0, frequency=FREQUENCY,
-    )  # fmt: skip
+        still.arrival_time,
+        wall_normal=torch.full_like(still.arrival_time, -2.0),
+        x=0.0,
+        y=1e-3,
+        z=0.0,
+        frequency=FREQUENCY,
+    )
     found = educed([still], onera, method=method, correction="none", flagged="use")
     wanted = complex(onera.impedance(FREQUENCY, 2.0))
     assert float((found.segment_impedance - wanted).abs().max()) < 1e-8
@@ -127,8 +137,10 @@ def test_the_tone_is_corrected_whatever_is_asked_for(onera):
     both = educed([record], onera, frequency=[FREQUENCY, 1000.0])
     assert float((alone.reflection[..., 0] - both.reflection[..., 1]).abs().max()) < 1e-12
     assert alone.corrected.tolist() == [[False]]
-    assert any("the stated tone of 1500 Hz, of which linear reconstruction leaves 0.7" in note
-               for note in alone.station_notes[0])  # fmt: skip
+    assert any(
+        "the stated tone of 1500 Hz, of which linear reconstruction leaves 0.7" in note
+        for note in alone.station_notes[0]
+    )
     as_is = educed([record], onera, frequency=1000.0, correction="none")
     assert float((as_is.impedance - alone.impedance).abs()) > 0.05
     sparse = station(3, rate=2500.0, seconds=1.0)
@@ -144,15 +156,22 @@ def test_flagged_stations_are_never_used_in_silence(onera):
     spoilt = bad.wall_normal.clone()
     spoilt[::3] = 0.0
     bad = tl.BurstRecord(
-        bad.arrival_time, wall_normal=spoilt, x=0.01, y=1e-3, z=0.0, frequency=FREQUENCY,
-        title="zeros", name="zeros.txt",
-    )  # fmt: skip
+        bad.arrival_time,
+        wall_normal=spoilt,
+        x=0.01,
+        y=1e-3,
+        z=0.0,
+        frequency=FREQUENCY,
+        title="zeros",
+        name="zeros.txt",
+    )
     found = educed([good, bad], onera)
     assert found.used.tolist() == [True, False]
     assert found.average.stations == 1
     assert "33 % of wall_normal are exactly 0" in found.flags[1][0]
-    assert any("1 of 2 stations are flagged and do not count in the averages: zeros" in note.text
-               for note in found.notes)  # fmt: skip
+    assert any(
+        "1 of 2 stations are flagged and do not count in the averages: zeros" in note.text for note in found.notes
+    )
     alone = educed([good], onera)
     assert torch.equal(found.average.impedance, alone.average.impedance)
     used = educed([good, bad], onera, flagged="use")
@@ -176,9 +195,14 @@ def test_moments_are_weighted_by_transit_time(onera):
     record = station(0)
     slow = 1 / (0.5 + record.wall_normal.abs())
     weighed = tl.BurstRecord(
-        record.arrival_time, wall_normal=record.wall_normal, transit_time=slow, x=0.0, y=1e-3,
-        z=0.0, frequency=FREQUENCY,
-    )  # fmt: skip
+        record.arrival_time,
+        wall_normal=record.wall_normal,
+        transit_time=slow,
+        x=0.0,
+        y=1e-3,
+        z=0.0,
+        frequency=FREQUENCY,
+    )
     found = educed([weighed], onera)
     wanted = tl.burst_moments(tl.validate_bursts(weighed)).components["wall_normal"]
     assert float(found.mean_velocity[0]) == wanted.weighted_mean
@@ -217,44 +241,51 @@ def test_overlap_and_window_are_free(onera):
         ({"phase": "given", "reference_phase": [1.0, 2.0]}, "2 reference phases for 1 stations"),
         ({"reference": [None, None]}, "2 reference channels for 1 stations"),
     ],
-)  # fmt: skip
+)
 def test_faulty_choices_are_refused(onera, change, message):
     with pytest.raises((ValueError, TypeError), match=message):
         educed([station(0)], onera, **change)
 
 
 def test_faulty_stations_are_refused(onera):
-    good = station(0)
+    good, about = station(0), {"mach": 0.3, "displacement_thickness": 1e-3}
     keep = (good.arrival_time < 0.1) | (good.arrival_time > 0.2)
-    torn = tl.BurstRecord(good.arrival_time[keep], wall_normal=good.wall_normal[keep], x=0.0,
-                          y=0.0, z=0.0, frequency=FREQUENCY, name="torn.txt")  # fmt: skip
-    with pytest.raises(ValueError, match=r"torn\.txt: no burst for 0\.1\d* s from .* longer than a "
-                       r"segment of 0\.04 s.*cut the record"):  # fmt: skip
-        educed([torn], onera, flagged="use")
-    only_u = tl.BurstRecord(good.arrival_time, streamwise=good.wall_normal, name="u.txt")
-    with pytest.raises(ValueError, match=r"u\.txt holds no wall-normal velocity"):
-        educed([only_u], onera, frequency=FREQUENCY)
+    given = good.arrival_time[keep], good.wall_normal[keep]
+    torn = tl.BurstRecord(*given, x=0.0, y=0.0, z=0.0, frequency=FREQUENCY, name="torn.txt")
+    only_u = tl.BurstRecord(good.arrival_time, streamwise=good.wall_normal, frequency=FREQUENCY, name="u.txt")
     silent = tl.BurstRecord(good.arrival_time, wall_normal=good.wall_normal, name="n.txt")
-    with pytest.raises(ValueError, match=r"n\.txt states no frequency"):
-        educed([silent], onera)
-    with pytest.raises(ValueError, match="no station is given"):
-        educed([], onera)
-    with pytest.raises(TypeError, match="a station is int; make a BurstRecord"):
-        educed([3], onera)
-    with pytest.raises(TypeError, match="without impedance"):
-        educed([good], "onera")
-    with pytest.raises(ValueError, match=r"s1 has mach 0\.3, s0 None; the stations of a line"):
-        educed([good, station(1, mach=0.3)], onera)
-    sparse = station(3, rate=2500.0)
-    with pytest.raises(ValueError, match=r"s3: .* fewer than two a period of 1500 Hz"):
-        educed([sparse], onera, flagged="use")
+    thick = station(1, mach=0.3, displacement_thickness=1e-2)
+    rows = [
+        ([torn], {"flagged": "use"}, r"torn\.txt: no burst for 0\.1\d* s from .* 0\.04 s.*cut the record"),
+        ([only_u], {}, r"u\.txt holds no wall-normal velocity"),
+        ([silent], {}, r"n\.txt states no frequency"),
+        ([], {}, "no station is given"),
+        ([3], {}, "a station is int"),
+        ([good, station(1, mach=0.3)], {}, r"s1 has mach 0\.3, s0 None"),
+        ([station(0, **about), thick], {}, "s1 has displacement thickness"),
+        (
+            [good, dataclasses.replace(station(1), frequency=1400.0)],
+            {"frequency": FREQUENCY},
+            r"s1 has tone \(Hz\) 1400",
+        ),
+        ([good, station(5, x=0.0)], {}, "s0 and s5 have the same position"),
+        ([station(3, rate=2500.0)], {"flagged": "use"}, r"s3: .* fewer than two a period of 1500 Hz"),
+        ([good], {"frequency": [FREQUENCY, FREQUENCY]}, "asked for twice"),
+        ([good], {"grid_rate": 1e308}, r"s0: a grid of 1e\+308 Hz"),
+    ]
+    for stations, options, message in rows:
+        with pytest.raises((ValueError, TypeError), match=message):
+            educed(stations, onera, **options)
 
 
 def test_a_tone_that_is_lost_is_not_raised_from_noise(onera):
     """Below a factor of 0.3 nothing is corrected unless the user gives up the correction."""
     record = station(0, rate=3300.0, seconds=1.5)
-    with pytest.raises(ValueError, match=r"linear reconstruction leaves 0\.\d+ of the tone; a "
-                       r"correction would raise noise .*correction='none'"):  # fmt: skip
+    with pytest.raises(
+        ValueError,
+        match=r"linear reconstruction leaves 0\.\d+ of the tone; a "
+        r"correction would raise noise .*correction='none'",
+    ):
         educed([record], onera, flagged="use", segment=0.2)
     found = educed([record], onera, flagged="use", segment=0.2, correction="none")
     assert float(found.attenuation.abs().max()) < 0.4
@@ -273,23 +304,9 @@ def test_a_tone_that_wanders_past_the_correction_says_so(onera):
     away = 1.0 * torch.cos(2 * torch.pi * (FREQUENCY + 3) * record.arrival_time)
     away -= torch.cos(2 * torch.pi * FREQUENCY * record.arrival_time + 0.3)
     found = educed([dataclasses.replace(record, wall_normal=record.wall_normal + away)], onera)
-    assert any("the tone of 1500 Hz wanders: over the whole record 0." in note
-               for note in found.station_notes[0])  # fmt: skip
+    assert any("the tone of 1500 Hz wanders: over the whole record 0." in note for note in found.station_notes[0])
     steady = educed([station(0)], onera)
     assert not any("wanders" in note for note in steady.station_notes[0])
-
-
-def test_more_that_is_refused(onera):
-    with pytest.raises(ValueError, match="a frequency is asked for twice"):
-        educed([station(0)], onera, frequency=[FREQUENCY, FREQUENCY])
-    with pytest.raises(ValueError, match=r"s0: a grid of 1e\+308 Hz over .* are the times in s"):
-        educed([station(0)], onera, grid_rate=1e308)
-    with pytest.raises(ValueError, match="s0 and s5 have the same position"):
-        educed([station(0), station(5, x=0.0)], onera)
-    about = {"mach": 0.3, "displacement_thickness": 1e-3}
-    other = station(1, mach=0.3, displacement_thickness=1e-2)
-    with pytest.raises(ValueError, match=r"s1 has displacement thickness .*, s0 .*share one case"):
-        educed([station(0, **about), other], onera)
 
 
 def test_tones_that_are_not_stated_are_corrected_one_at_a_time(onera):

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, SHARED, load_script, plane_of, turbulence
+from conftest import FREQUENCY, RATE, load_script, plane_of, turbulence
 from test_audit import Counted
 
 import torchliner as tl
@@ -16,7 +16,7 @@ from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from torchliner.report.truth_table import plain_truth
-from torchliner.studies.validate import errors_by_rule, validate, validation_row
+from torchliner.studies.validate import validate
 
 page = load_script("truth_page")
 MORE_CASES = load_script("make_data").MORE_CASES
@@ -126,28 +126,6 @@ def test_hole_velocity_of_a_tone():
     assert float((found.velocity[0] - wanted)[8:-8].abs().max()) < 1e-4
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the full simulation files are not here")
-@pytest.mark.parametrize("case", page.CASES)
-def test_hole_velocity_is_that_in_the_holes(case):
-    """Against the velocity stored inside them: correlation 0.9997, rms within 1.1 %.
-
-    On the coarser lattice the rms is within 2.2 %; in the turbulence of t03, 5 %, correlation 0.93.
-    """
-    import h5py
-
-    name = "resolved_orifice_3d.h5" if case.startswith("o") else "resolved_liner_lbm.h5"
-    if case in MORE_CASES:
-        name = "resolved_more.h5"
-    least, off = (0.93, 0.05) if case == "t03_130" else (0.9997, 0.022 if case[0] == "t" else 0.011)
-    found = hole_velocity(page.pressures_of(case)).velocity.numpy()
-    with h5py.File(SHARED / "data" / name) as file:
-        inside = file[case]["v_orifice_mean"][:].T * file[case].attrs["porosity"]
-    cut = (inside.shape[1] - found.shape[1]) // 2
-    for mine, stored in zip(found, inside[:, cut : cut + found.shape[1]], strict=True):
-        assert np.corrcoef(mine, stored)[0, 1] > least
-        assert mine.std() == pytest.approx(stored.std(), rel=off)
-
-
 # --- what keeps step
 
 
@@ -179,19 +157,6 @@ def test_rows_survive_their_csv(tmp_path):
     some = plain_truth([ROWS[0], ROWS[36]])  # phases averaged: with an interval
     some.write_csv(tmp_path / "rows.csv")
     assert plain_truth(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
-
-
-def test_errors_by_rule_by_hand():
-    """Median and largest of |dR| and |dX|, each by itself."""
-    rule = ("rms", "kept", "averaged", "admittance")
-    rows = [
-        validation_row(rule[:3], 1 + e, 1 + 0j, case="c", height=0.0, averaging=rule[3])
-        for e in (0.1 - 0.3j, -0.4 + 0.1j, 0.2 + 0.2j)
-    ]
-    (found,) = errors_by_rule(rows)
-    assert found.planes == 3
-    assert found.median == pytest.approx(0.2 + 0.2j)
-    assert found.largest == pytest.approx(0.4 + 0.3j)
 
 
 @pytest.mark.filterwarnings("ignore:self-consistent phase")

@@ -93,12 +93,9 @@ def draw_spectra(
     axis = axes[0, 0]
     for table in spectra:
         (values,) = table.values.values()
-        colour, style, width = _spectrum_look(table.label)
+        colour, width = (LOOKS[table.label][0], 1.0) if table.label in LOOKS else ("k", 2.0)
         shown = (table.at > 0) & (table.at <= highest) & (values > 0)
-        axis.plot(
-            KILO * table.at[shown], values[shown], style, color=colour, linewidth=width,
-            markersize=2.0, label=table.label,
-        )  # fmt: skip
+        axis.plot(KILO * table.at[shown], values[shown], color=colour, linewidth=width, label=table.label)
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_ylim(bottom=lowest)
@@ -106,12 +103,6 @@ def draw_spectra(
     axis.set_ylabel(r"$S_{vv}$ (m$^2$ s$^{-2}$ Hz$^{-1}$)")
     axis.legend(loc="lower left")
     return finish(figure, path, title)
-
-
-def _spectrum_look(label: str) -> tuple[str, str, float]:
-    if label in LOOKS:
-        return LOOKS[label][0], "-", 1.0
-    return ("0.3", ".", 0.0) if label.startswith("slotted") else ("k", "-", 2.0)
 
 
 @styled

@@ -63,12 +63,12 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
         time = record.arrival_time
         step = torch.cat([time.new_ones(1), time[1:] - torch.cummax(time, 0).values[:-1]])
         counts = {BACKWARDS: int((step < 0).sum()), REPEATED: int((step == 0).sum())}
-        for reason, remedy in (
-            (BACKWARDS, "the times run backwards, or several records stand one after another; sort or split them"),
-            (REPEATED, "the column is no arrival time, or was written with too few digits"),
-        ):
-            if 2 * counts[reason] > record.bursts:
-                raise ValueError(f"{record.name}: {reason} at {counts[reason]} of {record.bursts} bursts; {remedy}")
+        for reason, count in counts.items():
+            if 2 * count > record.bursts:
+                raise ValueError(
+                    f"{record.name}: {reason} at {count} of {record.bursts} bursts; sort the times, split records that "
+                    "follow one another, or state the column of arrival times"
+                )
         record = record.keep(step > 0, counts)
     for reason, limit, faulty in (
         (ZERO_RUN, filters.zero_runs, lambda values, _, limit: run_lengths(values == 0) >= limit),
@@ -108,7 +108,7 @@ def resolution(values: Tensor) -> float:
 
 @dataclass(frozen=True)
 class ComponentMoments:
-    """Mean and rms, m/s, plain and with transit times as weights."""
+    """Mean and rms, m/s, plain and by transit time."""
 
     mean: float
     rms: float

@@ -148,11 +148,6 @@ class Source:
         ratio = ratio_of_pressures(pressure)(impedance)
         return [level if math.isfinite(level) else None for level in (20 * ratio.abs().log10()).tolist()]
 
-    @property
-    def level_words(self) -> str:
-        """What the level is checked against, or why it is not."""
-        return self._pressure if isinstance(self._pressure, str) else self._pressure.words
-
     @functools.cached_property
     def _pressure(self) -> KnownPressure | str:
         return known_pressure(self.known, self.frequency)
