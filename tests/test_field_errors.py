@@ -11,8 +11,6 @@ import torch
 from test_field_fit import solved
 
 import torchliner as tl
-from torchliner.pressure import field_model as field_search
-from torchliner.pressure import fit_field as field_fit
 from torchliner.pressure.fit_field import fit_field
 
 pytestmark = [pytest.mark.filterwarnings("ignore::torchliner.DataWarning")]
@@ -81,35 +79,3 @@ def test_doubts_are_each_case_s_own():
     told = {note.code: note.text for note in notes}
     assert "at 1 of 2 values" in told["rigid-wall"]
     assert "the resistance is -0.5, below 0" in told["active-wall"]
-
-
-def test_what_did_not_settle_is_not_called_rigid():
-    line, solver = solved(frequency=(1500.0,))
-    notes = fit_field(line, solver, start=-1 + 1e-9j).notes
-    codes = {note.code for note in notes}
-    assert "unsettled" in codes
-    assert "rigid-wall" not in codes
-
-
-def test_draws_that_do_not_settle_do_not_count(monkeypatch):
-    """No impedance, no level: left out of deviation, interval and range."""
-    line, solver = solved(frequency=(1500.0,))
-    whole = fit_field(line, solver, draws=6)
-
-    def some_lost(*arguments):
-        found = field_search.search(*arguments)
-        if len(found.cost) == 6:
-            found.converged[::3] = False
-            found.place[::3] = 0.9
-        return found
-
-    monkeypatch.setattr(field_fit, "search", some_lost)
-    with pytest.warns(tl.DataWarning, match="2 of 6 draws have no impedance and are left"):
-        found = fit_field(line, solver, draws=6)
-    assert found.failed.tolist() == [2]
-    assert whole.draws is not None
-    kept = whole.draws.impedance[[1, 2, 4, 5], 0]
-    assert complex(found.mean[0]) == pytest.approx(complex(kept.mean()), abs=1e-6)
-    assert float(found.standard_deviation.real[0]) == pytest.approx(float(kept.real.std()), rel=1e-3)
-    assert found.draws is not None
-    assert bool(torch.isnan(found.draws.level_along()[1][0]).all())

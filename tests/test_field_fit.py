@@ -123,21 +123,6 @@ def test_walls_at_the_ends_of_the_range(wall):
     assert abs(complex(found.impedance[0]) - wall) < 1e-6 * (1 + abs(wall))
 
 
-def test_a_search_may_begin_elsewhere():
-    """At another minimum the misfit says so; begun near the truth, or not at all, it is found."""
-    wall = 0.7017 + 0.3693j
-    line, solver = of_preset("upstream", 700.0, wall)
-    with pytest.warns(tl.DataWarning, match=r"deepest minimum \(begin elsewhere, --start, start=\)"):
-        found = fit_field(line, solver, start=1.45 + 2.65j)
-    assert abs(complex(found.impedance[0]) - wall) > 1
-    for start in (wall + 0.01, None):
-        found = fit_field(line, solver, start=start)
-        assert complex(found.impedance[0]) == pytest.approx(wall, abs=1e-6)
-    for start in (-1, complex("nan")):
-        with pytest.raises(ValueError, match="an impedance other than -1 is needed"):
-            fit_field(line, solver, start=start)
-
-
 @pytest.mark.parametrize(
     ("side", "frequency", "wall"),
     [

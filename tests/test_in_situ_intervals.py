@@ -10,7 +10,6 @@ import torch
 from test_in_situ import FREQUENCY, RATE, file_of, record_of, standing_wave
 
 import torchliner as tl
-from torchliner.pressure.dean import with_in_situ
 
 AVERAGINGS = ("", "_pressure_first")
 
@@ -80,17 +79,3 @@ def test_microphones_have_intervals_and_a_pair_no_residual():
     steady = tl.decompose_waves(file_of("n130"), velocities=True).interval
     assert float((steady.high - steady.low).abs().max()) < 0.01
     assert tl.decompose_waves(record, interval=None).interval is None
-
-
-def test_maps_keep_their_level(tmp_path):
-    """The in situ values beside a map have intervals of the map's level, in its file too."""
-    record, liner = noisy(1), tl.load_liner("lbm_slit")
-    plane = tl.VelocityPlane(noisy(2).facesheet, sampling_rate=RATE, frequency=FREQUENCY, fluid=liner.fluid)
-    for level in (0.8, None):
-        made = tl.educe(plane, liner, interval=level)
-        (beside,) = with_in_situ([made], [plane], record)
-        known = beside.alongside[0].uncertainty
-        assert (None if known is None else known.settings["level"]) == level
-        beside.write(tmp_path / "map.h5")
-        again = tl.read_map(tmp_path / "map.h5").alongside[0]
-        assert again.bounds_of_liner() == beside.alongside[0].bounds_of_liner()

@@ -9,10 +9,8 @@ import pytest
 from test_two_wave_fit import both_ways
 from test_wall_pressure import FREQUENCY, WALLS, line_of
 
-import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.duct.presets import duct_text
-from torchliner.report.wall_pressure import draw_wall
 
 
 @pytest.fixture(scope="module")
@@ -62,25 +60,6 @@ def test_both_sides_at_once(files, capsys, method):
         main(["kt", str(files / "upstream_1500.h5"), *arguments, "--seed", seed])
         again.append(json.loads(capsys.readouterr().out)["lines"][0]["rows"])
     assert again[0] == again[1] != again[2]
-
-
-def test_figures(files, capsys):
-    """Z in its plane with levels for one frequency, R and X over frequency for several."""
-    one = [str(files / f"{side}_1500.h5") for side in ("upstream", "downstream")]
-    several = [str(files / f"{side}.h5") for side in ("upstream", "downstream")]
-    for number, names in enumerate((one, several)):
-        target = files / f"figure_{number}.png"
-        assert main(["kt", *names, "--draws", "20", "--figure", str(target)]) == 0
-        assert target.stat().st_size > 15_000
-    capsys.readouterr()
-    line = tl.read_microphones(one[0])
-    found = tl.kumaresan_tufts(line, draws=20)
-    figure = draw_wall([line], [found])
-    axes = figure.axes
-    assert axes[1].get_ylabel() == "SPL (dB re 20 µPa)"
-    measured = axes[1].lines[-1].get_ydata()
-    assert measured == pytest.approx(line.level[:, 0].numpy())
-    assert len(axes[0].lines[0].get_xdata()) == 20
 
 
 @pytest.fixture(scope="module")

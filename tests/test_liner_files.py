@@ -83,27 +83,6 @@ def test_resonance_frequencies(name, changes, resonance):
     assert tl.load_liner(name).replace(**changes).resonance() == pytest.approx(resonance, abs=0.06)
 
 
-@pytest.mark.parametrize(
-    ("name", "measured"),
-    [
-        ("lbm_slit", 0.0863 - 0.0007j),
-        ("lbm_orifice", 0.2211 - 0.2154j),
-        ("lbm_slit_coarse", 0.1145 + 0.0711j),
-        ("lbm_orifice_coarse", 0.2430 - 0.2030j),
-    ],
-)
-def test_resolved_presets_start_from_the_measured_linear_part(name, measured):
-    """At |v| = 0 they return the impedance of the 115 dB run on the same grid."""
-    assert abs(complex(tl.load_liner(name).impedance(1400.0, 0.0)) - measured) < 1e-4
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_copy_of_a_preset_is_the_same_liner(tmp_path, name):
-    (tmp_path / "mine.toml").write_text(preset_text(name), encoding="utf-8")
-    assert tl.load_liner(tmp_path / "mine.toml") == tl.load_liner(name)
-    assert tl.load_liner(str(tmp_path / "mine.toml")) == tl.load_liner(name)
-
-
 @pytest.mark.parametrize("call", [tl.load_liner, preset_text])
 def test_unknown_preset_names_the_nearest(call):
     with pytest.raises(ValueError, match=r"'onerra' \(did you mean 'onera'\?\).* ends in .toml"):
@@ -127,16 +106,6 @@ def test_one_frequency_stands_for_itself_alone():
     assert tl.TabulatedLiner([1400.0], [2 + 1j]).impedance(1400.0, 9.0).tolist() == 2 + 1j
     with pytest.raises(ValueError, match=r"frequency is 1401 Hz, outside the table's 1400-1400 Hz"):
         liner.impedance(1401.0, 1.0)
-
-
-@pytest.mark.parametrize("mark", [",", ";", ", ", ";  "])
-@pytest.mark.parametrize("shuffled", [False, True])
-def test_csv_is_read_with_comma_or_semicolon(tmp_path, mark, shuffled):
-    header, *rows = table_rows(mark=mark)
-    path = write(tmp_path / "t.csv", header, *(rows[::-1] if shuffled else rows), "")
-    for liner in (tl.load_liner(path), tl.TabulatedLiner.read_csv(path)):
-        assert complex(liner.impedance(1000.0, 2.0)) == pytest.approx(bilinear(1000.0, 2.0))
-        assert (liner.name, liner.speed_max) == ("t", 4.0)
 
 
 def test_toml_may_name_a_table_beside_it(tmp_path):
