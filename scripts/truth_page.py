@@ -178,28 +178,19 @@ def rule_table(rows: Sequence[Row]) -> str:
     return page_table(" | ".join(["drive, phase", "averaging", *GROUPS]), lines)
 
 
-def default_table(rows: Sequence[Row], ends: bool = False) -> str:
-    """Z and level check of the default rules by case, height and averaging.
-
-    Args:
-        rows: of all rules.
-        ends: the lowest and highest plane alone, without level check.
-    """
+def default_table(rows: Sequence[Row]) -> str:
+    """Z and level check of the default rules by case and averaging, of the lowest and the highest plane."""
     lines = []
     for case in dict.fromkeys(row.case for row in rows):
         mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
         heights = sorted({row.height for row in mine})
-        for height in (heights[0], heights[-1]) if ends else heights:
+        for height in (heights[0], heights[-1]):
             here = {row.averaging: row for row in mine if row.height == height}
-            gaps = [] if ends else [here[CHECKED].level_check]
-            lines.append([
-                case, format_complex(mine[0].true), f"{1e3 * height:.1f}",
-                *(format_complex(here[averaging].educed) for averaging in AVERAGINGS),
-                *("-" if math.isnan(gap) else f"{gap:+.2f}" for gap in gaps),
-            ])  # fmt: skip
-    level = "" if ends else " | dB"
-    made = table if ends else page_table
-    return made(f"case | reference Z | y (mm) | {' | '.join(AVERAGINGS)}{level}", lines)
+            cells = [format_complex(here[averaging].educed) for averaging in AVERAGINGS]
+            gap = here[CHECKED].level_check
+            cells.append("-" if math.isnan(gap) else f"{gap:+.2f}")
+            lines.append([case, format_complex(mine[0].true), f"{1e3 * height:.1f}", *cells])
+    return page_table(f"case | reference Z | y (mm) | {' | '.join(AVERAGINGS)} | dB", lines)
 
 
 def known_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -315,7 +306,6 @@ def everything(rows: Sequence[Row] | None, say: Callable[[str], None]) -> dict[s
     write_rows(plain_motion(motions), FOLDER / "motion.csv")
     return {
         "default": default_table(rows),
-        "ends": default_table(rows, ends=True),
         "intervals": interval_table(rows),
         "rules": rule_table(rows),
         "reasons": reason_table([row for row in reasons if row.case in MOVING]),
