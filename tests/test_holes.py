@@ -85,25 +85,9 @@ def test_holes_outside_the_plane_are_refused():
         tl.Holes((0.0, 1.0), (MM, MM), (0.0,))
 
 
-def test_a_file_with_half_of_the_variables_is_refused(tmp_path):
-    import h5py
-
-    a_plane(TWO).write(tmp_path / "plane.h5")
-    with h5py.File(tmp_path / "plane.h5", "a") as file:
-        del file["hole_diameter"]
-    with pytest.raises(ValueError, match="hole_diameter"):
-        tl.read_plane(tmp_path / "plane.h5")
-
-
 def test_words_say_how_many_how_wide_and_where():
     assert repr(TWO) == "Holes: 2 holes of 1 mm, x = 2 to 6 mm"
     assert tl.Holes((2 * MM,), (0.5 * MM,)).words == "1 slit of 0.5 mm, x = 2 mm"
-
-
-def test_info_says_them(tmp_path, capsys):
-    a_plane(TWO).write(tmp_path / "plane.h5")
-    main(["info", str(tmp_path / "plane.h5")])
-    assert "2 holes of 1 mm, x = 2 to 6 mm" in capsys.readouterr().out
 
 
 def test_bands_that_overlap_are_one():

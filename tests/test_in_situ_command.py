@@ -34,7 +34,7 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ([str(DATA / "slit_n130_y2.5mm.h5")], "is no pressure record"),
+        ([str(DATA / "slit_n130_y2.5mm.h5")], "torchliner pressure 1"),
         ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
         ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")], "is an input"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),

@@ -200,7 +200,7 @@ BAD = {
     "x units": ({"x": (np.zeros(6), None)}, "a.h5:/x has no units attribute"),
     "stream": ({"streamwise_velocity": (WAVE[:, :5], "m/s")}, r"streamwise has shape \(5, 20\), velocity \(6, 20\)"),
     "frequencies": ({"frequency": ([1e3, 2e3], "Hz")}, r"/frequency has shape \(2,\); one number"),
-    "height": ({"height": (0.0, "m")}, f"{V}: height is 0; it must be finite and above 0"),
+    "height": ({"height": (0.0, "m")}, rf"{V}: height is 0 m; \(0, inf\) m is needed"),
     "density": ({"density": (-1.0, "kg/m3")}, r"a.h5:/density holds -1 kg/m3, which is no density"),
     "reference": ({"reference_a_resistance": (1.0, "1")}, "a.h5:/reference_a_resistance stands without the other part"),
 }

@@ -63,24 +63,21 @@ CONDITIONS = ("ingard-myers", "continuous-velocity")
 WEIGHTS = ("absolute", "relative")
 FAR_ENDS = ("fitted", "stated")
 LOSSES = ("none", "viscothermal")
+_HERE = "torchliner.pressure"
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
-    "kt": (
-        "torchliner.pressure.kumaresan_tufts:kumaresan_tufts", "Kumaresan-Tufts",
-        ("condition", "margin", "rank", "order"),
-    ),
+    "kt": (f"{_HERE}.kumaresan_tufts:kumaresan_tufts", "Kumaresan-Tufts", ("condition", "margin", "rank", "order")),
     "two-waves": (
-        "torchliner.pressure.two_waves:two_wave_fit", "a fit of two waves tied by one impedance",
+        f"{_HERE}.two_waves:two_wave_fit",
+        "two waves tied by one impedance",
         ("condition", "margin", "weights"),
     ),
-    "free-waves": (
-        "torchliner.pressure.two_waves:free_wave_fit", "a fit of two free waves",
-        ("condition", "margin", "weights"),
-    ),
+    "free-waves": (f"{_HERE}.two_waves:free_wave_fit", "two free waves", ("condition", "margin", "weights")),
     "field": (
-        "torchliner.pressure.fit_field:fit_line", "a fit of the linearised Euler equations",
+        f"{_HERE}.fit_field:fit_line",
+        "the field of the linearised Euler equations",
         ("duct", "far_end", "start"),
     ),
-}  # fmt: skip
+}
 
 # Files. A new format is a file with the function and a row here.
 ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
