@@ -161,7 +161,7 @@ def test_share_falls_from_one_to_a_half():
 
 def test_noise_of_a_stated_tone_has_none(liner):
     """White noise declared at 1500 Hz: the mean of admittances, with a note; no phase can be found."""
-    noise = plane_of(0.0, 1.5, frequency=1500.0)
+    noise = plane_of(0.0, 1.5, frequency=1500.0, incident_level=None)
     found = tl.educe(noise, liner)
     assert "no-tone" in codes(found)
     assert found.averaging == "admittance" == found.choices["averaging"]
@@ -169,12 +169,15 @@ def test_noise_of_a_stated_tone_has_none(liner):
     with pytest.raises(ValueError, match="no tone of 1500 Hz"):
         tl.educe(noise, liner, phase="self-consistent")
     assert "no-tone" not in codes(tl.educe(plane_of(0.2), liner))
+    hidden = tl.educe(plane_of(0.01), liner)  # its level is stated
+    assert hidden.averaging == "phase-locked"
+    assert "hidden-tone" in codes(hidden)
 
 
 def test_chance_is_what_it_says(liner):
     """Of 60 records of noise about one is taken for a tone."""
     one = liner.replace(cell_pitch=None)
-    noisy = [plane_of(0.0, 1.0, seed, height=None) for seed in range(60)]
+    noisy = [plane_of(0.0, 1.0, seed, incident_level=None) for seed in range(60)]
     passed = sum("no-tone" not in codes(tl.educe(each, one, interval=None, averaging="velocity")) for each in noisy)
     assert passed <= 3
     assert coherence_by_chance(3) == pytest.approx(0.9)

@@ -27,12 +27,13 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.tone import CHANCE, coherence_by_chance, tone_coherence
+from torchliner.velocity.tone import coherence_by_chance, tone_coherence
 
 SAME = 0.02  # relative: heights, spacings and Mach numbers that differ by less are the same
 HALF = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts (docs/background.md)
 NEAR = (0.45, 0.55)  # hole diameters that count as this height
 LEVEL = 0.95  # of the interval of the rms
+FALSE_ALARM = 1e-3  # of runs without sound, that are taken to hold the tone
 
 
 @dataclass(frozen=True)
@@ -106,11 +107,11 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
     members = Membership.of(cells.labels, cells.count, seen.sums.device)
     if tone is not None and seen.blocks.count > 2:
         found = float(tone_coherence(seen, members, torch.tensor([tone], dtype=torch.float64)).nan_to_num(0).max())
-        limit = coherence_by_chance(seen.blocks.count)
+        limit = coherence_by_chance(seen.blocks.count, FALSE_ALARM)
         if found > limit:
             raise ValueError(
                 f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}, by chance "
-                f"above {limit:.2g} in {100 * CHANCE:g} % of records): give a run without sound, or a number in m/s"
+                f"above {limit:.2g} in {100 * FALSE_ALARM:g} % of records): give a run without sound, or a number in m/s"
             )
     power = replicates(members.mean(incoherent_power(seen, members)), seen.lengths)  # (B, C)
     rms, ends = power[0].sqrt(), {}

@@ -17,9 +17,9 @@ STEADY = 1e-18  # of the mean square: less than rounding
 FEWEST = 3  # blocks, from which coherence says anything
 
 
-def coherence_by_chance(blocks: int) -> float:
-    """Squared coherence that noise exceeds in one of a hundred records of S blocks: (1 - c)^(S - 1) = 0.01."""
-    return 1 - CHANCE ** (1 / (blocks - 1))
+def coherence_by_chance(blocks: int, chance: float = CHANCE) -> float:
+    """Squared coherence c that noise exceeds in this share of records of S blocks: (1 - c)^(S - 1)."""
+    return 1 - chance ** (1 / (blocks - 1))
 
 
 def tone_coherence(seen: Survey, cells: Membership, frequency: Tensor) -> Tensor:
@@ -58,9 +58,18 @@ def review_tone(known: Moments, frequency: Tensor, chosen: Choices) -> Iterator[
         return
     lines = " ".join(f"{f:g}" for f in tested[:3].tolist()) + " ..." * (len(tested) > 3)
     text = (
-        f"{plane.name}: v holds no tone of {lines} Hz: its squared coherence over {count} blocks is {found:.2g}, and "
-        f"noise reaches {limit:.2g} in {100 * CHANCE:g} % of records"
+        f"{plane.name}: v holds no tone of {lines} Hz that can be told from noise: its squared coherence over {count} "
+        f"blocks is {found:.2g}, and noise reaches {limit:.2g} in {100 * CHANCE:g} % of records"
     )
     if chosen.phase == "self-consistent":
         raise ValueError(f"{text}; phase 'self-consistent' needs one: choose phase='averaged'")
-    yield Note("no-tone", f"{text}; Z is the response to turbulence alone, averaging 'admittance'")
+    if sound_is_stated(known, chosen):
+        yield Note("hidden-tone", f"{text}; the phase-locked velocity, and the level check with it, is mostly noise")
+    else:
+        yield Note("no-tone", f"{text}; Z is the response to turbulence alone, averaging 'admittance'")
+
+
+def sound_is_stated(known: Moments, chosen: Choices) -> bool:
+    """Whether there is sound for all that, and the averaging that was chosen stays: a level or a background is given."""
+    level = known.plane.incident_level is not None and known.plane.source_side not in ("none", "unknown")
+    return level or chosen.background is not None

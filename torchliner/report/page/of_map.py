@@ -14,7 +14,7 @@ from torchliner.records.summaries import frequency_words, shape_words
 from torchliner.report import figures
 from torchliner.report.alongside import differences
 from torchliner.report.cell_figures import FACES
-from torchliner.report.map_table import NULL_TEST
+from torchliner.report.map_table import MATCHED, NULL_TEST
 from torchliner.report.numbers import (
     COMPLEX_PART,
     impedance_along_x,
@@ -30,6 +30,7 @@ from torchliner.report.page.tables import FREQUENCY, bounded, compared, differen
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 from torchliner.report.typesetting import typeset
 from torchliner.studies.reference_cases import nearest_case
+from torchliner.velocity.background import background_words
 
 MOST_SURFACE, MOST_LINE = 40_000, 4_000  # probes that are drawn: over (x, z); on a line or scattered
 PROBES = ("mean_velocity", "velocity_rms", "velocity_amplitude", "coherence", "phase_rule", "wall")
@@ -70,6 +71,7 @@ def page_of_map(result: ImpedanceMap, path: Path | None = None) -> Page:
         ("height", result.height, "m"),
         ("incident level", result.incident_level, "dB"),
         ("bulk Mach number", result.mach, ""),
+        ("velocity ratio |V1|/(phi M c)", result.choices.get("velocity_ratio"), ""),
     ):
         facts += [] if value is None else [(what, f"{value:.6g} {unit}".strip())]
     return Page(
@@ -143,12 +145,22 @@ def _answers(result: ImpedanceMap) -> list[Block]:
             label = f"{name} (the answer)" if name == result.averaging else name
             row = {"frequency": frequency, "averaging": name, "shown": label, "level check": level}
             rows.append(row | bounded(z, bounds))
+        matched = result.level_matched
+        if matched is not None and math.isfinite(float(matched.share[i])):
+            ends = (complex(matched.low[i]), complex(matched.high[i])) if result.level is not None else None
+            used = f"used; {float(matched.share[i]):.3g} times the incoherent velocity"
+            row = {"frequency": frequency, "averaging": "level-matched", "shown": "level-matched", "level check": used}
+            rows.append(row | bounded(complex(matched.impedance[i]), ends))
     columns = [FREQUENCY, Column("averaging"), Column("", "shown", "averaging")]
     columns += impedance_columns(bounds=result.level is not None)
     columns.append(Column("level check", heading="" if check is None else "level check"))
     caption = f"Impedance of the whole liner over ρc, Z = R + jX. {MEANINGS}"
     if result.level is not None:
         caption += f" {interval_words(result)}: by a jackknife over blocks of time, because the record is finite."
+    if result.level_matched is not None:
+        caption += f" Level-matched: {MATCHED}."
+    if words := background_words(result.choices):
+        caption += f" Phase-locked: {words}."
     null: list[Block] = [Text(NULL_TEST)] if result.choices.get("surface") == "hard wall" else []
     return [*null, Grid("answer-table", caption, Table(rows, columns, ".9g"))]
 
