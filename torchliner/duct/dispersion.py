@@ -1,18 +1,13 @@
 r"""Axial wavenumbers of a plane duct in uniform flow, rigid at one wall, lined at the other.
 
-Waves :math:`e^{j\omega t - j\alpha x}`, x along the flow, height H; with :math:`d = k - \alpha M`,
-:math:`\gamma^2 = d^2 - \alpha^2` the pressure is :math:`\cos\gamma y` from the rigid wall, and at the liner
+With waves :math:`e^{j\omega t - j\alpha x}`, :math:`d = k - \alpha M` and :math:`\gamma^2 = d^2 - \alpha^2`
 
-.. math:: Z = \frac{jsd}{\gamma\tan\gamma H}, \quad s = \begin{cases} d/k & \text{Ingard-Myers: continuous
-    displacement}\\ 1 & \text{continuous velocity.}\end{cases}
+.. math:: Z = \frac{jsd}{\gamma\tan\gamma H}, \quad s = d/k \text{ (Ingard-Myers)},\ 1 \text{ (continuous velocity)}.
 
-Roots are sought of this multiplied out, with Z = a/b,
-
-.. math:: F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H = 0,
-
-which is even in gamma, so knows no branches of the root, has no poles, and covers Z = 0 (a = 0) and the rigid wall
-(b = 0). A mode is named by its rigid root, :math:`\gamma H = m\pi`, followed while the wall's reflection goes straight
-from 1 to (Z - 1)/(Z + 1): every wall on the way is passive if the last one is.
+Roots are sought of :math:`F = a\,\gamma\sin\gamma H - j b\,s\,d\cos\gamma H`, Z = a/b, which is even in gamma, has no
+poles and covers Z = 0 (a = 0) and the rigid wall (b = 0). A mode is named by its rigid root, :math:`\gamma H = m\pi`,
+followed while the wall's reflection goes straight from 1 to (Z - 1)/(Z + 1): every wall on the way is passive if the
+last one is.
 """
 
 from __future__ import annotations

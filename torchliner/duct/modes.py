@@ -108,11 +108,8 @@ class PridmoreBrown:
 
 
 def _panel_edges(profile: MeanFlow, split: int) -> np.ndarray:
-    """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b.
-
-    A wave with |a| > kappa/M has M = kappa/a near a wall at a complex y, where sigma is 0 and the
-    solution singular: hence thin panels there in every sheared flow, not only in thin layers.
-    """
+    """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b."""
+    # A wave with |a| > kappa/M has sigma = 0 at a complex y near a wall, where the solution is singular.
     slope = abs(float(profile.mach_slope(0.0))) * profile.duct_height
     width = min(THIN, max(THINNEST, profile.bulk_mach / slope / 2)) if slope else WIDEST
     edges = [0.0]
@@ -238,10 +235,7 @@ def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str, po
 
 
 def _lined(equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor) -> tuple[Tensor, ...]:
-    """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R.
-
-    On the way Z(t) + 1 = (Z + 1)/t: every wall is passive if the last one is, and Z = 0 is a point like others.
-    """
+    """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R."""
 
     def value(a: Tensor, t: Tensor, k: Tensor, r: Tensor) -> Tensor:
         return equation.residual(a, k, 1 + t * (r - 1))[0]

@@ -2,15 +2,9 @@ r"""Impedance from microphones at any places: least squares for two waves betwee
 
 .. math:: p(s) = A e^{-j\alpha_+ s} + B e^{-j\alpha_- (s - S)}, \quad 0 \le s \le S.
 
-Amplitudes are solved for at every step, and Gauss-Newton has one complex unknown or two:
-
-- free: alpha+ and alpha- each by itself;
-- tied: alpha+ alone. Both belong to one wall, F(alpha+, Z) = F(alpha-, Z) = 0, so alpha- follows it
-  (``carry_wavenumber``), and with (r, s) the two parts of the relation at alpha+, (R, S) those at alpha-, S r = R s
-  gives :math:`d\alpha_-/d\alpha_+ = -(s'R - r'S)/(sR' - rS')`.
-
-alpha+ is a better unknown than Z: the model is smooth in it at a rigid wall too. The start is the best of a grid of
-impedances, refined from the three best, so that no guess is needed; draws start from the result.
+Amplitudes are solved for at every step; the unknowns are alpha+ and alpha- (free), or alpha+ alone (tied), whose wall
+alpha- follows: with (r, s) the two parts of the relation at alpha+, (R, S) those at alpha-, S r = R s gives
+:math:`d\alpha_-/d\alpha_+ = -(s'R - r'S)/(sR' - rS')`. The start is the best of a grid of impedances.
 """
 
 from __future__ import annotations
