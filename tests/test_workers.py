@@ -16,7 +16,6 @@ import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_cli import run
 
 import torchliner as tl
 from torchliner.campaign import cluster
@@ -163,19 +162,6 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
         tl.moments(plane, client=client)
     with pytest.raises(RuntimeError, match=r"worker on .* has torchliner .*, and 9\.9 asks"):
         on_worker("9.9", len, ())
-
-
-def test_planes_of_commands_go_through_a_cluster(capsys, file, client):
-    """educe and calibrate answer as without one."""
-    found = []
-    for words in (["educe"], ["calibrate", "--free", "porosity", "--reference", "0.5-0.2j",
-                              "--draws", "0"]):  # fmt: skip
-        for more in ([], ["--cluster", client.scheduler.address]):
-            code, out, err = run(capsys, words[0], str(file), *words[1:], "--quiet", *more)
-            assert code in (0, 1), err
-            found.append(out.splitlines()[1].split()[:4])
-    assert found[0] == found[1]
-    assert float(found[2][1]) == pytest.approx(float(found[3][1]), rel=1e-3)
 
 
 @pytest.mark.parametrize(
