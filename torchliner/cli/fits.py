@@ -135,7 +135,7 @@ def identify(options: argparse.Namespace) -> int:
         found,
         lambda study: report.format_identification(study) + table,
         lambda _: plain,
-        lambda path: _write_curve(fit, path, options),
+        lambda path: _write_law(fit, f"{fit.runs[0].liner.name} identified", "identified", path, options),
         draw_identification,
     )
     return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
@@ -192,35 +192,14 @@ def _write_law(found: Any, name: str, how: str, path: Path, options: argparse.Na
     """Write the liner of a fit as .toml, with a comment on where it comes from."""
     from torchliner.liners.catalogue import liner_text
 
-    spread = zip(found.numbers.items(), found.standard.tolist(), strict=True)
+    numbers = zip(found.numbers.items(), found.standard.tolist(), strict=True)
+    words = ", ".join(f"{key} = {value:.6g} +- {u:.2g}" for (key, value), u in numbers)
     source = (
-        f"{', '.join(f'{key} = {value:.6g} +- {u:.2g}' for (key, value), u in spread)}; fitted to "
+        f"{found.law.label if found.law.frequencies else words}; fitted to "
         f"{', '.join(path.name for path in options.planes)} (reference {' '.join(options.reference)}), "
         f"{options.averaging}" + (f"; on a bound: {', '.join(found.on_bound)}" if found.on_bound else "")
     )
     write_text(liner_text(found.liner.replace(name=name), f"{name}: {how} by torchliner: {source}"), path)
-
-
-def _write_curve(fit: Any, path: Path, options: argparse.Namespace) -> None:
-    """A table as .csv, or a .toml that names one beside it; a law as .toml."""
-    from torchliner.io.csv_rows import write_rows
-
-    if not fit.law.frequencies:
-        if path.suffix.lower() == ".csv":
-            raise ValueError(f"{path}: {fit.law.label} were found, a law and not a table; write it as .toml")
-        _write_law(fit, f"{fit.runs[0].liner.name} identified", "identified", path, options)
-        return
-    table = fit.table(options.reach or 0.0)
-    rows = [
-        {"frequency": f, "speed": v, "resistance": z.real, "reactance": z.imag}
-        for f, row in zip(table.frequency.tolist(), table.values.tolist(), strict=True)
-        for v, z in zip(table.speed.tolist(), row, strict=True)
-    ]
-    write_rows(rows, path.with_suffix(".csv"), ".9g")
-    if path.suffix.lower() != ".csv":
-        lines = [f'model = "table"\nname = "{table.name}"\nfile = "{path.stem}.csv"']
-        lines += [] if table.cell_pitch is None else [f"cell_pitch = {table.cell_pitch!r}"]
-        write_text("\n".join(lines) + "\n", path)
 
 
 CURVE = "curve"
@@ -258,7 +237,6 @@ MODELS = Option(
     many=True,
 )
 RECORDS = Option("--pressure", "records for --reference in-situ or level-check, one a plane", kinds.PATH, nargs="+")
-REACH = Option("--reach", "last |v| of the table that is written; default 1.25 times what runs saw", kinds.MPS)
 RUNS = replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run")
 FIXED = opt.choices("drive mean missing allow_short")
 COMMANDS = {
@@ -291,9 +269,9 @@ COMMANDS = {
     "identify": Command(
         identify,
         [
-            *(RUNS, opt.OF_LINER, opt.TONE, MODELS, REFERENCE, RECORDS, PREDICT, REACH),
+            *(RUNS, opt.OF_LINER, opt.TONE, MODELS, REFERENCE, RECORDS, PREDICT),
             Option("--noise", f"{NOISE}; default 2 % of |Z|, 0.2 dB", kinds.NUMBER),
-            *(opt.output("write the liner, a table as .csv,", ".csv", ".toml"), opt.figure("draw curve and speeds")),
+            *(opt.output("write the liner", ".toml"), opt.figure("draw curve and speeds")),
         ],
         (
             "low.h5 mid.h5 high.h5 --rest 0.01+0.01j -o mine.toml --figure curve.png",

@@ -19,19 +19,7 @@ if TYPE_CHECKING:
 
 
 def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: bool = True) -> list[VelocityPlane]:
-    """The planes, by default with their velocity still in the file, as the options say.
-
-    Raises:
-        ValueError: a file holds moments alone.
-    """
-    from torchliner.io.moments_file import holds_moments
-
-    for path in paths:
-        if holds_moments(path):
-            raise ValueError(
-                f"{path} holds moments of |v|; its time samples are gone, which this needs: name "
-                "the plane file that was reduced"
-            )
+    """The planes, by default with their velocity still in the file, as the options say."""
     return [tl.read_plane(path, lazy=lazy, **options.reading) for path in paths]
 
 

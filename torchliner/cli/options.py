@@ -12,27 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from torchliner import names
-from torchliner.cli.kinds import (
-    ARRAY,
-    COMPLEX,
-    COUNT,
-    DB,
-    FILE,
-    FOLDER,
-    FREQUENCIES,
-    HZ,
-    LINER,
-    NUMBER,
-    PICTURE,
-    PLANE,
-    QUIET,
-    SIGNAL,
-    TEXT,
-    Kind,
-    M,
-    Option,
-    S,
-)
+from torchliner.cli import kinds
+from torchliner.cli.kinds import Option
 from torchliner.io.whole_file import HDF5 as HDF5
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -47,15 +28,15 @@ class Parameter(NamedTuple):
 
 
 KINDS = {
-    "float": NUMBER,
-    "int": COUNT,
-    "complex": COMPLEX,
+    "float": kinds.NUMBER,
+    "int": kinds.COUNT,
+    "complex": kinds.COMPLEX,
     "bool": None,
-    "Sequence[float]": NUMBER,
-    "tuple[float, float]": NUMBER,
+    "Sequence[float]": kinds.NUMBER,
+    "tuple[float, float]": kinds.NUMBER,
 }
 NARGS = {"background": "+", "Sequence[float]": "+", "tuple[float, float]": 2}
-UNITS = {"background": QUIET, "x": ARRAY, "z": ARRAY, "holes": FILE, "points": FILE}
+UNITS = {"background": kinds.QUIET, "x": kinds.ARRAY, "z": kinds.ARRAY, "holes": kinds.FILE, "points": kinds.FILE}
 LISTS = {
     "averaging": names.AVERAGINGS,
     "phase": names.PHASES,
@@ -94,7 +75,7 @@ def of(home: str, wanted: str, *, shown: str = "", group: str = "", **changes: d
         text, plain = one.text.rstrip(".").replace("``", ""), one.annotation.split(" | ")[0]
         if one.default is not None and one.default is not False and not re.search(r"\bdefault\b", text):
             text += f"; default {one.default:g}" if isinstance(one.default, float) else f"; default {one.default}"
-        kind: Any = LISTS.get(name) or UNITS.get(name) or KINDS.get(plain, TEXT)
+        kind: Any = LISTS.get(name) or UNITS.get(name) or KINDS.get(plain, kinds.TEXT)
         about: dict[str, Any] = {"kind": kind, "nargs": NARGS.get(name, NARGS.get(plain)), "text": text, "group": group}
         about |= {"flag": f"--{name.replace('_', '-')}", "further": bool(shown) and name not in shown.split()}
         found.append(Option(**about | changes.get(name, {})))
@@ -149,13 +130,13 @@ def group(title: str, *options: Option, further: bool = False) -> list[Option]:
 
 def output(text: str, *endings: str, required: bool = False, flag: str = "--output") -> Option:
     """A file with one of the endings, or a folder for one with the first."""
-    kind = Kind("FILE", Path, "written", endings)
+    kind = kinds.Kind("FILE", Path, "written", endings)
     return Option(flag, f"{text} as {', '.join(endings)}", kind, required=required)
 
 
 def frequency(default: str, flag: str = "--frequency") -> Option:
     """Values or ranges of frequency; ``default`` in words."""
-    return Option(flag, f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}", FREQUENCIES, nargs="+")
+    return Option(flag, f"values in Hz, or ranges LOW:HIGH:STEP; default: {default}", kinds.FREQUENCIES, nargs="+")
 
 
 def averaging(default: str | None, *of: str) -> Option:
@@ -180,7 +161,7 @@ OF_EDUCE = (
 )
 NO_INTERVALS = Option("--no-intervals", "no error bars", further=True, group="choices")
 NO_GIVEN_PHASE = {"kind": [rule for rule in names.PHASES if rule != "given"]}
-PHASE = of("velocity.educe:educe", "reference_phase", group="choices", reference_phase={"kind": NUMBER})
+PHASE = of("velocity.educe:educe", "reference_phase", group="choices", reference_phase={"kind": kinds.NUMBER})
 EDUCED = [*choices("averaging phase"), *PHASE, *choices(OF_EDUCE)]
 SELECTION = of("io.planes:read_plane", "start stop every region", group="part of the data")
 STATED = of(
@@ -193,15 +174,17 @@ READING = [replace(each, further=True) for each in (*SELECTION, *STATED)]
 
 RESULT = (*HDF5, *names.RESULT_WRITERS)
 ONE_PLANE, PLANES = (
-    Option("plane", "file of a plane, of any format; 'run_*.nc' joins restarts", PLANE),
-    Option("planes", "files of planes, of any format; 'run_*.nc' joins restarts", PLANE, nargs="+"),
+    Option("plane", "file of a plane, of any format; 'run_*.nc' joins restarts", kinds.PLANE),
+    Option("planes", "files of planes, of any format; 'run_*.nc' joins restarts", kinds.PLANE, nargs="+"),
 )
-OF_LINER = Option("--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", LINER)
+OF_LINER = Option(
+    "--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", kinds.LINER
+)
 TONE = frequency("the tone of the file")
-ONE_TONE = Option("--frequency", "default: the tone of the file", HZ)
+ONE_TONE = Option("--frequency", "default: the tone of the file", kinds.HZ)
 ROWS = output("write the rows", ".csv")
 COPY = output("write the preset, to edit,", ".toml", flag="--copy")
-PICTURES_OF = Option("--figure", "draw pictures there", FOLDER)
+PICTURES_OF = Option("--figure", "draw pictures there", kinds.FOLDER)
 PRINTING = [
     Option("--json", "print JSON instead of a table"),
     Option("--verbose", "print all there is, and every warning"),
@@ -210,29 +193,29 @@ PRINTING = [
 STRICT = Option("--strict", "exit code 1 where the level check fails for the answer")
 WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav or .npy file"
 INCIDENT = [
-    Option("--incident", f"{WAVES}; default: tones of --frequency", SIGNAL),
-    Option("--incident-rate", "sampling rate of an .npy file, Hz; default: none", HZ),
+    Option("--incident", f"{WAVES}; default: tones of --frequency", kinds.SIGNAL),
+    Option("--incident-rate", "sampling rate of an .npy file, Hz; default: none", kinds.HZ),
 ]
 WORKERS = "that read the data: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, or its .json file"
 CLUSTER = [
-    Option("--cluster", f"workers {WORKERS}; default: none, this process", TEXT),
-    Option("--wait", "for its scheduler and its first worker, s; default 30", S),
+    Option("--cluster", f"workers {WORKERS}; default: none, this process", kinds.TEXT),
+    Option("--wait", "for its scheduler and its first worker, s; default 30", kinds.S),
 ]
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
 CASE = [
-    Option("--frequency", "tone in Hz", HZ),
-    Option("--incident-level", SPL, DB),
-    Option("--mach", "bulk Mach number", NUMBER),
-    Option("--displacement-thickness", "of the boundary layer, m", M),
+    Option("--frequency", "tone in Hz", kinds.HZ),
+    Option("--incident-level", SPL, kinds.DB),
+    Option("--mach", "bulk Mach number", kinds.NUMBER),
+    Option("--displacement-thickness", "of the boundary layer, m", kinds.M),
     Option("--source-side", "side that the sound comes from", [s for s in names.SOURCE_SIDES if s != "unknown"]),
-    Option("--liner", "name of the liner below", TEXT),
-    Option("--title", "of tables and figures", TEXT),
+    Option("--liner", "name of the liner below", kinds.TEXT),
+    Option("--title", "of tables and figures", kinds.TEXT),
 ]  # facts that a file may leave unsaid
 
 
 def figure(text: str) -> Option:
     """--figure, a picture."""
-    return Option("--figure", text, PICTURE)
+    return Option("--figure", text, kinds.PICTURE)
 
 
 def given(options: argparse.Namespace, declared: Iterable[Option]) -> dict[str, Any]:
