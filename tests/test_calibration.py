@@ -298,28 +298,9 @@ FILES = [str(DATA / f"slit_{case}_y2.5mm.h5") for case in ("n115", "n130", "g01_
 def test_command_fits_predicts_and_writes(capsys, tmp_path):
     """The file written is the liner that was fitted, and says to what."""
     target, picture = tmp_path / "mine.toml", tmp_path / "z.png"
-    code = main(
-        [
-            "calibrate",
-            *FILES[:2],
-            "--free",
-            "vena_contracta=0.5:1.0",
-            "--free",
-            "offset",
-            "--noise",
-            "0.002",
-            "--predict",
-            FILES[2],
-            "--draws",
-            "100",
-            "-o",
-            str(target),
-            "--figure",
-            str(picture),
-            "--json",
-            "--quiet",
-        ]
-    )
+    words = ["--free", "vena_contracta=0.5:1.0", "--free", "offset", "--noise", "0.002", "--draws", "100", "--quiet"]
+    outputs = ["--predict", FILES[2], "-o", str(target), "--figure", str(picture), "--json"]
+    code = main(["calibrate", *FILES[:2], *words, *outputs])
     found = json.loads(capsys.readouterr().out)
     assert code == DONE
     values = {row["parameter"]: row["value"] for row in found["parameters"]}

@@ -358,21 +358,8 @@ def files(*cases):
 
 def test_command_writes_a_liner_that_is_read(tmp_path, capsys, unrendered):
     table, picture = tmp_path / "mine.toml", tmp_path / "a.png"
-    code = main(
-        [
-            "identify",
-            *files("o115", "o130", "o145"),
-            "--rest",
-            "0.01+0.01j",
-            "--freedom",
-            "1",
-            "-o",
-            str(table),
-            "--figure",
-            str(picture),
-            "--quiet",
-        ]
-    )
+    words = ["--rest", "0.01+0.01j", "--freedom", "1", "-o", str(table), "--figure", str(picture), "--quiet"]
+    code = main(["identify", *files("o115", "o130", "o145"), *words])
     shown = capsys.readouterr().out
     assert code == DONE
     assert picture.exists()
@@ -384,22 +371,8 @@ def test_command_writes_a_liner_that_is_read(tmp_path, capsys, unrendered):
 
 def test_command_compares_parameters(tmp_path, capsys):
     out = tmp_path / "mine.toml"
-    code = main(
-        [
-            "identify",
-            *files("o115", "o130"),
-            "--free",
-            "vena_contracta=0.3:0.9",
-            "--free",
-            "mass_loss",
-            "--json",
-            "-o",
-            str(out),
-            "--quiet",
-            "--predict",
-            *files("o145"),
-        ]
-    )
+    words = ["--free", "vena_contracta=0.3:0.9", "--free", "mass_loss", "--json", "-o", str(out), "--quiet"]
+    code = main(["identify", *files("o115", "o130"), *words, "--predict", *files("o145")])
     found = json.loads(capsys.readouterr().out)
     assert code == CHECK_FAILED  # o145 is beyond both
     assert {each["model"] for each in found["models"]} == {"mass_loss", "vena_contracta"}

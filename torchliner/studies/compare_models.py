@@ -108,15 +108,15 @@ def _of_one_pitch(
 ) -> tuple[dict[str, LinerModel], list[str]]:
     """The models with the cells of the data, in its flow, and whose cells they are where a model has others."""
     each = {name: model.cell_pitch for name, model in models.items() if model.cell_pitch is not None}
-    whose, facts, first = "cell_pitch", plane_of(plane), next(iter(each), "")
+    whose, facts = "cell_pitch", plane_of(plane)
     if pitch is not None:
         require_positive("cell_pitch (m)", pitch)
     elif isinstance(plane, Moments):
         pitch, whose = plane.cell_pitch, "the moments"
     elif facts.liner in preset_names():
         pitch, whose = load_liner(facts.liner).cell_pitch, f"{facts.liner}, which the plane names"
-    else:
-        pitch, whose = each.get(first), f"{first}; state cell_pitch for others"
+    elif each:
+        whose, pitch = next(iter(each.items()))
     others = ", ".join(f"{name} {1e3 * own:.4g} mm" for name, own in each.items() if own != pitch)
     notes = [f"cells are of {1e3 * (pitch or 0):.4g} mm ({whose}) for all models; as files: {others}"] if others else []
     copies = {name: copy.copy(model.in_flow(facts.mach)) for name, model in models.items()}
