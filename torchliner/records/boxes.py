@@ -15,13 +15,8 @@ UNEVEN = 0.01  # of a spacing, by which probes may be off a regular grid
 
 @dataclass(frozen=True)
 class Grid:
-    """A regular grid of probes.
-
-    Args:
-        rows, columns: numbers of probes along z and x.
-        spacing: along x, m.
-        row_spacing: along z, m; inf for a line.
-    """
+    """A regular grid of probes: numbers of rows along z and of columns along x, spacings along x and z, m (inf along
+    z for a line)."""
 
     rows: int
     columns: int
@@ -43,35 +38,33 @@ def grid_of(plane: VelocityPlane) -> Grid:
     shape = plane.probe_shape
     if len(shape) == 0 or shape[-1] < 2:
         raise ValueError(f"{plane.name} has {plane.probes} probe along x; averaging lengths need several")
-    if plane.x is None or (len(shape) == 2 and shape[0] > 1 and plane.z is None):
-        raise ValueError(
-            f"{plane.name} states no {'x' if plane.x is None else 'z'}; averaging lengths need the probes' places, in m"
-        )
+    rows = shape[0] if len(shape) == 2 else 1
+    for axis, wanted in (("x", True), ("z", rows > 1)):
+        if wanted and getattr(plane, axis) is None:
+            raise ValueError(f"{plane.name} states no {axis}; averaging lengths need the probes' places, in m")
     if len(shape) == 1 and plane.z is not None and bool((plane.z != plane.z[0]).any()):
         raise ValueError(f"{plane.name} holds scattered probes; windows need a line or a (z, x) plane")
-    rows = shape[0] if len(shape) == 2 else 1
-    spacing = _spacing(plane, "x", plane.x)
-    return Grid(rows, shape[-1], spacing, _spacing(plane, "z", plane.z) if rows > 1 else math.inf)
+    row_spacing = _spacing(plane, "z", plane.z) if rows > 1 else math.inf
+    return Grid(rows, shape[-1], _spacing(plane, "x", plane.x), row_spacing)
 
 
-def _spacing(plane: VelocityPlane, axis: str, values: Tensor) -> float:
+def _spacing(plane: VelocityPlane, axis: str, values: Tensor | None) -> float:
+    assert values is not None
     steps = values.diff()
     middle = float(steps.mean())
     if middle <= 0 or float((steps - middle).abs().max()) > UNEVEN * middle:
         raise ValueError(
-            f"{plane.name}: {axis} runs in steps of {1e3 * float(steps.min()):.4g} to "
-            f"{1e3 * float(steps.max()):.4g} mm; windows need probes in even, rising steps (within "
-            "1 %)"
+            f"{plane.name}: {axis} runs in steps of {1e3 * float(steps.min()):.4g} to {1e3 * float(steps.max()):.4g} "
+            "mm; windows need probes in even, rising steps (within 1 %)"
         )
     return middle
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Boxes of ``height`` x ``width`` probes that lie wholly inside the plane.
+    """Boxes of ``height`` x ``width`` probes, along z and x, that lie wholly inside the plane, one at every position.
 
     Args:
-        width, height: probes along x and z.
         used: probes that take part, (Z, X) bool.
     """
 
@@ -81,14 +74,14 @@ class Windows:
 
     @property
     def count(self) -> int:
-        """W: one at every position."""
+        """W."""
         rows, columns = self.used.shape
         return (rows - self.height + 1) * (columns - self.width + 1)
 
     def mean(self, values: Tensor) -> Tensor:
         """Mean of (..., P) over the used probes of each window, (..., W); nan where none is used."""
-        counts = self._sums(self.used.to(values.device, torch.float64))
-        return (self._boxed(values) / torch.where(counts > 0.5, counts, torch.nan).flatten()).to(values.dtype)
+        counts = self._sums(self.used.to(values.device, torch.float64)).flatten()
+        return (self._boxed(values) / torch.where(counts > 0.5, counts, torch.nan)).to(values.dtype)
 
     def sum(self, values: Tensor) -> Tensor:
         """Of (..., P) over the used probes of each window, (..., W)."""
@@ -108,15 +101,8 @@ class Windows:
 
 
 def windows_of(grid: Grid, length: float, used: Tensor) -> Windows:
-    """Windows of ``length`` along x and z (or all of z, where that is shorter).
-
-    Args:
-        grid: the probes.
-        length: m, at least a spacing; the nearest number of probes is taken, and all rows go with all columns.
-        used: (Z, X) bool.
-    """
+    """Windows of ``length`` (m, at least a spacing) along x and z, or all of z, where that is shorter; the nearest
+    number of probes is taken, and all rows go with all columns. ``used``: (Z, X) bool."""
     width = min(grid.columns, max(1, round(length / grid.spacing)))
-    height = min(grid.rows, max(1, round(length / grid.row_spacing)))
-    if width == grid.columns:
-        height = grid.rows
+    height = grid.rows if width == grid.columns else min(grid.rows, max(1, round(length / grid.row_spacing)))
     return Windows(width, height, used)
