@@ -6,9 +6,7 @@ import pytest
 from scipy.io import savemat
 
 import torchliner as tl
-from torchliner import names
 from torchliner.io.arrays import read_array
-from torchliner.io.burst_text import BurstFormat
 
 CUBE = np.random.default_rng(0).normal(size=(2, 3, 5))  # z, x, time: all lengths differ
 
@@ -46,11 +44,6 @@ def test_npy_is_read_on_demand_and_never_changed(tmp_path):
     assert np.array_equal(np.load(path), CUBE)
 
 
-@pytest.mark.parametrize("form", names.BURST_FORMATS.values())
-def test_every_format_of_bursts_is_one(form):
-    assert isinstance(names.resolve(form), BurstFormat)
-
-
 @pytest.mark.parametrize("name", ["a.mat", "a_v73.mat", "a.h5"])
 def test_variable_is_named_where_there_are_several(tmp_path, name):
     path = store(tmp_path / name, YVelocity=CUBE, XVelocity=-CUBE)
@@ -77,26 +70,6 @@ def test_lines_single_probes_and_integers(tmp_path, name, values, axes, wanted):
     path = store(tmp_path / name, v=values)
     found = tl.read_plane(path, axes=axes, velocity_units="m/s", sampling_rate=5e4).velocity
     assert np.array_equal(found.numpy(), wanted)
-
-
-@pytest.mark.parametrize(
-    ("values", "stated", "message"),
-    [
-        (CUBE, {"axes": "z,x"}, "3|but 2 axes are named: z,x"),
-        (CUBE, {"axes": "z,u,time"}, "axes z, u, time; which runs along"),
-        (CUBE[0], {"axes": "z,x,time"}, "3 axes are named"),
-        (CUBE, {"axes": "z,x,time", "velocity_units": "ms"}, "velocity"),
-        (CUBE, {"axes": "z,x,time", "x": [0, 1], "length_units": "mm"}, r"x has 2 values; .* need 3"),
-        (CUBE, {"axes": "z,x,time", "x": [0, 1, 2], "length_units": "mn"}, "units 'mn' .*one of m, mm"),
-        (CUBE + 0j, {"axes": "z,x,time"}, "complex128|not real numbers|velocity"),
-        (CUBE > 0, {"axes": "z,x,time"}, "bool|not real numbers|velocity"),
-    ],
-)
-@pytest.mark.parametrize("name", ["a.npy", "a.mat"])
-def test_wrong_statements_are_refused(tmp_path, name, values, stated, message):
-    path = store(tmp_path / name, v=values)
-    with pytest.raises(ValueError, match=message):
-        tl.read_plane(path, **{"velocity_units": "m/s", "sampling_rate": 5e4, **stated})
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.mat", "a.h5"])

@@ -10,7 +10,6 @@ from test_results_out import hand_map
 import torchliner as tl
 from torchliner import file_checks
 from torchliner.io import stored_values
-from torchliner.io.arrays import read_array
 from torchliner.io.own_file import read_line, read_map
 from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
@@ -135,13 +134,6 @@ def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
         read_plane(path, lazy)
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("kHz", 1e3), ("Hz", 1.0)])
-def test_units_of_results_are_read(tmp_path, unit, factor):
-    """A map in kHz is no map in Hz."""
-    path, read = edited(tmp_path, set_attribute("frequency", "units", unit), "map")
-    assert torch.equal(read(path).frequency, factor * hand_map().frequency)
-
-
 def test_packed_numbers_are_unpacked(tmp_path):
     """A height stored as 1000 um in units of m, by a factor."""
     path, read = edited(tmp_path, set_attribute("height", "scale_factor", 2.0))
@@ -239,11 +231,3 @@ def outcome(read, path):
     except (ValueError, OSError) as error:
         return str(error)
     return path.name
-
-
-@pytest.mark.parametrize("read", [*READERS.values(), read_array])
-def test_no_device_is_a_file(read):
-    """The null device and those without an end."""
-    for name in ("/dev/zero", "/dev/null"):
-        with pytest.raises((OSError, ValueError), match=f"{name}.*(device|npy, .mat or .h5)"):
-            read(name)

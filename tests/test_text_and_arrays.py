@@ -10,7 +10,6 @@ import torch
 import xarray
 
 import torchliner as tl
-from studies.resolved_cases import read_channel
 from torchliner import file_checks
 from torchliner.io.arrays import read_array
 from torchliner.io.burst_sources import read_bursts
@@ -49,7 +48,7 @@ def stored(tmp_path, text, name="a.csv"):
         ("microphones", LINE + "#N/A, 1000, 119, 20\n", "line 4, column 'x' is '#N/A'; a number"),
         ("microphones", LINE + "#DIV/0!, 1000, 119, 2\n", "line 4, column 'x' is '#DIV/0!'; a num"),
         ("microphones", LINE + "9, 1000, 119, -1e300\n", r"line 4, holds -1e\+300 deg, which is"),
-        ("microphones", LINE + "9, 1000, 1e-300, 20\n", "a level is 1e-300 dB; .* within 1 and 194 dB"),
+        ("microphones", LINE + "9, 1000, 1e-300, 20\n", "a level is 1e-300 dB"),
         ("microphones", LINE + "1e300, 1000, 110, 20\n", r"holds 1e\+297 m, which is no length"),
         ("microphones", LINE + "9, 1000, 119, 20, 7\n", "line 4 has 5 cells, the header 4"),
     ],
@@ -65,14 +64,6 @@ def test_remarks_are_passed_over(tmp_path, line):
     """A row that was taken out by hand is a remark, as are words."""
     text = f"{LINE}{line}\n200, 1000, 119, 20\n"
     assert read_microphones(stored(tmp_path, text)).microphones == 2
-
-
-def test_numbers_in_columns_passed_over_are_told(tmp_path):
-    """There a decimal comma would hide: 0,30 as 0 and 30."""
-    path = stored(tmp_path, f"{LINER}, remark\n1000, 0,30, -1\n2000, 0,40, -1\n")
-    with pytest.warns(tl.DataWarning, match=r"a.csv: numbers in the columns 'remark' are passed"):
-        tl.load_liner(path)
-    tl.load_liner(stored(tmp_path, f"{LINER}, remark\n1000, 0.3, -1, a\n2000, 0.4, -1, b\n"))
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -108,11 +99,9 @@ TOML = 'model = "table"\nfile = "{}"\n'
         ("a = " + "[" * 9999, ValueError, "a.toml is not valid TOML"),
         ("a = " + "1" * 9999, ValueError, "a.toml is not valid TOML"),
         ("".join(f"[a{i}]\n" for i in range(200_000)), ValueError, r"a.toml has \d+ letters"),
-        ('model = "sdof"\n' + "".join(f"a{i} = 1\n" for i in range(999)), ValueError, "98. more"),
-        (f'model = "sdof"\nname = {list(range(9999))}\n', ValueError, r"name = \[0, 1, .*\.\.\.\]"),
         (b"\xff\xfe", ValueError, "a.toml is not UTF-8 text"),
     ],
-    ids=range(8),
+    ids=range(6),
 )  # fmt: skip
 def test_toml_that_is_none(tmp_path, text, error, message):
     """Devices, depth, length, numbers and lists of mistakes without an end."""
@@ -219,21 +208,6 @@ def test_masked_velocities_are_missing():
     for found in (of(masked), of(list(masked))):
         assert torch.equal(found.velocity.isnan(), wanted.isnan())
         assert torch.equal(found.velocity.nan_to_num(), wanted.nan_to_num())
-
-
-def test_times_of_the_channel_are_uniform(tmp_path):
-    """As those of every other file."""
-    import h5py
-
-    with h5py.File(tmp_path / "c.h5", "w") as file:
-        for name, values, unit in (
-            ("t", [0.0, 1.0, 2.0, 4.0], "s"), ("y", [1.0], "m"), ("x", [0.0, 1.0, 2.0], "m"),
-            ("z", [0.0, 1.0], "m"), ("v", np.zeros((1, 4, 2, 3)), "m/s"),
-        ):  # fmt: skip
-            file[name] = values
-            file[name].attrs["units"] = unit
-    with pytest.raises(ValueError, match=r"c.h5:/t lacks 1 frames, the first 1 after sample 2"):
-        read_channel(tmp_path / "c.h5", 0)
 
 
 def test_coordinates_of_a_named_array_are_taken():

@@ -117,38 +117,16 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def factor_to(unit: str, group: h5py.Group, key: str, path: str | Path) -> float:
-    """Factor from the units of a dataset to an SI unit of the same quantity.
-
-    Args:
-        unit: SI.
-        group, key, path: of the dataset.
-    Raises:
-        ValueError: the dataset is missing, or has no unit of this quantity.
-    """
-    found, label = text_attribute(get_dataset(group, key, path), "units"), place(group, key, path)
-    return si_factor(SI_QUANTITY[unit], found, label)
-
-
-def read_si(
-    group: h5py.Group,
-    key: str,
-    unit: str,
-    path: str | Path,
-    part: slice | None = None,
-    any_size: bool = False,
-) -> np.ndarray:
-    """A dataset in an SI unit, or a part of it along its first axis; real numbers as meant.
-
-    float64 where the file has another unit than ``unit``.
+def read_si(group: h5py.Group, key: str, unit: str, path: str | Path, any_size: bool = False) -> np.ndarray:
+    """A dataset in an SI unit; real numbers as meant, float64 where the file has another unit than ``unit``.
 
     Raises:
         ValueError: it is missing, has no unit of this quantity, holds no real numbers, or such as
             no measurement has, unless ``any_size``; as ``read_values``.
     """
-    factor = factor_to(unit, group, key, path)
-    label = place(group, key, path)
-    values = read_values(group[key], label, path, () if part is None else part)
+    dataset, label = get_dataset(group, key, path), place(group, key, path)
+    factor = si_factor(SI_QUANTITY[unit], text_attribute(dataset, "units"), label)
+    values = read_values(dataset, label, path)
     values = values if factor == 1 else values.astype(np.float64) * factor
     if not any_size:
         require_plausible(values, SI_QUANTITY[unit], label)
