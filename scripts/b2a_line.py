@@ -32,8 +32,8 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.line_file import line_rows
+from torchliner.report.bursts import draw_lines
 from torchliner.report.figure import RC, finish
-from torchliner.report.line_figures import draw_lines
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
 RATE, VALIDATED, FINE = 15e3, 0.97, 200e3  # bursts a second, share of them, Hz of the simulation

@@ -18,8 +18,8 @@ import torchliner as tl
 from common import RESULTS, case_files, options_of, parser_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
-from torchliner.report.studies import format_calibration, parameter_table, prediction_table
-from torchliner.report.study_figures import draw_predictions
+from torchliner.report.of_fits import of_fit, parameter_table, prediction_table
+from torchliner.report.planes import draw_predictions
 from torchliner.studies.rows import Row
 
 FOLDER = RESULTS / "calibration"
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             about = {"variant": variant, "averaging": averaging}
             print(f"\n== {variant}, {averaging}")
             for name, found in zip(("slit", "orifice"), fits, strict=True):
-                print(format_calibration(found))
+                print(of_fit([found]).screen(verbose=True))
                 parameters += [{**about, "fit": name, **row} for row in parameter_table(found).as_rows()]
             shown = [Row(row, label=f"{row.label} {1e3 * (row.height or 0):.1f} mm") for row in rows]
             print(prediction_table(shown).as_text())

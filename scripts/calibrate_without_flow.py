@@ -21,8 +21,7 @@ import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.without_flow import draw_without_flow
 from torchliner.names import AVERAGINGS
-from torchliner.report.study_table import table_of
-from torchliner.report.table import format_complex
+from torchliner.report.table import format_complex, table_of
 from torchliner.studies.rows import Row
 from truth_page import page_table, write_tables
 

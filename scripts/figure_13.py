@@ -23,7 +23,7 @@ from torchliner.duct.case import impedance_along
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.duct_report import draw_walls
+from torchliner.report.fields import draw_walls
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}
 ASSUMED, HEIGHTS = 1.36 - 0.67j, {"R - 25 %": 0.75, "assumed Z": 1.0, "R + 25 %": 1.25}

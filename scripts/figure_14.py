@@ -23,8 +23,9 @@ from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressur
 from torchliner.duct.presets import load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import FieldFit, WallEduction
+from torchliner.report.fields import draw_levels
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, SPL, Figure, entry, finish, legend_below, styled, subplots
-from torchliner.report.wall_pressure import draw_cloud, draw_levels
+from torchliner.report.planes import draw_cloud
 
 SIDES = ("upstream", "downstream")
 FIRST = 145.0  # dB, where figure 19 lets its levels start

@@ -15,8 +15,8 @@ import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import impedance_from_reflection
 from torchliner.liners.model import LinerModel, reflection_of
+from torchliner.report.curves import draw_spectrum
 from torchliner.report.figure import COLOURS, LINES, finish, label_axes, panels_of, styled
-from torchliner.report.figures import draw_spectrum
 
 LINERS = ("polito", "onera")
 TOTAL, OTHER = 3.0, 2000.0  # rms of v, m/s; Hz

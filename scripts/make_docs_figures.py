@@ -25,8 +25,10 @@ from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.names import AVERAGINGS
 from torchliner.pressure.dean import in_situ
-from torchliner.report import figures, study_figures
-from torchliner.report.figures import draw_spectrum
+from torchliner.report.curves import draw_along_x, draw_spectrum, draw_velocity
+from torchliner.report.maps import draw_map
+from torchliner.report.planes import draw_against_height
+from torchliner.report.trends import draw_heights, draw_modulation
 from torchliner.studies.heights import study_heights
 from torchliner.velocity.educe import educe
 
@@ -38,26 +40,26 @@ def main() -> None:
         holes = DATA / f"holes_{case[: case.index('_') + 2]}.csv"  # by the first letter of the case
         planes = [read_plane(path, holes=holes) for path in plane_files(f"{case}_y*.h5")]
         maps = [educe(plane, load_liner(plane.liner)) for plane in planes]
-        figures.draw_along_x(maps, FIGURES / f"{case}_along_x.png")
-        figures.draw_against_height(maps, FIGURES / f"{case}_height.png")
-        figures.draw_velocity(planes, FIGURES / f"{case}_velocity.png")
+        draw_along_x(maps, FIGURES / f"{case}_along_x.png")
+        draw_against_height(maps, FIGURES / f"{case}_height.png")
+        draw_velocity(planes, FIGURES / f"{case}_velocity.png")
         if case == "slit_g03_145":
             beside = in_situ(read_pressure(DATA / "pressure_g03_145.h5"))
             both = [found.with_alongside(beside) for found in maps]
-            figures.draw_along_x(both, FIGURES / f"{case}_in_situ.png")
+            draw_along_x(both, FIGURES / f"{case}_in_situ.png")
     pressure = str(DATA / "pressure_n130.h5")
     torchliner(["insitu", pressure, "--figure", str(FIGURES / "in_situ_n130.png")])
     planes = [read_plane(DATA / f"slit_n130_y{height}mm.h5") for height in ("1.0", "2.5")]
     wide = [300 + 50.0 * i for i in range(115)]
     spectra = [educe(plane, load_liner(plane.liner), wide) for plane in planes]
     draw_spectrum(spectra, FIGURES / "slit_n130_spectrum.png")
-    figures.draw_map(maps[1], FIGURES / "orifice_o145_map.png")
+    draw_map(maps[1], FIGURES / "orifice_o145_map.png")
     channel = read_plane(DATA / "channel_y1.04mm.h5")
     null_test = educe(channel, load_liner("polito"), 1400.0)
-    figures.draw_map(null_test, FIGURES / "channel_map.png")
+    draw_map(null_test, FIGURES / "channel_map.png")
     for case, draw, name in (
-        ("slit_n130", study_figures.draw_heights, "height_n130_impedance"),
-        ("slit_g03_145", study_figures.draw_modulation, "height_g03_imprint"),
+        ("slit_n130", draw_heights, "height_n130_impedance"),
+        ("slit_g03_145", draw_modulation, "height_g03_imprint"),
     ):
         planes = [read_plane(path) for path in plane_files(f"{case}_y*.h5")]
         study = study_heights(planes, load_liner(planes[0].liner))

@@ -31,8 +31,8 @@ from studies.truth_reasons import (
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
+from torchliner.report.of_fits import truth_table
 from torchliner.report.table import format_complex
-from torchliner.report.truth_table import plain_truth
 from torchliner.studies.reference_cases import TABLE, hole_kind
 from torchliner.studies.rows import Row
 from torchliner.studies.validate import (
@@ -89,7 +89,8 @@ def truth_row_of(row: dict[str, str]) -> Row:
     """The row of such a CSV again."""
 
     def pair(key: str) -> complex:
-        return complex(float(row[f"{key}_resistance"]), float(row[f"{key}_reactance"]))
+        names = [f"{part}_{key}" if key in ("low", "high") else f"{key}_{part}" for part in ("resistance", "reactance")]
+        return complex(*(float(row[name]) for name in names))
 
     rest = ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods")
     known: dict[str, Any] = {name: pair(name) for name in ("in_situ", "low", "high")} | {
@@ -111,7 +112,7 @@ def write_truth_rows(rows: Sequence[Row], path: Path) -> None:
     write_rows(
         [
             {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.items()}
-            for row in plain_truth(rows).as_rows()
+            for row in truth_table(rows).as_rows()
         ],
         path,
     )

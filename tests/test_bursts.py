@@ -26,7 +26,7 @@ from torchliner.bursts.stations import (
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.dantec import pair_coincident
-from torchliner.report.station_report import intervals_of
+from torchliner.report.bursts import intervals_of
 
 REAL = SHARED / "data" / "lda_bursts"
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"

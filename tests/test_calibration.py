@@ -15,7 +15,7 @@ from test_audit import Counted
 import torchliner as tl
 from torchliner.cli.main import CHECK_FAILED, DONE, main
 from torchliner.names import AVERAGINGS
-from torchliner.report.studies import parameter_table
+from torchliner.report.of_fits import parameter_table
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.posterior import Posterior, sample_posterior

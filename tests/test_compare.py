@@ -139,15 +139,15 @@ def test_the_command_prints_and_writes_rows(tmp_path, capsys):
     words = ["compare", str(tmp_path / "0.h5"), str(tmp_path / "1.h5"), "--averaging", "admittance", "--quiet"]
     assert main(words) == DONE
     text = capsys.readouterr().out
-    assert "independent records" in text
-    assert text.splitlines()[1].startswith("liner")
+    assert "second" in text.lower()
+    assert any(line.startswith("liner") for line in text.splitlines())
     assert main([*words, "--json", "-o", str(tmp_path / "d.csv")]) == DONE
     rows = json.loads(capsys.readouterr().out)["rows"]
     wanted = complex(made(1).answer[0] - made(0).answer[0])
     assert rows[0]["difference"]["resistance"] == pytest.approx(wanted.real, abs=1e-5)
     with (tmp_path / "d.csv").open() as file:
         first = next(csv.DictReader(file))
-    assert float(first["low_reactance"]) == pytest.approx(rows[0]["low"]["reactance"], rel=1e-9)
+    assert float(first["reactance_low"]) == pytest.approx(rows[0]["low"]["reactance"], rel=1e-9)
     made(1, tones=(1000.0,)).write(tmp_path / "c.h5")
     assert main([*words[:2], str(tmp_path / "c.h5")]) == BAD_INPUT
     assert "other frequencies" in capsys.readouterr().err

@@ -30,16 +30,15 @@ def test_table_and_files(files, capsys):
     path = str(files / "upstream.h5")
     assert main(["kt", path, "-o", str(files / "rows.csv"), "--quiet"]) == 0
     text = capsys.readouterr().out
-    assert "upstream case: Kumaresan-Tufts, rank 2, order 6, source upstream, 12 microphones" in text
+    assert "Impedance from microphones: upstream case" in text
     assert "2.330-0.300j" in text
     with (files / "rows.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["frequency"]) for row in rows] == FREQUENCY.tolist()
     for row, wall in zip(rows, WALLS.tolist(), strict=True):
         assert complex(float(row["resistance"]), float(row["reactance"])) == pytest.approx(wall)
-        assert float(row["resistance_deviation"]) < 1e-12  # nothing is left of an exact line
+        assert float(row["deviation_resistance"]) < 1e-12  # nothing is left of an exact line
         assert (float(row["energy_share"]), row["mach"]) == (pytest.approx(1.0), "0.3")
-        assert float(row["singular_values"].split()[2]) < 1e-10
 
 
 @pytest.mark.parametrize("method", ["kt", "two-waves", "free-waves"])
@@ -51,9 +50,10 @@ def test_both_sides_at_once(files, capsys, method):
     first = json.loads(capsys.readouterr().out)["lines"]
     assert [one["title"] for one in first] == ["upstream case", "downstream case"]
     for one in first:
-        assert one["rows"][2]["resistance"] == pytest.approx(2.33, abs=1e-6)
-        assert 0 < one["rows"][2]["resistance_deviation"] < 1
-        assert one["rows"][2]["resistance_low"] < one["rows"][2]["resistance_high"]
+        row = one["rows"][2]
+        assert row["impedance"]["resistance"] == pytest.approx(2.33, abs=1e-6)
+        assert 0 < row["deviation"]["resistance"] < 1
+        assert row["low"]["resistance"] < row["high"]["resistance"]
         assert one["choices"]["draws"] == 2
     again = []
     for seed in ("0", "0", "1"):
@@ -82,23 +82,20 @@ def test_fit_of_the_field(solved_files, capsys):
     arguments = ["kt", *names, "--method", "field", "--duct", str(solved_files / "b2a.toml")]
     assert main([*arguments, "-o", str(solved_files / "rows.csv")]) == 0
     text = capsys.readouterr().out
-    assert "LEE fit, source downstream, 18 microphones" in text
-    assert text.count("0.100+0.050j") == 2
-    assert text.count("2.330-0.300j") == 4  # as found, and as the duct was solved
-    assert text.count("Z - known") == 2
+    assert text.count("2.330-0.300j") == 2
     with (solved_files / "rows.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert complex(float(rows[0]["known_resistance"]), float(rows[0]["known_reactance"])) == pytest.approx(2.33 - 0.3j)
     assert float(rows[0]["misfit"]) < 1e-6
-    assert 0 < float(rows[0]["resistance_deviation"]) < 0.1
-    assert (rows[0]["wavenumber_real"], rows[0]["singular_values"]) == ("nan", "")
+    assert 0 < float(rows[0]["deviation_resistance"]) < 0.1
+    assert "wavenumber_resistance" not in rows[0]
     arguments.remove(names[1])
     assert main([*arguments, "--far-end", "stated", "--draws", "2", "--json"]) == 0
     output = capsys.readouterr()
     assert "times the stated errors" in output.err
     row = json.loads(output.out)["lines"][0]["rows"][0]
     assert row["misfit"] > 10
-    assert row["end_reflection_real"] == pytest.approx(0.0, abs=1e-12)
+    assert row["end_reflection"]["resistance"] == pytest.approx(0.0, abs=1e-12)
     picture = solved_files / "fit.png"
     drawn = ["--draws", "2", "--figure", str(picture)]
     assert main([*arguments, "--start", "2+0.1j", *drawn, "--quiet"]) == 0

@@ -13,7 +13,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.records.level_check import Gap
-from torchliner.report.studies import format_calibration
+from torchliner.report.answer import answer_of
 from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes
 
@@ -370,7 +370,7 @@ def test_levels_alone_give_the_parameters(order):
     assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
     assert found.data == 3
     assert max(abs(row.level_check) for row in found.rows) < 1e-5
-    text = format_calibration(found)
+    text = answer_of(found).screen(verbose=True)
     assert "level check" in text
     assert "3 data, 2 parameters" in text
     assert found.rows[0].true is None

@@ -18,8 +18,7 @@ from conftest import DATA, load_script, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.files import DEMO_PLANES
 from torchliner.cli.main import DONE, main
-from torchliner.report.figures import over_surface
-from torchliner.report.map_figures import mesh_of
+from torchliner.report.maps import mesh_of, over_surface
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PLACES = {
@@ -79,7 +78,7 @@ def test_notebooks_get_a_table_whose_titles_are_text(maps):
 def test_scattered_probes_make_a_map(maps):
     """Triangles between probes; a line, also a slanted one, stays a line."""
     assert [over_surface(maps[place]) for place in PLACES] == [True, False, False, True]
-    figure = maps["scattered"].plot()
+    figure = maps["scattered"].plot(frequency=1400.0)
     assert figure._repr_png_().startswith(b"\x89PNG")
     drawn = figure.axes[0].collections[0]
     low, high = drawn.get_clim()

@@ -17,7 +17,7 @@ import torchliner as tl
 from torchliner.cli.main import DONE
 from torchliner.records import origin
 from torchliner.records.origin import input_file, named_file, origin_of, standing
-from torchliner.report.page.sections import inputs_of
+from torchliner.report.page import inputs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 CSV = "frequency,speed,resistance,reactance\n" + "\n".join(

@@ -258,13 +258,13 @@ def test_command_prints_sorts_and_draws(capsys, tmp_path, small):
     found = tl.sensitivities(tl.read_plane(small), tl.load_liner("lbm_slit"))
     budget = found.propagate({"orifice_diameter": "0.02 mm", "porosity": "2 %"})
     total = complex(budget.combined["velocity"][0])
-    assert float(rows[2]["impedance_resistance"]) == pytest.approx(total.real, rel=1e-6)
+    assert float(rows[2]["resistance"]) == pytest.approx(total.real, rel=1e-6)
     assert picture.stat().st_size > 10_000
     assert main([*words, "--json"]) == DONE
     plain = json.loads(capsys.readouterr().out)
     nominal = complex(found.found.liner["velocity"].impedance[0])
     assert plain["impedance"][0]["resistance"] == pytest.approx(nominal.real, rel=1e-9)
-    assert f"correlation of R and X {plain['correlation_of_R_and_X'][0]:+.2f}" in out
+    assert f"their correlation {plain['correlation_of_R_and_X'][0]:+.2f}" in out
     assert main(["sensitivity", small, "--parameters", "porosity", "cavity_depth", "--json"]) == DONE
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert [(row["parameter"], row["unit"]) for row in rows] == [("cavity_depth", "m"), ("porosity", "1")]

@@ -15,7 +15,7 @@ import torchliner as tl
 from studies.harmonics import phase_locked_power
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
-from torchliner.report.truth_table import plain_truth
+from torchliner.report.of_fits import truth_table
 from torchliner.studies.validate import validate
 
 page = load_script("truth_page")
@@ -154,9 +154,9 @@ def test_noise_has_no_part_in_step():
 
 
 def test_rows_survive_their_csv(tmp_path):
-    some = plain_truth([ROWS[0], ROWS[36]])  # phases averaged: with an interval
+    some = truth_table([ROWS[0], ROWS[36]])  # phases averaged: with an interval
     some.write_csv(tmp_path / "rows.csv")
-    assert plain_truth(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
+    assert truth_table(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
 
 
 @pytest.mark.filterwarnings("ignore:self-consistent phase")

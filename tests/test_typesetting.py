@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from torchliner.report.page.sections import warned
 from torchliner.report.typesetting import typeset, typeset_label
 
 
@@ -17,32 +16,30 @@ from torchliner.report.typesetting import typeset, typeset_label
         ("off by 4e-4.", "off by 4e~4."),
         ("[-0.5, -.5], =-2, -inf", "[~0.5, ~.5], =~2, ~inf"),
         ("v' rms -0.5, u'", "v\u2032 rms ~0.5, u\u2032"),
+        *(
+            (text, text)
+            for text in (
+                "2026-11-23, 2026-11-23T10:04:05",
+                "300-3500 Hz, 5-95 %, two-wave, 1.5-2",
+                "--phase given --reference-phase -0.5, --band=-3 4, calibrate --closure",
+                "data/slit_n130-1.0mm.h5, run-3.h5, -3.h5, 1e-3.nc, data/-2/x",
+                "polito-2 eq. (A-1)",
+                r"$v'_{\mathrm{rms}}$ s$^{-1}$ $-$",
+                "no option is called 'v' or 'u'",
+                "-",
+                "a - b",
+                "10.1017/jfm.2026.11969",
+                "3d5c-4e-12ab",
+                "case n130 - 2.5 mm",
+            )
+        ),
     ],
 )
-def test_numbers_have_a_true_minus(given, wanted):
-    """Real, imaginary and in exponents."""
-    assert typeset(given) == wanted.replace("~", "\N{MINUS SIGN}")
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "2026-11-23, 2026-11-23T10:04:05", "300-3500 Hz, 5-95 %, two-wave, 1.5-2",
-        "--phase given --reference-phase -0.5, --band=-3 4, calibrate --closure",
-        "data/slit_n130-1.0mm.h5, run-3.h5, -3.h5, 1e-3.nc, data/-2/x", "polito-2 eq. (A-1)",
-        r"$v'_{\mathrm{rms}}$ s$^{-1}$ $-$", "no option is called 'v' or 'u'", "-", "a - b",
-        "10.1017/jfm.2026.11969", "3d5c-4e-12ab", "case n130 - 2.5 mm",
-    ],
-)  # fmt: skip
-def test_hyphens_stay(text):
-    """Of dates, ranges, options, file names, formulas and separators; quotes are no primes."""
-    assert typeset(text) == text
-
-
-def test_it_is_done_once():
-    """What is typeset already is left as it is."""
-    text = typeset("-1.5-0.3j at 1e-5, v'")
-    assert typeset(text) == text
+def test_numbers_have_a_true_minus_and_hyphens_stay(given, wanted):
+    """Real, imaginary and in exponents; not dates, ranges, options, files, formulas; twice is as once."""
+    found = typeset(given)
+    assert found == wanted.replace("~", "\N{MINUS SIGN}")
+    assert typeset(found) == found
 
 
 def test_labels_have_the_symbol_of_the_axes():
@@ -53,12 +50,14 @@ def test_labels_have_the_symbol_of_the_axes():
 
 @pytest.mark.parametrize(
     ("text", "tells"),
-    [("-" + "1" * 200_000 + "a", 0), ("-1e" * 70_000 + "x", 0), ("+1" * 100_000 + " -2", 1),
-     ("--a=" + "-1" * 70_000 + "x", 0)],
+    [
+        ("-" + "1" * 200_000 + "a", 0),
+        ("-1e" * 70_000 + "x", 0),
+        ("+1" * 100_000 + " -2", 1),
+        ("--a=" + "-1" * 70_000 + "x", 0),
+    ],
     ids=["digits", "exponents", "sums", "option"],
-)  # fmt: skip
+)
 def test_text_of_any_file_takes_a_moment(text, tells):
     """Every end from every start would take hours: the notes of a file may hold such text."""
-    found = typeset(text)
-    assert found.count("\N{MINUS SIGN}") == tells
-    assert len(warned([text]).blocks[0].items) == 1
+    assert typeset(text).count("\N{MINUS SIGN}") == tells

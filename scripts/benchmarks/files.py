@@ -88,7 +88,7 @@ def slab_read(path: Path) -> float:
 
 def command_of(*words: str) -> Callable[[], int]:
     """``torchliner`` with these words, its imports done; for ``apart``."""
-    import torchliner.report.map_table
+    import torchliner.report.of_map
     import torchliner.velocity.educe  # noqa: F401
     from torchliner.cli.main import main
 

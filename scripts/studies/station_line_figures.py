@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.records import ImpedanceLine
+from torchliner.report.bursts import WIDTHS_OF_SEGMENTS, place_along
 from torchliner.report.figure import (
     COLOURS,
     LINES,
@@ -19,7 +20,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.line_figures import PAPER_WIDTHS, labels_of, place_along
 from torchliner.report.numbers import part_of
 
 SHIFT = 0.14  # of bars side by side
@@ -34,7 +34,7 @@ def draw_line_velocity(
 ) -> Figure:
     """Mean and rms of the wall-normal velocity along the line (figure 9)."""
     figure, axes = subplots(1, 2, 3.2)
-    names = labels_of(lines, labels)
+    names = labels or [line.title for line in lines]
     panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", f"{V_RMS} (m s$^{{-1}}$)"))
     for axis, (key, text) in zip(axes[0], panels, strict=True):
         for i, line in enumerate(lines):
@@ -62,7 +62,7 @@ def draw_averages(
     and the spread along the line.
     """
     figure, axes = subplots(1, 2, 3.4)
-    names = labels_of(lines, labels)
+    names = labels or [line.title for line in lines]
     known = references or [None] * len(lines)
     for axis, (part, text) in zip(axes[0], PARTS, strict=True):
         for i, (line, published) in enumerate(zip(lines, known, strict=True)):
@@ -89,7 +89,7 @@ def _draw_average(axis: Any, line: ImpedanceLine, i: int, part: str, f: int) -> 
         low, high = (float(part_of(end[f], part)) for end in (found.interval.low, found.interval.high))
         level = f"{100 * float(line.choices['interval']):g} % interval"
         _bar(axis, i - SHIFT, low, high, COLOURS[0], "-", level)
-    drawn = PAPER_WIDTHS * float(part_of(found.monte_carlo_spread[f], part))
+    drawn = WIDTHS_OF_SEGMENTS * float(part_of(found.monte_carlo_spread[f], part))
     words = "3 standard deviations of the draws of (5.2)"
     _bar(axis, i, value - drawn, value + drawn, COLOURS[1], "-", words)
     along = float(part_of(found.spatial_spread[f], part))

@@ -25,7 +25,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.truth_table import drive_label
+from torchliner.report.of_fits import drive_label
 from torchliner.report.typesetting import typeset
 from torchliner.studies.rows import Row
 from torchliner.studies.validate import DEFAULT, DRIVES

@@ -28,7 +28,8 @@ def impedance(row: Row, end: str = "") -> complex | None:
     return None if math.isnan(found.real) else found
 
 
-def _interval(row: Row) -> tuple[complex, complex] | None:
+def interval(row: Row) -> tuple[complex, complex] | None:
+    """Of a row; None where it has none."""
     low, high = impedance(row, "_low"), impedance(row, "_high")
     return None if low is None or high is None else (low, high)
 
@@ -47,7 +48,7 @@ def index_text(rows: Sequence[Row]) -> str:
         Column("", "unit", "unit"),
         Column("", "frequency", "f Hz", ".1f"),
         Column("", impedance, "Z", format_complex),
-        Column("", _interval, "interval", format_bounds),
+        Column("", interval, "interval", format_bounds),
         Column("", "level_check", "level check"),
         Column("", "notes", "notes", ".0f"),
         Column("", lambda row: row["error"] or row["status"], "status"),

@@ -29,12 +29,11 @@ def info(options: argparse.Namespace) -> int:
     Table of stations; exit code 1 if one is flagged.
     """
     from torchliner.bursts.stations import Station
-    from torchliner.report import station_report as report
+    from torchliner.report.answer import answer_of
 
     filters = _filters(options)
     stations = [Station.of(source.read(), filters) for source in _stations(options, ABOUT)]
-    table = report.station_table(stations)
-    show(options, stations, report.format_stations, report.plain_stations, table.write_csv, report.draw_stations)
+    show(options, answer_of(stations))
     return 1 if any(station.flags for station in stations) else 0
 
 
@@ -63,7 +62,7 @@ def educe(options: argparse.Namespace) -> int:
     from torchliner.io.result_writers import require_result
     from torchliner.io.whole_file import writable_folder
     from torchliner.records.origin import input_file, with_choices
-    from torchliner.report.line_table import format_line, plain_line
+    from torchliner.report.answer import answer_of
 
     chosen = options.chosen | {"filters": _filters(options), "reference": _reference(options)}
     if options.cluster is not None:  # workers may be in other folders
@@ -88,7 +87,7 @@ def educe(options: argparse.Namespace) -> int:
         line = with_choices(line, inputs=[*line.choices["inputs"], channels])
     if options.title is not None:
         line = replace(line, title=options.title)
-    show(options, line, format_line, plain_line, line.write, lambda _, path: line.plot(path))
+    show(options, answer_of(line), write=line.write)
     if parts is not None:
         parts.clear()
     return strict_code(options, line)

@@ -40,7 +40,7 @@ def demo(options: argparse.Namespace) -> int:
 def info(options: argparse.Namespace) -> int:
     """Print the description; 1 if a check fails."""
     from torchliner.io.planes import format_of, paths_of
-    from torchliner.report.figures import draw_velocity
+    from torchliner.report.curves import draw_velocity
     from torchliner.report.inspection import inspect_moments, inspect_plane
 
     # Of moments there is nothing to draw: the plane is asked for.
@@ -132,18 +132,17 @@ def _planned(planned: Any) -> tuple[list[dict[str, str]], str]:
 def report(options: argparse.Namespace) -> None:
     """Write the page and print its one sentence."""
     from torchliner.campaign.page import report_campaign
-    from torchliner.report.page.opening import report_file
-    from torchliner.report.page.render import require_report
+    from torchliner.report.page import report_file, require_report
 
     require_report()
     if options.result.is_dir():
-        page, written = report_campaign(options.result, options.output, cases=options.cases)
+        answer, written = report_campaign(options.result, options.output, cases=options.cases)
     elif options.cases:
         raise ValueError(f"--cases is for the folder of a campaign; {options.result} is a file")
     else:
-        page, written = report_file(options.result, options.output), [options.output]
-    facts = {"title": page.title, "answer": page.answer, "level_check": page.state, "written": [*map(str, written)]}
-    show(options, facts, lambda _: f"{page.title}\n{page.answer}\n{options.output}")
+        answer, written = report_file(options.result, options.output), [options.output]
+    facts = {"title": answer.title, "answer": " ".join(answer.lines), "level_check": answer.state}
+    show(options, facts | {"written": [*map(str, written)]}, lambda _: f"{answer.screen()}\n{options.output}")
 
 
 SCALING = "scaling (time scales by length over velocity)"

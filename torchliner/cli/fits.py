@@ -18,9 +18,7 @@ from torchliner.cli.output import progress_bar, show
 
 def sensitivity(options: argparse.Namespace) -> None:
     """Print the sensitivities, or the budget of the tolerances."""
-    from torchliner.report.studies import budget_notes, budget_table, slope_table
-    from torchliner.report.study_figures import draw_contributions
-    from torchliner.studies.sensitivities import correlation_of
+    from torchliner.report.answer import answer_of
 
     tolerances = {key: "".join(value) for key, value in _pairs(options.tolerance, "tolerance", str).items()}
     (plane,) = planes = read_records([options.plane], options)
@@ -28,31 +26,9 @@ def sensitivity(options: argparse.Namespace) -> None:
     parameters = options.parameters or (list(tolerances) or None)
     with progress_bar(2 * planes_of(planes)[0].samples, options.plane, options) as step:
         found = tl.sensitivities(plane, liner, options.frequency, parameters, progress=step, **options.chosen)
-    frequency, averaging, limits = found.found.frequency.tolist(), options.averaging, options.limits
-    table, words, meaning, together = slope_table(found, averaging), list[str](), "p in the unit shown", None
-    if tolerances:
-        budget = found.propagate(tolerances, limits=limits)
-        table, words = budget_table(budget, found, averaging), budget_notes(budget, found, averaging)
-        meaning, together = f"tolerances are {limits}", [correlation_of(each) for each in budget.covariance[averaging]]
-    words.append(f"Z by rho c, averaging: {averaging}; {meaning}; first order")
-    plain = {
-        "averaging": averaging,
-        "limits": limits if tolerances else None,
-        "frequency": frequency,
-        "impedance": found.found.liner[averaging].impedance.tolist(),
-        "correlation_of_R_and_X": together,
-        "rows": table.as_rows(),
-        "notes": [str(note) for note in found.found.notes],
-    }
-    first = [row for row in table.as_rows() if row["frequency"] == frequency[0]]
-    title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
-    show(
-        options,
-        plain,
-        lambda _: "\n".join([table.as_text(), *words]),
-        write=table.write_csv,
-        draw=lambda _, path: draw_contributions(first, title, path),
-    )
+    budget = found.propagate(tolerances, limits=options.limits) if tolerances else None
+    about = {"averaging": options.averaging, "budget": budget, "limits": options.limits}
+    show(options, answer_of(found, **about))
 
 
 def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[Any, ...]]:
@@ -75,8 +51,7 @@ def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[
 
 def calibrate(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
-    from torchliner.report.studies import format_calibration, plain_fit
-    from torchliner.report.study_figures import draw_predictions
+    from torchliner.report.answer import answer_of
     from torchliner.studies.runs import LEVEL_CHECK
     from torchliner.studies.without_flow import AVERAGING, calibrate_without_flow
 
@@ -94,15 +69,12 @@ def calibrate(options: argparse.Namespace) -> int:
         law, (low, high) = found.runs[0].liner, found.seen_speeds
         how += f" without flow at |v| of {low:.3g} to {high:.3g} m/s"
         left_out = ", ".join(f"{name} {score:.3f}" for name, score in scores.items())
-        words = f"law: {type(found.liner).__name__}; error of reactances left out: {left_out}; {how}\n\n"
-    rows, table = _predicted(found, predicted, law, options, 0.0 if references == LEVEL_CHECK else options.noise)
+        words = f"law: {type(found.liner).__name__}; error of reactances left out: {left_out}; {how}"
+    rows = _predicted(found, predicted, law, options, 0.0 if references == LEVEL_CHECK else options.noise)
     show(
         options,
-        found,
-        lambda fit: words + format_calibration(fit) + table,
-        lambda fit: {**plain_fit(fit), "predictions": rows},
-        lambda path: _write_law(found, f"{liner.name} calibrated", how, path, options),
-        lambda _, path: draw_predictions({f"averaging: {options.averaging}": rows}, "", path),
+        answer_of(found, predicted=rows, words=words),
+        write=lambda path: _write_law(found, f"{liner.name} calibrated", how, path, options),
     )
     return 1 if found.on_bound or found.unseen else 0
 
@@ -110,8 +82,7 @@ def calibrate(options: argparse.Namespace) -> int:
 def identify(options: argparse.Namespace) -> int:
     """Print what was found and what it predicts; 1 if a parameter is on a bound or unseen, or a
     prediction leaves the speeds of the runs."""
-    from torchliner.report import studies as report
-    from torchliner.report.study_figures import draw_identification
+    from torchliner.report.answer import answer_of
     from torchliner.studies.fit import OUTSIDE, with_flow
 
     known, predicted, liner = _planes(options)
@@ -120,23 +91,11 @@ def identify(options: argparse.Namespace) -> int:
     about = {"models": models or [CURVE], "pressure": pressure, "noise": options.noise, "frequency": options.frequency}
     found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
     fit = found.fit
-    rows, table = _predicted(fit, predicted, liner, options, 0.0)
-    plain = {
-        **report.plain_fit(fit),
-        "models": report.candidate_table(found).as_rows(),
-        "curve": report.curve_table(fit).as_rows(),
-        "seen": report.seen_table(fit).as_rows(),
-        "left_out": {each.label: each.rows for each in found.candidates},
-        "predictions": rows,
-        "notes": found.notes,
-    }
+    rows = _predicted(fit, predicted, liner, options, 0.0)
     show(
         options,
-        found,
-        lambda study: report.format_identification(study) + table,
-        lambda _: plain,
-        lambda path: _write_law(fit, f"{fit.runs[0].liner.name} identified", "identified", path, options),
-        draw_identification,
+        answer_of(found, predicted=rows),
+        write=lambda path: _write_law(fit, f"{fit.runs[0].liner.name} identified", "identified", path, options),
     )
     return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
 
@@ -149,18 +108,16 @@ def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any]:
     return both[:count], both[count:], only_liner(options, both, paths)
 
 
-def _predicted(found: Any, records: list[Any], liner: Any, options: Any, noise: Any) -> tuple[list[Any], str]:
-    """Rows of the planes of --predict, labelled by their files, and their table."""
-    from torchliner.report.studies import prediction_table
+def _predicted(found: Any, records: list[Any], liner: Any, options: Any, noise: Any) -> list[Any]:
+    """Rows of the planes of --predict, labelled by their files."""
     from torchliner.studies.rows import Row
 
     about = {"reference": options.reference[0], "noise": complex(noise or 0.0, noise or 0.0)}
-    rows = [
+    return [
         Row(row, label=path.stem)
         for path, record in zip(options.predict, records, strict=True)
         for row in found.predict(record, liner, **about)
     ]
-    return rows, f"\n\n{prediction_table(rows).as_text()}" if rows else ""
 
 
 def _references(texts: list[str]) -> Any:

@@ -27,7 +27,7 @@ SPEEDS = [0.0, 1.0, 3.0, 5.0]
 def liner(options: argparse.Namespace) -> None:
     """Print geometry, resonance, table; draw."""
     from torchliner.liners.catalogue import preset_text
-    from torchliner.report.figures import draw_liner
+    from torchliner.report.curves import draw_liner
     from torchliner.report.numbers import impedance_over_band
 
     if not options.liners:
@@ -101,7 +101,8 @@ def solve(options: argparse.Namespace) -> None:
     from torchliner.duct.mesh import build_mesh
     from torchliner.duct.presets import duct_names, duct_text
     from torchliner.records.origin import origin_of
-    from torchliner.report.duct_report import draw_field, draw_walls, format_duct, plain_duct
+    from torchliner.report.fields import draw_field
+    from torchliner.report.of_duct import of_field
 
     if options.duct is None:
         show(options, [*duct_names()], _presets)
@@ -118,7 +119,6 @@ def solve(options: argparse.Namespace) -> None:
             setup.case, float(setup.frequency.max()), column=cell, row=cell, wall_cell=at_wall[0] if at_wall else None
         )
     field = tl.solve_settled(setup.case, setup.frequency, setup.impedance, **about)
-    found = plain_duct(setup, field)
     if options.field is not None:
         _each(setup, lambda picture, i: draw_field(setup, field, picture, i))(None, options.field)
 
@@ -130,10 +130,8 @@ def solve(options: argparse.Namespace) -> None:
 
     show(
         options,
-        found,
-        lambda facts: format_duct(setup, facts),
+        of_field(field, setup),
         write=write,
-        draw=_each(setup, lambda picture, i: draw_walls([(setup, field)], picture, i)),
     )
 
 
@@ -142,7 +140,7 @@ def modes(options: argparse.Namespace) -> None:
 
     Pridmore-Brown modes above an infinite liner, both directions.
     """
-    from torchliner.report.duct_report import draw_modes, format_modes, mode_table
+    from torchliner.report.of_duct import of_modes
 
     setup = _setup(options)
     profile, f, about = setup.case.profile, setup.frequency, setup.case.slip_condition
@@ -152,14 +150,7 @@ def modes(options: argparse.Namespace) -> None:
         )
         for direction in names.DIRECTIONS
     }
-    table = mode_table(setup, found, tl.growing_wave(profile, f, setup.first_wall, about))
-    show(
-        options,
-        {"duct": setup.facts, "modes": table.as_rows()},
-        lambda _: format_modes(setup, table),
-        write=table.write_csv,
-        draw=_each(setup, lambda picture, i: draw_modes(found, picture, i)),
-    )
+    show(options, of_modes(setup, found, tl.growing_wave(profile, f, setup.first_wall, about)))
 
 
 def _each(setup: DuctSetup, draw: Callable[[Path, int], Any]) -> Callable[[Any, Path], None]:
@@ -196,7 +187,7 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 def ir_tdibc(options: argparse.Namespace) -> None:
     """Print Z over level; draw."""
-    from torchliner.report.level_report import draw_levels, level_facts, level_table, level_text
+    from torchliner.report.answer import answer_of
 
     model = tl.load_liner(options.liner)
     incident = incident_signal(options)
@@ -205,7 +196,7 @@ def ir_tdibc(options: argparse.Namespace) -> None:
     wave, read = (options.frequency, None) if incident is None else (incident, options.frequency)
     with progress_bar(0, options.liner, options, "step") as step:
         curve = tl.ir_tdibc(model, options.level, wave, frequency=read, progress=step, **options.chosen)
-    show(options, curve, level_text, level_facts, level_table(curve).write_csv, draw_levels)
+    show(options, answer_of(curve))
 
 
 def export(options: argparse.Namespace) -> None:

@@ -26,26 +26,27 @@ WARNINGS_SHOWN = 3  # without --verbose
 def show(
     options: argparse.Namespace,
     found: Any,
-    text: Callable[[Any], str],
-    plain: Callable[[Any], Any] | None = None,
+    text: Callable[[Any], str] | None = None,
     write: Callable[[Any], Any] | None = None,
     draw: Callable[[Any, Path], Any] | None = None,
 ) -> None:
     """The rule of every command: write --output, draw --figure, print the result as text or, with --json, its values.
 
     Args:
-        text, plain: of ``found``; ``plain`` default: what was found.
-        write: takes the path of --output.
-        draw: takes what was found and the path of --figure.
+        found: an ``Answer``, which knows all of it; else plain values, of which ``text`` makes the words.
+        write: takes the path of --output; default the rows as CSV.
+        draw: takes what was found and the path of --figure; default the pictures, one a frequency.
     """
-    if write is not None and (path := getattr(options, "output", None)) is not None:
-        write(path)
-    if draw is not None and (path := getattr(options, "figure", None)) is not None:
-        draw(found, path)
+    answer = text is None
+    if (path := getattr(options, "output", None)) is not None and (write or answer):
+        (write or found.table.write_csv)(path)
+    if (path := getattr(options, "figure", None)) is not None and (draw or answer):
+        draw(found, path) if draw else found.draw(path)
+    options.notes = found.notes if answer else ()
     if options.json:
-        print(json.dumps(_plain(plain(found) if plain else found), indent=2, allow_nan=False))
+        print(json.dumps(_plain(found.plain if answer else found), indent=2, allow_nan=False))
     else:
-        print(text(found))
+        print(text(found) if text else found.screen(getattr(options, "verbose", False), warnings=False))
 
 
 def _plain(value: Any) -> Any:
@@ -113,28 +114,36 @@ def warnings_on_stderr(options: argparse.Namespace, parser: Parser, inputs: Sequ
     One that several inputs share, but for its numbers, is shown for the first of them. What libraries will change
     one day is left to --debug.
     """
-    seen: dict[str, int] = {}
-    most = math.inf if getattr(options, "verbose", False) else WARNINGS_SHOWN
+    seen: dict[str, str] = {}
+    most = None if getattr(options, "verbose", False) else WARNINGS_SHOWN
 
-    def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    def keep(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         text = printable(parser.in_words(str(message)))
         named = max((name for name in inputs if name in text), key=len, default="")
-        key = re.sub(NUMBERS, "#", text.replace(named, ""))
-        seen[key] = seen.get(key, 0) + 1
-        if seen[key] == 1 and len(seen) <= most:
-            print(f"warning: {text}", file=sys.stderr)
+        seen.setdefault(re.sub(NUMBERS, "#", text.replace(named, "")), text)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if getattr(options, "quiet", False) else "always")
         if not getattr(options, "debug", False):
             for category in (DeprecationWarning, PendingDeprecationWarning, FutureWarning):
                 warnings.simplefilter("ignore", category)
-        warnings.showwarning = show_warning
+        warnings.showwarning = keep
         try:
             yield
         finally:
-            if len(seen) > most:
-                print(f"warning: {len(seen) - most} more; --verbose prints them", file=sys.stderr)
+            sizes = {printable(parser.in_words(str(note))): getattr(note, "size", None) for note in _notes(options)}
+            texts = sorted(seen.values(), key=lambda text: -(sizes.get(text) or 0.0))
+            for text in texts[:most]:
+                size = sizes.get(text)
+                print(f"warning{'' if size is None else f' (may move Z by {size:.2g})'}: {text}", file=sys.stderr)
+            if most is not None and len(texts) > most:
+                print(f"warning: {len(texts) - most} more; --verbose prints them", file=sys.stderr)
+
+
+def _notes(options: argparse.Namespace) -> Sequence[Any]:
+    """Of the result that was shown, which know how far they may move Z."""
+    found: Sequence[Any] = getattr(options, "notes", ())
+    return found
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,12 @@ from torchliner.cli.output import show
 
 def insitu(options: argparse.Namespace) -> None:
     """Print every method the record has signals for, beside the file's own values."""
-    from torchliner.pressure.tones import LEVEL
     from torchliner.records.origin import with_choices
-    from torchliner.report.in_situ_report import draw_in_situ, every_method, format_in_situ, in_situ_table
+    from torchliner.report.of_line import of_pressures
 
     pair: dict[str, Any] = {} if options.microphones is None else {"pair": tuple(options.microphones)}
     record = tl.read_pressure(options.record)
-    rows, points, notes = every_method(record, options.frequency, **options.chosen, **pair)
-    table, level = in_situ_table(rows), options.chosen.get("interval", LEVEL)
+    answer, points = of_pressures(record, options.frequency, **options.chosen, **pair)
     points = points and with_choices(points, command=options.typed)
     as_rows = options.output is None or options.output.suffix.lower() == ".csv"
     if points is None and not (as_rows and options.figure is None):
@@ -33,14 +30,7 @@ def insitu(options: argparse.Namespace) -> None:
             f"{options.record} holds microphones alone: there is nothing along x to draw or to "
             "write; -o FILE.csv writes the rows"
         )
-    plain = {"title": record.title, "interval_level": level, "rows": table.as_rows(), "notes": [*map(str, notes)]}
-    show(
-        options,
-        plain,
-        lambda _: format_in_situ(record, rows, level),
-        write=table.write_csv if as_rows or points is None else points.write,
-        draw=lambda _, path: draw_in_situ(record, points, path),
-    )
+    show(options, answer, write=None if as_rows or points is None else points.write)
 
 
 def kt(options: argparse.Namespace) -> None:
@@ -48,14 +38,12 @@ def kt(options: argparse.Namespace) -> None:
     import torch
 
     from torchliner.records.origin import origin_of, with_choices
-    from torchliner.report.wall_pressure import draw_wall
-    from torchliner.report.wall_table import format_wall, wall_rows, wall_table
+    from torchliner.report.answer import answer_of
 
     home, _, taken = names.WALL_METHODS[options.method]
     if foreign := {option.dest for option in OWN} & options.chosen.keys() - set(taken):
         raise ValueError(f"{opt.spelled(sorted(foreign))} is no option of --method {options.method}")
     about = {name: options.chosen.pop(name) for name in ("source_side", "mach") if name in options.chosen}
-    lines: list[Any] = []
     found: list[Any] = []
     for path in options.lines:
         line = tl.read_microphones(path, options.frequency, segment=options.segment)
@@ -63,32 +51,15 @@ def kt(options: argparse.Namespace) -> None:
         one = names.resolve(home)(replace(line, **about), generator=generator, **options.chosen)
         files = [("microphones", path), ("duct", options.duct or "")]
         found.append(with_choices(one, **origin_of(files, command=options.typed)))
-        lines.append(line)
-    tables = [wall_rows(line, one) for line, one in zip(lines, found, strict=True)]
-    plain = [
-        {
-            "name": line.name,
-            "title": line.title,
-            "choices": dict(one.choices),
-            "rows": wall_table(rows).as_rows(),
-            "notes": [str(note) for note in (*line.notes, *one.notes)],
-        }
-        for line, one, rows in zip(lines, found, tables, strict=True)
-    ]
+    answer = answer_of(found)
 
     def write(path: Path) -> None:
         if path.suffix.lower() == ".csv":
-            wall_table([*chain(*tables)]).write_csv(path)
+            answer.table.write_csv(path)
         else:
             found[0].write(path, *found[1:])
 
-    show(
-        options,
-        {"lines": plain},
-        lambda _: "\n\n".join(map(format_wall, lines, found)),
-        write=write,
-        draw=lambda _, path: draw_wall(lines, found, path),
-    )
+    show(options, answer, write=write)
 
 
 MEANINGS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METHODS.items())

@@ -16,8 +16,7 @@ from torchliner.cli.output import progress_bar, show
 
 def audit(options: argparse.Namespace) -> None:
     """Print the table, sorted by what moves Z most."""
-    from torchliner.report.studies import audit_table, format_audit
-    from torchliner.report.study_figures import draw_audit
+    from torchliner.report.answer import answer_of
 
     records = read_records(options.planes, options)
     planes = planes_of(records)
@@ -25,14 +24,12 @@ def audit(options: argparse.Namespace) -> None:
     total = 2 * sum(plane.samples for plane in planes) + planes[0].samples
     with progress_bar(total, options.planes[0], options) as step:
         found = tl.audit(records, liner, options.frequency, progress=step, **options.chosen)
-    show(options, found, format_audit, write=audit_table(found, everything=True).write_csv, draw=draw_audit)
+    show(options, answer_of(found))
 
 
 def height(options: argparse.Namespace) -> None:
     """Study the heights, print rows and the recommendation."""
-    from torchliner.report.studies import format_heights, height_table
-    from torchliner.report.study_figures import draw_heights, draw_modulation
-    from torchliner.report.study_table import plain_of
+    from torchliner.report.answer import answer_of
     from torchliner.studies.heights import recommend_height, study_heights
 
     planes = read_records(options.planes, options)
@@ -40,31 +37,22 @@ def height(options: argparse.Namespace) -> None:
     with progress_bar(len(planes), "heights", options, "height") as step:
         study = study_heights(planes, liner, options.frequency, progress=step, **options.chosen)
     found = recommend_height(study, *options.limits or ())
-    decays = {f"{name}_length": study[name] and study[name].length for name in ("decay", "first_decay")}
-    plain = study | decays | {"recommended": found}
-    if options.figure is not None:
-        options.figure.mkdir(parents=True, exist_ok=True)
-        draw_heights(study, options.figure / "heights.png")
-        if any(row.modulation is not None for row in study.rows):
-            draw_modulation(study, options.figure / "modulation.png")
-    show(options, study, lambda s: format_heights(s, found), lambda _: plain_of(plain), height_table(study).write_csv)
+    show(options, answer_of(study, found), draw=lambda answer, folder: answer.write_pictures(folder))
 
 
 def compare(options: argparse.Namespace) -> None:
     """Print by how much the second differs from the first, for the liner and each cell."""
-    from torchliner.report.studies import comparison_table
+    from torchliner.report.answer import answer_of
+    from torchliner.report.curves import draw_difference
 
-    found = tl.compare(tl.read_map(options.first), tl.read_map(options.second), options.averaging)
-    table = comparison_table(found)
-    words = f"second minus first, averaging {found.averaging}; {found.words}"
-    show(options, found, lambda _: f"{table.as_text()}\n{words}", write=table.write_csv)
+    maps = tl.read_map(options.first), tl.read_map(options.second)
+    found = tl.compare(*maps, options.averaging)
+    show(options, answer_of(found), draw=lambda _, path: draw_difference(maps, found.rows, path))
 
 
 def compare_models(options: argparse.Namespace) -> None:
     """Print a row a model, the nearest to what is known first."""
-    from torchliner.report.studies import format_models, models_table
-    from torchliner.report.study_figures import draw_models
-    from torchliner.report.study_table import plain_of
+    from torchliner.report.answer import answer_of
 
     stems = [Path(name).stem for name in options.liner]
     names = stems if len(set(stems)) == len(stems) else options.liner
@@ -74,7 +62,7 @@ def compare_models(options: argparse.Namespace) -> None:
     (record,) = read_records([options.plane], options)
     with progress_bar(2 * planes_of([record])[0].samples, options.plane, options) as step:
         found = tl.compare_models(record, liners, options.frequency, progress=step, **options.chosen)
-    show(options, found, format_models, plain_of, models_table(found).write_csv, draw_models)
+    show(options, answer_of(found))
 
 
 ONE = replace(opt.ONE_PLANE, text="file of a plane, or what torchliner reduce made of it")
@@ -103,7 +91,7 @@ COMMANDS = {
         [
             Option("first", "map of torchliner educe", kinds.PATH),
             Option("second", "another one of the same cells", kinds.PATH),
-            *(opt.averaging(None), opt.ROWS),
+            *(opt.averaging(None), opt.ROWS, opt.figure("draw R and X along x of both, and their difference")),
         ],
         ("first.h5 second.h5",),
     ),

@@ -78,19 +78,16 @@ def _outputs(options: argparse.Namespace, planes: list[Any], frequencies: float)
 def _finish(options: argparse.Namespace, found: list[Any], planes: list[Any], outputs: list[Path]) -> int:
     """Write, draw and print maps; the exit code."""
     from torchliner.records.origin import with_choices
-    from torchliner.report.map_table import format_maps, plain_map
+    from torchliner.report.answer import answer_of
     from torchliner.report.pictures import draw_pictures
 
     found = [with_choices(each, command=options.typed) for each in found]
-    for path, result in zip(outputs, found, strict=False):
-        result.write(path)
-    show(
-        options,
-        found,
-        format_maps,
-        lambda maps: [*map(plain_map, maps)],
-        draw=lambda maps, folder: draw_pictures(maps, planes, folder),
-    )
+
+    def write(_: Any) -> None:
+        for path, result in zip(outputs, found, strict=True):
+            result.write(path)
+
+    show(options, answer_of(found), write=write, draw=lambda _, folder: draw_pictures(found, planes, folder))
     return strict_code(options, *found)
 
 
@@ -132,22 +129,14 @@ def reduce(options: argparse.Namespace) -> None:
 
 def validate(options: argparse.Namespace) -> None:
     """Print the best and the default rule of every case; with --verbose all rules."""
-    from torchliner.report.truth_table import format_rules, format_summary, format_truth, plain_truth
+    from torchliner.report.answer import answer_of
     from torchliner.studies.validate import validation_table
 
     planes = read_planes(options.planes, options, lazy=False)
     liners = dict(zip(map(id, planes), liners_of(options, planes, options.planes), strict=True))
     with progress_bar(len(planes), "validation", options, "plane") as step:
         found = validation_table(planes, lambda plane: liners[id(plane)], step)
-    tables = (format_truth, format_rules, format_summary) if options.verbose else (format_summary,)
-    plain = plain_truth(found)
-    show(
-        options,
-        found,
-        lambda rows: "\n\n".join(table(rows) for table in tables),
-        lambda _: plain.as_rows(),
-        plain.write_csv,
-    )
+    show(options, answer_of(found))
 
 
 def follow(options: argparse.Namespace) -> int:

@@ -164,7 +164,7 @@ class Moments(Layout, Summarised):
 
     def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
         """Mean and rms of v along x, as ``VelocityPlane.plot``."""
-        return resolve("torchliner.report.figures:draw_velocity")(self, path, axes=ax)
+        return resolve("torchliner.report.curves:draw_velocity")(self, path, axes=ax)
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""

@@ -17,6 +17,7 @@ from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Reported, Written
+from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
 
 FINE = 201  # places of a level along the microphones
 LEVEL = 0.95  # of the interval in the file
@@ -24,7 +25,7 @@ EACH = ("draws", "frequency")
 
 
 @record
-class DrawnImpedance(Written, Reported):
+class DrawnImpedance(Written, Reported, Summarised):
     """Statistics over ``draws``, which all eductions from microphones share.
 
     nan where nothing was found or is known.
@@ -105,6 +106,13 @@ class DrawnImpedance(Written, Reported):
     def report(self, path: str | Path, *others: DrawnImpedance) -> None:
         """Write one self-contained HTML page, ``others`` beside it; as ``Reported.report``."""
         resolve(self.PAGE)(self, path, *others)
+
+    def _heading(self) -> str:
+        count = shape_words((len(self.x),), "microphone")
+        return heading_of(self, self.method, f"source {self.source_side}", count, frequency_words(self.frequency))
+
+    def _facts(self) -> Facts:
+        return impedance_facts(self.frequency, self.impedance) if self.impedance.ndim == 1 else []
 
     def fitted_along(self) -> tuple[Tensor, Tensor]:
         """Places along the microphones, m, (X,), and the fitted pressure, Pa, (..., X, F)."""

@@ -109,7 +109,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
     )
     SCHEMA: ClassVar = "torchliner line 1"
     PLACES: ClassVar = {"stations": ("station",)}
-    PLOT: ClassVar = "torchliner.report.line_figures:draw_lines"
+    PLOT: ClassVar = "torchliner.report.bursts:draw_lines"
 
     def __post_init__(self) -> None:
         require_shapes(self, "line")

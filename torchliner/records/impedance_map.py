@@ -83,7 +83,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
     )
     SCHEMA: ClassVar = "torchliner map 1"
     PLACES: ClassVar = {"probes": ("probes",), "cells": ("cell",)}
-    PLOT: ClassVar = "torchliner.report.figures:draw_map"
+    PLOT: ClassVar = "torchliner.report.curves:draw_result"
 
     def __post_init__(self) -> None:
         if not {self.averaging} <= {*self.liner} <= {*AVERAGINGS}:

@@ -16,6 +16,7 @@ from torchliner.records.case import LOUDEST, Case
 from torchliner.records.declared import ANY, record, var
 from torchliner.records.outlets import Reported, Written
 from torchliner.records.probes import finite_places
+from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, shape_words
 from torchliner.records.unit_checks import require_pressures, unit_warnings
 from torchliner.units import require_plausible
 
@@ -25,7 +26,7 @@ DRAWN = ("draws", "microphone", "frequency")
 
 
 @record
-class MicrophoneLine(Written, Reported, Case):
+class MicrophoneLine(Written, Reported, Summarised, Case):
     r"""Complex PEAK amplitudes p of tones :math:`Re(p e^{j\omega t})` along a straight duct with a lined wall.
 
     N microphones, F frequencies; leading axes of the pressure are cases of one line, as draws. A Mach number that is
@@ -153,6 +154,18 @@ class MicrophoneLine(Written, Reported, Case):
     def phase(self) -> Tensor:
         """Degrees, -180 to 180, (..., N, F)."""
         return torch.rad2deg(self.pressure.angle())
+
+    def _heading(self) -> str:
+        ends = f"x = {1e3 * float(self.x.min()):.4g} to {1e3 * float(self.x.max()):.4g} mm"
+        count = shape_words((self.microphones,), "microphone")
+        return heading_of(self, count, ends, frequency_words(self.frequency), f"source {self.source_side}")
+
+    def _facts(self) -> Facts:
+        level = self.level.reshape(-1, len(self.frequency))
+        return [
+            (f"{f:g} Hz", f"{float(each.min()):.1f} to {float(each.max()):.1f} dB")
+            for f, each in zip(self.frequency.tolist(), level.mT, strict=True)
+        ]
 
     def require_equal_spacing(self, method: str) -> float:
         """The mean spacing, m, for a method that needs equal ones.

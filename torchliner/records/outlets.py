@@ -37,7 +37,7 @@ class Written:
 class Reported:
     """What has a page."""
 
-    PAGE: ClassVar = "torchliner.report.page.opening:write_report"
+    PAGE: ClassVar = "torchliner.report.page:write_report"
 
     def report(self, path: str | Path) -> None:
         """Write one self-contained HTML page (.html; extra ``report``): answer, warnings, figures, provenance.
@@ -104,12 +104,13 @@ class DrawnAtFrequency(Drawn):
     frequency: Tensor
 
     def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
-        """Draw resistance and reactance, as ``Drawn.plot``, at a frequency (Hz, default the first).
+        """Draw resistance and reactance, as ``Drawn.plot``, at a frequency (Hz); of a map of several, by default, over
+        frequency.
 
         Raises:
             ValueError: the frequency is not among those of the record.
         """
-        index = 0 if frequency is None else index_of_frequency(self.frequency, frequency)
-        if index is None:
+        index = None if frequency is None else index_of_frequency(self.frequency, frequency)
+        if frequency is not None and index is None:
             raise ValueError(f"frequency is {frequency:g} Hz; the record has {self.frequency.tolist()} Hz")
         return self._draw(path, ax, frequency_index=index)

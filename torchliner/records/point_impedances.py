@@ -12,13 +12,14 @@ from torchliner.checks import index_of_frequency
 from torchliner.records.declared import part, record, require_shapes, var
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
+from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
 from torchliner.records.uncertainty import PointUncertainty
 
 CELL = ("cell", "frequency")
 
 
 @record
-class PointImpedances(Result):
+class PointImpedances(Result, Summarised):
     """What stands beside an educed map: impedances by a method that replays nothing.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner; nan where a point belongs to no cell.
@@ -87,3 +88,11 @@ class PointImpedances(Result):
     def at(self, frequency: float) -> int | None:
         """Index of a frequency (Hz), None if it is not among these."""
         return index_of_frequency(self.frequency, frequency)
+
+    def _heading(self) -> str:
+        return heading_of(self, self.name, shape_words((len(self.point_x),), "point"), frequency_words(self.frequency))
+
+    def _facts(self) -> Facts:
+        known = self.uncertainty
+        interval = (None, None) if known is None else (known.liner, known.settings.get("level"))
+        return impedance_facts(self.frequency, self.answer, *interval)

@@ -57,7 +57,7 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
     name: str = "velocity"
 
     FILE: ClassVar = "torchliner.io.plane_writer:write_plane"
-    PLOT: ClassVar = "torchliner.report.figures:draw_velocity"
+    PLOT: ClassVar = "torchliner.report.curves:draw_velocity"
 
     def __post_init__(self) -> None:
         self._take_named(self.velocity)

@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from string import ascii_lowercase
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from torchliner.io.whole_file import PICTURES, written_whole
+from torchliner.io.whole_file import PICTURES, printable, written_whole
 from torchliner.report.numbers import Curves
 from torchliner.report.typesetting import typeset, typeset_label
 
@@ -28,19 +28,12 @@ V_RMS, U_RMS = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 WIDTHS = {"one": 3.4, "page": 5.3, "two": 7.0}  # in: a column, a text block, two columns
 STACKED = 4.5  # in, below which panels that stand beside each other stand one above the other
 LEGEND_ROOM = 0.4  # in, of a figure's height; a higher legend makes the figure higher
+MOST_POINTS = 4000  # of a curve that is drawn as lines and not as a picture
 PEAK = 8  # medians of a positive quantity, above which its axis is logarithmic
 DESCRIPTION = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}  # in the file
 
 
-class Style(NamedTuple):
-    """What ``figure_style`` sets."""
-
-    width: float = WIDTHS["page"]
-    title: bool = False
-
-
-STYLE = Style()
-_style: ContextVar[Style] = ContextVar("style", default=STYLE)
+_style: ContextVar[tuple[float, bool]] = ContextVar("style", default=(WIDTHS["page"], False))  # width, title
 
 
 @contextmanager
@@ -65,9 +58,8 @@ def figure_style(width: str | float = "page", *, title: bool = False) -> Iterato
     except ValueError:
         inches = math.nan
     if not 2 <= inches <= 20:
-        raise ValueError(f"a figure's width is {width!r}; it must be {', '.join(WIDTHS)}, or "
-                         "2 to 20 (in)")  # fmt: skip
-    token = _style.set(Style(inches, title))
+        raise ValueError(f"a figure's width is {width!r}; it must be {', '.join(WIDTHS)}, or 2 to 20 (in)")
+    token = _style.set((inches, title))
     try:
         yield
     finally:
@@ -76,7 +68,7 @@ def figure_style(width: str | float = "page", *, title: bool = False) -> Iterato
 
 def style_width() -> float:
     """Of a figure drawn now, in."""
-    return _style.get().width
+    return _style.get()[0]
 
 
 def require_matplotlib() -> Any:
@@ -114,19 +106,14 @@ def _shown() -> Any:
                 super().savefig(*arguments, **options)
 
         def _repr_png_(self) -> bytes:
-            picture = io.BytesIO()
-            self.savefig(picture, format="png")
+            self.savefig(picture := io.BytesIO(), format="png")
             return picture.getvalue()
 
     return Shown
 
 
 def panels_of(columns: int, height: float, given: Any = None) -> tuple[Figure, list[Any]]:
-    """A row of new axes in a new figure, or those ``given``: one of the first panel, or each.
-
-    Raises:
-        ValueError: more or fewer axes than panels.
-    """
+    """A row of new axes in a new figure, or those ``given``: one of the first panel, or each."""
     if given is None:
         figure, axes = subplots(1, columns, height)
         return figure, list(axes[0])
@@ -142,7 +129,7 @@ def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tu
     Panels of one row stand one above the other in a narrow figure, but for those that share what
     stands at their left, ``beside``.
     """
-    width = style_width()
+    width = _style.get()[0]
     narrow = width < STACKED and rows == 1 < columns and not beside
     shape = (columns, 1) if narrow else (rows, columns)
     figure = _shown()(figsize=(width, height * (0.8 * columns if narrow else 1)))
@@ -166,6 +153,14 @@ def impedance_panels(height: float, across: str, given: Any = None) -> tuple[Fig
     return figure, [(axis, part) for axis, (part, _) in zip(axes, PARTS, strict=False)]
 
 
+def drawn_before(axes: Sequence[Any], more: int) -> int:
+    """How many runs the axes show already, so that a further one has its own colour; ``more`` are to come."""
+    count: int = getattr(axes[0], "torchliner_runs", 0)
+    for axis in axes:
+        axis.torchliner_runs = count + more
+    return count
+
+
 def label_axes(axis: Any, across: str, up: str) -> None:
     """Symbols and units."""
     axis.set_xlabel(across)
@@ -175,9 +170,20 @@ def label_axes(axis: Any, across: str, up: str) -> None:
 def draw_curve(axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any) -> None:
     """A column over ``scale`` times the variable; "{name} low" and "{name} high" are its band."""
     x = scale * curves.at
+    style |= {"rasterized": len(x) > MOST_POINTS}
     if f"{name} low" in curves.values:
         draw_band(axis, x, curves.values[f"{name} low"], curves.values[f"{name} high"], colour)
     axis.plot(x, curves.values[name], color=colour, **{"label": curves.label} | style)
+
+
+def break_at_poles(axis: Any) -> None:
+    """Take out the segments of curves that would join both sides of a pole: longer than the axis is high."""
+    low, high = axis.get_ylim()
+    for line in axis.lines:
+        x, y = np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
+        far = np.flatnonzero(np.abs(np.diff(y)) > high - low)
+        if line.get_transform().contains_branch(axis.transData) and len(far):
+            line.set_data(np.insert(x, far + 1, np.nan), np.insert(y, far + 1, np.nan))
 
 
 def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float = 0.2) -> None:
@@ -189,21 +195,21 @@ def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
     """A row of the legend without data: a marker, a line, or, of a ``width``, a band."""
     if "width" in style:
         style = {"linewidth": style.pop("width"), "solid_capstyle": "butt"} | style
-    line = "none" if marker else "-"
-    axis.plot(
-        [],
-        [],
-        scalex=False,
-        scaley=False,
-        **{"color": "k", "label": label, "marker": marker, "linestyle": line} | style,
-    )
+    usual = {"color": "k", "label": label, "marker": marker, "linestyle": "none" if marker else "-"}
+    axis.plot([], [], scalex=False, scaley=False, **usual | style)
+
+
+def plain_label(text: str) -> str:
+    """A name from a file, in which nothing is a formula or moves a cursor."""
+    return " ".join(printable(text).split()).replace("$", r"\$")
 
 
 def frame(axis: Any, values: Any, *bands: Any) -> bool:
-    """Limits that show all ``values``, and of bands what lies within one span of them; a
-    logarithmic axis where a peak of positive values would squash the rest. Whether bands go on
-    beyond."""
-    shown, reach = (_finite(each) for each in (values, np.concatenate([values, *bands])))
+    """Limits that show all ``values``, and of bands what lies within one span of them; a logarithmic axis where a peak
+    of positive values would squash the rest. Whether bands go on beyond."""
+    before = getattr(axis, "torchliner_values", np.zeros(0))
+    shown = axis.torchliner_values = np.concatenate([before, _finite(values)])
+    reach = np.concatenate([shown, *map(_finite, bands)])
     if not shown.size:
         return False
     low, high = shown.min(), shown.max()
@@ -255,11 +261,10 @@ def place_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str], 
 
 
 def finish(
-    figure: Figure, path: str | Path | None, caption: str | None = None, legend: int = 0,
-    given: Any = None,
-) -> Any:  # fmt: skip
-    """Legend, caption and file, where asked for; the figure, or the axes that were ``given``,
-    whose figure is another's to finish.
+    figure: Figure, path: str | Path | None, caption: str | None = None, legend: int = 0, given: Any = None
+) -> Any:
+    """Legend, caption and file, where asked for; the figure, or the axes that were ``given``, whose figure is another's
+    to finish.
 
     Args:
         figure: with everything drawn.
@@ -276,8 +281,8 @@ def finish(
         for text in one.get_texts():
             text.set_text(typeset_label(text.get_text()))
     figure.caption = typeset(" ".join((caption or "").split()))
-    if _style.get().title and figure.caption:
-        figure.suptitle(figure.caption, wrap=True)
+    if _style.get()[1] and figure.caption:
+        figure.suptitle(figure.caption.replace("$", r"\$"), wrap=True)
     if path is not None:
         suffix = Path(path).suffix.lower()
         facts = {DESCRIPTION[suffix]: figure.caption} if suffix in DESCRIPTION else None
@@ -287,6 +292,7 @@ def finish(
 
 
 ONE_ROW = 99  # of a legend
+AVERAGINGS = {"admittance": "#0072B2", "velocity": "#D55E00", "phase-locked": "#009E73"}  # colours, everywhere
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000") * 99
 MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
 LINES: tuple[Any, ...] = ("-", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1))) * 99  # of curves
@@ -296,13 +302,27 @@ REFERENCES: tuple[dict[str, Any], ...] = (
 )
 
 RC: Any = {
-    "font.size": 8.0, "font.family": "serif", "font.serif": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix", "axes.titlesize": 8.0, "axes.labelsize": 8.0,
-    "figure.titlesize": 8.0, "legend.fontsize": 8.0, "legend.frameon": False,
-    "legend.columnspacing": 1.4, "legend.handletextpad": 0.6, "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0, "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True,
-    "ytick.right": True, "lines.linewidth": 1.1, "lines.markersize": 3.6, "axes.linewidth": 0.6,
-    "axes.unicode_minus": True, "figure.dpi": 120, "savefig.dpi": 250,
-    "pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none",
+    "font.size": 8.0,
+    "font.family": "serif",
+    "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix",
+    **dict.fromkeys(("axes.titlesize", "axes.labelsize", "figure.titlesize", "legend.fontsize"), 8.0),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8.0),
+    "legend.frameon": False,
+    "legend.columnspacing": 1.4,
+    "legend.handletextpad": 0.6,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.6,
+    "axes.linewidth": 0.6,
+    "axes.unicode_minus": True,
+    "figure.dpi": 120,
+    "savefig.dpi": 250,
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "svg.fonttype": "none",
     "figure.constrained_layout.use": True,
-}  # fmt: skip
+}

@@ -16,7 +16,7 @@ from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.kernels import BAND
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
-from torchliner.records import ImpedanceMap, Interval, VelocityPlane
+from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
 from torchliner.report.table import Column, Table
 from torchliner.velocity.reading import time_moments
 
@@ -51,9 +51,19 @@ class Curves:
     @property
     def table(self) -> Table:
         """A row a value of the variable."""
-        names = (self.variable, *self.values)
-        rows = [dict(zip(names, row, strict=True)) for row in zip(self.at, *self.values.values(), strict=True)]
-        return Table(rows, [Column(name) for name in names], ".9g")
+        return table_of_curves([self])
+
+
+def table_of_curves(several: Sequence[Curves]) -> Table:
+    """Curves one below the other, with a column of their labels where there are several."""
+    names = dict.fromkeys(name for one in several for name in one.values)
+    rows = []
+    for one in several:
+        for i, at in enumerate(one.at.tolist()):
+            about = {"curve": one.label} if len(several) > 1 else {}
+            values = {name: float(one.values[name][i]) if name in one.values else None for name in names}
+            rows.append(about | {several[0].variable: at} | values)
+    return Table(rows, [Column(name) for name in (rows[0] if rows else ())], ".9g")
 
 
 def height_label(height: float | None) -> str:
@@ -66,9 +76,36 @@ def case_title(one: ImpedanceMap | VelocityPlane) -> str:
     return one.title.split(", y =")[0]
 
 
+def labels_of(results: Sequence[Any]) -> list[str]:
+    """What tells maps or planes of one figure apart: height, side of the source, level, title, else their number."""
+
+    def level(one: Any) -> str:
+        return "" if one.incident_level is None else f"{one.incident_level:g} dB"
+
+    facts = [
+        (height_label(one.height), f"source {one.source_side}" if one.source_side else "", level(one), one.title)
+        for one in results
+    ]
+    kept = [i for i in range(4) if len({each[i] for each in facts}) > 1] or [0]
+    for count in range(1, len(kept) + 1):
+        labels = [", ".join(each[i] for i in kept[:count] if each[i]) for each in facts]
+        if len({*labels}) == len(labels):
+            return labels
+    return [f"{label or 'run'}, {i}" for i, label in enumerate(labels, 1)]
+
+
 def interval_words(result: ImpedanceMap) -> str:
-    """'95 % statistical interval, without model error' or nothing."""
-    return "" if result.level is None else f"{100 * result.level:g} % statistical interval, without model error"
+    """'95 % interval' or nothing."""
+    return "" if result.level is None else f"{100 * result.level:g} % interval"
+
+
+def main_of(result: ImpedanceMap) -> int:
+    """Index of the frequency of the data's tone, else of that at which v is most coherent."""
+    if result.tone is not None:
+        return result.tone
+    flat = result.coherence.reshape(-1, len(result.frequency)).double()
+    median = flat.nanmedian(0).values.nan_to_num(-1)
+    return int(median.argmax()) if bool((median > 0).any()) else 0
 
 
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
@@ -82,7 +119,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
     interval = _interval_along_x(result, len(x))
     for name in ("low", "high") if interval is not None else ():
         values |= _parts(getattr(interval, name)[:, frequency_index], f" {name}")
-    return Curves(x, values, height_label(result.height))
+    return Curves(x, values, height_label(result.height), "probe" if result.x is None else "x (m)")
 
 
 def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
@@ -96,6 +133,15 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     return interval.map(lambda value: value[order])
 
 
+def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
+    """Resistance and reactance of another method along x: admittance averaged over equal x."""
+    value = found.point_impedance[:, frequency_index]
+    known = torch.isfinite(value.real)
+    place = found.point_x[known] if bool(torch.isfinite(found.point_x).all()) else None
+    x, average = over_z(place, 1 / value[known])
+    return Curves(x, _parts(impedance_from_admittance(average)), found.name, "point" if place is None else "x (m)")
+
+
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
     low, high = as_liner(liner).frequency_range or BAND
@@ -105,8 +151,8 @@ def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Cu
 
 
 def impedance_over_frequency(result: ImpedanceMap) -> Curves:
-    """Whole-liner impedance in all averagings, the statistical interval of the answer, and
-    quartiles over the probes that were not left out, which are no uncertainty."""
+    """Whole-liner impedance in all averagings, the statistical interval of the answer, and quartiles over the probes
+    that were not left out, which are no uncertainty."""
     values: dict[str, Array] = {}
     for part in COMPLEX_PART:
         values[part] = part_of(result.answer, part)
@@ -172,36 +218,3 @@ def _nanmean(values: Tensor) -> Tensor:
 
 def _array(value: Tensor) -> Array:
     return value.detach().cpu().numpy().astype(np.float64)
-
-
-@dataclass(frozen=True)
-class HeightRow:
-    """One plane at one frequency: Z of the whole liner and its statistical interval (real parts bound R, imaginary
-    parts X) by averaging, and the spread over the probes, which is no uncertainty."""
-
-    height: float | None
-    frequency: float
-    impedance: dict[str, complex]
-    interval: dict[str, tuple[complex, complex] | None]
-    spread: complex
-    coherence: float
-    level: float
-
-
-def against_height(results: Sequence[ImpedanceMap]) -> list[HeightRow]:
-    """Whole-liner impedance of several planes, lowest first, one row per frequency."""
-    rows = []
-    for result in sorted(results, key=lambda r: r.height or 0.0):
-        for i, frequency in enumerate(result.frequency.tolist()):
-            row = HeightRow(
-                height=result.height,
-                frequency=frequency,
-                impedance={name: complex(each.impedance[i]) for name, each in result.liner.items()},
-                interval={name: result.bounds_of_liner(name, i) for name in result.averagings},
-                spread=complex(result.liner_spread[i]),
-                coherence=float(result.coherence[..., i].nanmedian()),
-                # The median over probes: a mean of complex waves would cancel along a grazing one.
-                level=float(result.inferred_incident_level[..., i].nanmedian()),
-            )
-            rows.append(row)
-    return rows

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from torchliner.names import resolve
+
 
 class Row(dict[str, Any]):
     """Values of one place, choice, model or run by name; ``row.impedance`` is ``row["impedance"]``.
@@ -23,6 +25,21 @@ class Row(dict[str, Any]):
 
 class Study(Row):
     """A result: ``rows``, and by name what they share."""
+
+    def __repr__(self) -> str:
+        return self._shown("screen_of") or dict.__repr__(self)
+
+    def _repr_html_(self) -> str | None:
+        """For notebooks: the answer and a table."""
+        return self._shown("html_of")
+
+    def _shown(self, outlet: str) -> str | None:
+        """By the report, which knows the kinds of studies; None of another kind."""
+        try:
+            found: str = resolve(f"torchliner.report.answer:{outlet}")(self)
+        except TypeError:
+            return None
+        return found
 
     def of(self, **labels: Any) -> list[Row]:
         """The rows that have these values, e.g. ``found.of(factor="height")``."""
