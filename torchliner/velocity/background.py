@@ -110,8 +110,8 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
         limit = coherence_by_chance(seen.blocks.count, FALSE_ALARM)
         if found > limit:
             raise ValueError(
-                f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}, by chance "
-                f"above {limit:.2g} in {100 * FALSE_ALARM:g} % of records): give a run without sound, or a number in m/s"
+                f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}; noise exceeds "
+                f"{limit:.2g} in {100 * FALSE_ALARM:g} % of records): give a run without sound, or its rms in m/s"
             )
     power = replicates(members.mean(incoherent_power(seen, members)), seen.lengths)  # (B, C)
     rms, ends = power[0].sqrt(), {}

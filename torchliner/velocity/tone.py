@@ -70,6 +70,6 @@ def review_tone(known: Moments, frequency: Tensor, chosen: Choices) -> Iterator[
 
 
 def sound_is_stated(known: Moments, chosen: Choices) -> bool:
-    """Whether there is sound for all that, and the averaging that was chosen stays: a level or a background is given."""
+    """Whether a level or a background says that there is sound for all that; the averaging that was chosen stays."""
     level = known.plane.incident_level is not None and known.plane.source_side not in ("none", "unknown")
     return level or chosen.background is not None
