@@ -308,8 +308,8 @@ def test_the_recipe_in_a_shell(tmp_path, capsys):
     (shown,) = json.loads(capsys.readouterr().out)
     read_quiet = [tl.read_plane(path) for path in quiet]
     found = tl.educe(tl.read_plane(plane), tl.load_liner(mine), background=read_quiet, level_matched=True)
-    first = next(row for row in shown["level_matched"]["impedance"])
-    assert first["resistance"] == pytest.approx(float(found.level_matched.impedance.real))
+    (row,) = shown["level_matched"]["rows"]
+    assert row["impedance"]["resistance"] == pytest.approx(float(found.level_matched.impedance.real))
     true = found.reference["true"]
     assert float(found.answer.real) == pytest.approx(true.real, rel=0.1)
     assert float(found.level_matched.impedance.real) == pytest.approx(true.real, rel=0.02)
