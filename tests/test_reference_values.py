@@ -61,8 +61,19 @@ def test_every_plane_in_every_averaging_phase_rule_and_drive(stem: str) -> None:
             row = stored[name]
             if name == "three_frequencies" and stored.attrs["stated_tone"] == "none":
                 continue  # phase-locked needs a stated tone where several frequencies are asked for
-            found = tl.educe(plane, liner, np.atleast_1d(row.attrs["frequency"]), interval=None, allow_short=True,
-                             **choices_of(row.attrs))  # fmt: skip
+            try:
+                found = tl.educe(
+                    plane,
+                    liner,
+                    np.atleast_1d(row.attrs["frequency"]),
+                    interval=None,
+                    allow_short=True,
+                    **choices_of(row.attrs),
+                )
+            except ValueError as reason:  # a record of turbulence alone has no phase to be found
+                if row.attrs["phase"] != "self-consistent" or "holds no tone" not in str(reason):
+                    raise
+                continue
             averagings = list(np.atleast_1d(row.attrs["averaging"]))
             for i, averaging in enumerate(averagings):
                 near, wide = LARGER.get(name, (ROUNDING, ROUNDING))
