@@ -168,7 +168,7 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
     ("where", "kind", "words"),
     [
         ("locl:2", ValueError, "write local:4, tcp://host:8786"),
-        ("local:0", ValueError, "cannot be read"),
+        ("local:0", ValueError, "write local:4"),
         ("tcp://127.0.0.1:1", OSError, "no scheduler of dask answers at tcp://127.0.0.1:1 within"),
         ("nowhere.json", FileNotFoundError, "the scheduler writes it when it starts"),
     ],
