@@ -223,8 +223,7 @@ def read_table(
     while labels and not labels[-1]:
         labels.pop()
     columns = find_columns(labels, known, path, **about)
-    numbers = [i for i, line in enumerate(lines, 1)
-               if i > start + 1 and not is_remark(line, separator)]  # fmt: skip
+    numbers = [i for i, line in enumerate(lines, 1) if i > start + 1 and not is_remark(line, separator)]
     if not numbers:
         raise ValueError(f"{path} holds no values: the file ends at line {start + 1}")
     rows = [cells_of(lines[i - 1], separator) for i in numbers]
