@@ -45,18 +45,15 @@ def folder(tmp_path, monkeypatch):
 
 ARRAY = "convert v.npy --axes time,x --velocity-units m/s --sampling-rate 5e4"
 OVER_INPUTS = [  # words that end in the output, and the input that it is a link to
-    (f"{ARRAY} -o over.h5", "v.npy"),
-    (f"{ARRAY} --x x.npy -o over.h5", "x.npy"),
-    ("educe plane.h5 -o over.h5", "plane.h5"),
-    ("info plane.h5 --figure over.png", "plane.h5"),
-    ("liner lt.toml --figure over.png", "lt.toml"),
-    ("educe plane.h5 --in-situ pressure.h5 -o over.h5", "pressure.h5"),
+    (os.link, f"{ARRAY} -o over.h5", "v.npy"),
+    (os.symlink, f"{ARRAY} --x x.npy -o over.h5", "x.npy"),
+    (os.symlink, "educe plane.h5 -o over.h5", "plane.h5"),
+    (os.link, "educe plane.h5 --in-situ pressure.h5 -o over.h5", "pressure.h5"),
 ]
 
 
-@pytest.mark.parametrize("way", [os.link, os.symlink])
-@pytest.mark.parametrize(("words", "name"), OVER_INPUTS)
-def test_no_command_writes_over_an_input(capsys, folder, words, name, way):
+@pytest.mark.parametrize(("way", "words", "name"), OVER_INPUTS)
+def test_no_command_writes_over_an_input(capsys, folder, way, words, name):
     """By no name: the output is a link to the input."""
     output, old = folder / words.split()[-1], (folder / name).read_bytes()
     way(folder / name, output)

@@ -78,7 +78,7 @@ def build_parser(only: str | None = None, whole: bool = True) -> tuple[Parser, d
     """The top parser and those of the commands.
 
     Args:
-        only: a command, to leave out the options of the others.
+        only: a command, or what stands in its place, to leave out the options of the others.
         whole: the help has the options that wait for --help-all.
     """
     top = Parser(
@@ -99,7 +99,7 @@ def build_parser(only: str | None = None, whole: bool = True) -> tuple[Parser, d
     parsers = {}
     for name, (module, summary) in COMMANDS.items():
         about: dict[str, Any] = {"help": summary, "description": f"{summary[0].upper()}{summary[1:]}.", "whole": whole}
-        if only in COMMANDS and only != name:
+        if only not in (None, COMPLETION, name):
             commands.add_parser(name, **about)
             continue
         command = importlib.import_module(f"torchliner.cli.{module}").COMMANDS[name]
@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:], "--help"]
-        top, _ = build_parser(words[0] if words else None, whole="--help-all" in words)
+        top, _ = build_parser(words[0] if words else "", whole="--help-all" in words)
         options, extras = top.parse_known_args(words)
         if options.command is None:
             if extras and extras != ["--help-all"]:

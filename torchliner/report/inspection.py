@@ -188,10 +188,11 @@ def _range(values: Tensor) -> str:
 
 def _spectrum_peak(plane: VelocityPlane) -> float:
     """Frequency of the largest line of the mean spectrum of up to 64 probes and 2^18 samples (Welch), Hz."""
-    from scipy.signal import welch  # its import takes half a second
-
     step, count = max(1, plane.probes // SPECTRUM_PROBES), min(plane.samples, SPECTRUM_SAMPLES)
     rows = [plane.read(*bounds)[:, ::step].to(torch.float64) for bounds in slab_bounds(count, plane.probes)]
-    length = min(count, SPECTRUM_SEGMENT)
-    lines, power = welch(torch.cat(rows).numpy(), plane.sampling_rate, nperseg=length, axis=0)
-    return float(lines[1:][power[1:].mean(1).argmax()]) if len(lines) > 1 else 0.0
+    v, length = torch.cat(rows), min(count, SPECTRUM_SEGMENT)
+    window, power = torch.hann_window(length, dtype=torch.float64)[:, None], torch.zeros(length // 2 + 1)
+    for begin in range(0, count - length + 1, length - length // 2):
+        segment = v[begin : begin + length]
+        power = power + torch.fft.rfft(window * (segment - segment.mean(0)), dim=0).abs().square().sum(1)
+    return float(power[1:].argmax() + 1) * plane.sampling_rate / length if len(power) > 1 else 0.0
