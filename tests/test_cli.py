@@ -323,7 +323,7 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     folder = tmp_path / "new"
     code, out, err = run(capsys, "educe", SLIT, "-o", str(folder), "--figure", str(folder))
     assert code == DONE
-    assert err.count("warning:") == err.count("the error bars rest on 4.2 independent blocks") == 1
+    assert err.count("warning") == err.count("the error bars rest on 4.2 independent blocks") == 1
     assert "0.177-0.063j" in out
     assert "0.168-0.066j" in out
     found = tl.read_map(folder / "educe.h5")
@@ -350,12 +350,10 @@ def test_several_planes_are_several_heights(capsys, tmp_path, small):
     assert (code, "share one map file" in err) == (BAD_INPUT, True)
 
 
-def test_frequencies_are_told_apart(capsys, tmp_path, small, unrendered):
+def test_frequencies_are_told_apart(capsys, tmp_path, small):
     """Ranges and values, each once; alike in six digits they keep names of their own."""
     words = ["--frequency", "1400:1401:1", "1400", "1400.0001", "--quiet", "--no-intervals"]
     plane = str(small / "y0.5mm.h5")
-    assert run(capsys, "educe", plane, *words, "--figure", str(tmp_path))[0] == DONE
-    assert {"along_x_y0.5mm_1400Hz.csv", "along_x_y0.5mm_1400.0001Hz.csv"} <= {p.name for p in tmp_path.iterdir()}
     assert run(capsys, "educe", plane, *words, "-o", str(tmp_path / "m.vtkhdf"))[0] == DONE
     with h5py.File(tmp_path / "m.vtkhdf") as file:
         fields = file["VTKHDF/PointData"]
@@ -365,7 +363,7 @@ def test_frequencies_are_told_apart(capsys, tmp_path, small, unrendered):
 def test_null_test_is_labelled(capsys):
     """A hard wall under the data is said in the output."""
     code, out, err = run(capsys, "educe", CHANNEL, "--liner", "polito", "--frequency", "1400")
-    assert (code, "NULL TEST" in out, "warning: null test" in err) == (DONE, True, True)
+    assert (code, "null test" in out, "warning: null test" in err) == (DONE, True, True)
 
 
 def test_liner_prints_geometry_and_draws(capsys, tmp_path):

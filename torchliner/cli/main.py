@@ -131,7 +131,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:], "--help"]
-        top, _ = build_parser(words[0] if words else "", whole="--help-all" in words)
+        first = COMPLETION if COMPLETION in words else next((word for word in words if word[:1] != "-"), "")
+        top, _ = build_parser(first, whole="--help-all" in words)
         options, extras = top.parse_known_args(words)
         if options.command is None:
             if extras and extras != ["--help-all"]:

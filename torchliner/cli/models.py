@@ -214,7 +214,7 @@ def export(options: argparse.Namespace) -> None:
         *("".join(f"{name:>15}" for name in ("-Re p, 1/s", "Im p, 1/s", "Re r, 1/s", "Im r, 1/s")),),
         *("".join(f"{value:15.6g}" for value in row) for row in rows),
     ]
-    show(options, model, lambda _: "\n".join(lines), plain_multipole, model.write)
+    show(options, plain_multipole(model), lambda _: "\n".join(lines), model.write)
 
 
 def wall(text: str) -> str | complex:
