@@ -12,7 +12,12 @@ def apply(gallery_conf: Any = None, script: str = "") -> None:
     import matplotlib
 
     matplotlib.rcParams.update(RC)
-    matplotlib.rcParams.update({
-        "figure.figsize": (5.3, 3.3), "axes.titlelocation": "left", "lines.markersize": 4,
-        "axes.prop_cycle": matplotlib.cycler(color=COLOURS[:7]), "savefig.dpi": 150,
-    })  # fmt: skip
+    matplotlib.rcParams.update(
+        {
+            "figure.figsize": (5.3, 3.3),
+            "axes.titlelocation": "left",
+            "lines.markersize": 4,
+            "axes.prop_cycle": matplotlib.cycler(color=COLOURS[:7]),
+            "savefig.dpi": 150,
+        }
+    )

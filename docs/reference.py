@@ -85,8 +85,7 @@ def write_reference(folder: Path) -> None:
     """One page a group and an index with all names, in reStructuredText."""
     check_groups()
     folder.mkdir(exist_ok=True)
-    parts = ["Reference\n=========\n", "Every public name, as ``tl.NAME`` after "
-             "``import torchliner as tl``.\n"]  # fmt: skip
+    parts = ["Reference\n=========\n", "Every public name, as ``tl.NAME`` after ``import torchliner as tl``.\n"]
     pages = []
     for title, (about, names) in GROUPS.items():
         page = title.lower().replace(" ", "_")

@@ -38,8 +38,22 @@ from truth_page import page_table, write_tables
 FOLDER = RESULTS / "answers"
 FITTED = {"n": ("n115", "n130"), "o": ("o115", "o130"), "t": ("t00_130",)}  # by the letter of a lattice
 LATTICE = {"g": "n", "q": "t"}
-CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "t00_130", "t03_130", "t015_145",
-         "q01_140", "q02_140", "q02_145")  # fmt: skip
+CASES = (
+    "n115",
+    "n130",
+    "n145",
+    "g01_145",
+    "g03_145",
+    "o115",
+    "o130",
+    "o145",
+    "t00_130",
+    "t03_130",
+    "t015_145",
+    "q01_140",
+    "q02_140",
+    "q02_145",
+)
 FLOWS = ("t03_130", "t015_145", "q01_140", "q02_140", "q02_145")
 FRICTION = {0.1: 1.56, 0.15: 2.25, 0.2: 2.91, 0.3: 4.21}  # m/s, by Mach number; data/README.md
 HEIGHTS = (0.5e-3, 1.0e-3)
@@ -115,8 +129,15 @@ def answer_table(rows: Sequence[dict[str, Any]]) -> str:
         if row["fitted"]:
             cells[1] += " *"
         passes = "passes" if abs(row["level_check"]) <= 0.3 else "fails"
-        lines.append([row["case"], f"{1e3 * row['height']:.1f}", format_complex(value_of(row, "true")), *cells,
-                      f"{row['level_check']:+.2f} {passes}"])  # fmt: skip
+        lines.append(
+            [
+                row["case"],
+                f"{1e3 * row['height']:.1f}",
+                format_complex(value_of(row, "true")),
+                *cells,
+                f"{row['level_check']:+.2f} {passes}",
+            ]
+        )
     return page_table(
         "case | y (mm) | reference Z | preset | calibrated | with the quiet run | level-matched | level check (dB)",
         lines,
@@ -187,9 +208,17 @@ def needed_rows() -> list[dict[str, Any]]:
             plane = tl.read_plane(path)
             needed, own = needed_rms(plane, liner_of(case))
             quiet = rms_at(case, plane.height or 0.0)
-            rows.append({"case": case, "height": plane.height, "mach": plane.mach, "diameters":
-                         (plane.height or 0) / liner_of(case).hole_diameter, "needed": needed, "own": own,
-                         "quiet": quiet})  # fmt: skip
+            rows.append(
+                {
+                    "case": case,
+                    "height": plane.height,
+                    "mach": plane.mach,
+                    "diameters": (plane.height or 0) / liner_of(case).hole_diameter,
+                    "needed": needed,
+                    "own": own,
+                    "quiet": quiet,
+                }
+            )
     return rows
 
 

@@ -163,10 +163,16 @@ class Sound:
         incident = pressure_amplitude_from_spl(case.level)
         z = settled_impedance(liner, V_PLUS * FRICTION[case.mach], incident, 1.0)
         direction = {"upstream": "downstream", "downstream": "upstream"}[case.side]
-        alpha = complex(wavenumber_from_impedance(
-            torch.tensor(z), FREQUENCY, height=HEIGHT, mach=case.mach, direction=direction,
-            sound_speed=tl.Fluid().sound_speed,
-        ))  # fmt: skip
+        alpha = complex(
+            wavenumber_from_impedance(
+                torch.tensor(z),
+                FREQUENCY,
+                height=HEIGHT,
+                mach=case.mach,
+                direction=direction,
+                sound_speed=tl.Fluid().sound_speed,
+            )
+        )
         return cls(z, alpha, incident, 0.0 if case.side == "upstream" else LENGTH)
 
     def velocity(self, x: np.ndarray) -> np.ndarray:
@@ -177,8 +183,11 @@ class Sound:
     def facts(self) -> dict[str, float]:
         """For the table."""
         decay = 20 * math.log10(math.e) * abs(self.wavenumber.imag) * LENGTH
-        return {"assumed resistance": self.impedance.real,
-                "assumed reactance": self.impedance.imag, "decay (dB)": decay}  # fmt: skip
+        return {
+            "assumed resistance": self.impedance.real,
+            "assumed reactance": self.impedance.imag,
+            "decay (dB)": decay,
+        }
 
 
 def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, stations: int, seconds: float) -> None:
@@ -199,11 +208,20 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
         values -= np.abs(amplitude) * np.cos(2 * np.pi * FREQUENCY * times + np.angle(amplitude))
         valid = generator.random(len(times)) < VALIDATED
         record = tl.BurstRecord(
-            times[valid], wall_normal=values[valid], x=float(x), y=case.height, z=6.34e-3,
-            frequency=FREQUENCY, mach=case.mach, incident_level=case.level, source_side=case.side,
-            displacement_thickness=DISPLACEMENT, liner="onera", title=f"x{1e3 * x:.1f}",
+            times[valid],
+            wall_normal=values[valid],
+            x=float(x),
+            y=case.height,
+            z=6.34e-3,
+            frequency=FREQUENCY,
+            mach=case.mach,
+            incident_level=case.level,
+            source_side=case.side,
+            displacement_thickness=DISPLACEMENT,
+            liner="onera",
+            title=f"x{1e3 * x:.1f}",
             provenance={"simulated": assumptions(seconds)},
-        )  # fmt: skip
+        )
         record.write(folder / f"station_{i:03d}.h5")
 
 
@@ -219,8 +237,13 @@ def summary(case: Case, line: tl.ImpedanceLine, made: dict[str, float]) -> dict[
     assert found is not None
     assert found.interval is not None
     assert line.goodrich is not None
-    row: dict[str, Any] = {"configuration": case.name, "Mach": case.mach, "SPL (dB)": case.level,
-                           "source": case.side, "height (mm)": 1e3 * case.height}  # fmt: skip
+    row: dict[str, Any] = {
+        "configuration": case.name,
+        "Mach": case.mach,
+        "SPL (dB)": case.level,
+        "source": case.side,
+        "height (mm)": 1e3 * case.height,
+    }
     for part, word in (("real", "resistance"), ("imag", "reactance")):
         row[word] = float(getattr(found.impedance[0], part))
         row[f"{word} low"] = float(getattr(found.interval.low[0], part))
@@ -246,39 +269,55 @@ def draw(lines: dict[str, tl.ImpedanceLine], folder: Path, seconds: float) -> No
     """Figures 9 to 12."""
     main = [lines[case.name] for case in CASES]
     labels = [f"{c.name}: Mach {c.mach:g}, {c.level:g} dB, {c.side}" for c in CASES]
-    with_assumptions(draw_line_velocity(main, labels=labels), "wall-normal velocity, y = 1 mm",
-                     seconds, folder / "b2a_velocity.png")  # fmt: skip
-    with_assumptions(draw_lines(main, labels=labels), "liner onera, 1500 Hz, y = 1 mm",
-                     seconds, folder / "b2a_impedance.png")  # fmt: skip
+    with_assumptions(
+        draw_line_velocity(main, labels=labels), "wall-normal velocity, y = 1 mm", seconds, folder / "b2a_velocity.png"
+    )
+    with_assumptions(
+        draw_lines(main, labels=labels), "liner onera, 1500 Hz, y = 1 mm", seconds, folder / "b2a_impedance.png"
+    )
     heights = draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"])
-    with_assumptions(heights, "configuration 3 at two heights", seconds,
-                     folder / "b2a_heights.png")  # fmt: skip
+    with_assumptions(heights, "configuration 3 at two heights", seconds, folder / "b2a_heights.png")
     names = [case.name for case in (*CASES[:3], HIGH, *CASES[3:])]
     averages = draw_averages(
-        [lines[name] for name in names], labels=[name.replace(", ", "\n") for name in names],
+        [lines[name] for name in names],
+        labels=[name.replace(", ", "\n") for name in names],
         references=[PAPER.get(name) for name in names],
-    )  # fmt: skip
-    with_assumptions(averages, "admittance averages (5.2) by configuration", seconds,
-                     folder / "b2a_averages.png")  # fmt: skip
+    )
+    with_assumptions(averages, "admittance averages (5.2) by configuration", seconds, folder / "b2a_averages.png")
 
 
 def report(rows: dict[str, dict[str, Any]]) -> None:
     """The numbers beside the paper's trends."""
     for name, row in rows.items():
-        print(f"{name:10s} Z {row['resistance']:.3f}{row['reactance']:+.3f}j  interval R "
-              f"{row['resistance low']:.4f} to {row['resistance high']:.4f}  along x R "
-              f"{row['resistance rise along x']:+.3f} X {row['reactance rise along x']:+.3f}  v' "
-              f"{row['v rms (m/s)']:.2f} m/s  decay {row['decay (dB)']:.1f} dB")  # fmt: skip
+        print(
+            f"{name:10s} Z {row['resistance']:.3f}{row['reactance']:+.3f}j  interval R "
+            f"{row['resistance low']:.4f} to {row['resistance high']:.4f}  along x R "
+            f"{row['resistance rise along x']:+.3f} X {row['reactance rise along x']:+.3f}  v' "
+            f"{row['v rms (m/s)']:.2f} m/s  decay {row['decay (dB)']:.1f} dB"
+        )
     porosity, diameter = 0.0395, 0.991e-3
     added = [tl.goodrich_resistance(m, porosity, DISPLACEMENT, diameter) for m in (0.1, 0.3)]
-    print(f"from configuration 3 to 4: R {rows['4']['resistance'] - rows['3']['resistance']:+.3f}, "
-          f"Goodrich {added[1] - added[0]:+.3f}, the paper 0.94 to 1.12")  # fmt: skip
+    print(
+        f"from configuration 3 to 4: R {rows['4']['resistance'] - rows['3']['resistance']:+.3f}, "
+        f"Goodrich {added[1] - added[0]:+.3f}, the paper 0.94 to 1.12"
+    )
 
 
 def _kept(row: dict[str, Any]) -> dict[str, Any]:
     """What the figures show of a station, in six digits."""
-    left_out = ("station", "y (m)", "z (m)", "frequency (Hz)", "admittance real", "admittance imag",
-                "segments", "bursts", "counts", "wall", "flags")  # fmt: skip
+    left_out = (
+        "station",
+        "y (m)",
+        "z (m)",
+        "frequency (Hz)",
+        "admittance real",
+        "admittance imag",
+        "segments",
+        "bursts",
+        "counts",
+        "wall",
+        "flags",
+    )
     return {key: float(f"{value:.6g}") for key, value in row.items() if key not in left_out}
 
 
@@ -292,8 +331,7 @@ def _line(case: Case, liner: Any, turbulence: Turbulence, options: argparse.Name
         began = time.perf_counter()
         line = tl.educe_bursts(place, liner, phase=options.phase)
         took = time.perf_counter() - began
-    print(f"{case.name}: {options.stations} stations, {took / options.stations:.2f} s each",
-          flush=True)  # fmt: skip
+    print(f"{case.name}: {options.stations} stations, {took / options.stations:.2f} s each", flush=True)
     if kept is not None:
         line.write(kept)
     return line
@@ -305,9 +343,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--phase", choices=["averaged", "self-consistent"], default="averaged")
     parser.add_argument(
-        "--lines", type=Path, metavar="FOLDER",
+        "--lines",
+        type=Path,
+        metavar="FOLDER",
         help="keep educed lines there, and take those that are there, for other figures of them",
-    )  # fmt: skip
+    )
     options = options_of(parser, arguments)
     if options.seconds < 2.6:
         parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")

@@ -144,8 +144,15 @@ def benchmark() -> None:
     run(PYTHON, "scripts/benchmark.py")
 
 
-TASKS = {"setup": None, "demo": demo, "test": test, "test-slow": test_slow, "lint": lint,
-         "docs": docs, "benchmark": benchmark}  # fmt: skip
+TASKS = {
+    "setup": None,
+    "demo": demo,
+    "test": test,
+    "test-slow": test_slow,
+    "lint": lint,
+    "docs": docs,
+    "benchmark": benchmark,
+}
 
 
 def main() -> None:

@@ -53,8 +53,7 @@ def draw_shares(path: Path) -> list[tuple[str, ...]]:
     for name, colour, line in zip(LINERS, COLOURS, LINES, strict=False):
         liner = tl.load_liner(name)
         change = [abs(b / a - 1) for a, b in (with_and_without(liner, s) for s in shares)]
-        axis.plot([100 * s for s in shares], [100 * c for c in change], color=colour,
-                  linestyle=line, label=name)  # fmt: skip
+        axis.plot([100 * s for s in shares], [100 * c for c in change], color=colour, linestyle=line, label=name)
     axis.axhline(5, color="0.6", linewidth=0.8, label="limit of the note")
     across = "share of the variance of $v$ that is in step with the tone (%)"
     label_axes(axis, across, f"change of $Z$ at {OTHER / 1e3:g} kHz without it (%)")

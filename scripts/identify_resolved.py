@@ -61,8 +61,9 @@ STUDIES = (
 def identified(study: Study) -> Any:
     """All models of a study, the curve among them."""
     planes = [tl.read_plane(case_files(case)[0]) for case in study.cases]
-    return tl.identify(planes, tl.load_liner(planes[0].liner), "true", rest=REST,
-                       models=["curve", *study.models], allow_short=True)  # fmt: skip
+    return tl.identify(
+        planes, tl.load_liner(planes[0].liner), "true", rest=REST, models=["curve", *study.models], allow_short=True
+    )
 
 
 def values_of(candidate: Row) -> str:
@@ -80,8 +81,7 @@ def model_table(found: Any) -> str:
     for each in found.candidates:
         if each is curve or not is_curve(each):
             off = ", ".join(f"{percent(row):+d}" for row in each.rows)
-            lines.append([each.label, f"{each.error:.3f}", f"{each.fit.misfit:.1f}",
-                          values_of(each), off])  # fmt: skip
+            lines.append([each.label, f"{each.error:.3f}", f"{each.fit.misfit:.1f}", values_of(each), off])
     return page_table("model | error left out | misfit/noise | values | R off by (%)", lines)
 
 

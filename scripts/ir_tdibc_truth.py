@@ -62,13 +62,18 @@ def case_rows() -> list[dict[str, Any]]:
                 found = {k: tl.ir_tdibc(liner, level, TONE, kernel=k) for k in STEP_KERNELS}
                 roots = found["periodic"].fixed_points[0]
                 assert len(roots) == 1
-                rows.append({
-                    "liner": name, "case": case, "vena_contracta": contraction, "level": level,
-                    "true": complex(plane.reference["true"]),
-                    "fixed_point": complex(roots[0].impedance[0]),
-                    **{k: complex(found[k].impedance[0, 0]) for k in STEP_KERNELS},
-                    "frozen": complex(found["causal"].frozen[0, 0]),
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "liner": name,
+                        "case": case,
+                        "vena_contracta": contraction,
+                        "level": level,
+                        "true": complex(plane.reference["true"]),
+                        "fixed_point": complex(roots[0].impedance[0]),
+                        **{k: complex(found[k].impedance[0, 0]) for k in STEP_KERNELS},
+                        "frozen": complex(found["causal"].frozen[0, 0]),
+                    }
+                )
     return rows
 
 
@@ -81,11 +86,14 @@ def case_table(rows: Sequence[dict[str, Any]]) -> str:
     """Z of every way but the last, and how far each R is from the truth."""
     ways = ("fixed_point", "periodic", "least-squares", "causal")
     lines = [
-        [row["case"], f"{row['vena_contracta']:g}",
-         *(format_complex(row[way]) for way in ("true", *ways[:-1])),
-         ", ".join(off(row[way], row["true"]) for way in ways)]
+        [
+            row["case"],
+            f"{row['vena_contracta']:g}",
+            *(format_complex(row[way]) for way in ("true", *ways[:-1])),
+            ", ".join(off(row[way], row["true"]) for way in ways),
+        ]
         for row in rows
-    ]  # fmt: skip
+    ]
     return table("case | C_vc | reference Z | Z(rms v) | periodic | least-squares | R off, %", lines)
 
 
@@ -94,8 +102,9 @@ def convergence_table() -> str:
     liner, lines = tl.load_liner("lbm_slit"), []
     for rate, after in STEPS:
         found = [tl.ir_tdibc(liner, 145, TONE, kernel=k, sampling_rate=rate, after=after) for k in STEP_KERNELS]
-        lines.append([f"{1e-3 * rate:g} kHz, {1e3 * after:g} ms",
-                      *(format_complex(complex(f.impedance[0, 0])) for f in found)])  # fmt: skip
+        lines.append(
+            [f"{1e-3 * rate:g} kHz, {1e3 * after:g} ms", *(format_complex(complex(f.impedance[0, 0])) for f in found)]
+        )
     return table("rate, kernel | " + " | ".join(STEP_KERNELS), lines)
 
 
@@ -107,23 +116,34 @@ def damping_table() -> str:
     for damping, band in DAMPINGS:
         kernels = build_kernels(liner, rate, velocity_max=20.0, band=band, before=0.0, regularisation=damping)
         drift = float(step_in_time(peak * turn.cos()[None], kernels, repeats=True).drift[0])
-        lines.append([f"{damping:g}", f"{band[0]:g}–{band[1]:g}", f"{kernels.error:.1e}", f"{kernels.gain:.3g}",
-                      f"{drift:.1e}"])  # fmt: skip
+        lines.append(
+            [f"{damping:g}", f"{band[0]:g}–{band[1]:g}", f"{kernels.error:.1e}", f"{kernels.gain:.3g}", f"{drift:.1e}"]
+        )
     return table("Tikhonov | band (Hz) | error in R | gain | drift", lines)
 
 
 def noise_table() -> str:
     """The slit under noise: |v| of the moment against the rms of the band."""
     curve = tl.ir_tdibc(
-        tl.load_liner("lbm_slit"), [115, 130, 145], tl.BandNoise(500, 3000), frequency=TONE,
-        realisations=4, duration=0.1, kernel="periodic",
-    )  # fmt: skip
+        tl.load_liner("lbm_slit"),
+        [115, 130, 145],
+        tl.BandNoise(500, 3000),
+        frequency=TONE,
+        realisations=4,
+        duration=0.1,
+        kernel="periodic",
+    )
     lines = [
-        [f"{level:g}", format_complex(complex(roots[0].impedance[0])), format_complex(complex(z)),
-         format_complex(complex(u))]
-        for level, roots, z, u in zip(curve.level.tolist(), curve.fixed_points,
-                                      curve.impedance[:, 0], curve.spread[:, 0], strict=True)
-    ]  # fmt: skip
+        [
+            f"{level:g}",
+            format_complex(complex(roots[0].impedance[0])),
+            format_complex(complex(z)),
+            format_complex(complex(u)),
+        ]
+        for level, roots, z, u in zip(
+            curve.level.tolist(), curve.fixed_points, curve.impedance[:, 0], curve.spread[:, 0], strict=True
+        )
+    ]
     return table("dB | Z(rms v) | periodic | spread of one draw", lines)
 
 
@@ -133,9 +153,15 @@ def speed_table() -> str:
     for taps in (300, 600, 1000):
         begin = time.process_time()
         tl.ir_tdibc(
-            tl.load_liner("lbm_slit"), 140, tl.BandNoise(500, 3000), frequency=TONE,
-            realisations=60, sampling_rate=48e3, duration=1000 / 48e3, after=(taps - 1) / 48e3,
-        )  # fmt: skip
+            tl.load_liner("lbm_slit"),
+            140,
+            tl.BandNoise(500, 3000),
+            frequency=TONE,
+            realisations=60,
+            sampling_rate=48e3,
+            duration=1000 / 48e3,
+            after=(taps - 1) / 48e3,
+        )
         lines.append([f"{taps}", f"{10 * (time.process_time() - begin):.0f}"])
     return table("taps | s", lines)
 
@@ -154,9 +180,13 @@ def draw(curves: dict[str, Any], rows: Sequence[dict[str, Any]], path: Any) -> N
         for i, kind in enumerate(("slit", "orifice")):
             true = {row["level"]: getattr(row["true"], name) for row in rows if row["liner"] == kind}
             axis.plot(
-                list(true), list(true.values()), color="black", marker=MARKERS[i], linestyle="",
+                list(true),
+                list(true.values()),
+                color="black",
+                marker=MARKERS[i],
+                linestyle="",
                 label=f"{kind}: true",
-            )  # fmt: skip
+            )
     finish(figure, path, None, 3)
 
 
@@ -167,16 +197,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = options_of(parser, arguments)
     torch.set_num_threads(1)
     rows = case_rows()
-    tables = {"cases": case_table(rows), "convergence": convergence_table(),
-              "damping": damping_table(), "noise": noise_table(),
-              "speed": speed_table()}  # fmt: skip
+    tables = {
+        "cases": case_table(rows),
+        "convergence": convergence_table(),
+        "damping": damping_table(),
+        "noise": noise_table(),
+        "speed": speed_table(),
+    }
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     if options.write:
         fitted = tl.load_liner("lbm_orifice").replace(vena_contracta=0.444)
         liners = {"slit": tl.load_liner("lbm_slit"), "orifice, $C_c = 0.444$": fitted}
-        curves = {name: tl.ir_tdibc(liner, CURVE, TONE, kernel="periodic")
-                  for name, liner in liners.items()}  # fmt: skip
+        curves = {name: tl.ir_tdibc(liner, CURVE, TONE, kernel="periodic") for name, liner in liners.items()}
         draw(curves, rows, FIGURES / f"{STEM}.png")
         plain = [{k: v for key, value in row.items() for k, v in _parts(key, value)} for row in rows]
         write_rows(plain, FIGURES / f"{STEM}.csv", ".5g")

@@ -151,8 +151,7 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
         rows.append(_effects_of({"true": true} | {n: s.values for n, s in signals.items()}))
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     parts = ("rms (m/s)", *(f"{p} {rule}" for rule in RULES for p in ("resistance", "reactance")))
-    numbers = {f"{part}, {name}": column[:, i] for name, column in columns.items()
-               for i, part in enumerate(parts)}  # fmt: skip
+    numbers = {f"{part}, {name}": column[:, i] for name, column in columns.items() for i, part in enumerate(parts)}
     panels = []
     for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
         shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}

@@ -26,8 +26,7 @@ from torchliner.records import VelocityPlane
 
 SLIT_FILE, ORIFICE_FILE = "resolved_liner_lbm.h5", "resolved_orifice_3d.h5"
 MORE_FILE, MORE_LINES = "resolved_more.h5", (0, 1, 4)
-MORE_CASES = {"n145": "slit", "o130": "orifice", "t00_130": "orifice", "t03_130": "orifice",
-              "t015_145": "orifice"}  # fmt: skip
+MORE_CASES = {"n145": "slit", "o130": "orifice", "t00_130": "orifice", "t03_130": "orifice", "t015_145": "orifice"}
 BACKGROUND_FILE = "resolved_background.h5"
 BACKGROUND_CASES = {  # which of the five heights are kept
     **dict.fromkeys(("q01_140", "q02_140", "q02_145", "q01_off", "q015_off", "q02_off", "q03_off"), (0, 1)),
@@ -49,10 +48,12 @@ PRESSURE_STRIDE = {
 }  # symmetric: 1e-7 in Z; with flow it would cost 5e-3
 FILES = {SLIT_FILE: SLIT_CASES, ORIFICE_FILE: ORIFICE_CASES, MORE_FILE: tuple(MORE_CASES)}
 HOLES = {  # tables by geometry, and a case that has it
-    "slit_n": (SLIT_FILE, "n130"), "slit_g": (SLIT_FILE, "g03_145"),
-    "orifice_o": (ORIFICE_FILE, "o145"), "orifice_t00": (MORE_FILE, "t00_130"),
+    "slit_n": (SLIT_FILE, "n130"),
+    "slit_g": (SLIT_FILE, "g03_145"),
+    "orifice_o": (ORIFICE_FILE, "o145"),
+    "orifice_t00": (MORE_FILE, "t00_130"),
     "orifice_t": (MORE_FILE, "t03_130"),
-}  # fmt: skip
+}
 TONE = (1400.0, 1.0)  # Hz, peak m/s into the liner
 
 
@@ -68,9 +69,12 @@ def prepared(plane: VelocityPlane, bits: int = MANTISSA_BITS, **extra: object) -
     stream = None if plane.streamwise is None else rounded(plane.streamwise, bits)
     provenance = {**plane.provenance, **extra, "mantissa_bits": bits}
     return dataclasses.replace(
-        plane, velocity=rounded(plane.velocity, bits), streamwise=stream, provenance=provenance,
+        plane,
+        velocity=rounded(plane.velocity, bits),
+        streamwise=stream,
+        provenance=provenance,
         holes=None,  # a table of its own for each geometry
-    )  # fmt: skip
+    )
 
 
 def with_tone(plane: VelocityPlane) -> VelocityPlane:
@@ -183,8 +187,7 @@ def make_holes(folder: Path) -> None:
         assert holes is not None
         columns = {"x [mm]": holes.x, "z [mm]": holes.z, "diameter [mm]": holes.diameter}
         kept = {label: values for label, values in columns.items() if values is not None}
-        rows = (",".join(f"{1e3 * value:.6g}" for value in row)
-                for row in zip(*kept.values(), strict=True))  # fmt: skip
+        rows = (",".join(f"{1e3 * value:.6g}" for value in row) for row in zip(*kept.values(), strict=True))
         (DATA / f"holes_{name}.csv").write_text("\n".join([",".join(kept), *rows]) + "\n")
 
 
@@ -192,10 +195,14 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="folder with the five full simulation files")
     parts: dict[str, Callable[[Path], None]] = {
-        "slits": make_slits, "orifices": make_orifices, "channel": make_channel, "more": make_more,
+        "slits": make_slits,
+        "orifices": make_orifices,
+        "channel": make_channel,
+        "more": make_more,
         "background": make_background,
-        "pressures": make_pressures, "holes": make_holes,
-    }  # fmt: skip
+        "pressures": make_pressures,
+        "holes": make_holes,
+    }
     parser.add_argument("--only", choices=list(parts), nargs="+", help="leave the others as is")
     options = parser.parse_args()
     DATA.mkdir(exist_ok=True)

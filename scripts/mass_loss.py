@@ -101,16 +101,25 @@ def liner_of(case: str, law: Law) -> tl.SDoFLiner:
     mach = planes_of(case)[0].mach or 0.0
     flow = {"mach_loss": 305 * mach**2 / (1 + 305 * mach**3)} if law.goodrich else {}
     return EndLossSDoFLiner.of(
-        base, hydraulic_diameter=twice * base.orifice_diameter, **law.fixed, **flow,
-    )  # fmt: skip
+        base,
+        hydraulic_diameter=twice * base.orifice_diameter,
+        **law.fixed,
+        **flow,
+    )
 
 
 def fitted(law: Law, cases: Sequence[str], averaging: str = RULE) -> Any:
     """The calibration of a law by the reactance of some cases, 0.5 mm above the plate."""
     return tl.calibrate(
-        [moments_of(case, averaging)[0] for case in cases], [liner_of(case, law) for case in cases],
-        "true", dict(law.free), averaging=averaging, noise=REACTANCE_ALONE, draws=0, allow_short=True,
-    )  # fmt: skip
+        [moments_of(case, averaging)[0] for case in cases],
+        [liner_of(case, law) for case in cases],
+        "true",
+        dict(law.free),
+        averaging=averaging,
+        noise=REACTANCE_ALONE,
+        draws=0,
+        allow_short=True,
+    )
 
 
 def predicted(law: Law, found: Any, case: str, averaging: str = RULE, height: int = 0) -> complex:
@@ -193,10 +202,7 @@ def fit_table() -> str:
     lines = []
     for name, cases in parts.items():
         fit = fitted(CHOSEN, cases)
-        away = [
-            abs(predicted(CHOSEN, fit, case).imag - truth(case).imag)
-            for case in CASES if case not in cases
-        ]  # fmt: skip
+        away = [abs(predicted(CHOSEN, fit, case).imag - truth(case).imag) for case in CASES if case not in cases]
         values = [f"{v:.2f} ± {s:.2f}" for v, s in zip(fit.values, fit.standard, strict=True)]
         lines.append([name, *values, f"{max(away):.2f}" if away else "-"])
     return page_table("fitted to | B | k | X of the others off by", lines)
@@ -215,11 +221,15 @@ def height_table() -> str:
         right = [heights[i] - shares[i] * (heights[i + 1] - heights[i]) / (shares[i + 1] - shares[i]) for i in turns]
         words = ", ".join(f"{1e3 * y:.2f} mm, {y / diameter:.2f} D_h" for y in right)
         below = "none: too high everywhere" if bool((shares > 0).all()) else "-"
-        lines.append([
-            case, ", ".join(f"{1e3 * y:g}" for y in heights),
-            ", ".join(f"{100 * share:+.0f}" for share in shares),
-            ", ".join(f"{z.imag - true.imag:+.2f}" for z in found), words or below,
-        ])  # fmt: skip
+        lines.append(
+            [
+                case,
+                ", ".join(f"{1e3 * y:g}" for y in heights),
+                ", ".join(f"{100 * share:+.0f}" for share in shares),
+                ", ".join(f"{z.imag - true.imag:+.2f}" for z in found),
+                words or below,
+            ]
+        )
     return page_table("case | y (mm) | R off by (%) | X off by | R right at", lines)
 
 
@@ -247,8 +257,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     FOLDER.mkdir(parents=True, exist_ok=True)
     write_rows([row.plain() for row in rows_of_laws()], FOLDER / f"{STEM}.csv", ".5g")
     rows = read_rows(FOLDER / f"{STEM}.csv")  # so that the table follows from the file
-    tables = {"laws": law_table(rows), "fits": fit_table(), "variants": variant_table(rows),
-              "heights": height_table(), "waves": wave_table()}  # fmt: skip
+    tables = {
+        "laws": law_table(rows),
+        "fits": fit_table(),
+        "variants": variant_table(rows),
+        "heights": height_table(),
+        "waves": wave_table(),
+    }
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     for folder in (FOLDER, *([FIGURES] if options.write else [])):

@@ -47,8 +47,7 @@ KNOWN = ROOT / "torchliner" / "studies" / TABLE
 QUIET = ("n115", "n130", "o115", "o130", "t00_130")  # up to 130 dB without flow
 LOUD, FLOW = ("n145", "o145"), ("g01_145", "g03_145", "t03_130", "t015_145")
 GROUPS = {"to 130 dB": QUIET, "145 dB": LOUD, "flow": FLOW}
-CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "t00_130", "t03_130",
-         "t015_145")  # fmt: skip
+CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "t00_130", "t03_130", "t015_145")
 REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
 MOVING = tuple(case for case in REASONED if not case.endswith("115"))
 CHECKED = "phase-locked"  # the averaging whose level check the page shows
@@ -157,8 +156,7 @@ def interval_words(rows: Sequence[Row]) -> str:
     for part in ("real", "imag"):
         ends = [(getattr(row.low, part), getattr(row.high, part)) for row in rows]
         halves.append(max((high - low) / 2 for low, high in ends))
-        held.append(sum(low <= getattr(row.true, part) <= high
-                        for row, (low, high) in zip(rows, ends, strict=True)))  # fmt: skip
+        held.append(sum(low <= getattr(row.true, part) <= high for row, (low, high) in zip(rows, ends, strict=True)))
     if math.isnan(halves[0]):
         return "-"
     return f"{halves[0]:.3f}, {halves[1]:.3f} ({held[0]}, {held[1]})"
@@ -201,15 +199,24 @@ def known_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
         if row.rule != DEFAULT:
             continue
         liner = liner_of(row.case)
-        found.append({
-            "case": row.case, "hole": hole_kind(liner.name), "height": f"{row.height:.4g}",
-            "hole_diameter": f"{liner.hole_diameter:.4g}",
-            "porosity": f"{liner.surface_porosity:.4g}", "mach": f"{row.mach:g}",
-            "incident_level": f"{row.incident_level:g}", "speed": f"{row.speed:.3g}",
-            "velocity_rms": f"{row.velocity_rms:.3g}", "averaging": row.averaging,
-            "resistance": f"{row.educed.real:.3f}", "reactance": f"{row.educed.imag:.3f}",
-            "true_resistance": f"{row.true.real:.3f}", "true_reactance": f"{row.true.imag:.3f}",
-        })  # fmt: skip
+        found.append(
+            {
+                "case": row.case,
+                "hole": hole_kind(liner.name),
+                "height": f"{row.height:.4g}",
+                "hole_diameter": f"{liner.hole_diameter:.4g}",
+                "porosity": f"{liner.surface_porosity:.4g}",
+                "mach": f"{row.mach:g}",
+                "incident_level": f"{row.incident_level:g}",
+                "speed": f"{row.speed:.3g}",
+                "velocity_rms": f"{row.velocity_rms:.3g}",
+                "averaging": row.averaging,
+                "resistance": f"{row.educed.real:.3f}",
+                "reactance": f"{row.educed.imag:.3f}",
+                "true_resistance": f"{row.true.real:.3f}",
+                "true_reactance": f"{row.true.imag:.3f}",
+            }
+        )
     return found
 
 
@@ -221,23 +228,37 @@ def pair_words(pair: tuple[float | None, float | None]) -> str:
 def reason_table(rows: Sequence[ReasonRow]) -> str:
     """The holes' own velocity put through the model, and what would give the reference R."""
     return page_table(
-        "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | reference Z | "
-        "speed × | C_vc",
-        [[r.case, f"{r.speed:.3f}", f"{100 * r.tone:.0f}", *(format_complex(z) for z in
-          (r.replayed, r.self_consistent, r.of_rms, r.true)), pair_words(r.factor),
-          pair_words(r.contraction)] for r in rows],
-    )  # fmt: skip
+        "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | reference Z | speed × | C_vc",
+        [
+            [
+                r.case,
+                f"{r.speed:.3f}",
+                f"{100 * r.tone:.0f}",
+                *(format_complex(z) for z in (r.replayed, r.self_consistent, r.of_rms, r.true)),
+                pair_words(r.factor),
+                pair_words(r.contraction),
+            ]
+            for r in rows
+        ],
+    )
 
 
 def limit_table(rows: Sequence[ReasonRow]) -> str:
     """What the model would need, and how near it comes."""
     return page_table(
-        "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z | "
-        "R without S_t",
-        [[r.case, pair_words(r.for_resistance), pair_words(r.for_reactance),
-          format_complex(r.true), format_complex(r.nearest), f"{r.quasi_steady:.3f}"]
-         for r in rows],
-    )  # fmt: skip
+        "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z | R without S_t",
+        [
+            [
+                r.case,
+                pair_words(r.for_resistance),
+                pair_words(r.for_reactance),
+                format_complex(r.true),
+                format_complex(r.nearest),
+                f"{r.quasi_steady:.3f}",
+            ]
+            for r in rows
+        ],
+    )
 
 
 def motion_table(rows: Sequence[MotionRow]) -> str:
@@ -246,12 +267,15 @@ def motion_table(rows: Sequence[MotionRow]) -> str:
     for case in dict.fromkeys(row.case for row in rows):
         mine = [row for row in rows if row.case == case]
         shares = [[row.tone for row in mine], [row.rest for row in mine]]
-        lines.append([
-            case, ", ".join(f"{1e3 * (row.height or 0):g}" for row in mine),
-            ", ".join(f"{row.rms:.2f}" for row in mine),
-            *(", ".join(f"{round(100 * s) + 0}" for s in each) for each in shares),
-            ", ".join(f"{row.cell_rms:.2f}" for row in mine),
-        ])  # fmt: skip
+        lines.append(
+            [
+                case,
+                ", ".join(f"{1e3 * (row.height or 0):g}" for row in mine),
+                ", ".join(f"{row.rms:.2f}" for row in mine),
+                *(", ".join(f"{round(100 * s) + 0}" for s in each) for each in shares),
+                ", ".join(f"{row.cell_rms:.2f}" for row in mine),
+            ]
+        )
     return page_table("case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines)
 
 

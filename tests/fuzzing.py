@@ -286,8 +286,7 @@ class Case:
         if self.path.suffix in (".csv", ".txt"):
             written = strict_table(self.path.read_bytes())
             if written is None:
-                return "other data" if _dropped(found.answer) > _dropped(self.answer) else (
-                    "silent wrong")  # fmt: skip
+                return "other data" if _dropped(found.answer) > _dropped(self.answer) else ("silent wrong")
             self.path.write_bytes(written)
             again = self.run()
             right = again.code == found.code and same(again.answer, found.answer)
@@ -336,12 +335,42 @@ def flip_bytes(path: Path, draw: Any) -> str:
 
 
 CELLS = (
-    "", " ", "nan", "NaN", "inf", "-inf", "#N/A", "1,5", "0,30", "1e400", "1e300", "-1e300",
-    "0x10", "1_000", "\u0661", "=1+1", "--", "1.5.2", "12abc", '"', '"1"', "1e-400", "1e", "+-1",
-    "\u22121", "1 000", "1;2", "true", "1j", "\x1b[2J", "\0", "9" * 400,
-)  # fmt: skip
-TABLE_KINDS = ("cell cell cell cell surplus missing twice swap drop repeat order blank mark comma "
-               "remark bom crlf column").split()  # fmt: skip
+    "",
+    " ",
+    "nan",
+    "NaN",
+    "inf",
+    "-inf",
+    "#N/A",
+    "1,5",
+    "0,30",
+    "1e400",
+    "1e300",
+    "-1e300",
+    "0x10",
+    "1_000",
+    "\u0661",
+    "=1+1",
+    "--",
+    "1.5.2",
+    "12abc",
+    '"',
+    '"1"',
+    "1e-400",
+    "1e",
+    "+-1",
+    "\u22121",
+    "1 000",
+    "1;2",
+    "true",
+    "1j",
+    "\x1b[2J",
+    "\0",
+    "9" * 400,
+)
+TABLE_KINDS = (
+    "cell cell cell cell surplus missing twice swap drop repeat order blank mark comma remark bom crlf column"
+).split()
 
 
 def table_cells(path: Path, draw: Any) -> str:
@@ -414,8 +443,7 @@ def _replace(file: Any, name: str, values: Any, keep: bool = True, **storage: An
         for key, i in users:
             file[key].dims[i].detach_scale(old)
     del file[name]
-    new = file.create_dataset(name, data=values, **storage) if keep else file.create_dataset(
-        name, **storage)  # fmt: skip
+    new = file.create_dataset(name, data=values, **storage) if keep else file.create_dataset(name, **storage)
     new.attrs.update(about)
     if scale:
         new.make_scale(name)
@@ -470,8 +498,9 @@ def hdf5_structure(path: Path, draw: Any) -> tuple[str, bool]:
             _replace(file, name, values).attrs["_FillValue"] = values.dtype.type(-99)
         elif kind == "unwritten" and array:
             first = max(1, len(values) // 4)
-            new = _replace(file, name, None, keep=False, shape=values.shape, dtype=values.dtype,
-                           chunks=(first, *values.shape[1:]))  # fmt: skip
+            new = _replace(
+                file, name, None, keep=False, shape=values.shape, dtype=values.dtype, chunks=(first, *values.shape[1:])
+            )
             new[:first] = values[:first]
         elif kind == "text":
             _replace(file, name, np.full(np.shape(values), b"abc"))
@@ -488,8 +517,7 @@ def hdf5_structure(path: Path, draw: Any) -> tuple[str, bool]:
             file[name] = h5py.ExternalLink("nowhere.h5", "/x")
         elif kind == "huge":
             shape = tuple(1 << 34 if i == 0 else n for i, n in enumerate(np.shape(values) or (1,)))
-            _replace(file, name, None, keep=False, shape=shape, dtype="f4",
-                     chunks=(1024, *shape[1:]))  # fmt: skip
+            _replace(file, name, None, keep=False, shape=shape, dtype="f4", chunks=(1024, *shape[1:]))
         elif kind in ("nan", "inf") and number and values.dtype.kind == "f":
             values = np.array(values)
             values.flat[draw.randrange(values.size)] = float(kind)

@@ -18,18 +18,29 @@ from torchliner.records.burst_record import UNITS
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
 PAIRED = ["Row#", "AT [ms]", "TT [\N{MICRO SIGN}s]", "LDA1 [m/s]", "LDA2 [m/s]"]
 APART = ["Row#", "AT [ms]", "TT [us]", "LDA1 [m/s]", "AT{2} [ms]", "TT{2} [us]", "LDA2{2} [m/s]"]
-BURSTS = [["1", "1.5", "20.0", "30.25", "-0.5"], ["2", "2.25", "10.0", "31.5", "0.25"],
-          ["3", "4.0", "40.0", "28.0", "1.0"]]  # fmt: skip
-LONE = [["1", "1.000", "10", "30", "0.500", "11", "0.1"],
-        ["2", "2.000", "20", "31", "1.001", "21", "0.2"],
-        ["3", "3.000", "30", "32", "3.002", "31", "0.3"],
-        ["", "", "", "", "7.000", "41", "0.4"]]  # fmt: skip
+BURSTS = [
+    ["1", "1.5", "20.0", "30.25", "-0.5"],
+    ["2", "2.25", "10.0", "31.5", "0.25"],
+    ["3", "4.0", "40.0", "28.0", "1.0"],
+]
+LONE = [
+    ["1", "1.000", "10", "30", "0.500", "11", "0.1"],
+    ["2", "2.000", "20", "31", "1.001", "21", "0.2"],
+    ["3", "3.000", "30", "32", "3.002", "31", "0.3"],
+    ["", "", "", "", "7.000", "41", "0.4"],
+]
 
 
 def dxex(
-    path, rows=BURSTS, names=PAIRED, version="v5", position="7;1.00 mm;-2.50 mm;0.50 mm",
-    comma=False, encoding="latin-1", end="\r\n",
-):  # fmt: skip
+    path,
+    rows=BURSTS,
+    names=PAIRED,
+    version="v5",
+    position="7;1.00 mm;-2.50 mm;0.50 mm",
+    comma=False,
+    encoding="latin-1",
+    end="\r\n",
+):
     """An export as the format's description has it."""
     head = [
         f"DXEX {version}",
@@ -197,9 +208,13 @@ def record_of(seed=0, count=50, **about):
     rng = np.random.default_rng(seed)
     about = {"x": 0.01 * seed, "y": 1e-3, "z": 0.0, "frequency": 1500.0, "mach": 0.3, **about}
     return tl.BurstRecord(
-        rng.exponential(1e-3, count).cumsum(), rng.normal(size=count), rng.normal(30, 3, count),
-        rng.uniform(1e-5, 2e-5, count), title=f"s{seed}", **about,
-    )  # fmt: skip
+        rng.exponential(1e-3, count).cumsum(),
+        rng.normal(size=count),
+        rng.normal(30, 3, count),
+        rng.uniform(1e-5, 2e-5, count),
+        title=f"s{seed}",
+        **about,
+    )
 
 
 def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):
@@ -225,9 +240,9 @@ def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):
 
 def write_burst_csv(record, path):
     """As a laboratory writes it: what is stated, then a header, then the bursts."""
-    stated = {name: f"{value!r} {STATED[name]}" for name in STATED
-              if isinstance(value := getattr(record, name), float)} | {name: value for name in STATED
-              if isinstance(value := getattr(record, name), str) and value}  # fmt: skip
+    stated = {
+        name: f"{value!r} {STATED[name]}" for name in STATED if isinstance(value := getattr(record, name), float)
+    } | {name: value for name in STATED if isinstance(value := getattr(record, name), str) and value}
     columns = {name: value for name in UNITS if (value := getattr(record, name)) is not None}
     lines = [f"# {name} = {value}" for name, value in stated.items()]
     lines.append(",".join(f"{name} [{UNITS[name]}]" for name in columns))

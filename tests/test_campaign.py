@@ -156,8 +156,7 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
     assert code == 0
     assert len(rows) == 2 * 2 * 2
     folder = campaign.parent / "c_results"
-    (row,) = (r for r in rows if r["unit"] == "one__polito__averaging=phase-locked"
-              and r["frequency"] == 1600)  # fmt: skip
+    (row,) = (r for r in rows if r["unit"] == "one__polito__averaging=phase-locked" and r["frequency"] == 1600)
     plane, liner = tl.read_plane(campaign.parent / "a" / "one.h5"), tl.load_liner("polito")
     wanted = tl.educe(plane, liner, [1400, 1600], averaging="phase-locked")
     assert row["resistance"] == pytest.approx(float(wanted.answer[1].real), abs=1e-4)
@@ -193,9 +192,11 @@ def test_only_what_changed_is_done_again(capsys, campaign, readings, monkeypatch
     assert (code, len(rows), readings) == (0, 16, [])
     liner = polito.read_text()
     polito.write_text(re.sub(r"porosity = .*", "porosity = 0.1", liner, count=1))
-    assert {u["unit"].split("__")[1] for u in json.loads(
-        run(capsys, "run", str(campaign), "--dry-run", "--json")[1]) if u["state"] == "from moments"
-    } == {"mine"}  # fmt: skip
+    assert {
+        u["unit"].split("__")[1]
+        for u in json.loads(run(capsys, "run", str(campaign), "--dry-run", "--json")[1])
+        if u["state"] == "from moments"
+    } == {"mine"}
     write_plane(campaign.parent / "b.h5", 7)
     done(capsys, campaign)
     assert {name for name, _ in readings} == {"b.h5"}
@@ -295,8 +296,11 @@ def test_moments_stand_for_a_plane(capsys, campaign, readings):
     code, wanted, _ = done(capsys, campaign, "--output", folder / "whole")
     pitch = tl.load_liner("polito").cell_pitch
     tl.moments(tl.read_plane(folder / "b.h5"), cell_pitch=pitch).write(folder / "b.moments.h5")
-    campaign.write_text(TOML.replace('"a/*.h5", "b.h5"', '"b.moments.h5"').replace(
-        'liner = "polito"', 'liner = "polito"\nheight = 5e-3'))  # fmt: skip
+    campaign.write_text(
+        TOML.replace('"a/*.h5", "b.h5"', '"b.moments.h5"').replace(
+            'liner = "polito"', 'liner = "polito"\nheight = 5e-3'
+        )
+    )
     readings.clear()
     code, _, _ = done(capsys, campaign, "--dry-run")
     code, rows, _ = done(capsys, campaign)
@@ -332,8 +336,7 @@ def test_facts_that_leave_the_file_are_gone(capsys, smallest, readings):
     (row,) = done(capsys, smallest)[1]
     assert {**row, "seconds": 0} == {**wanted[0], "seconds": 0}
     assert not readings
-    maps = [tl.read_map(next((smallest.parent / name / "maps").glob("*.h5")))
-            for name in ("fresh", "c_results")]  # fmt: skip
+    maps = [tl.read_map(next((smallest.parent / name / "maps").glob("*.h5"))) for name in ("fresh", "c_results")]
     for name in ("mach", "height", "source_side", "notes"):
         assert getattr(maps[0], name) == getattr(maps[1], name)
 
@@ -395,8 +398,7 @@ def test_two_runs_do_not_collide(capsys, smallest):
         (TOML.replace("a/*.h5", "n/*.h5"), "there is no folder"),
         (f"output = '.'{TOML}", "lies in the folder of the results"),
         (TOML.replace("a/*.h5", "*.h5"), "b.h5 is named twice"),
-        (TOML.replace("liner =", "height = -1\nsource_side = 'left'\nliner ="),
-         "has 2 mistake(s)"),
+        (TOML.replace("liner =", "height = -1\nsource_side = 'left'\nliner ="), "has 2 mistake(s)"),
         (TOML.replace("[[planes]]", "[planes]"), "planes"),
         (TOML.replace("liner =", "mach = true\nliner ="), "planes.0.mach = True: input should be a valid number"),
         (TOML.replace("liner =", "mach = '0.3'\nliner ="), "planes.0.mach = '0.3': input should be a valid number"),
@@ -405,7 +407,7 @@ def test_two_runs_do_not_collide(capsys, smallest):
         (TOML.replace("liner =", "variable = 'v'\nliner ="), "has no variable 'v'"),
         (TOML.replace("averaging =", "kernel = 'causal'\naveraging ="), "choices.kernel: no such key"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
     """Before anything is done, or in the rows of the planes that they concern."""
     campaign.write_text(text)

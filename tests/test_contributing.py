@@ -41,8 +41,7 @@ COMMANDS = (
 @pytest.fixture(scope="module")
 def added(tmp_path_factory):
     """Each example as a module of the package, and its row in the table; both go again."""
-    tables = {name: dict(value) for name, value in vars(names).items()
-              if name.isupper() and isinstance(value, dict)}  # fmt: skip
+    tables = {name: dict(value) for name, value in vars(names).items() if name.isupper() and isinstance(value, dict)}
     rules = dict(phase.PHASE_RULES)
     for place, text in FILES.items():
         if (PAGE.parent / place).exists():  # a function that joins others
@@ -158,9 +157,14 @@ def test_a_method_finds_a_single_wave(added, tmp_path, capsys):
     )
     x = torch.arange(10, dtype=torch.float64) * 0.012
     line = tl.MicrophoneLine(
-        x=x, pressure=(20 * torch.exp(-1j * alpha * x))[:, None], frequency=[frequency],
-        duct_height=0.05, mach=0.2, source_side="upstream", fluid=tl.Fluid(sound_speed=343.0),
-    )  # fmt: skip
+        x=x,
+        pressure=(20 * torch.exp(-1j * alpha * x))[:, None],
+        frequency=[frequency],
+        duct_height=0.05,
+        mach=0.2,
+        source_side="upstream",
+        fluid=tl.Fluid(sound_speed=343.0),
+    )
     line.write(tmp_path / "line.h5")
     words = ["kt", str(tmp_path / "line.h5"), "--method", "phase-gradient", "--json"]
     assert main([*words, "--draws", "20"]) == 0

@@ -17,8 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 def slits() -> dict[str, object]:
     found = {case: tl.read_plane(f"data/slit_{case}_y2.5mm.h5") for case in ("n115", "n130")}
     g01 = tl.read_plane("data/slit_g01_145_y2.5mm.h5")
-    return {**found, "g01": g01, "tl": tl, "plane": found["n130"],
-            "liner": tl.load_liner("lbm_slit")}  # fmt: skip
+    return {**found, "g01": g01, "tl": tl, "plane": found["n130"], "liner": tl.load_liner("lbm_slit")}
 
 
 def microphones() -> dict[str, object]:
@@ -28,11 +27,23 @@ def microphones() -> dict[str, object]:
     return {}
 
 
-PAGES = {"calibration": slits, "duct": dict, "formats": dict, "frequencies": dict,
-         "identify": slits, "in_situ": dict, "ir_tdibc": dict, "ldv": dict,
-         "liners": lambda: {"tl": tl},
-         "method": dict, "moments": dict, "package": dict, "report": dict, "results": dict,
-         "wall_pressure": microphones}  # fmt: skip
+PAGES = {
+    "calibration": slits,
+    "duct": dict,
+    "formats": dict,
+    "frequencies": dict,
+    "identify": slits,
+    "in_situ": dict,
+    "ir_tdibc": dict,
+    "ldv": dict,
+    "liners": lambda: {"tl": tl},
+    "method": dict,
+    "moments": dict,
+    "package": dict,
+    "report": dict,
+    "results": dict,
+    "wall_pressure": microphones,
+}
 
 SLOW = {"calibration": pytest.mark.slow}  # all parameters of a liner, two fits, a prediction
 

@@ -70,8 +70,7 @@ def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
 
 def test_files_that_come_into_a_folder(tmp_path, velocity):
     """Each adds what it holds; the sum is that of the whole; a file in the making is waited for."""
-    solver = [lambda i=i: piece(velocity, 600 * i, 600 * i + 600).write(tmp_path / f"v{i}.h5")
-              for i in range(1, 4)]  # fmt: skip
+    solver = [lambda i=i: piece(velocity, 600 * i, 600 * i + 600).write(tmp_path / f"v{i}.h5") for i in range(1, 4)]
     solver.insert(1, lambda: (tmp_path / "v2.h5").write_bytes(b"half"))
     piece(velocity, 0, 600).write(tmp_path / "v0.h5")
     found, _, following = followed(tmp_path, *solver)
@@ -129,8 +128,9 @@ def test_a_file_that_another_process_writes(tmp_path, velocity):
     """SWMR: read while it is open, at moments when velocity is ahead of its times as well."""
     path = tmp_path / "plane.h5"
     np.save(f"{path}.npy", velocity.T.numpy())
-    with subprocess.Popen([sys.executable, "-c", WRITER, str(path), "1800"], text=True,
-                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) as solver:  # fmt: skip
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), "1800"], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as solver:
         solver.stdout.readline()
 
         def step(answers: bool):

@@ -72,9 +72,16 @@ def written(path):
 
 def plane_file(path: Path) -> Path:
     plane_of(
-        turbulence((4, 260)), x=torch.arange(4) * 1e-3, liner="polito", height=1e-3, mach=0.1,
-        incident_level=130.0, reference={"true": 0.2 - 0.1j}, source_side="upstream", title="fuzz",
-    ).write(path)  # fmt: skip
+        turbulence((4, 260)),
+        x=torch.arange(4) * 1e-3,
+        liner="polito",
+        height=1e-3,
+        mach=0.1,
+        incident_level=130.0,
+        reference={"true": 0.2 - 0.1j},
+        source_side="upstream",
+        title="fuzz",
+    ).write(path)
     return path
 
 
@@ -159,12 +166,29 @@ def python_record(kind: str, path: Path):
 
 
 NAMES = [
-    ".h5 educe", ".h5 educe moments", ".h5 info", ".h5 validate", ".csv kt", ".h5 kt", ".h5 insitu",
-    ".csv ldv info", ".h5 ldv info", ".csv ldv educe", ".csv liner", ".toml liner",
+    ".h5 educe",
+    ".h5 educe moments",
+    ".h5 info",
+    ".h5 validate",
+    ".csv kt",
+    ".h5 kt",
+    ".h5 insitu",
+    ".csv ldv info",
+    ".h5 ldv info",
+    ".csv ldv educe",
+    ".csv liner",
+    ".toml liner",
     ".toml liner layers",
-    ".toml duct modes", ".npy convert", ".mat convert", ".h5 convert", ".wav incident",
-    ".h5 read_map", ".h5 read_line", ".h5 read_points", ".h5 read_wall",
-]  # fmt: skip
+    ".toml duct modes",
+    ".npy convert",
+    ".mat convert",
+    ".h5 convert",
+    ".wav incident",
+    ".h5 read_map",
+    ".h5 read_line",
+    ".h5 read_points",
+    ".h5 read_wall",
+]
 HEAVY = {".h5 validate": 0.2}  # of the usual share
 SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))
 
@@ -172,8 +196,13 @@ SHARE = INPUTS / (len(NAMES) + 1 - sum(1 - part for part in HEAVY.values()))
 def explore(name, count, one):
     """``one`` with a random number generator, ``count`` times, seeded by hypothesis."""
 
-    @settings(max_examples=count, derandomize=True, database=None,
-              phases=[Phase.generate], suppress_health_check=list(HealthCheck))  # fmt: skip
+    @settings(
+        max_examples=count,
+        derandomize=True,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
     @given(st.integers(0, 2**63))
     def run(seed):
         one(random.Random(f"{name} {seed}"))
@@ -207,21 +236,61 @@ def test_mutated_files(tmp_path, name, record_property, set_threads):
 
 
 VALUES = (
-    "nan", "inf", "-inf", "0", "-1", "1", "2", "0.5", "1e20", "1e300", "-1e300", "1e-300", "", " ",
-    "x", "1,5", "\x1b[2J", "100000000000000000000", "1400", "1400:1e9:1", "0:0:0", "nan:1:1",
-    "a=b", "porosity=2 %", "porosity=nan", "1+2j", "nan+1j", "auto", "all", "1GB", "-1GB",
-    "1e400GB", "hann", "tones:0", "noise:1:2:3", "nothing.h5",
-    "nothing/x.png", "/", ".",
-)  # fmt: skip
+    "nan",
+    "inf",
+    "-inf",
+    "0",
+    "-1",
+    "1",
+    "2",
+    "0.5",
+    "1e20",
+    "1e300",
+    "-1e300",
+    "1e-300",
+    "",
+    " ",
+    "x",
+    "1,5",
+    "\x1b[2J",
+    "100000000000000000000",
+    "1400",
+    "1400:1e9:1",
+    "0:0:0",
+    "nan:1:1",
+    "a=b",
+    "porosity=2 %",
+    "porosity=nan",
+    "1+2j",
+    "nan+1j",
+    "auto",
+    "all",
+    "1GB",
+    "-1GB",
+    "1e400GB",
+    "hann",
+    "tones:0",
+    "noise:1:2:3",
+    "nothing.h5",
+    "nothing/x.png",
+    "/",
+    ".",
+)
 COMMANDS = {
-    "educe": ["plane.h5", "--no-intervals"], "info": ["plane.h5"], "validate": ["plane.h5"],
-    "sensitivity": ["plane.h5"], "kt": ["line.h5"], "liner": ["onera"], "ldv info": ["bursts.csv"],
+    "educe": ["plane.h5", "--no-intervals"],
+    "info": ["plane.h5"],
+    "validate": ["plane.h5"],
+    "sensitivity": ["plane.h5"],
+    "kt": ["line.h5"],
+    "liner": ["onera"],
+    "ldv info": ["bursts.csv"],
     "ldv educe": ["bursts.csv", "--segment", "0.04", "--liner", "onera"],
-    "duct modes": ["b2a", "--count", "1"], "insitu": ["record.h5"],
+    "duct modes": ["b2a", "--count", "1"],
+    "insitu": ["record.h5"],
     "convert": ["v.npy", "-o", "out.h5", "--axes", "time,x", *RATE],
     "replay": ["plane.h5"],
     "compare-models": ["plane.h5", "--liner", "onera", "--liner", "mesh_example"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.filterwarnings("ignore")

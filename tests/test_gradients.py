@@ -62,9 +62,12 @@ def test_backward_is_forward(phase):
     value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
     found = reflection(make("vena_contracta", value), (1400, 2100), phase=phase)
     backward = torch.stack(
-        [torch.autograd.grad(part.flatten()[i], value, retain_graph=True)[0]
-         for part in (found.real, found.imag) for i in range(8)]
-    )  # fmt: skip
+        [
+            torch.autograd.grad(part.flatten()[i], value, retain_graph=True)[0]
+            for part in (found.real, found.imag)
+            for i in range(8)
+        ]
+    )
     with dual_level():
         dual = forward_ad.make_dual(value.detach(), torch.ones_like(value))
         again = reflection(make("vena_contracta", dual), (1400, 2100), phase=phase)

@@ -18,8 +18,9 @@ TWO = tl.Holes((2 * MM, 6 * MM), (1 * MM, 1 * MM), (1 * MM, 1 * MM))
 def a_plane(holes, rows=3):
     """v of 9 columns 1 mm apart."""
     v = torch.randn(rows, 9, 600, generator=torch.Generator().manual_seed(0))
-    return tl.VelocityPlane(v, sampling_rate=20e3, x=MM * np.arange(9), z=MM * np.arange(rows),
-                            frequency=1000.0, holes=holes)  # fmt: skip
+    return tl.VelocityPlane(
+        v, sampling_rate=20e3, x=MM * np.arange(9), z=MM * np.arange(rows), frequency=1000.0, holes=holes
+    )
 
 
 def table(folder, text):
@@ -63,14 +64,20 @@ def test_educe_takes_it_for_planes_and_for_moments(tmp_path, monkeypatch):
         assert tl.read_map("map.h5").holes == wanted
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("x [mm], z [mm], diameter [mm]\n2, 1, -1\n", r"holes.csv: .*diameter of the hole at x = 0.002 m"
-     " is -0.001 m; it must be positive"),
-    ("x, z [mm], diameter [mm]\n2, 1, 1\n", "holes.csv: column 'x' has no unit"),
-    ("x [mm], z [mm]\n2, 1\n", "holes.csv: column 'diameter' is missing"),
-    ("x [mm], y [mm], diameter [mm]\n2, 1, 1\n", r"unknown column 'y \[mm\]'.*write x \[mm\], z"),
-    ("x [mm], z [mm], diameter [mm]\n2, nan, 1\n", "line 2, column 'z' is 'nan'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "x [mm], z [mm], diameter [mm]\n2, 1, -1\n",
+            r"holes.csv: .*diameter of the hole at x = 0.002 m"
+            " is -0.001 m; it must be positive",
+        ),
+        ("x, z [mm], diameter [mm]\n2, 1, 1\n", "holes.csv: column 'x' has no unit"),
+        ("x [mm], z [mm]\n2, 1\n", "holes.csv: column 'diameter' is missing"),
+        ("x [mm], y [mm], diameter [mm]\n2, 1, 1\n", r"unknown column 'y \[mm\]'.*write x \[mm\], z"),
+        ("x [mm], z [mm], diameter [mm]\n2, nan, 1\n", "line 2, column 'z' is 'nan'"),
+    ],
+)
 def test_tables_that_say_no_places(tmp_path, text, words):
     with pytest.raises(ValueError, match=words):
         tl.read_holes(table(tmp_path, text))
@@ -120,20 +127,26 @@ def test_borders_of_cells_stand_within_curves_along_x(liner):
     pytest.importorskip("matplotlib")
     x = (np.arange(12) + 0.5) * liner.cell_pitch / 6
     for about, wanted in (({}, 1), ({"liner": "hard wall"}, 0)):
-        plane = tl.VelocityPlane(a_plane(None, 12).velocity[:, 0], sampling_rate=20e3, x=x,
-                                 frequency=1000.0, **about)  # fmt: skip
+        plane = tl.VelocityPlane(a_plane(None, 12).velocity[:, 0], sampling_rate=20e3, x=x, frequency=1000.0, **about)
         figure = tl.educe(plane, liner).plot()
-        upright = [line for line in figure.axes[1].get_lines()
-                   if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0]  # fmt: skip
-        assert [line.get_xdata()[0] for line in upright] == pytest.approx(
-            [1e3 * liner.cell_pitch] * wanted)  # fmt: skip
+        upright = [
+            line for line in figure.axes[1].get_lines() if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0
+        ]
+        assert [line.get_xdata()[0] for line in upright] == pytest.approx([1e3 * liner.cell_pitch] * wanted)
         names = [text.get_text() for text in figure.legends[0].get_texts()]
         assert ("border of cells" in names) == bool(wanted)
 
 
-@pytest.mark.parametrize(("name", "case"), [("slit_n", "slit_n130"), ("slit_g", "slit_g03_145"),
-    ("orifice_o", "orifice_o145"), ("orifice_t00", "orifice_t00_130"),
-    ("orifice_t", "orifice_t015_145")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        ("slit_n", "slit_n130"),
+        ("slit_g", "slit_g03_145"),
+        ("orifice_o", "orifice_o145"),
+        ("orifice_t00", "orifice_t00_130"),
+        ("orifice_t", "orifice_t015_145"),
+    ],
+)
 def test_shipped_tables_lie_on_their_planes_one_hole_a_cell(name, case):
     plane = tl.read_plane(DATA / f"{case}_y0.5mm.h5", lazy=True, holes=DATA / f"holes_{name}.csv")
     liner, holes = tl.load_liner(plane.liner), plane.holes

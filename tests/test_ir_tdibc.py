@@ -72,15 +72,19 @@ def one(curve: tl.LevelCurve) -> complex:
 @settings(max_examples=60)
 @given(
     taps=st.lists(st.floats(-2, 2), min_size=8, max_size=8),
-    sent=st.floats(-3, 3), memory=st.floats(-3, 3), past=st.floats(0, 4),
-    share=st.sampled_from([1.0, 0.05]), spacing=st.sampled_from(["sqrt", "uniform"]),
+    sent=st.floats(-3, 3),
+    memory=st.floats(-3, 3),
+    past=st.floats(0, 4),
+    share=st.sampled_from([1.0, 0.05]),
+    spacing=st.sampled_from(["sqrt", "uniform"]),
     interpolation=st.sampled_from(["cubic", "linear"]),
-)  # fmt: skip
+)
 def test_the_newest_tap_is_solved(taps, sent, memory, past, share, spacing, interpolation):
     """The equation holds to rounding, whatever the table; the least root is that of bisection."""
     grid = tl.VelocityGrid(60.0, 8, spacing, interpolation)
-    table = KernelTable(torch.tensor(taps, dtype=torch.float64)[:, None], 0, RATE, grid,
-                        (300.0, 3500.0), "causal", 0.0, 0.0, 0.0)  # fmt: skip
+    table = KernelTable(
+        torch.tensor(taps, dtype=torch.float64)[:, None], 0, RATE, grid, (300.0, 3500.0), "causal", 0.0, 0.0, 0.0
+    )
     past = past * (share < 1)
 
     def left(speed: float) -> float:
@@ -167,8 +171,9 @@ def test_low_levels_are_linear(slit, kernel):
 @pytest.mark.parametrize("kernel", STEP_KERNELS)
 def test_frozen_speed(slit, kernel):
     """The rms over one period of a tone stands still: Z of the response at that |v|."""
-    curve = tl.ir_tdibc(slit, 145.0, 1400.0, drive="running-rms", kernel=kernel,
-                        sampling_rate=14000.0, duration=0.04, after=0.004)  # fmt: skip
+    curve = tl.ir_tdibc(
+        slit, 145.0, 1400.0, drive="running-rms", kernel=kernel, sampling_rate=14000.0, duration=0.04, after=0.004
+    )
     wanted = slit.impedance(1400.0, float(curve.rms_speed[0, 0])) + complex(curve.frozen[0, 0])
     assert abs(one(curve) - complex(wanted)) < 1e-6
 
@@ -218,8 +223,9 @@ def test_kernel_length_and_rate_converge(onera):
         found = [one(tl.ir_tdibc(onera, 140, 1400.0, **options, **each)) for each in values]
         return [abs(after - before) for before, after in itertools.pairwise(found)]
 
-    length = steps([{"after": t, "duration": 0.012} for t in (0.0025, 0.005, 0.01)],
-                   kernel="causal", sampling_rate=14000.0)  # fmt: skip
+    length = steps(
+        [{"after": t, "duration": 0.012} for t in (0.0025, 0.005, 0.01)], kernel="causal", sampling_rate=14000.0
+    )
     assert length[1] < 0.3 * length[0]
     rate = steps([{"sampling_rate": 1400.0 * n} for n in (8, 16, 32)], kernel="periodic")
     assert rate[1] < 0.1 * rate[0]
@@ -233,8 +239,9 @@ def test_kernel_length_and_rate_converge(onera):
 def test_every_preset_up_to_160_db(name, kernel):
     """One solution at every step, and less comes back than was sent."""
     for incident in (1400.0, tl.BandNoise(500, 3000)):
-        curve = tl.ir_tdibc(tl.load_liner(name), [100, 145, 160], incident, kernel=kernel,
-                            sampling_rate=28000.0, duration=0.025)  # fmt: skip
+        curve = tl.ir_tdibc(
+            tl.load_liner(name), [100, 145, 160], incident, kernel=kernel, sampling_rate=28000.0, duration=0.025
+        )
         assert int(curve.several.max()) == 0
         assert float(curve.reflected_energy.max()) < 1
 
@@ -242,9 +249,10 @@ def test_every_preset_up_to_160_db(name, kernel):
 @literal
 def test_better_kernel_is_nearer(slit):
     """Why it is the default: the fitted kernel against the literal one, both without a kernel."""
-    found = {kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.015,
-                                 sampling_rate=28000).impedance
-             for kernel in STEP_KERNELS}  # fmt: skip
+    found = {
+        kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.015, sampling_rate=28000).impedance
+        for kernel in STEP_KERNELS
+    }
     off = {kernel: (z - found["periodic"]).abs().max() for kernel, z in found.items()}
     assert off["least-squares"] < 0.025
     assert off["causal"] > 0.08

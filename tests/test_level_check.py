@@ -61,7 +61,7 @@ def test_a_known_wave_closes_and_a_wrong_level_is_said_as_such(height, wrong):
     assert closure.failed == (abs(wrong) > 0.3)
     assert [str(note) for note in found.notes if note.code == "level-check"] == [
         f"velocity: {closure.sentence('phase-locked', FREQUENCY)}"
-    ] * closure.failed  # fmt: skip
+    ] * closure.failed
 
 
 def test_unlike_cells_close_under_one_wave():
@@ -76,8 +76,7 @@ def test_unlike_cells_close_under_one_wave():
     pressure, own = complex(MODEL.impedance(FREQUENCY, 2.0)) * amplitude, 0.1 + 0j
     for _ in range(6):
         second = (noise - (own * wave).real).expand(2, -1)
-        record = plane(torch.cat([first, second]), x=[0.0025, 0.0075, 0.0125, 0.0175],
-                       incident_level=100.0)  # fmt: skip
+        record = plane(torch.cat([first, second]), x=[0.0025, 0.0075, 0.0125, 0.0175], incident_level=100.0)
         found = tl.educe(record, liner, averaging="velocity")
         own = pressure / complex(found.cells["velocity"].impedance[1, 0])
     incident = OF_AIR.characteristic_impedance * (pressure + (amplitude + own) / 2) / 2
@@ -141,8 +140,7 @@ def test_at_grazing_incidence_the_level_is_that_at_the_wall(side):
     level = 20 * math.log10(abs(complex(MODEL.impedance(FREQUENCY, 2.0))) * amplitude / (math.sqrt(2) * 20e-6))
     liner = dataclasses.replace(MODEL)
     object.__setattr__(liner, "cell_pitch", pitch)
-    record = plane(torch.cat([v for v, _ in rows]), x=x, height=0.001, incident_level=level,
-                   source_side=side)  # fmt: skip
+    record = plane(torch.cat([v for v, _ in rows]), x=x, height=0.001, incident_level=level, source_side=side)
     found = tl.educe(record, liner).level_check
     assert found.kind == "wall"
     assert "grazing incidence" in found.known
@@ -164,8 +162,7 @@ def test_the_facesheets_pressure_gives_level_and_phase(turn, factor):
     steps = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
     omega = 2 * math.pi * FREQUENCY
     signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
-    found = tl.educe(plane(velocity), MODEL,
-                     pressure=facesheet_record(signal.expand(3, -1))).level_check  # fmt: skip
+    found = tl.educe(plane(velocity), MODEL, pressure=facesheet_record(signal.expand(3, -1))).level_check
     assert float(found.liner.level[1, 0]) == pytest.approx(-20 * math.log10(factor), abs=1e-6)
     assert float(found.liner.phase[1, 0]) == pytest.approx(-turn, abs=1e-5)
     assert found.failed == (turn != 0 or factor != 1)
@@ -183,8 +180,7 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
     steps = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
     heights = (0.03, 0.06)
     tones = [wave * (np.exp(1j * k * y) + reflection * np.exp(-1j * k * y)) for y in heights]
-    signal = torch.stack([p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
-                          for p in tones])  # fmt: skip
+    signal = torch.stack([p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps) for p in tones])
     record = tl.PressureRecord(microphones=signal, microphone_y=heights, sampling_rate=RATE)
     found = tl.educe(plane(velocity), MODEL, pressure=record).level_check
     assert "incident and reflected" in found.known
@@ -193,15 +189,18 @@ def test_microphones_in_front_of_the_surface_and_along_the_wall():
     wall = OF_AIR.characteristic_impedance * abs(z * amplitude)
     x = [0.001, 0.002, 0.003, 0.004]
     line = tl.MicrophoneLine(
-        x=[0.0, 0.005], pressure=[wall * 10**0.05 + 0j, wall * 10**-0.05 + 0j],
-        frequency=FREQUENCY, duct_height=0.05,
-    )  # fmt: skip
+        x=[0.0, 0.005],
+        pressure=[wall * 10**0.05 + 0j, wall * 10**-0.05 + 0j],
+        frequency=FREQUENCY,
+        duct_height=0.05,
+    )
     record = plane(velocity, x=x, source_side="upstream")
     found = tl.educe(record, MODEL, pressure=line).level_check
     assert float(found.cells.level[1, 0, 0]) == pytest.approx(0.0, abs=1e-6)  # at its middle
     with pytest.raises(ValueError, match="comes from upstream; give the facesheet's pressure"):
-        tl.educe(record, MODEL, pressure=tl.PressureRecord(
-            microphones=signal, microphone_y=heights, sampling_rate=RATE))  # fmt: skip
+        tl.educe(
+            record, MODEL, pressure=tl.PressureRecord(microphones=signal, microphone_y=heights, sampling_rate=RATE)
+        )
     with pytest.raises(TypeError, match="PressureRecord or a MicrophoneLine"):
         tl.educe(record, MODEL, pressure=3.0)
 
@@ -252,9 +251,14 @@ def test_the_interval_covers():
 
 @pytest.mark.parametrize(
     ("options", "code"),
-    [([], 0), (["--strict"], 1), (["--strict", "--level-uncertainty", "1"], 0),
-     (["--strict", "--incident-level", "129.6"], 0), (["--strict", "--source-side", "none"], 0)],
-)  # fmt: skip
+    [
+        ([], 0),
+        (["--strict"], 1),
+        (["--strict", "--level-uncertainty", "1"], 0),
+        (["--strict", "--incident-level", "129.6"], 0),
+        (["--strict", "--source-side", "none"], 0),
+    ],
+)
 def test_the_command_says_it_and_strict_makes_it_an_exit_code(options, code, capsys):
     """n130 with probes first is 0.4 dB off; velocity first closes."""
     path = str(DATA / "slit_n130_y0.5mm.h5")
@@ -385,8 +389,13 @@ def test_pressures_with_a_phase_count_twice():
     signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
     start = dataclasses.replace(MODEL, a=0.4, m=7e-5)
     found = tl.calibrate(
-        plane(velocity), start, "level-check", {"a": (0.1, 1.0), "m": (4e-5, 9e-5)},
-        pressure=facesheet_record(signal.expand(3, -1)), noise=0.1, draws=0,
-    )  # fmt: skip
+        plane(velocity),
+        start,
+        "level-check",
+        {"a": (0.1, 1.0), "m": (4e-5, 9e-5)},
+        pressure=facesheet_record(signal.expand(3, -1)),
+        noise=0.1,
+        draws=0,
+    )
     assert found.values.tolist() == pytest.approx([0.3, 6e-5], rel=1e-6)
     assert found.data == 2

@@ -72,8 +72,7 @@ def test_one_wall_has_no_mismatch(tmp_path, capsys):
     with (tmp_path / "measured_mismatch.csv").open() as file:
         rows = list(csv.DictReader(file))
     methods = {(row["method"], row["reflected"]) for row in rows}
-    assert methods == {("Kumaresan-Tufts", "0"), ("two waves", "0"), ("two free waves", "0"),
-                       ("two free waves", "1")}  # fmt: skip
+    assert methods == {("Kumaresan-Tufts", "0"), ("two waves", "0"), ("two free waves", "0"), ("two free waves", "1")}
     for row in rows:
         found = float(row["z_real"]) + 1j * float(row["z_imag"])
         wanted = complex(wall(np.array([float(row["frequency_hz"])]))[0])
@@ -95,5 +94,4 @@ def test_other_files_are_refused(tmp_path, change, match):
     """A header that names other columns, a case that is missing."""
     write_duct(tmp_path / "duct.txt", **change)
     with pytest.raises(ValueError, match=match):
-        load_script("measured_mismatch").main([str(tmp_path / "duct.txt"), "-o", str(tmp_path),
-                                               "--draws", "2"])  # fmt: skip
+        load_script("measured_mismatch").main([str(tmp_path / "duct.txt"), "-o", str(tmp_path), "--draws", "2"])

@@ -150,8 +150,11 @@ def test_degrees_are_not_doubted(hertz, reflection):
 
 def write_microphone_csv(line, path):
     """As a laboratory writes it: what is stated, then a header, then a row each microphone and frequency."""
-    stated = {name: f"{value!r} {STATED[name]}" for name in STATED
-              if isinstance(value := getattr(line, name, getattr(line.fluid, name, None)), float)}  # fmt: skip
+    stated = {
+        name: f"{value!r} {STATED[name]}"
+        for name in STATED
+        if isinstance(value := getattr(line, name, getattr(line.fluid, name, None)), float)
+    }
     stated |= {name: value for name in ("title", "source_side", "liner") if (value := getattr(line, name))}
     text = [f"# {name} = {value}" for name, value in stated.items()] + ["x [m],frequency [Hz],SPL [dB],phase [deg]"]
     for n, x in enumerate(line.x.tolist()):
@@ -163,17 +166,32 @@ def write_microphone_csv(line, path):
 def test_csv_gives_the_line_back(tmp_path):
     """All that its lines can say; a field may be stated anew."""
     line = line_of(
-        liner_start=0.0, liner_end=0.132, duct_width=0.05, liner="onera", title="a line",
+        liner_start=0.0,
+        liner_end=0.132,
+        duct_width=0.05,
+        liner="onera",
+        title="a line",
         fluid=tl.Fluid.from_temperature(290.0),
-    )  # fmt: skip
+    )
     path = tmp_path / "line.csv"
     write_microphone_csv(line, path)
     again = read_microphones(path)
     assert float((again.pressure - line.pressure).abs().max()) < 1e-13
     assert torch.equal(again.x, line.x)
     assert torch.equal(again.frequency, line.frequency)
-    for label in ("duct_height", "duct_width", "mach", "source_side", "liner_start", "liner_end",
-                  "fluid", "liner", "title", "reference", "notes"):  # fmt: skip
+    for label in (
+        "duct_height",
+        "duct_width",
+        "mach",
+        "source_side",
+        "liner_start",
+        "liner_end",
+        "fluid",
+        "liner",
+        "title",
+        "reference",
+        "notes",
+    ):
         assert getattr(again, label) == getattr(line, label), label
     assert read_microphones(path, source_side="downstream").source_side == "downstream"
 
@@ -240,7 +258,7 @@ def test_a_table_by_hand(tmp_path):
         ("290 K", "290 K\n# density = 1.2 kg/m3", "states a temperature and density"),
         ("0.3", "1.3", "mach is 1.3; .* is needed"),
     ],
-)  # fmt: skip
+)
 def test_tables_with_faults(tmp_path, old, new, match):
     path = tmp_path / "b2a.csv"
     assert old in CSV
@@ -314,9 +332,7 @@ def write_signals(line, pressure, reference, path) -> None:
     time = np.arange(len(reference)) / RATE
     with h5py.File(path, "a") as file:
         del file["pressure_real"], file["pressure_imaginary"]
-        for name, values, unit in (
-            ("time", time, "s"), ("pressure", pressure, "Pa"), ("reference", reference, "1")
-        ):  # fmt: skip
+        for name, values, unit in (("time", time, "s"), ("pressure", pressure, "Pa"), ("reference", reference, "1")):
             file[name] = np.asarray(values)
             file[name].attrs["units"] = unit
 

@@ -70,9 +70,11 @@ def test_what_was_taken_at_a_frequency_is_not_asked_for_at_another(liner):
 
 
 @given(
-    diameter=st.floats(0.5e-3, 2.5e-3), porosity=st.floats(0.03, 0.15),
-    thickness=st.floats(0.5e-3, 2e-3), depth=st.floats(10e-3, 60e-3),
-)  # fmt: skip
+    diameter=st.floats(0.5e-3, 2.5e-3),
+    porosity=st.floats(0.03, 0.15),
+    thickness=st.floats(0.5e-3, 2e-3),
+    depth=st.floats(10e-3, 60e-3),
+)
 def test_moments_of_any_liner_know_most(diameter, porosity, thickness, depth):
     """R up to 6 kHz and 10 m/s, as docs/moments.md says: to 1e-5 from 5 % open area on; presets to 7e-7."""
     mine = tl.load_liner("polito").replace(

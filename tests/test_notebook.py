@@ -93,8 +93,7 @@ def test_a_gap_between_probes_is_not_painted_over():
     plane = plane_of(turbulence((32, 450)), x=places[:, 0], z=places[:, 1])
     found = tl.educe(plane, tl.load_liner("polito"), interval=None)
     mesh = mesh_of(found, 0)
-    joined = [(mesh.x[corner] > 25).any() and (mesh.x[corner] < 25).any()
-              for corner in mesh.triangles[~mesh.mask]]  # fmt: skip
+    joined = [(mesh.x[corner] > 25).any() and (mesh.x[corner] < 25).any() for corner in mesh.triangles[~mesh.mask]]
     assert not any(joined)
     assert len(joined) >= 2 * 18
     found.probes["admittance"].reflection[0] = complex(torch.nan, torch.nan)
@@ -123,8 +122,7 @@ def test_plots_go_into_given_axes_at_a_given_frequency(maps, tmp_path):
 
 def test_moments_draw_the_velocity_of_their_plane():
     plane = plane_at("line")
-    drawn = [each.plot().axes[1].get_lines()[0].get_ydata()
-             for each in (plane, tl.moments(plane))]  # fmt: skip
+    drawn = [each.plot().axes[1].get_lines()[0].get_ydata() for each in (plane, tl.moments(plane))]
     assert drawn[1] == pytest.approx(drawn[0], rel=1e-6)
 
 
@@ -201,11 +199,14 @@ def test_the_wheel_carries_the_demo(tmp_path):
     assert {f"torchliner/demo_planes/{name}" for name in DEMO_PLANES} <= set(names)
     assert "torchliner/__init__.pyi" in names
     assert not any(name.startswith(("data/", "tests/")) for name in names)
-    code = (f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import torchliner; "
-            "assert 'site' in torchliner.__file__; from torchliner.cli.main import main; "
-            "sys.exit(main(['demo']))")  # fmt: skip
-    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True,
-                           text=True, check=False, env={"PATH": ""})  # fmt: skip
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import torchliner; "
+        "assert 'site' in torchliner.__file__; from torchliner.cli.main import main; "
+        "sys.exit(main(['demo']))"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, env={"PATH": ""}
+    )
     assert "0.174-0.063j" in found.stdout, found.stderr
 
 

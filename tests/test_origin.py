@@ -44,8 +44,11 @@ def test_a_small_file_has_the_hash_that_sha256sum_prints(tmp_path):
     write(path, b"velocity" * 999)
     wanted = hashlib.sha256(b"velocity" * 999).hexdigest()
     assert input_file("velocity", path) == {
-        "what": "velocity", "name": str(path), "bytes": 7992, "hash": wanted,
-    }  # fmt: skip
+        "what": "velocity",
+        "name": str(path),
+        "bytes": 7992,
+        "hash": wanted,
+    }
 
 
 def test_of_a_large_file_blocks_count(small, tmp_path):
@@ -116,8 +119,9 @@ def files(tmp_path, monkeypatch):
     for i, part in enumerate(velocity.split(600, 1)):
         plane_of(part, x=x, start=i * 600 / 42e3, source_side="upstream").write(f"p{i}.h5")
     tone = torch.cos(2 * torch.pi * torch.arange(1200, dtype=torch.float64) / 30)
-    tl.PressureRecord(facesheet=tone.expand(3, -1), backplate=tone, sampling_rate=42e3,
-                      frequency=FREQUENCY, x=x, cavity_depth=0.04).write("w.h5")  # fmt: skip
+    tl.PressureRecord(
+        facesheet=tone.expand(3, -1), backplate=tone, sampling_rate=42e3, frequency=FREQUENCY, x=x, cavity_depth=0.04
+    ).write("w.h5")
     (tmp_path / "t.csv").write_text(CSV)
     (tmp_path / "l.toml").write_text("model = 'table'\nfile = 't.csv'")
     return tmp_path
@@ -131,21 +135,29 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     """Every file by name, all versions, the phases as they were given; through a file too."""
     plane = tl.read_plane(["p0.h5", "p1.h5"], lazy=True)
     liner, phase = tl.load_liner("l.toml"), torch.tensor([0.1, 0.2, 0.3], dtype=torch.float64)
-    found = tl.educe(plane, liner, phase="given", reference_phase=phase, interval=None,
-                     pressure=tl.read_pressure("w.h5"))  # fmt: skip
+    found = tl.educe(
+        plane, liner, phase="given", reference_phase=phase, interval=None, pressure=tl.read_pressure("w.h5")
+    )
     found.write("map.h5")
     found = tl.read_map("map.h5")
-    assert held(found) == [("velocity", "p0.h5"), ("velocity", "p1.h5"), ("liner", "l.toml"),
-                           ("liner", "t.csv"), ("wall pressure", "w.h5")]  # fmt: skip
+    assert held(found) == [
+        ("velocity", "p0.h5"),
+        ("velocity", "p1.h5"),
+        ("liner", "l.toml"),
+        ("liner", "t.csv"),
+        ("wall pressure", "w.h5"),
+    ]
     assert [each["hash"] for each in found.choices["inputs"]] == [
         hashlib.sha256((files / name).read_bytes()).hexdigest() for _, name in held(found)
     ]
     assert found.choices["reference_phase"] == [0.1, 0.2, 0.3]
     assert "command" not in found.choices
     assert found.choices["versions"] == {
-        "torchliner": tl.__version__, "torch": torch.__version__, "numpy": np.__version__,
+        "torchliner": tl.__version__,
+        "torch": torch.__version__,
+        "numpy": np.__version__,
         "python": platform.python_version(),
-    }  # fmt: skip
+    }
     found = tl.educe(plane, liner.replace(name="mine"), interval=None)
     assert ("liner", "l.toml") not in held(found)  # a changed copy is not the file's
     tl.moments(plane, cell_pitch=None).write("m.h5")
@@ -157,9 +169,24 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
 
 def test_the_command_is_kept_as_it_was_typed(capsys, files):
     """With its phase, its pressure and what is read of the plane."""
-    words = ("educe", "p0.h5", "--liner", "l.toml", "--phase", "given", "--reference-phase",
-             "-0.5", "--every", "2", "--wall-pressure", "w.h5", "--no-intervals", "--quiet",
-             "-o", "map.h5")  # fmt: skip
+    words = (
+        "educe",
+        "p0.h5",
+        "--liner",
+        "l.toml",
+        "--phase",
+        "given",
+        "--reference-phase",
+        "-0.5",
+        "--every",
+        "2",
+        "--wall-pressure",
+        "w.h5",
+        "--no-intervals",
+        "--quiet",
+        "-o",
+        "map.h5",
+    )
     assert run(capsys, *words)[0] == DONE
     found = tl.read_map("map.h5")
     assert found.choices["command"] == list(words)
@@ -176,10 +203,23 @@ def test_a_line_holds_its_bursts(capsys, files):
     wave = torch.cos(2 * torch.pi * 1500 * time)
     (files / "b").mkdir()
     for i in range(2):
-        tl.BurstRecord(time, wall_normal=wave, x=0.01 * i, y=1e-3, z=0.0, frequency=1500.0,
-                       liner="onera").write(f"b/s{i}.h5")  # fmt: skip
-    words = ("ldv", "educe", "b", "--segment", "0.1", "--phase", "given", "--reference-phase",
-             "0.5", "-o", "line.h5", "--quiet")  # fmt: skip
+        tl.BurstRecord(time, wall_normal=wave, x=0.01 * i, y=1e-3, z=0.0, frequency=1500.0, liner="onera").write(
+            f"b/s{i}.h5"
+        )
+    words = (
+        "ldv",
+        "educe",
+        "b",
+        "--segment",
+        "0.1",
+        "--phase",
+        "given",
+        "--reference-phase",
+        "0.5",
+        "-o",
+        "line.h5",
+        "--quiet",
+    )
     assert run(capsys, *words)[0] == DONE
     line = tl.read_line("line.h5")
     assert held(line) == [("bursts", "b/s0.h5"), ("bursts", "b/s1.h5")]

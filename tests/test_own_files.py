@@ -27,9 +27,13 @@ from torchliner.records.notes import Note
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SAMPLES = 300
 FACTS = {
-    "height": 1e-3, "mach": 0.3, "incident_level": 145.0, "displacement_thickness": 1.73e-3, "source_side": "upstream",
+    "height": 1e-3,
+    "mach": 0.3,
+    "incident_level": 145.0,
+    "displacement_thickness": 1.73e-3,
+    "source_side": "upstream",
     "fluid": tl.Fluid(343.2, 1.21, 1.8e-5, 1.4, 0.7),
-}  # fmt: skip
+}
 PRESSURES = {
     "line": {},
     "numbered cells": {"cell_pitch": None, "probe_cell": [0, 0, 0, 1, 1, -1]},
@@ -52,16 +56,29 @@ def noted():
 
 def tones(**about):
     return line_of(
-        liner_start=0.0, liner_end=0.132, duct_width=0.05, liner="onera", title="a line", notes=("doubt",),
-        provenance={"a": 1}, reference={"true": 2 - 1j}, coherence=torch.rand(12, 2).double(),
-    )  # fmt: skip
+        liner_start=0.0,
+        liner_end=0.132,
+        duct_width=0.05,
+        liner="onera",
+        title="a line",
+        notes=("doubt",),
+        provenance={"a": 1},
+        reference={"true": 2 - 1j},
+        coherence=torch.rand(12, 2).double(),
+    )
 
 
 def bursts():
     return record_of(
-        0, 50, dropped={"outlier": 3}, notes=("a doubt",), provenance={"a": 1}, reference={"true": 1 - 2j},
-        liner="onera", source_side="upstream",
-    )  # fmt: skip
+        0,
+        50,
+        dropped={"outlier": 3},
+        notes=("a doubt",),
+        provenance={"a": 1},
+        reference={"true": 1 - 2j},
+        liner="onera",
+        source_side="upstream",
+    )
 
 
 def microphones():
@@ -69,24 +86,30 @@ def microphones():
 
 
 RECORDS = {
-    **{f"map, {place}": (lambda place=place: made(place), tl.read_map)
-       for place in ("plane", "bare", "line", "scattered", "one probe")},
+    **{
+        f"map, {place}": (lambda place=place: made(place), tl.read_map)
+        for place in ("plane", "bare", "line", "scattered", "one probe")
+    },
     "map by hand": (hand_map, tl.read_map),
     "map with all": (noted, tl.read_map),
     "line of stations": (line, tl.read_line),
     "points": (points, tl.read_points),
-    **{f"plane, {layout}": (lambda layout=layout: make_plane(LAYOUTS[layout][0], **LAYOUTS[layout][1]), tl.read_plane)
-       for layout in LAYOUTS},
+    **{
+        f"plane, {layout}": (lambda layout=layout: make_plane(LAYOUTS[layout][0], **LAYOUTS[layout][1]), tl.read_plane)
+        for layout in LAYOUTS
+    },
     "plane with all": (grid_plane, tl.read_plane),
-    **{f"pressure, {name}": (lambda about=about: record(**about), tl.read_pressure)
-       for name, about in PRESSURES.items()},
+    **{
+        f"pressure, {name}": (lambda about=about: record(**about), tl.read_pressure)
+        for name, about in PRESSURES.items()
+    },
     "moments": (lambda: tl.moments(grid_plane(), cell_pitch=0.02), tl.read_moments),
     "microphones": (tones, tl.read_microphones),
     "lines of microphones": (lambda: line_of(batch=(3, 2), title="draws"), tl.read_microphones),
     "waves": (lambda: tl.kumaresan_tufts(microphones(), draws=3), lambda path: tl.read_wall(path)[0]),
     "fit of the field": (lambda: field_fit(microphones()), lambda path: tl.read_wall(path)[0]),
     "bursts": (bursts, lambda path: tl.read_bursts(path)[0]),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(params=RECORDS)
@@ -146,9 +169,13 @@ def test_other_programs_open_it(written):
 
 def some(path, count=9):
     """Names of datasets that are read, so many of them, evenly: indices are not read."""
-    names = [name for name, each in owners(path) if isinstance(each, h5py.Dataset)
-             and not each.attrs.get("long_name", b"").startswith(b"number of the ")
-             and not (each.is_scale and each.attrs["NAME"].startswith(b"This is"))]  # fmt: skip
+    names = [
+        name
+        for name, each in owners(path)
+        if isinstance(each, h5py.Dataset)
+        and not each.attrs.get("long_name", b"").startswith(b"number of the ")
+        and not (each.is_scale and each.attrs["NAME"].startswith(b"This is"))
+    ]
     return names[:: -(-len(names) // count)]
 
 
@@ -264,7 +291,7 @@ def named(*names):
         ("waves", raised("eduction_0/frequency", 3.0), "of other frequencies"),
         ("bursts", raised("transit_time", -1.0), "transit_time is .*finite|transit_time is"),
     ],
-)  # fmt: skip
+)
 def test_what_contradicts_itself_is_refused(kind, change, words, tmp_path):
     make, read = RECORDS[kind]
     make().write(tmp_path / "a.h5")

@@ -88,8 +88,9 @@ def by_hand(velocity: torch.Tensor) -> torch.Tensor:
     v = velocity.numpy().reshape(-1, PROBES, velocity.shape[1])
 
     def away(part: slice) -> np.ndarray:
-        fits = np.linalg.lstsq(basis[:, part].T, v[..., part].reshape(-1, basis[0, part].size).T,
-                               rcond=None)[0].reshape(len(basis), -1, PROBES)  # fmt: skip
+        fits = np.linalg.lstsq(basis[:, part].T, v[..., part].reshape(-1, basis[0, part].size).T, rcond=None)[
+            0
+        ].reshape(len(basis), -1, PROBES)
         return fits - fits.mean(-1, keepdims=True)
 
     whole, length = away(slice(None)), velocity.shape[1] // PERIODS
@@ -168,8 +169,9 @@ def test_probes_left_out_and_probes_of_no_cell(onera):
     fewer = dataclasses.replace(plane, velocity=velocity[kept], x=plane.x[kept])
     wanted = educed(fewer, onera)
     assert bool(torch.isnan(found.probes["phase-locked"].reflection[2].real).all())
-    assert relative_error(found.probes["phase-locked"].reflection[kept], wanted.probes["phase-locked"].reflection
-                          ) < 1e-12  # fmt: skip
+    assert (
+        relative_error(found.probes["phase-locked"].reflection[kept], wanted.probes["phase-locked"].reflection) < 1e-12
+    )
     assert (
         relative_error(found.probes["phase-locked"].reflection[-3:], found.probes["admittance"].reflection[-3:]) < 1e-12
     )
@@ -189,8 +191,7 @@ def test_bounds_hold_where_the_incoherent_part_is_brought_down(onera):
     """The tone is known no better for that: of 60 records of 40 periods nine in ten hold R."""
     generator = np.random.default_rng(5)
     long = in_turbulence(onera, 120_000, generator, interval=None).answer.real
-    ends = [in_turbulence(onera, 1200, generator).bounds_of_liner("phase-locked")
-            for _ in range(60)]  # fmt: skip
+    ends = [in_turbulence(onera, 1200, generator).bounds_of_liner("phase-locked") for _ in range(60)]
     held = [bool(low.real <= long <= high.real) for low, high in ends]
     assert sum(held) >= 52
 

@@ -25,8 +25,9 @@ def images(tmp_path):
     return path, velocity
 
 
-WORDS = ("--variable VY --axes y,x,time --velocity-units m/s --sampling-rate 2e4 "
-         "--length-units mm --frequency 1000").split()  # fmt: skip
+WORDS = (
+    "--variable VY --axes y,x,time --velocity-units m/s --sampling-rate 2e4 --length-units mm --frequency 1000"
+).split()
 
 
 def test_a_mat_file_of_images_gives_a_map(images, tmp_path, capsys):
@@ -51,8 +52,11 @@ def test_a_vector_that_was_not_found_is_a_probe_left_out(images):
     velocity = velocity.copy()
     velocity[2, 4, 17] = np.nan
     plane = tl.VelocityPlane(velocity[2], sampling_rate=RATE, frequency=FREQUENCY)
-    with pytest.raises(ValueError, match=r"nan or inf at 1 of 10 probes, the first at probe "
-                       r"\(4,\), sample 17"):  # fmt: skip
+    with pytest.raises(
+        ValueError,
+        match=r"nan or inf at 1 of 10 probes, the first at probe "
+        r"\(4,\), sample 17",
+    ):
         tl.educe(plane, tl.load_liner("onera"))
     with pytest.warns(tl.DataWarning, match="1 of 10 probes hold nan or inf; excluded"):
         found = tl.educe(plane, tl.load_liner("onera"), missing="exclude", interval=None)

@@ -141,13 +141,15 @@ def test_order_of_points_does_not_matter(tmp_path, name):
     assert torch.equal(down.velocity, -found.velocity)
     if name == "listed histories":  # named as a component
         return
-    path, stated = made(name, tmp_path / "side", VALUES[..., [1, 0, 2]] if name != "histories" else VALUES,
-                        POINTS[:, [1, 0, 2]])  # fmt: skip
+    path, stated = made(
+        name, tmp_path / "side", VALUES[..., [1, 0, 2]] if name != "histories" else VALUES, POINTS[:, [1, 0, 2]]
+    )
     side = tl.read_plane(path, **stated | {"normal": "x"})
     assert np.allclose(side.velocity, WANTED, atol=3e-7)
     with pytest.warns(tl.DataWarning, match=r"taken as \+x.*'-x' if the liner lies on the other side"):
-        assert torch.equal(tl.read_plane(path, **{k: v for k, v in stated.items() if k != "normal"}).velocity,
-                           side.velocity)  # fmt: skip
+        assert torch.equal(
+            tl.read_plane(path, **{k: v for k, v in stated.items() if k != "normal"}).velocity, side.velocity
+        )
 
 
 @pytest.mark.parametrize("name", [name for name in MAKERS if name not in ("probes", *EXACT, "foam vtp", "foam raw")])
@@ -170,8 +172,11 @@ def test_units_and_signs(tmp_path, name):
     assert np.allclose(1e3 * scaled.x, X)
     turned = tl.read_plane(path, **stated | {"normal": "-y"})
     assert np.array_equal(turned.velocity, -WANTED)
-    refused(path, r"a\.\w+ holds no velocity.*velocity_units=|no unit of velocity.*--velocity-units",
-            **stated | {"velocity_units": None})  # fmt: skip
+    refused(
+        path,
+        r"a\.\w+ holds no velocity.*velocity_units=|no unit of velocity.*--velocity-units",
+        **stated | {"velocity_units": None},
+    )
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -393,8 +398,11 @@ def test_what_solvers_wrote():
         tl.read_plane(saturne, points=points, **stated).velocity.reshape(6, -1).T, table[:, 1:], rtol=1e-6
     )
     assert tl.read_plane(STORED / "probes", **UP).samples > 2
-    wrong = (("code_saturne/probes_Pressure.csv", stated | {"points": points}),
-             ("probes", UP | {"variable": "p"}), ("probes/0/p", UP))  # fmt: skip
+    wrong = (
+        ("code_saturne/probes_Pressure.csv", stated | {"points": points}),
+        ("probes", UP | {"variable": "p"}),
+        ("probes/0/p", UP),
+    )
     for path, more in wrong:
         refused(STORED / path, "(names no velocity|no direction).*--wall-normal-component", **more)
         assert tl.read_plane(STORED / path, **more, wall_normal_component=True).samples > 2
@@ -490,8 +498,12 @@ QUIRKS = [
     ("series", replaced("3e-05", "3.3e-05"), {}, "times is not uniform"),
     ("foam vtp", lambda p: shutil.rmtree(p / "4e-05"), {}, "lacks 1 frames.*after sample 3"),
     ("foam vtp", lambda p: shutil.copy(p / "0/top.vtp", p / "0/side.vtp"), {}, "surfaces side, top; name one as group"),
-    ("foam vtp", lambda p: shutil.copy(p / "0/top.vtp", p / "0/side.vtp"), {"group": "side"},
-     "8 of 9 times, 1e-05.* have no surface 'side'"),
+    (
+        "foam vtp",
+        lambda p: shutil.copy(p / "0/top.vtp", p / "0/side.vtp"),
+        {"group": "side"},
+        "8 of 9 times, 1e-05.* have no surface 'side'",
+    ),
     ("foam raw", lambda p: text(p / "4e-05/U_top.raw", "# U  POINT_DATA 12", "# x", "1 2 3 4 5 6"), {}, "1 rows; 12"),
     ("netcdf4", None, {"variable": "vv"}, r"has no variable 'vv' \(did you mean 'v'\?\)"),
     ("netcdf4", None, {"row": 2}, "no axis of heights has a row 2"),
@@ -502,7 +514,7 @@ QUIRKS = [
     ("npy", None, {"x": [0, 1]}, "x has 2 values; .* need 4"),
     ("npy", None, {"length_units": "mn"}, "units 'mn' .*one of m, mm"),
     ("matlab5", None, {"variable": "u"}, "has no variable 'u'"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "change", "stated", "message"), QUIRKS, ids=range(len(QUIRKS)))
@@ -553,8 +565,10 @@ def test_points_in_a_heading(tmp_path, heading, above):
 
 def test_points_that_do_not_fit_are_not_dropped(tmp_path):
     path, stated = tmp_path / "v.csv", SI | {"sampling_rate": 1 / STEP}
-    for lines, message in ((["# 2024 11 23", *HEADINGS["points"]], "13 lines of its heading may be points.* 12 col"),
-                           (HEADINGS["points"][1:], "11 lines of its heading may be points")):  # fmt: skip
+    for lines, message in (
+        (["# 2024 11 23", *HEADINGS["points"]], "13 lines of its heading may be points.* 12 col"),
+        (HEADINGS["points"][1:], "11 lines of its heading may be points"),
+    ):
         refused(text(path, *lines, *rows()), message, **stated)
     for line in ("# 0.1, 0.0x1, 0", "# Point 0: (0.1, 0.001, 0O)"):
         refused(text(path, line, "0 1", "1e-5 2"), "line 1 looks like coordinates, but '.*' is no number", **stated)
@@ -670,13 +684,16 @@ def test_stamps_of_few_digits(tmp_path):
 # Series
 
 
-@pytest.mark.parametrize("numbers", [
-    [f"plane_{i * 1e-4:.6g}" for i in range(1, 25)],
-    [f"plane_{i / 10:.1f}" for i in range(5, 15)],
-    [f"plane_{i * 1e-5:.5e}" for i in range(5, 15)],
-    [f"y1.{i}" for i in range(8, 12)],
-    [f"plane_{i}" for i in (1000, 1033, 1071, 1100)],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        [f"plane_{i * 1e-4:.6g}" for i in range(1, 25)],
+        [f"plane_{i / 10:.1f}" for i in range(5, 15)],
+        [f"plane_{i * 1e-5:.5e}" for i in range(5, 15)],
+        [f"y1.{i}" for i in range(8, 12)],
+        [f"plane_{i}" for i in (1000, 1033, 1071, 1100)],
+    ],
+)
 def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
     """A decimal, as of a time, is one number; a count of uneven steps may be of even times; a glob opens it once."""
     for i, name in enumerate(numbers):
@@ -699,14 +716,17 @@ def test_counts_behind_a_number_and_a_point(tmp_path):
 WITHOUT = [i for i in range(20) if i not in (7, 8)]
 
 
-@pytest.mark.parametrize(("numbers", "times", "message"), [
-    ([f"p_{i:03d}" for i in WITHOUT], None, "2 frames are missing, the first after number 6"),
-    ([f"p_{10 * i}" for i in WITHOUT], None, "2 frames are missing, the first after number 60"),
-    ([f"p_{i / 10:g}" for i in WITHOUT], None, "2 frames are missing, the first after number 0.6"),
-    (["p_1", "p_01", "p_2"], None, "two frames have the number 1"),
-    ([f"p_{i}" for i in range(18)], WITHOUT, "times lacks 2 frames.* after sample 6"),
-    ([f"p_{i}" for i in range(3)], [0, 2, 1], "times is out of order: sample 2"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("numbers", "times", "message"),
+    [
+        ([f"p_{i:03d}" for i in WITHOUT], None, "2 frames are missing, the first after number 6"),
+        ([f"p_{10 * i}" for i in WITHOUT], None, "2 frames are missing, the first after number 60"),
+        ([f"p_{i / 10:g}" for i in WITHOUT], None, "2 frames are missing, the first after number 0.6"),
+        (["p_1", "p_01", "p_2"], None, "two frames have the number 1"),
+        ([f"p_{i}" for i in range(18)], WITHOUT, "times lacks 2 frames.* after sample 6"),
+        ([f"p_{i}" for i in range(3)], [0, 2, 1], "times is out of order: sample 2"),
+    ],
+)
 def test_a_stated_rate_closes_no_gap(tmp_path, numbers, times, message):
     """Times are tested whatever they count, or numbers where no times are stated."""
     for i, name in enumerate(numbers):
@@ -848,7 +868,7 @@ def test_surfels_say_where_they_face_and_of_which_face_they_are(tmp_path):
         (lambda v: v["vertex_refs"][0].__setitem__(0, 99), "there are 12"),
         (lambda v: v["first_vertex_refs"][0].__setitem__(2, 1), "does not increase"),
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("classic", [True, False])
 def test_faults_of_powerflow(tmp_path, change, message, classic):
     variables = {name: (each.copy(), dims) for name, (each, dims) in measurement(VALUES[:, :6]).items()}

@@ -142,9 +142,15 @@ def test_layouts_of_others_are_read_as_they_are(tmp_path, velocity, wanted, dims
 
 def test_units_are_converted(tmp_path):
     path = raw_file(
-        tmp_path / "a.h5", 1e3 * WAVE, 1e3 * TIMES, (), "mm/s", "ms",
-        x=(np.arange(6.0), "mm"), frequency=([1.4], "kHz"),
-    )  # fmt: skip
+        tmp_path / "a.h5",
+        1e3 * WAVE,
+        1e3 * TIMES,
+        (),
+        "mm/s",
+        "ms",
+        x=(np.arange(6.0), "mm"),
+        frequency=([1.4], "kHz"),
+    )
     found = tl.read_plane(path)
     assert np.allclose(found.velocity, WAVE.T, rtol=1e-14)
     assert found.sampling_rate == pytest.approx(RATE)

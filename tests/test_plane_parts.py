@@ -96,14 +96,11 @@ def test_an_overlap_must_agree_and_is_said(tmp_path):
 
 # Units of the times of two restarts, and their first counts: the second begins 20 ms later.
 EPOCHS = {
-    "own epochs": ("seconds since 2024-01-01 00:00:59.980", 0.0,
-                   "seconds since 2024-01-01 00:01:00", 0.0),
-    "zones": ("seconds since 2024-02-29T23:59:59.990Z", 0.0,
-              "seconds since 2024-03-01 05:30:00.010 +05:30", 0.0),
-    "ns and days": ("ns since 1970-01-01", 1_704_067_259_980_000_000,
-                    "seconds since 2024-1-1", 60.0),
+    "own epochs": ("seconds since 2024-01-01 00:00:59.980", 0.0, "seconds since 2024-01-01 00:01:00", 0.0),
+    "zones": ("seconds since 2024-02-29T23:59:59.990Z", 0.0, "seconds since 2024-03-01 05:30:00.010 +05:30", 0.0),
+    "ns and days": ("ns since 1970-01-01", 1_704_067_259_980_000_000, "seconds since 2024-1-1", 60.0),
     "unreadable, but one": ("s since 0001-01-01", 0.0, "s since 0001-01-01", 0.02),
-}  # fmt: skip
+}
 
 
 def dated(path, low, high, units, first, **attributes):
@@ -216,8 +213,7 @@ def test_a_frame_of_nan_is_told_and_kept(tmp_path, capsys):
     plane.write(tmp_path / "a.h5")
     assert bool(tl.read_plane(tmp_path / "a.h5").velocity[..., 7].isnan().all())
     assert main(["info", str(tmp_path / "a.h5")]) == 1
-    assert "12 nan or inf at 12 of 12 probes, the first at probe 0, sample 7" in (
-        capsys.readouterr().out)  # fmt: skip
+    assert "12 nan or inf at 12 of 12 probes, the first at probe 0, sample 7" in (capsys.readouterr().out)
 
 
 GROW = """
@@ -234,8 +230,7 @@ def test_a_file_that_grows_is_that_which_was_opened(tmp_path):
     """Samples added later are in a plane opened later."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         values = np.moveaxis(WHOLE.velocity.numpy(), -1, 0).reshape(60, 12)
-        for name, data, unit in (("time", 0.5 + np.arange(60) / RATE, "s"),
-                                 ("wall_normal_velocity", values, "m/s")):  # fmt: skip
+        for name, data, unit in (("time", 0.5 + np.arange(60) / RATE, "s"), ("wall_normal_velocity", values, "m/s")):
             file.create_dataset(name, data=data, maxshape=(None, *data.shape[1:]))
             file[name].attrs["units"] = unit
     lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
@@ -294,8 +289,7 @@ def test_all_that_has_a_unit_is_scaled(tmp_path):
     plane.write(tmp_path / "a.h5")
     for path, more in ((tmp_path / "b.h5", []), (tmp_path / "c.h5", ["--frequency", "900"])):
         scale = ["--scale-length", "2", "--scale-velocity", "4"]
-        assert main(["convert", str(tmp_path / "a.h5"), "-o", str(path), "--quiet", *scale, *more]
-                    ) == 0  # fmt: skip
+        assert main(["convert", str(tmp_path / "a.h5"), "-o", str(path), "--quiet", *scale, *more]) == 0
         assert tl.read_plane(path).frequency == (900.0 if more else 1400.0)
 
 
@@ -306,8 +300,7 @@ def test_a_level_is_not_that_of_other_velocities(tmp_path, capsys):
     with pytest.warns(tl.DataWarning, match=r"incident_level, 145 dB, .* before they were scaled"):
         assert plane.scaled(1.0, 10.0).incident_level is None
     plane.write(tmp_path / "a.h5")
-    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"),
-             "--scale-velocity", "10"]  # fmt: skip
+    words = ["convert", str(tmp_path / "a.h5"), "-o", str(tmp_path / "b.h5"), "--scale-velocity", "10"]
     for more, level in (([], None), (["--incident-level", "165"], 165.0)):
         assert main([*words, *more]) == 0
         assert ("state --incident-level" in capsys.readouterr().err) == (level is None)
@@ -342,8 +335,20 @@ def test_memory_and_levels_are_checked(tmp_path):
 def test_convert_takes_any_format(tmp_path, capsys):
     """Restarts joined and selected; nothing is stated that the files say."""
     pattern = files(tmp_path, [(0, 20), (20, 60)])
-    words = ["convert", pattern, "-o", str(tmp_path / "out.h5"), "--start", "0.5002",
-             "--every", "2", "--region", "0.0005:0.0025", "--compress", "--quiet"]  # fmt: skip
+    words = [
+        "convert",
+        pattern,
+        "-o",
+        str(tmp_path / "out.h5"),
+        "--start",
+        "0.5002",
+        "--every",
+        "2",
+        "--region",
+        "0.0005:0.0025",
+        "--compress",
+        "--quiet",
+    ]
     assert main(words) == 0
     capsys.readouterr()
     found = tl.read_plane(tmp_path / "out.h5")
@@ -356,8 +361,7 @@ def test_convert_takes_any_format(tmp_path, capsys):
 
 def test_commands_see_the_part_that_is_asked_for(tmp_path, capsys):
     """The same options everywhere planes are read; moments have no parts."""
-    plane = replace(make_plane((4,), 2000), x=[0.0, 0.001, 0.002, 0.003], frequency=1000.0,
-                    liner="polito")  # fmt: skip
+    plane = replace(make_plane((4,), 2000), x=[0.0, 0.001, 0.002, 0.003], frequency=1000.0, liner="polito")
     plane.write(tmp_path / "a.h5")
     part, whole = (tmp_path / name for name in ("m.h5", "w.h5"))
     end = ["--quiet"]

@@ -14,8 +14,7 @@ from test_moments_file import same_bits
 import torchliner as tl
 from studies.resolved_pressure import read_resolved_pressure
 
-FULL = {"n": SHARED / "data" / "resolved_liner_lbm.h5",
-        "o": SHARED / "data" / "resolved_orifice_3d.h5"}  # fmt: skip
+FULL = {"n": SHARED / "data" / "resolved_liner_lbm.h5", "o": SHARED / "data" / "resolved_orifice_3d.h5"}
 SAMPLES = 300
 
 
@@ -144,11 +143,12 @@ def replace(name, values, units="Pa"):
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        (lambda f: f["facesheet_pressure"].attrs.__setitem__("units", "V"),
-         "facesheet_pressure has units 'V'; a pressure is needed"),
+        (
+            lambda f: f["facesheet_pressure"].attrs.__setitem__("units", "V"),
+            "facesheet_pressure has units 'V'; a pressure is needed",
+        ),
         (lambda f: f["facesheet_pressure"].attrs.__delitem__("units"), "has no units attribute"),
-        (lambda f: f["microphone_velocity"].attrs.__setitem__("units", "Pa"),
-         "a velocity is needed"),
+        (lambda f: f["microphone_velocity"].attrs.__setitem__("units", "Pa"), "a velocity is needed"),
         (lambda f: f["cavity_depth"].attrs.__setitem__("units", "Pa"), "a length is needed"),
         (lambda f: f.__delitem__("backplate_pressure"), "backplate pressure is missing"),
         (replace("backplate_pressure", np.zeros((77, 2))), "there are 300 times"),
@@ -159,7 +159,7 @@ def replace(name, values, units="Pa"):
         (lambda f: f.attrs.__setitem__("provenance", "{"), "is not JSON"),
         (replace("cavity_porosity", 12.0, "1"), "p.h5.*cavity_porosity is 12"),
     ],
-)  # fmt: skip
+)
 def test_spoiled_files(change, match, tmp_path):
     with pytest.raises(ValueError, match=match):
         tl.read_pressure(spoiled(tmp_path / "p.h5", change))

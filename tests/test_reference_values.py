@@ -33,8 +33,12 @@ SKIPPED = ("intervals", "broadband", "paper", "unfold", "background")
 
 def variants() -> list[tuple[str, str]]:
     with h5py.File(STORED) as file:
-        return [(plane, name) for plane in file for name in file[plane] if isinstance(file[plane][name], h5py.Group)
-                and not name.startswith(SKIPPED)]  # fmt: skip
+        return [
+            (plane, name)
+            for plane in file
+            for name in file[plane]
+            if isinstance(file[plane][name], h5py.Group) and not name.startswith(SKIPPED)
+        ]
 
 
 def stored_liner(stored: h5py.Group) -> Any:

@@ -104,8 +104,14 @@ def test_the_screen_says_z_interval_check_and_step(found):
 
 def test_warnings_go_by_what_they_may_move():
     """What makes Z another quantity, the largest, and those of unknown size behind; each once."""
-    notes = [Note("", "unknown"), Note("few-blocks", "small", 1e-3), Note("x", "large", 1.0), "text",
-             Note("level-check", "level", 0.1), Note("", "unknown")]  # fmt: skip
+    notes = [
+        Note("", "unknown"),
+        Note("few-blocks", "small", 1e-3),
+        Note("x", "large", 1.0),
+        "text",
+        Note("level-check", "level", 0.1),
+        Note("", "unknown"),
+    ]
     assert [note.text for note in ordered(notes)] == ["level", "large", "small", "unknown", "text"]
 
 
@@ -259,8 +265,15 @@ def test_pictures_of_a_run(liner, tmp_path):
     found = [tl.educe(plane, liner, sweep, averaging="velocity", interval=None) for plane in two]
     draw_pictures([*found, tl.educe(made(2), liner, FREQUENCY)], [*two, made(2, name="p2.h5")], tmp_path)
     names = {path.name for path in tmp_path.glob("*.png")}
-    assert names == {"along_x.png", "spectrum.png", "height.png", "difference.png", "velocity.png",
-                     "map_p0.png", "map_p1.png"}  # fmt: skip
+    assert names == {
+        "along_x.png",
+        "spectrum.png",
+        "height.png",
+        "difference.png",
+        "velocity.png",
+        "map_p0.png",
+        "map_p1.png",
+    }
     assert len([*tmp_path.glob("*")]) < 20
     assert (tmp_path / "p2" / "along_x.png").exists()
 

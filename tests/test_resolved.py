@@ -16,15 +16,39 @@ SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SAMPLES, COLUMNS, ROWS = 6, 5, 4
 HEIGHTS = np.array([0.5e-3, 2.5e-3], dtype=np.float32)
 ATTRIBUTES = {
-    "Z_wave_re": 0.25, "Z_wave_im": -0.5, "Z_insitu_re": 0.75, "Z_insitu_im": -0.125,
-    "Z_top_re": 0.5, "Z_top_im": -1.0, "density_kg_m3": 1.25, "sound_speed_m_s": 340.0,
-    "kinematic_viscosity_m2_s": 1.6e-5, "frequency_Hz": 1400.0, "incident_SPL_dB_nominal": 130.0,
-    "incident_SPL_dB_measured": 129.9, "mach": 0.1, "n_periods_analysed": 19,
-}  # fmt: skip
-SLIT = {"cfg_dx": 6.84e-5, "cfg_tp": 8, "cfg_D": 146, "cfg_H": 557, "cfg_Lc": 182, "cfg_slit": 10,
-        "porosity": 10 / 182}  # fmt: skip  # nodes of n115
-ORIFICE = {"cfg_dx": 1.08e-4, "cfg_tp": 5, "cfg_D": 33, "cfg_H": 353, "cfg_Lc": 41,
-           "cfg_d_eff_mm": 1.2002305640291455, "porosity": 0.05770374776918501}  # fmt: skip
+    "Z_wave_re": 0.25,
+    "Z_wave_im": -0.5,
+    "Z_insitu_re": 0.75,
+    "Z_insitu_im": -0.125,
+    "Z_top_re": 0.5,
+    "Z_top_im": -1.0,
+    "density_kg_m3": 1.25,
+    "sound_speed_m_s": 340.0,
+    "kinematic_viscosity_m2_s": 1.6e-5,
+    "frequency_Hz": 1400.0,
+    "incident_SPL_dB_nominal": 130.0,
+    "incident_SPL_dB_measured": 129.9,
+    "mach": 0.1,
+    "n_periods_analysed": 19,
+}
+SLIT = {
+    "cfg_dx": 6.84e-5,
+    "cfg_tp": 8,
+    "cfg_D": 146,
+    "cfg_H": 557,
+    "cfg_Lc": 182,
+    "cfg_slit": 10,
+    "porosity": 10 / 182,
+}  # nodes of n115
+ORIFICE = {
+    "cfg_dx": 1.08e-4,
+    "cfg_tp": 5,
+    "cfg_D": 33,
+    "cfg_H": 353,
+    "cfg_Lc": 41,
+    "cfg_d_eff_mm": 1.2002305640291455,
+    "porosity": 0.05770374776918501,
+}
 
 
 def add(group, name, values, units):
@@ -124,8 +148,15 @@ def test_truth_fluid_and_conditions(cells, case, liner, reference):
 
 def test_the_coarse_lattice_has_a_preset_and_truth_of_its_own(cells):
     """Each lattice has its own linear part; on the coarse one the top row is the truth."""
-    nodes = {"cfg_dx": 1.38375e-4, "cfg_tp": 4, "cfg_D": 26, "cfg_H": 275, "cfg_Lc": 32,
-             "cfg_d_eff_mm": 1.2094511126654315, "porosity": 0.05859375}  # fmt: skip
+    nodes = {
+        "cfg_dx": 1.38375e-4,
+        "cfg_tp": 4,
+        "cfg_D": 26,
+        "cfg_H": 275,
+        "cfg_Lc": 32,
+        "cfg_d_eff_mm": 1.2094511126654315,
+        "porosity": 0.05859375,
+    }
     with h5py.File(cells, "a") as file:
         file["orifice"].attrs.update(nodes)
     plane = read_resolved(cells, "orifice", 0)

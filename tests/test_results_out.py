@@ -80,20 +80,21 @@ def points():
 def line():
     burst = torch.arange(4000, dtype=torch.float64) / 12e3
     stations = [
-        tl.BurstRecord(burst, wall_normal=torch.cos(2 * torch.pi * 1500 * burst) + 0.1 * n,
-                       x=0.01 * n, y=1e-3, z=0.0)
+        tl.BurstRecord(burst, wall_normal=torch.cos(2 * torch.pi * 1500 * burst) + 0.1 * n, x=0.01 * n, y=1e-3, z=0.0)
         for n in range(2)
-    ]  # fmt: skip
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0, segment=0.1)
 
 
 RESULTS = {
-    "scattered": lambda: made("scattered"), "one probe": lambda: made("one probe"),
-    "line of stations": line, "points": points,
+    "scattered": lambda: made("scattered"),
+    "one probe": lambda: made("one probe"),
+    "line of stations": line,
+    "points": points,
     "alongside": lambda: made().with_alongside(points()),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", ["scattered", "one probe", "line of stations", "alongside"])
@@ -148,11 +149,17 @@ def test_csv_by_hand(tmp_path):
     assert list(rows[0])[:3] == ["x (m)", "z (m)", "frequency (Hz)"]
     # p = rho c v/(1 - R): 400 x 0.05/0.5 = 40 Pa and 400 x 0.1/|1 - j/2| = 35.78 Pa, peak.
     wanted = {
-        "x (m)": (0.1, 0.2), "z (m)": (0.3, 0.3), "frequency (Hz)": (1400, 1400), "resistance": (3, 0.6),
-        "reactance": (0, 0.8), "absorption": (0.75, 0.75), "coherence": (0.75, 0.5),
-        "inferred_incident_level (dB)": (123.0103, 122.0412), "mean_velocity (m/s)": (0.25, -0.25),
+        "x (m)": (0.1, 0.2),
+        "z (m)": (0.3, 0.3),
+        "frequency (Hz)": (1400, 1400),
+        "resistance": (3, 0.6),
+        "reactance": (0, 0.8),
+        "absorption": (0.75, 0.75),
+        "coherence": (0.75, 0.5),
+        "inferred_incident_level (dB)": (123.0103, 122.0412),
+        "mean_velocity (m/s)": (0.25, -0.25),
         "velocity_rms (m/s)": (1.5, 2.5),
-    }  # fmt: skip
+    }
     for name, values in wanted.items():
         assert [float(row[name]) for row in rows] == pytest.approx(values, abs=1e-4), name
 
@@ -320,8 +327,7 @@ def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, m
     """One tone for a table over frequency, probes without places for a picture."""
     shape, where = PLACES["line"]
     for name, places in (("placed", where), ("bare", {})):
-        plane = tl.VelocityPlane(turbulence((*shape, 420)), sampling_rate=RATE, frequency=1400.0,
-                                 **places)  # fmt: skip
+        plane = tl.VelocityPlane(turbulence((*shape, 420)), sampling_rate=RATE, frequency=1400.0, **places)
         plane.write(tmp_path / f"{name}.h5")
     monkeypatch.setattr(tl, "educe", None, raising=False)
     for plane, ending, message in (
@@ -333,8 +339,7 @@ def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, m
             "it must be one of .h5, .hdf5, .nc, .csv, .vtp, .vtkhdf, .mat, .bdf",
         ),
     ):
-        words = ["educe", str(tmp_path / f"{plane}.h5"), "--liner", "polito", "-o",
-                 str(tmp_path / f"m.{ending}")]  # fmt: skip
+        words = ["educe", str(tmp_path / f"{plane}.h5"), "--liner", "polito", "-o", str(tmp_path / f"m.{ending}")]
         assert main(words) == BAD_INPUT
         assert message in capsys.readouterr().err
     main([*words[:-1], str(tmp_path / "m.bdf"), "--frequency", "1400", "2800"])

@@ -107,8 +107,7 @@ PLANES = {
     "empty": (lambda f: replaced(f, V, h5py.Empty("f4")), rf"{V} has shape \(\)"),
     "height never written": (without_values("height", "m"), "height holds no values"),
     "a link": (linked("height", h5py.SoftLink("/h")), "height is a link to /h, which is not ther"),
-    "a link elsewhere": (
-        linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
+    "a link elsewhere": (linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
     "raw storage": (raw_storage, rf"{V} keeps its values outside the file; .*h5repack"),
     "half a virtual set": (partly_virtual, rf"{V} is a virtual .* sources for 60 of its 240"),
     "no source": (without_source, rf"{V} is a virtual dataset whose source .*part.h5 is not there"),
@@ -121,7 +120,7 @@ PLANES = {
     "factor of text": (set_attribute(V, "scale_factor", "2"), "scale_factor is '2'; numbers"),
     "nested JSON": (set_attribute("", "provenance", "[" * 9999), "'provenance' is not JSON"),
     "JSON of another kind": (set_attribute("", "provenance", "[1]"), "an object is needed"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("lazy", [False, True])

@@ -52,7 +52,7 @@ def stored(tmp_path, text, name="a.csv"):
         ("microphones", LINE + "1e300, 1000, 110, 20\n", r"holds 1e\+297 m, which is no length"),
         ("microphones", LINE + "9, 1000, 119, 20, 7\n", "line 4 has 5 cells, the header 4"),
     ],
-)  # fmt: skip
+)
 def test_cells_that_are_none_are_refused(tmp_path, kind, text, message):
     """In every reader: too many cells, doubled columns, #N/A, values that nothing measures."""
     with pytest.raises(ValueError, match=rf"a.csv.*{message}"):
@@ -102,7 +102,7 @@ TOML = 'model = "table"\nfile = "{}"\n'
         (b"\xff\xfe", ValueError, "a.toml is not UTF-8 text"),
     ],
     ids=range(6),
-)  # fmt: skip
+)
 def test_toml_that_is_none(tmp_path, text, error, message):
     """Devices, depth, length, numbers and lists of mistakes without an end."""
     with pytest.raises(error, match=message):
@@ -155,7 +155,7 @@ def archive():
         ("a.mat", b"MATLAB 5.0" + bytes(114) + b"\x00\x01IM" + b"\x07" * 64, "a.mat is not"),
         ("a.mat", bytes(200), "a.mat"),
     ],
-)  # fmt: skip
+)
 def test_arrays_that_are_none(tmp_path, name, content, message):
     """Libraries' own words come behind the file's name."""
     with pytest.raises(ValueError, match=message):
@@ -180,21 +180,36 @@ def of(values, **about):
     ("make", "error", "message"),
     [
         (lambda: of(xarray.DataArray(V[:, 0], dims=("t", "x"))), TypeError, "none of them 'time'"),
-        (lambda: of(xarray.DataArray(V[:, 0], dims=("time", "x"), attrs={"units": "mm/s"})),
-         ValueError, "velocity is in mm/s; multiply it by 0.001: m/s is needed"),
+        (
+            lambda: of(xarray.DataArray(V[:, 0], dims=("time", "x"), attrs={"units": "mm/s"})),
+            ValueError,
+            "velocity is in mm/s; multiply it by 0.001: m/s is needed",
+        ),
         (lambda: of(Table()), TypeError, "is a Table; give .to_numpy"),
         (lambda: of(V[0], x=np.ma.masked_less([0.0, 0.1], 0.05)), ValueError, "x has 1 masked val"),
-        (lambda: of(V[0], x=xarray.DataArray([0.0, 1.0], attrs={"units": "mm"})),
-         ValueError, "x is in mm; multiply it by 0.001"),
+        (
+            lambda: of(V[0], x=xarray.DataArray([0.0, 1.0], attrs={"units": "mm"})),
+            ValueError,
+            "x is in mm; multiply it by 0.001",
+        ),
         (lambda: of(V[0], x=[0.0, 1e300]), ValueError, r"x holds 1e\+300 m, which is no length"),
-        (lambda: tl.load_liner("polito").impedance(np.ma.masked_less([500.0, 900.0], 600.0)),
-         ValueError, "1 masked values of 2"),
-        (lambda: tl.MicrophoneLine([0.0, 0.1], np.ma.masked_equal([1 + 1j, 2], 2), 500.0,
-                                   duct_height=0.05), ValueError, "pressure has 1 masked values"),
-        (lambda: tl.TabulatedLiner([1.0, 2.0], np.ma.masked_equal([1 + 1j, 2], 2)),
-         ValueError, "values has 1 masked values"),
+        (
+            lambda: tl.load_liner("polito").impedance(np.ma.masked_less([500.0, 900.0], 600.0)),
+            ValueError,
+            "1 masked values of 2",
+        ),
+        (
+            lambda: tl.MicrophoneLine([0.0, 0.1], np.ma.masked_equal([1 + 1j, 2], 2), 500.0, duct_height=0.05),
+            ValueError,
+            "pressure has 1 masked values",
+        ),
+        (
+            lambda: tl.TabulatedLiner([1.0, 2.0], np.ma.masked_equal([1 + 1j, 2], 2)),
+            ValueError,
+            "values has 1 masked values",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_an_array_cannot_carry_is_refused(make, error, message):
     """Names of axes, units and masks that would go by unseen."""
     with pytest.raises(error, match=message):

@@ -66,7 +66,7 @@ def test_educed_values_lie_within_reach(liner, seed):
         ("averaged", alone),
         ("over probes", [complex(found.liner["admittance"].impedance)]),
         ("given", given.impedance[:, 0].tolist()),
-    ):  # fmt: skip
+    ):
         reachable = reach(liner, FREQUENCY, top, rule)
         assert max(abs(reachable.nearest(z) - z) for z in values) < 1e-3
 
@@ -111,9 +111,15 @@ def cavity_record(into: float, phase: float, **about: object) -> tl.PressureReco
     amplitude = gas.characteristic_impedance * into * np.exp(1j * phase) / ratio
     wave = torch.exp(2j * torch.pi * FREQUENCY * t) * complex(amplitude)
     return tl.PressureRecord(
-        torch.ones_like(t)[None], wave.real[None], sampling_rate=RATE, frequency=FREQUENCY,
-        cavity_depth=0.03, cavity_porosity=0.8, fluid=gas, **about,
-    )  # fmt: skip
+        torch.ones_like(t)[None],
+        wave.real[None],
+        sampling_rate=RATE,
+        frequency=FREQUENCY,
+        cavity_depth=0.03,
+        cavity_porosity=0.8,
+        fluid=gas,
+        **about,
+    )
 
 
 def test_hole_velocity_of_a_tone():
@@ -132,8 +138,7 @@ def test_hole_velocity_of_a_tone():
 def test_tone_and_harmonics_are_told_apart():
     """2 cos + 0.6 sin(3): powers 2 and 0.18, in a record of no whole number of samples a period."""
     t = torch.arange(700, dtype=torch.float64) / 41234.5
-    signal = 5 + 2 * torch.cos(2 * torch.pi * FREQUENCY * t + 1) \
-        + 0.6 * torch.sin(6 * torch.pi * FREQUENCY * t)  # fmt: skip
+    signal = 5 + 2 * torch.cos(2 * torch.pi * FREQUENCY * t + 1) + 0.6 * torch.sin(6 * torch.pi * FREQUENCY * t)
     found = phase_locked_power(signal[None], FREQUENCY, 41234.5)
     assert float(found.tone) == pytest.approx(2, abs=1e-9)
     assert float(found.harmonics) == pytest.approx(0.18, abs=1e-9)

@@ -37,15 +37,24 @@ def field_fit(line, draws=True):
 
     count, along = len(line.frequency), fine_places(line.x)
     return tl.FieldFit(
-        method="LEE fit", frequency=line.frequency, x=line.x, impedance=2 + random(count) / 9,
+        method="LEE fit",
+        frequency=line.frequency,
+        x=line.x,
+        impedance=2 + random(count) / 9,
         covariance=random(count, 2, 2).abs() * 1e-4,
-        amplitude=random(count), end_reflection=random(count),
-        pressure=random(line.microphones, count), along=along,
-        pressure_along=random(len(along), count), residual=random(count).abs(),
-        misfit=random(count).abs(), converged=random(count).real > 0, source_side=line.source_side,
-        draws=field_fit(line, None) if draws else None, line=line,
+        amplitude=random(count),
+        end_reflection=random(count),
+        pressure=random(line.microphones, count),
+        along=along,
+        pressure_along=random(len(along), count),
+        residual=random(count).abs(),
+        misfit=random(count).abs(),
+        converged=random(count).real > 0,
+        source_side=line.source_side,
+        draws=field_fit(line, None) if draws else None,
+        line=line,
         choices={"method": "field", "mach": 0.3},
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +75,12 @@ def test_a_file_keeps_an_eduction_whole(tmp_path):
     lost = tl.kumaresan_tufts(line, draws=3)
     wave = lost.wavenumber.clone()
     wave[1] = complex(math.nan, math.nan)
-    found = [dataclasses.replace(lost, wavenumber=wave), tl.two_wave_fit(line, weights="relative"),
-             tl.two_wave_fit(line, tied=False),
-             field_fit(dataclasses.replace(line, title=""))]  # fmt: skip
+    found = [
+        dataclasses.replace(lost, wavenumber=wave),
+        tl.two_wave_fit(line, weights="relative"),
+        tl.two_wave_fit(line, tied=False),
+        field_fit(dataclasses.replace(line, title="")),
+    ]
     found[0].write(tmp_path / "found.nc", *found[1:])
     again = tl.read_wall(tmp_path / "found.nc")
     assert len(again) == 4

@@ -33,9 +33,14 @@ def wave(side: str, x=X, *, mach=0.3, walls=WALLS, condition="ingard-myers", mod
     ``back`` is the one that runs towards it, 1 at the other end."""
     direction = side if back else OTHER[side]
     alpha = wavenumber_from_impedance(
-        walls, FREQUENCY, height=HEIGHT, mach=mach, condition=condition, direction=direction,
+        walls,
+        FREQUENCY,
+        height=HEIGHT,
+        mach=mach,
+        condition=condition,
+        direction=direction,
         mode=mode,
-    )  # fmt: skip
+    )
     origin = x[0] if (side == "upstream") != back else x[-1]
     return torch.exp(-1j * alpha * (x[:, None] - origin)), alpha
 
@@ -54,8 +59,7 @@ def line_of(pressure, side="upstream", x=X, **about) -> MicrophoneLine:
 def test_one_wave_is_exact(side, rank, order, condition):
     """Z in is Z out to 1e-10 at any order, and a rank above the one wave that is there."""
     pressure, alpha = wave(side, condition=condition)
-    found = kumaresan_tufts(line_of(100 * pressure, side), rank=rank, order=order,
-                            condition=condition)  # fmt: skip
+    found = kumaresan_tufts(line_of(100 * pressure, side), rank=rank, order=order, condition=condition)
     assert relative_error(found.impedance, WALLS) < 1e-10
     assert relative_error(found.wavenumber, alpha) < 1e-11
     assert float(found.residual.max()) < 1e-12
@@ -134,8 +138,7 @@ def noisy(pressure, count: int, seed: int):
     line = line_of(pressure)
     level = line.level.numpy() + 0.1 * random.standard_normal((count, *line.pressure.shape))
     phase = line.phase.numpy() + 0.1 * random.standard_normal((count, *line.pressure.shape))
-    return MicrophoneLine.from_levels(X, level, phase, FREQUENCY, duct_height=HEIGHT, mach=0.3,
-                                      source_side="upstream")  # fmt: skip
+    return MicrophoneLine.from_levels(X, level, phase, FREQUENCY, duct_height=HEIGHT, mach=0.3, source_side="upstream")
 
 
 @BY_CHANCE
@@ -146,9 +149,10 @@ def test_drawn_deviation_is_the_scatter_of_realisations():
     scatter = kumaresan_tufts(noisy(pressure, 500, seed=1)).impedance
     one = noisy(pressure, 1, seed=2)
     found = kumaresan_tufts(
-        dataclasses.replace(one, pressure=one.pressure[0]), draws=500,
+        dataclasses.replace(one, pressure=one.pressure[0]),
+        draws=500,
         generator=torch.Generator().manual_seed(3),
-    )  # fmt: skip
+    )
     assert found.draws.impedance.shape == (500, 3)
     # 600 Hz is too nonlinear in 0.1 dB for one number: its scatter is a fifth of Z.
     for part in ("real", "imag"):
@@ -161,8 +165,7 @@ def test_drawn_deviation_is_the_scatter_of_realisations():
 def test_drawn_errors_are_what_they_say():
     """0.1 dB and 0.1 degrees, independent of each other and of place."""
     pressure = torch.full((2, 3), 5j, dtype=torch.complex128)
-    drawn = draw_pressures(pressure, 20000, torch.Generator().manual_seed(0),
-                           level_error=0.1, phase_error=0.2)  # fmt: skip
+    drawn = draw_pressures(pressure, 20000, torch.Generator().manual_seed(0), level_error=0.1, phase_error=0.2)
     assert drawn.shape == (20000, 2, 3)
     level = 20 * torch.log10(drawn.abs() / 5)
     phase = torch.rad2deg((drawn / pressure).angle())

@@ -24,8 +24,15 @@ from torchliner.engine.workers import on_worker
 from torchliner.io.plane_format import Stored
 
 SAMPLES, PITCH = 1500, 12.44e-3  # 50 periods
-EVERY = [{}, {"mean": "removed"}, {"averaging": "velocity"}, {"drive": "rms"}, {"drive": "running-rms"},
-         {"phase": "self-consistent"}, {"background": 0.5}]  # fmt: skip
+EVERY = [
+    {},
+    {"mean": "removed"},
+    {"averaging": "velocity"},
+    {"drive": "rms"},
+    {"drive": "running-rms"},
+    {"phase": "self-consistent"},
+    {"background": 0.5},
+]
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,16 @@ solver = tl.DuctSolver(setup.case, setup.frequency)
 x = [-0.027 + 0.012 * n for n in range(18)]
 pressure = solver.solve(2.33 - 0.30j).wall_pressure(x).movedim(-1, -2)
 line = tl.MicrophoneLine(
-    x, pressure, setup.frequency, duct_height=0.05, mach=0.3, source_side="upstream",
-    liner_start=0.0, liner_end=0.15, fluid=setup.fluid,
-)  # fmt: skip
+    x,
+    pressure,
+    setup.frequency,
+    duct_height=0.05,
+    mach=0.3,
+    source_side="upstream",
+    liner_start=0.0,
+    liner_end=0.15,
+    fluid=setup.fluid,
+)
 line.write("line.h5")
 line = tl.read_microphones("line.h5")
 one: tl.WallEduction = tl.kumaresan_tufts(line, rank=2)

@@ -18,9 +18,16 @@ for side, marker in (("upstream", ">"), ("downstream", "<")):
     solver = tl.DuctSolver(setup.case, setup.frequency)
     pressure = solver.solve(true).wall_pressure(x).movedim(-1, -2)
     line = tl.MicrophoneLine(
-        x, pressure, setup.frequency, duct_height=0.05, mach=0.3, source_side=side,
-        liner_start=0.0, liner_end=0.15, fluid=setup.fluid,
-    )  # fmt: skip
+        x,
+        pressure,
+        setup.frequency,
+        duct_height=0.05,
+        mach=0.3,
+        source_side=side,
+        liner_start=0.0,
+        liner_end=0.15,
+        fluid=setup.fluid,
+    )
     for colour, name, z in (
         ("C0", "Kumaresan-Tufts", tl.kumaresan_tufts(line).impedance),
         ("C1", "two waves", tl.two_wave_fit(line).impedance),

@@ -18,8 +18,12 @@ once = [tl.goodrich_resistance(m, porosity, thickness, diameter) for m in (0.1, 
 plt.plot(thickness * 1e3, once[1] - once[0], label="$M$ once")
 plt.plot(thickness * 1e3, 0.3 * once[1] - 0.1 * once[0], label="$M$ twice, as printed")
 plt.axhspan(0.94, 1.12, color="0.85", label="the paper's own shift")
-plt.axvline(tl.TanhProfile(0.3, 0.05).displacement_thickness * 1e3, color="0.6", linestyle="--",
-            label="tanh profile in a duct of 50 mm")  # fmt: skip
+plt.axvline(
+    tl.TanhProfile(0.3, 0.05).displacement_thickness * 1e3,
+    color="0.6",
+    linestyle="--",
+    label="tanh profile in a duct of 50 mm",
+)
 plt.xlabel("displacement thickness (mm)")
 plt.ylabel("shift of $R$, Mach 0.1 to 0.3")
 plt.legend()

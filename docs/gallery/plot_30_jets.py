@@ -44,8 +44,10 @@ left.loglog(speed, 0.2 * speed**0.4, "-.", color="0.5")
 right.loglog(machs, 0.27 * machs**-0.5, "-.", color="0.5")
 left.set(xlabel="$U_j$ (m s$^{-1}$)", ylabel="$H_j/d$", title="(a)")
 right.set(xlabel="$M_b$", ylabel="$H_j/d$", title="(b)")
-for axis, across, up in ((left, (1, 10, 100), (0.2, 0.5, 1, 2, 5)),
-                         (right, (0.1, 0.2, 0.3, 0.4), (0.4, 0.5, 0.6, 0.8, 1))):  # fmt: skip
+for axis, across, up in (
+    (left, (1, 10, 100), (0.2, 0.5, 1, 2, 5)),
+    (right, (0.1, 0.2, 0.3, 0.4), (0.4, 0.5, 0.6, 0.8, 1)),
+):
     axis.set_xticks(across, across)
     axis.set_yticks(up, up)
     axis.minorticks_off()

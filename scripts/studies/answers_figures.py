@@ -51,8 +51,14 @@ def draw_parity(rows: Sequence[dict[str, Any]], path: str | Path | None = None) 
             best = row[f"calibrated_{part}"] if math.isnan(best) else best
             axis.plot(true, sign * row[f"preset_{part}"], "x", color="0.6", markersize=3.5, zorder=1)
             passes = abs(row["level_check"]) <= LIMIT
-            axis.plot(true, sign * best, MARKERS[k], color=COLOURS[k], markersize=4.5,
-                      markerfacecolor=COLOURS[k] if passes else "white")  # fmt: skip
+            axis.plot(
+                true,
+                sign * best,
+                MARKERS[k],
+                color=COLOURS[k],
+                markersize=4.5,
+                markerfacecolor=COLOURS[k] if passes else "white",
+            )
         name = label if sign > 0 else f"−{label}"
         label_axes(axis, f"reference {name}", f"educed {name}")
         if part == "resistance":
@@ -77,8 +83,9 @@ def draw_background(rows: Sequence[dict[str, Any]], path: str | Path | None = No
     for k, case in enumerate(dict.fromkeys(row["case"].removesuffix("h") for row in rows)):
         mine = sorted((row for row in rows if row["case"].removesuffix("h") == case), key=lambda row: row["diameters"])
         at = [row["diameters"] for row in mine]
-        axis.plot(at, [row["needed"] / row["mach"] for row in mine], MARKERS[k], color=COLOURS[k], markersize=4.5,
-                  label=case)  # fmt: skip
+        axis.plot(
+            at, [row["needed"] / row["mach"] for row in mine], MARKERS[k], color=COLOURS[k], markersize=4.5, label=case
+        )
         axis.plot(at, [row["own"] / row["mach"] for row in mine], ":", color=COLOURS[k], linewidth=0.9)
         quiet = [(row["diameters"], row["quiet"] / row["mach"]) for row in mine if not math.isnan(row["quiet"])]
         axis.plot(*zip(*quiet, strict=True), "-", color=COLOURS[k], linewidth=1.4)

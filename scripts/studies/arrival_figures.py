@@ -54,15 +54,24 @@ def draw_attenuation(
             closed = closed_forms.values[name]
             left.plot(KILO * closed_forms.at, closed, color=colour, label=f"{name}, closed form")
     left.plot(
-        [KILO * rate for rate in published], list(published.values()), "+", color="k",
-        markersize=9, label="linear, known values", zorder=4,
-    )  # fmt: skip
+        [KILO * rate for rate in published],
+        list(published.values()),
+        "+",
+        color="k",
+        markersize=9,
+        label="linear, known values",
+        zorder=4,
+    )
     left.set_ylabel("factor on the tone $|G|$")
     for i, (name, values) in enumerate(errors.values.items()):
         right.plot(
-            KILO * errors.at, values, MARKERS[i] + ("--" if name.startswith("bias") else "-"),
-            color=COLOURS[i], label=name, markerfacecolor="white" if i % 2 else None,
-        )  # fmt: skip
+            KILO * errors.at,
+            values,
+            MARKERS[i] + ("--" if name.startswith("bias") else "-"),
+            color=COLOURS[i],
+            label=name,
+            markerfacecolor="white" if i % 2 else None,
+        )
     right.set_ylabel(r"error of the amplitude, over $|A|$")
     right.set_yscale("log")
     for axis in (left, right):

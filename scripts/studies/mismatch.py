@@ -65,8 +65,16 @@ class MeasuredWave:
     @classmethod
     def of(cls, direction: str, found: WallEduction, line: MicrophoneLine, mode: int | None = None) -> MeasuredWave:
         """The wave whose impedance was educed, or one of the modes by number."""
-        head = (direction, found.source_side, found.method, mode == 1, float(line.duct_height),
-                line.stated_mach, float(line.fluid.sound_speed), found.frequency)  # fmt: skip
+        head = (
+            direction,
+            found.source_side,
+            found.method,
+            mode == 1,
+            float(line.duct_height),
+            line.stated_mach,
+            float(line.fluid.sound_speed),
+            found.frequency,
+        )
         if mode is None:
             low, high = found.interval(LEVEL) if found.draws is not None else (None, None)
             deviation = None if found.draws is None else found.wavenumber_deviation
@@ -74,9 +82,13 @@ class MeasuredWave:
         wave = found.modes[..., mode, :]
         # In coordinates of the flow the relation holds for either direction.
         impedance = impedance_from_wavenumber(
-            wave, found.frequency, height=line.duct_height, mach=line.mach,
-            sound_speed=line.fluid.sound_speed, condition=found.choices["condition"],
-        )  # fmt: skip
+            wave,
+            found.frequency,
+            height=line.duct_height,
+            mach=line.mach,
+            sound_speed=line.fluid.sound_speed,
+            condition=found.choices["condition"],
+        )
         return cls(*head, wave, impedance, found.residual)
 
     def where(self, mask: Tensor) -> MeasuredWave:
@@ -90,10 +102,13 @@ def wave_rows(wave: MeasuredWave) -> list[dict[str, Any]]:
     rows = []
     for i, hertz in enumerate(wave.frequency.tolist()):
         row: dict[str, Any] = {
-            "direction": wave.direction, "source": wave.source_side, "method": wave.method,
-            "reflected": int(wave.reflected), "height_mm": f"{1e3 * wave.height:g}",
+            "direction": wave.direction,
+            "source": wave.source_side,
+            "method": wave.method,
+            "reflected": int(wave.reflected),
+            "height_mm": f"{1e3 * wave.height:g}",
             "frequency_hz": f"{hertz:g}",
-        }  # fmt: skip
+        }
         row |= _pair("alpha", wave.wavenumber, i, "per_m")
         row |= _pair("alpha_std", wave.wavenumber_deviation, i, "per_m")
         for name, values in (("z", wave.impedance), ("z_low", wave.low), ("z_high", wave.high)):
@@ -133,8 +148,7 @@ def draw_mismatch(waves: Sequence[MeasuredWave], heights: Sequence[float], path:
                 _draw_impedance(axis, wave, COMPLEX_PART[part])
             _limit(axis, some, COMPLEX_PART[part])
             axis.set_ylabel(label)
-            axis.text(0.03, 0.95, f"$H = {1e3 * height:g}$ mm", transform=axis.transAxes,
-                      va="top", fontsize=8)  # fmt: skip
+            axis.text(0.03, 0.95, f"$H = {1e3 * height:g}$ mm", transform=axis.transAxes, va="top", fontsize=8)
         row[1].axhline(0, color="0.6", linewidth=0.6, zorder=0)
     for axis in axes.flat:
         axis.set_xlim(0.18, 1.5)
@@ -163,13 +177,21 @@ def _draw(axis: Any, wave: MeasuredWave, values: Any) -> None:
     at = wave.frequency.numpy() / 1e3
     if wave.reflected:
         marker, edge = ("s", "k") if wave.direction == "upstream" else ("^", "0.5")
-        axis.plot(at[::THIN], values[::THIN], marker, color=edge, markerfacecolor="none",
-                  markersize=3, markeredgewidth=0.6, label=_label(wave), zorder=4)  # fmt: skip
+        axis.plot(
+            at[::THIN],
+            values[::THIN],
+            marker,
+            color=edge,
+            markerfacecolor="none",
+            markersize=3,
+            markeredgewidth=0.6,
+            label=_label(wave),
+            zorder=4,
+        )
     elif wave.method in (TIED, FREE):
         axis.plot(at, values, color=colour, label=_label(wave), zorder=3)
     else:
-        axis.plot(at[::THIN], values[::THIN], "o", color=colour, markersize=2.6,
-                  label=_label(wave), zorder=2)  # fmt: skip
+        axis.plot(at[::THIN], values[::THIN], "o", color=colour, markersize=2.6, label=_label(wave), zorder=2)
 
 
 def _draw_impedance(axis: Any, wave: MeasuredWave, part: str) -> None:

@@ -25,8 +25,15 @@ GRIDS = {
     "lbm_orifice": (1.08e-4, "insitu"),
     "lbm_orifice_coarse": (1.38375e-4, "top"),  # surface pressure is extrapolated through a layer
 }
-GEOMETRY = ("facesheet_thickness", "orifice_diameter", "porosity", "cavity_depth",
-            "cavity_hydraulic_radius", "cavity_porosity", "cell_pitch")  # fmt: skip
+GEOMETRY = (
+    "facesheet_thickness",
+    "orifice_diameter",
+    "porosity",
+    "cavity_depth",
+    "cavity_hydraulic_radius",
+    "cavity_porosity",
+    "cell_pitch",
+)
 SAME_GEOMETRY = 1e-3  # relative
 
 
@@ -81,24 +88,28 @@ def liner_of_group(group: h5py.Group, path: str | Path) -> SDoFLiner:
     nodes = {name: read_attribute(group, f"cfg_{key}", path) for key, name in names.items()}
     require_positive(f"{path}:{group.name}: cfg_Lc", nodes["pitch"])
     three = "z" in group
-    hole = (1e-3 * read_attribute(group, "cfg_d_eff_mm", path) if three
-            else node * read_attribute(group, "cfg_slit", path))  # fmt: skip
+    hole = (
+        1e-3 * read_attribute(group, "cfg_d_eff_mm", path) if three else node * read_attribute(group, "cfg_slit", path)
+    )
     side = node * nodes["cavity"]
     require_positive(f"{path}:{group.name}: cfg_dx (m)", node)
     return SDoFLiner(
-        node * nodes["thickness"], hole, read_attribute(group, "porosity", path),
+        node * nodes["thickness"],
+        hole,
+        read_attribute(group, "porosity", path),
         node * nodes["depth"],
         # Twice the area over the perimeter: a square, or two plates.
-        side / 2 if three else side, (nodes["cavity"] / nodes["pitch"]) ** (2 if three else 1),
-        cell_pitch=node * nodes["pitch"], fluid=resolved_fluid(group, path),
+        side / 2 if three else side,
+        (nodes["cavity"] / nodes["pitch"]) ** (2 if three else 1),
+        cell_pitch=node * nodes["pitch"],
+        fluid=resolved_fluid(group, path),
         name=f"resolved {group.name.strip('/')}",
-    )  # fmt: skip
+    )
 
 
 def resolved_holes(group: h5py.Group, path: str | Path) -> Holes | None:
     """Centres of the slits or orifices, one a cell, from the open nodes; None without these."""
-    masks = [name for name in ("orifice_mask_full", "orifice_mask", "orifice_ix")
-             if is_there(group, name, path)]  # fmt: skip
+    masks = [name for name in ("orifice_mask_full", "orifice_mask", "orifice_ix") if is_there(group, name, path)]
     if not masks:
         return None
     node, pitch = (read_attribute(group, f"cfg_{key}", path) for key in ("dx", "Lc"))
@@ -117,8 +128,9 @@ def resolved_holes(group: h5py.Group, path: str | Path) -> Holes | None:
 def truth_of(group: h5py.Group, path: str | Path) -> str:
     """Which of the file's impedances is the true one: vortices bias the waves of an orifice."""
     spacing = read_attribute(group, "cfg_dx", path)
-    known = [truth for name, (node, truth) in GRIDS.items()
-             if same(node, spacing) and ("orifice" in name) == ("z" in group)]  # fmt: skip
+    known = [
+        truth for name, (node, truth) in GRIDS.items() if same(node, spacing) and ("orifice" in name) == ("z" in group)
+    ]
     return known[0] if known else "insitu" if "z" in group else "wave"
 
 

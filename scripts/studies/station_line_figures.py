@@ -40,8 +40,7 @@ def draw_line_velocity(
         for i, line in enumerate(lines):
             x, _ = place_along(line)
             values = getattr(line, key).numpy()
-            axis.plot(x, values, color=COLOURS[i], linewidth=0.9, linestyle=LINES[i],
-                      label=names[i])  # fmt: skip
+            axis.plot(x, values, color=COLOURS[i], linewidth=0.9, linestyle=LINES[i], label=names[i])
         label_axes(axis, place_along(lines[0])[1], text)
     axes[0, 1].set_ylim(bottom=0)
     return finish(figure, path, title, legend=3 if len(lines) > 1 else 0)
@@ -69,8 +68,15 @@ def draw_averages(
             if line.average is not None:
                 _draw_average(axis, line, i, part, frequency_index)
             if line.average is not None and published is not None:
-                axis.plot(i - 2 * SHIFT, part_of(published, part), "*", color=COLOURS[3],
-                          markersize=8, zorder=4, label="paper")  # fmt: skip
+                axis.plot(
+                    i - 2 * SHIFT,
+                    part_of(published, part),
+                    "*",
+                    color=COLOURS[3],
+                    markersize=8,
+                    zorder=4,
+                    label="paper",
+                )
         axis.set_xticks(range(len(lines)), names, fontsize=7)
         axis.set_xlim(-0.5, len(lines) - 0.5)
         label_axes(axis, "configuration", text)

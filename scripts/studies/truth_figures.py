@@ -53,14 +53,21 @@ def draw_truth_errors(rows: Sequence[Row], path: str | Path | None = None) -> Fi
             heights[y, i, row.phase].append(getattr(row.miss, part))
             if row.rule == DEFAULT:
                 low, high = (getattr(end - row.true, part) for end in (row.low, row.high))
-                axis.plot([low, high], [y, y], color=COLOURS[i], linewidth=4, alpha=0.35,
-                          solid_capstyle="butt", zorder=2)  # fmt: skip
+                axis.plot(
+                    [low, high], [y, y], color=COLOURS[i], linewidth=4, alpha=0.35, solid_capstyle="butt", zorder=2
+                )
         for (y, i, phase), values in heights.items():
             axis.plot([min(values), max(values)], [y, y], color=COLOURS[i], linewidth=0.7, zorder=3)
             axis.plot(
-                np.median(values), y, MARKERS[list(PHASES).index(phase)], color=COLOURS[i],
-                markerfacecolor="white", markersize=3.4, markeredgewidth=0.7, zorder=4,
-            )  # fmt: skip
+                np.median(values),
+                y,
+                MARKERS[list(PHASES).index(phase)],
+                color=COLOURS[i],
+                markerfacecolor="white",
+                markersize=3.4,
+                markeredgewidth=0.7,
+                zorder=4,
+            )
         _dress_errors(axis, part, places)
     axes[0, 0].set_yticks(range(len(places)), [f"{case}, {averaging}" for case, averaging in places])
     axes[0, 1].set_yticks([])
@@ -101,43 +108,50 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
     figure, axes = subplots(1, len(panels), 3.9)
     for axis, panel in zip(axes[0], panels, strict=True):
         found = reach(panel.liner, panel.frequency, FASTEST)
-        axis.fill(found.boundary.real, found.boundary.imag, color="0.88", zorder=0,
-                  label=r"any $|v(t)|$, phase averaged")  # fmt: skip
+        axis.fill(
+            found.boundary.real, found.boundary.imag, color="0.88", zorder=0, label=r"any $|v(t)|$, phase averaged"
+        )
         speeds = np.concatenate([[0], np.geomspace(1e-3, FASTEST, 400)])
         curve = panel.liner.impedance(panel.frequency, speeds).numpy().reshape(-1)
         axis.plot(curve.real, curve.imag, color="k", label=r"model, constant $|v|$")
         for speed in MARKED_SPEEDS:
             z = complex(panel.liner.impedance(panel.frequency, speed).reshape(-1)[0])
             axis.plot(z.real, z.imag, "k|", markersize=6)
-            axis.annotate(f"{speed:g}", (z.real, z.imag), textcoords="offset points",
-                          xytext=(1, 5), fontsize=7, clip_on=True)  # fmt: skip
+            axis.annotate(
+                f"{speed:g}", (z.real, z.imag), textcoords="offset points", xytext=(1, 5), fontsize=7, clip_on=True
+            )
         _zoom(axis, panel.rows)
         for i, row in enumerate(panel.rows):
             _draw_case(axis, row, COLOURS[i])
         head_panel(axis, panel.title)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
-    for marker, label in (("*", "reference"), ("o", "replayed from the holes' own velocity, default"),
-                          ("s", "from its rms")):  # fmt: skip
-        axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor=
-                        "0.3" if marker == "*" else "white", label=label)  # fmt: skip
+    for marker, label in (
+        ("*", "reference"),
+        ("o", "replayed from the holes' own velocity, default"),
+        ("s", "from its rms"),
+    ):
+        axes[0, 0].plot([], [], marker, color="0.3", markerfacecolor="0.3" if marker == "*" else "white", label=label)
     legend_below(figure, axes[0, 0], 3)
     caption = "1400 Hz; numbers on the curves: |v| in m/s, hole velocity times porosity"
     return finish(figure, path, caption)
 
 
 def _draw_case(axis: Any, row: ReasonRow, colour: str) -> None:
-    points = ((row.true, "*", colour, 10), (row.replayed, "o", "white", 5),
-              (row.of_rms, "s", "white", 5))  # fmt: skip
+    points = ((row.true, "*", colour, 10), (row.replayed, "o", "white", 5), (row.of_rms, "s", "white", 5))
     for value, marker, face, size in points:
-        axis.plot(value.real, value.imag, marker, color=colour, markerfacecolor=face,
-                  markersize=size, zorder=4)  # fmt: skip
-    axis.plot([row.true.real, row.of_rms.real], [row.true.imag, row.of_rms.imag], ":",
-              color=colour, linewidth=0.8)  # fmt: skip
+        axis.plot(value.real, value.imag, marker, color=colour, markerfacecolor=face, markersize=size, zorder=4)
+    axis.plot([row.true.real, row.of_rms.real], [row.true.imag, row.of_rms.imag], ":", color=colour, linewidth=0.8)
     last = row.true.real > 0.7 * axis.get_xlim()[1]
-    axis.annotate(row.case, (row.true.real, row.true.imag), textcoords="offset points",
-                  xytext=(0, -10) if last else (6, 3), ha="right" if last else "left",
-                  fontsize=7.5, color=colour)  # fmt: skip
+    axis.annotate(
+        row.case,
+        (row.true.real, row.true.imag),
+        textcoords="offset points",
+        xytext=(0, -10) if last else (6, 3),
+        ha="right" if last else "left",
+        fontsize=7.5,
+        color=colour,
+    )
 
 
 def _zoom(axis: Any, rows: Sequence[ReasonRow]) -> None:

@@ -107,8 +107,7 @@ class ReasonRow:
             if isinstance(value, complex):
                 row[f"{key}_resistance"], row[f"{key}_reactance"] = value.real, value.imag
             elif isinstance(value, tuple):
-                ends = ("replayed", "rms") if key in ("factor", "contraction") else (
-                    "constant", "sine")  # fmt: skip
+                ends = ("replayed", "rms") if key in ("factor", "contraction") else ("constant", "sine")
                 for end, v in zip(ends, value, strict=True):
                     row[f"{key}_{end}"] = "" if v is None else v
             else:
