@@ -11,7 +11,8 @@ import numpy as np
 from torchliner.records import ImpedanceMap
 from torchliner.records.holes import Holes, merged_bands
 from torchliner.report.figure import PARTS, entry, finish, label_axes, panels_of, style_width, styled
-from torchliner.report.numbers import height_label
+from torchliner.report.numbers import COMPLEX_PART, height_label, part_of
+from torchliner.report.table import Table, table_of
 
 ENDS = (1, 99)  # %, of the probes: single ones over a hard spot would hide the rest
 FLAT = 1e-6  # mm, within which places lie on a line
@@ -192,3 +193,15 @@ def _draw_borders(axis: Any, result: ImpedanceMap, x: Any, z: Any) -> None:
     axis.add_collection(LineCollection(list(corners.swapaxes(0, 1)), **style), autolim=False)
     if any(((end[0] < s) & (s < end[1])).any() for end, two in zip(ends, sides, strict=True) for s in two):
         entry(axis, "border of cells", **style)
+
+
+def probes_table(result: ImpedanceMap, index: int) -> Table:
+    """A row a probe: x, z, R and X."""
+    shape, x, z = tuple(result.mean_velocity.shape), result.x, result.z
+    if len(shape) == 2:
+        x = None if x is None else x.repeat(shape[0])
+        z = None if z is None else z.repeat_interleave(shape[1])
+    columns = {f"{axis} (m)": at.tolist() for axis, at in (("x", x), ("z", z)) if at is not None}
+    for part in COMPLEX_PART:
+        columns[part] = part_of(result.impedance[..., index], part).reshape(-1).tolist()
+    return table_of([dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])

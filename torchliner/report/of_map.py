@@ -11,18 +11,25 @@ from typing import Any
 from torchliner.records import ImpedanceLine, ImpedanceMap
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.records.summaries import frequency_words, shape_words
-from torchliner.report.answer import Answer, Grid, Picture, difference_grid, difference_row, impedance_words, plain_of
+from torchliner.report.answer import (
+    Answer,
+    Grid,
+    Picture,
+    difference_grid,
+    difference_row,
+    impedance_words,
+    plain_of,
+    row_words,
+)
 from torchliner.report.curves import ORDERS, alongside_at, draw_along_x, draw_spectrum
-from torchliner.report.maps import draw_map, over_surface
+from torchliner.report.maps import draw_map, over_surface, probes_table
 from torchliner.report.numbers import (
-    COMPLEX_PART,
     case_title,
     impedance_along_x,
     impedance_over_frequency,
     interval_words,
     labels_of,
     main_of,
-    part_of,
 )
 from torchliner.report.planes import draw_complex_plane, known_of
 from torchliner.report.table import Bounds, Table, if_known, table_of
@@ -68,6 +75,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         lines=[
             *([] if several else [_line(first, main)]),
             *([] if several else [level_line(first, main)]),
+            *dict.fromkeys(line for one in results for line in _known_lines(one)),
             *(dict.fromkeys(f"Level check: {one.level_check_words}." for one in results) if several else []),
             *([NULL_TEST] if hard else []),
         ],
@@ -137,6 +145,21 @@ def state_of(result: ImpedanceMap | ImpedanceLine, index: int) -> str:
     return "" if check is None else check.verdict(check.averaging, index)
 
 
+def _known_lines(result: ImpedanceMap) -> list[str]:
+    """What is level-matched, and which turbulence acted, each where there is one."""
+    found, lines, choices = result.level_matched, list[str](), result.choices
+    for row in matched_rows(result):
+        assert found is not None
+        share = f"share of the incoherent velocity {row['share']:.2g}"
+        where = f"at {row['frequency']:g} Hz, measured by pressure and velocity with the model's phase"
+        lines.append(f"Level-matched {row_words(row, result.level)} {where}; {share}.")
+    if background := background_words(choices):
+        lines.append(f"{background[:1].upper()}{background[1:]}.")
+    elif (ratio := choices.get("velocity_ratio")) is not None:
+        lines.append(f"Velocity ratio |V1|/(φ M c) = {ratio:.2g}.")
+    return lines
+
+
 def _step(result: ImpedanceMap, verdicts: Sequence[str]) -> str:
     """What to do next."""
     check = result.level_check
@@ -149,9 +172,8 @@ def _step(result: ImpedanceMap, verdicts: Sequence[str]) -> str:
         others = [name for name in check.averagings if check.verdict(name, index) == PASSES]
         if others:
             return f"averaging {' and '.join(others)} passes the level check: take it"
-        return (
-            "no averaging passes: take another height, calibrate the model (calibrate --level-check), check the level"
-        )
+        quiet = "" if result.choices.get("background") else "give a run without sound (--background), "
+        return f"no averaging passes: {quiet}calibrate the model, check the level, or take another height"
     if INCONCLUSIVE in verdicts:
         return "the record is too short to tell: take a longer one"
     return "torchliner audit shows how far each open choice moves Z"
@@ -300,15 +322,3 @@ def _plane_table(result: ImpedanceMap, index: int) -> Table:
         )
     rows += [{"what": "known", "name": name, "impedance": z} for name, z in known_of([result], index).items()]
     return table_of(rows)
-
-
-def probes_table(result: ImpedanceMap, index: int) -> Table:
-    """A row a probe: x, z, R and X."""
-    shape, x, z = tuple(result.mean_velocity.shape), result.x, result.z
-    if len(shape) == 2:
-        x = None if x is None else x.repeat(shape[0])
-        z = None if z is None else z.repeat_interleave(shape[1])
-    columns = {f"{axis} (m)": at.tolist() for axis, at in (("x", x), ("z", z)) if at is not None}
-    for part in COMPLEX_PART:
-        columns[part] = part_of(result.impedance[..., index], part).reshape(-1).tolist()
-    return table_of([dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
