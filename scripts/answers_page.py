@@ -1,10 +1,11 @@
 """Validation of every shipped case with what a user may know, and the study of the turbulence without the sound.
 
-    python scripts/answers_page.py [--write]
+    python scripts/answers_page.py [--write | --check]
 
 Each liner is calibrated on runs without flow; then every case is answered by the preset, by the calibrated liner, with
 the run without sound, and by the level. ``--write`` puts tables into docs/truth.md, docs/background.md and README.md,
-pictures and their numbers into docs/figures.
+pictures and their numbers into docs/figures. ``--check`` only fits the curve of the share of the incoherent velocity
+against the velocity ratio again, and fails where the package states another.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from scipy.optimize import brentq
 import torchliner as tl
 from common import DATA, FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.answers_figures import draw_background, draw_parity
+from studies.share_curve import curve_of, differs, fit_curve, scatter_of
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.drives import incoherent_square, phase_locked
 from torchliner.io.csv_rows import write_rows
@@ -33,6 +35,7 @@ from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import measure, reading_of
 from torchliner.velocity.rescaled import with_drive
+from torchliner.velocity.velocity_ratio import likely_share
 from truth_page import page_table, write_tables
 
 FOLDER = RESULTS / "answers"
@@ -55,6 +58,7 @@ CASES = (
     "q02_145",
 )
 FLOWS = ("t03_130", "t015_145", "q01_140", "q02_140", "q02_145")
+SLITS = ("g01_145", "g03_145")  # with flow, in two dimensions
 FRICTION = {0.1: 1.56, 0.15: 2.25, 0.2: 2.91, 0.3: 4.21}  # m/s, by Mach number; data/README.md
 HEIGHTS = (0.5e-3, 1.0e-3)
 COLUMNS = ("preset", "calibrated", "background", "matched")
@@ -222,6 +226,49 @@ def needed_rows() -> list[dict[str, Any]]:
     return rows
 
 
+def share_rows() -> list[dict[str, Any]]:
+    """Share of the incoherent velocity that gives the reference R at 0.5 mm, of every case with flow, by the ratio."""
+    rows = []
+    for case in (*FLOWS, *SLITS):
+        (plane,) = planes_of(case, HEIGHTS[:1])
+        found = tl.educe(plane, liner_of(case), averaging="phase-locked", interval=None)
+        needed, own = needed_rms(plane, liner_of(case))
+        rows.append(
+            {
+                "case": case,
+                "dimensions": 2 if case in SLITS else 3,
+                "velocity_ratio": found.choices["velocity_ratio"],
+                "share": needed / own,
+            }
+        )
+    return sorted(rows, key=lambda row: row["velocity_ratio"])
+
+
+def share_table(rows: Sequence[dict[str, Any]]) -> str:
+    """The cases beside the curve of the package."""
+    lines = [
+        [
+            row["case"],
+            str(row["dimensions"]),
+            f"{row['velocity_ratio']:.3f}",
+            f"{row['share']:.2f}",
+            f"{likely_share(row['velocity_ratio']):.2f}",
+        ]
+        for row in rows
+    ]
+    return page_table("case | dimensions | VR | share that gives the reference R | curve", lines)
+
+
+def share_words(rows: Sequence[dict[str, Any]]) -> str:
+    """The fit that the package states, and that to all cases."""
+    weak, strong, scatter = curve_of(rows)
+    ends = fit_curve(rows)
+    return (
+        f"three dimensions: 1 up to {weak:.4f}, 1/2 from {strong:.4f}; all cases scatter by {scatter:.3f} about it\n"
+        f"all cases: 1 up to {ends[0]:.4f}, 1/2 from {ends[1]:.4f}; they scatter by {scatter_of(rows, *ends):.3f}"
+    )
+
+
 def rms_at(case: str, height: float) -> float:
     """rms without sound at a height, m/s; nan between those stored."""
     for plane in quiet_of(case):
@@ -314,7 +361,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Compute, print, write."""
     parser = parser_of(__doc__)
     parser.add_argument("--write", action="store_true", help="into docs/ as well")
+    parser.add_argument("--check", action="store_true", help="the curve of the velocity ratio alone")
     options = options_of(parser, arguments)
+    shares = share_rows()
+    print(f"{share_table(shares)}\n{share_words(shares)}")
+    for fault in differs(shares):
+        print(fault, file=sys.stderr)
+    if options.check:
+        return int(bool(differs(shares)))
     FOLDER.mkdir(parents=True, exist_ok=True)
     rows = [row_of(case, plane) for case in CASES for plane in planes_of(case)]
     needed = needed_rows()
@@ -324,6 +378,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "checked": check_words(rows),
         "rule": rule_table(),
         "candidates": candidate_table(needed),
+        "shares": share_table(shares),
     }
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
@@ -332,6 +387,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_rows(rows, folder / "parity.csv", ".5g")
         draw_parity(rows, folder / "parity.png")
         write_rows(needed, folder / "background.csv", ".5g")
+        write_rows(shares, folder / "velocity_ratio.csv", ".5g")
         draw_background(needed, folder / "background.png")
     if options.write:
         for page in ("truth.md", "background.md"):

@@ -24,10 +24,12 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
         wait: s, for the scheduler and, once there is work for it, for the first worker; default 30.
     Raises:
         ImportError: dask.distributed is not there.
-        ValueError: none of these.
+        ValueError: none of these; a wait without a cluster.
         OSError: no scheduler answers.
     """
     if where is None:
+        if wait is not None:
+            raise ValueError(f"wait is {wait:g} s, for workers, and there is no cluster; name one, or leave it out")
         yield None
         return
     kind, _, count = where.partition(":")

@@ -21,13 +21,16 @@ def sensitivity(options: argparse.Namespace) -> None:
     from torchliner.report.answer import answer_of
 
     tolerances = {key: "".join(value) for key, value in _pairs(options.tolerance, "tolerance", str).items()}
+    if options.limits is not None and not tolerances:
+        raise ValueError(f"--limits {options.limits} says what tolerances are; state them with --tolerance")
+    limits = options.limits or "rectangular"
     (plane,) = planes = read_records([options.plane], options)
     liner = only_liner(options, planes, [options.plane])
     parameters = options.parameters or (list(tolerances) or None)
     with progress_bar(2 * planes_of(planes)[0].samples, options.plane, options) as step:
         found = tl.sensitivities(plane, liner, options.frequency, parameters, progress=step, **options.chosen)
-    budget = found.propagate(tolerances, limits=options.limits) if tolerances else None
-    about = {"averaging": options.averaging, "budget": budget, "limits": options.limits}
+    budget = found.propagate(tolerances, limits=limits) if tolerances else None
+    about = {"averaging": options.averaging, "budget": budget, "limits": limits}
     show(options, answer_of(found, **about))
 
 
@@ -202,7 +205,7 @@ COMMANDS = {
         [
             *(opt.ONE_PLANE, opt.OF_LINER, opt.TONE, TOLERANCE),
             Option("--parameters", "of the liner, e.g. porosity; default: all", kinds.TEXT, nargs="+"),
-            Option("--limits", LIMITS, names.LIMITS, default="rectangular"),
+            Option("--limits", LIMITS, names.LIMITS),
             *(opt.figure("draw bars of the contributions at the first frequency"), opt.averaging("velocity"), opt.ROWS),
         ],
         ("plane.h5 --tolerance porosity='2 %' --tolerance cavity_depth='0.1 mm'",),

@@ -31,6 +31,7 @@ def liner(options: argparse.Namespace) -> None:
     from torchliner.report.numbers import impedance_over_band
 
     if not options.liners:
+        opt.require_alone(options, "name a liner")
         show(options, [*tl.preset_names()], _presets)
         return
     if options.copy is not None and len(options.liners) != 1:
@@ -105,9 +106,11 @@ def solve(options: argparse.Namespace) -> None:
     from torchliner.report.of_duct import of_field
 
     if options.duct is None:
+        opt.require_alone(options, "name a duct")
         show(options, [*duct_names()], _presets)
         return
     if options.copy is not None:
+        opt.require_alone(options, "leave --copy out to solve the duct", "duct", "copy")
         write_copy(duct_text(options.duct), options.copy)
         print(f"{options.copy}: preset {options.duct}")
         return
@@ -115,6 +118,8 @@ def solve(options: argparse.Namespace) -> None:
     about: dict[str, Any] = {"places": setup.places, "wall": setup.wall}
     if options.mesh is not None:
         cell, *at_wall = options.mesh
+        if len(at_wall) > 1:
+            raise ValueError(f"--mesh has {len(options.mesh)} sizes; give the largest cell and that at the walls")
         about["mesh"] = build_mesh(
             setup.case, float(setup.frequency.max()), column=cell, row=cell, wall_cell=at_wall[0] if at_wall else None
         )
@@ -169,6 +174,8 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
     from torchliner.checks import tell
     from torchliner.fluid import gas_warnings
 
+    if options.duct is None:
+        raise ValueError("no duct is named; name a .toml file, or a preset that torchliner duct solve lists")
     setup = tl.load_duct(options.duct, **options.chosen)
     if options.liner is None:
         if options.speed is not None:
@@ -193,6 +200,8 @@ def ir_tdibc(options: argparse.Namespace) -> None:
     incident = incident_signal(options)
     if incident is None and options.frequency is None:
         raise ValueError("nothing is sent; give --frequency of a tone, or --incident")
+    if options.chosen.get("kernel") == "periodic" and (unused := sorted({"band", "after"} & options.chosen.keys())):
+        raise ValueError(f"{opt.spelled(unused)}: of a kernel in time, which --kernel periodic has not; leave it out")
     wave, read = (options.frequency, None) if incident is None else (incident, options.frequency)
     with progress_bar(0, options.liner, options, "step") as step:
         curve = tl.ir_tdibc(model, options.level, wave, frequency=read, progress=step, **options.chosen)

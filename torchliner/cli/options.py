@@ -243,6 +243,17 @@ def _background(words: Sequence[str]) -> Any:
         return [tl.read_moments(each) if holds_moments(each) else tl.read_plane(each, lazy=True) for each in words]
 
 
+def require_alone(options: argparse.Namespace, remedy: str, *kept: str) -> None:
+    """Refuse options that a command which only lists or copies presets would not use.
+
+    Raises:
+        ValueError: there are some; ``remedy`` says what they need.
+    """
+    declared = [*options.declared.options, *options.declared.chosen]
+    if unused := sorted(key for key, value in given(options, declared).items() if key not in kept and value != []):
+        raise ValueError(f"{spelled(unused)}: of no use here; {remedy}")
+
+
 def spelled(keys: Iterable[str]) -> str:
     """Options by their attributes, as they are typed: "--in-situ, --quiet"."""
     return ", ".join(f"--{key.replace('_', '-')}" for key in keys)

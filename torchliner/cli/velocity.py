@@ -143,7 +143,10 @@ def follow(options: argparse.Namespace) -> int:
     """A row each time samples have come; 1 if the half-width was not reached."""
     from torchliner.campaign.follow import Following, Frames
     from torchliner.campaign.follow import follow as watch
+    from torchliner.checks import require_positive
 
+    for name in ("every", "idle"):
+        require_positive(f"--{name} (s)", getattr(options, name))
     frames = Frames(options.plane, opt.given(options, opt.STATED))
     first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
     (liner,) = liners_of(options, [first], [options.plane])

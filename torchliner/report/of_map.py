@@ -32,7 +32,7 @@ from torchliner.report.numbers import (
     main_of,
 )
 from torchliner.report.planes import draw_complex_plane, known_of
-from torchliner.report.table import Bounds, Table, if_known, table_of
+from torchliner.report.table import STATISTICAL, Bounds, Table, if_known, table_of
 from torchliner.studies.reference_cases import nearest_case
 from torchliner.velocity.background import background_words
 
@@ -54,9 +54,8 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
     rows = [row | {"run": label} for one, label in zip(results, labels, strict=True) for row in rows_of(one)]
     heights = {one.height for one in results}
     place = "height," if several and len(heights) == len(results) else "run," * several
-    shown = (
-        f"{place}frequency,averaging,impedance{',interval' * (first.level is not None)}{if_known(rows, 'level check')}"
-    )
+    interval = ",statistical interval" * (first.level is not None)
+    shown = f"{place}frequency,averaging,impedance{interval}{if_known(rows, 'level check')}"
     csv = f"{'run,' * several}{CSV}{if_known(rows, 'level check')}"
     answers = [row for row in rows if row["averaging"] == first.averaging]
     others = [row for row in rows if row["averaging"] != first.averaging]
@@ -122,7 +121,7 @@ def _line(result: ImpedanceMap, index: int) -> str:
     if result.choices.get("surface") == "hard wall":
         what = "null test without any liner"
     bounds = result.bounds_of_liner(result.averaging, index)
-    interval = "" if bounds is not None else ", no interval"
+    interval = ", no interval" if bounds is None else f"; the interval is {STATISTICAL}"
     words = impedance_words(value, bounds, result.level)
     return f"{words} in units of ρc at {frequency:g} Hz, {what}, averaging {result.averaging}{interval}."
 
@@ -212,7 +211,7 @@ def _cells(result: ImpedanceMap, index: int) -> Grid:
         place = {"cell": cell, "x": float(result.cell_x[cell]), "z": float(result.cell_z[cell])}
         rows.append(place | {"impedance": z, "low": low, "high": high, "level_check": level})
     caption = f"Each cell, averaging {result.averaging}, {float(result.frequency[index]):g} Hz."
-    interval = ",interval" * (found.interval is not None)
+    interval = ",statistical interval" * (found.interval is not None)
     return Grid("cells", caption, table_of(rows, f"cell,x,z,impedance{interval}{if_known(rows, 'level_check')}"))
 
 
@@ -250,7 +249,7 @@ def _basis(result: ImpedanceMap) -> str:
     if (error := choices.get("model_error")) is not None:
         words += f"; model-table error in R {error:.1e}"
     if result.level is not None:
-        words += f"; {interval_words(result)}: by a jackknife over blocks of time, because the record is finite"
+        words += f"; {interval_words(result)} {STATISTICAL}: a jackknife over blocks of time, as the record is finite"
     return f"{words}."
 
 

@@ -91,7 +91,7 @@ def draw_complex_plane(result: ImpedanceMap, path: str | Path | None = None, ind
         shown.append(value)
     _around(axis, shown, probes)
     label_axes(axis, PARTS[0][1], PARTS[1][1])
-    return finish(figure, path, f"{family([result], index)}; crosses: {interval_words(result) or 'no'} intervals", 3)
+    return finish(figure, path, f"{family([result], index)}; crosses: {interval_words(result) or 'no interval'}", 3)
 
 
 @styled

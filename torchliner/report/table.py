@@ -13,6 +13,7 @@ from torchliner.io.csv_rows import write_rows
 Of = str | Callable[[Any], Any]
 Bounds = tuple[complex, complex]
 HARD = 1e6  # |Z| that a table calls rigid
+STATISTICAL = "statistical, without model error"  # of the intervals of an eduction
 GAP = "  "  # between the columns of a text table
 
 
@@ -143,6 +144,7 @@ QUANTITIES: dict[str, tuple[Any, ...]] = {
     "spl": ("SPL (dB)", ".3f"),
     "spread": ("spread of R, X", format_pair),
     "standard": ("u(R), u(X)", lambda value: format_pair(value, 4)),
+    "statistical interval": (f"interval ({STATISTICAL})", format_bounds, 1, bounds_of),
     "step of R": ("dR per 1 %", "+.5f", 1, "step.real"),
     "step of X": ("dX per 1 %", "+.5f", 1, "step.imag"),
     "true": ("reference", format_complex),

@@ -13,8 +13,9 @@ from torchliner.records.notes import Note
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.review_answer import ToneShare, gaussian_impedance
 
-WEAK, STRONG = 0.1, 0.3  # velocity ratios between which the share falls from 1 to a half
-HALF, SCATTER = 0.5, 0.2  # share of the incoherent velocity that acts beyond; of the cases about the curve
+LIMIT = 0.1  # of the velocity ratio, above which a note says so
+WEAK, STRONG = 0.062, 0.26  # between which the share falls from 1 to a half: scripts/answers_page.py fits them
+HALF, SCATTER = 0.5, 0.18  # share of the incoherent velocity that acts beyond; s.d. of the cases about the curve
 
 
 def velocity_ratio(known: Moments, liner: LinerModel, frequency: Tensor) -> float | None:
@@ -32,9 +33,17 @@ def velocity_ratio(known: Moments, liner: LinerModel, frequency: Tensor) -> floa
 
 
 def likely_share(ratio: float) -> float:
-    """Share of the incoherent velocity that acts, by the velocity ratio: 1 to 0.1, 0.5 from 0.3, linear in its
-    logarithm between. Of ten resolved cases at half a millimetre; they scatter by 0.2 about it (docs/background.md)."""
-    fallen = math.log(max(ratio, WEAK) / WEAK) / math.log(STRONG / WEAK)
+    """Share of the incoherent velocity that acts, by the velocity ratio.
+
+    Fitted to five cases of an orifice in turbulence at half a millimetre, of which two lie between 1 and a half; two
+    slits in two dimensions count in ``SCATTER`` (docs/background.md).
+    """
+    return share_between(ratio, WEAK, STRONG)
+
+
+def share_between(ratio: float, weak: float, strong: float) -> float:
+    """1 up to ``weak``, a half from ``strong``, linear in the logarithm of the ratio between."""
+    fallen = math.log(max(ratio, weak) / weak) / math.log(strong / weak)
     return 1 - (1 - HALF) * min(fallen, 1.0)
 
 
@@ -42,7 +51,7 @@ def review_ratio(
     known: Moments, liner: LinerModel, frequency: Tensor, ratio: float | None, tone: ToneShare | None
 ) -> Iterator[Note]:
     """Strong sound in weak flow without a background: by how much R is probably too high."""
-    if ratio is None or ratio <= WEAK or tone is None or known.settings["background"] is not None:
+    if ratio is None or ratio <= LIMIT or tone is None or known.settings["background"] is not None:
         return
     share = likely_share(ratio)
     whole, less, lowest = (
@@ -50,7 +59,7 @@ def review_ratio(
         for each in (1.0, share, share - SCATTER)
     )
     text = (
-        f"{known.plane.name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {WEAK:g}): v holds vortices of the "
+        f"{known.plane.name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {LIMIT:g}): v holds vortices of the "
         f"jets that the sound makes, which are no turbulence of the flow. In resolved cases about {share:.2g} +- "
         f"{SCATTER:g} of the incoherent velocity acts at this ratio, so that R is probably too high by about "
         f"{whole - less:.2g} (up to {whole - lowest:.2g}); nothing is taken off: give a run without sound "
