@@ -90,6 +90,8 @@ def identify(options: argparse.Namespace) -> int:
 
     known, predicted, liner = _planes(options)
     models = [text if text == CURVE else _bounds(text.split(","), with_flow(liner)) for text in options.free]
+    if CURVE not in (models or [CURVE]) and (unused := sorted({"rest", "freedom"} & options.chosen.keys())):
+        raise ValueError(f"{opt.spelled(unused)}: of a curve, and none is fitted; leave it out, or add --free {CURVE}")
     pressure = [tl.read_pressure(path) for path in options.pressure or ()] or None
     about = {"models": models or [CURVE], "pressure": pressure, "noise": options.noise, "frequency": options.frequency}
     found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)

@@ -146,7 +146,7 @@ def follow(options: argparse.Namespace) -> int:
     from torchliner.checks import require_positive
 
     for name in ("every", "idle"):
-        require_positive(f"--{name} (s)", getattr(options, name))
+        require_positive(f"--{name}", getattr(options, name))
     frames = Frames(options.plane, opt.given(options, opt.STATED))
     first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
     (liner,) = liners_of(options, [first], [options.plane])

@@ -82,9 +82,6 @@ def identify(
     Source: Roncen et al. (2026), section 3, inverted; monotone splines by sums of B-splines after Ramsay, Statistical
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
-    for name, value in (("rest", rest), ("freedom", freedom)):
-        if value is not None and CURVE not in models:
-            raise ValueError(f"{name} is of a curve, and none is fitted; leave it out, or add 'curve' to the models")
     several, given = planes_and_liners(planes, liners)
     chosen, facts = choices_of_fit(averaging=averaging, **choices), [plane_of(each) for each in several]
     own = [each.provenance.get("case") or each.name for each in facts]
