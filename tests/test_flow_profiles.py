@@ -13,10 +13,10 @@ import torchliner as tl
 from torchliner.duct.flow_profiles import (
     LawOfTheWallProfile,
     ParabolicProfile,
-    TabulatedProfile,
     TanhProfile,
     UniformProfile,
 )
+from torchliner.duct.flow_table import TabulatedProfile
 
 HEIGHT, SPEED = 50e-3, 340.0
 TABLE_Y = HEIGHT * (1 - np.cos(np.linspace(0, np.pi, 41))) / 2

@@ -154,8 +154,7 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
     path.write_bytes(file.read_bytes())
     plane = tl.read_plane(path, lazy=True)
     path.unlink()
-    words = rf"worker on {re.escape(socket.gethostname())} .*: {path}: no such file"
-    with pytest.raises(FileNotFoundError, match=words):
+    with pytest.raises(FileNotFoundError, match=re.escape(str(path))):
         tl.moments(plane, client=client)
 
     class Unreadable(Stored):
@@ -165,7 +164,7 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
             raise ImportError("this format needs zarr; pip install 'torchliner[xarray]'")
 
     plane = tl.VelocityPlane(Unreadable(), sampling_rate=RATE, frequency=FREQUENCY)
-    with pytest.raises(ImportError, match=r"worker on \S+ .*needs zarr"):
+    with pytest.raises(ImportError, match=rf"worker on {re.escape(socket.gethostname())} .*needs zarr"):
         tl.moments(plane, client=client)
     with pytest.raises(RuntimeError, match=r"worker on .* has torchliner .*, and 9\.9 asks"):
         on_worker("9.9", len, ())

@@ -86,6 +86,8 @@ def educe_bursts(
         if chosen.phase != "given":
             raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
         reference_phase = phase_tensor(reference_phase).reshape(-1).tolist()
+        if len(reference_phase) == 1:  # for all stations
+            (reference_phase,) = reference_phase
     tasks = _tasks(stations, reference, reference_phase)
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
     about = frequency, own, chosen.describe()

@@ -13,7 +13,7 @@ from typing import Any
 from torch import Tensor
 
 from torchliner.campaign.growing import GrowingMoments
-from torchliner.checks import FEWEST_PERIODS
+from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.moments import Moments
 from torchliner.file_checks import DAMAGE, Unwritten
 from torchliner.io.planes import read_plane
@@ -137,11 +137,17 @@ class Following:
         frequency: Hz; default the tone of the plane.
         until: half-width that is wished for.
         choices: of ``GrowingMoments``.
+    Raises:
+        ValueError: ``until`` is not above 0, or no interval is asked for that it could be held against.
     """
 
     def __init__(
         self, frames: Frames, liner: LinerModel, frequency: Any = None, *, until: float | None = None, **choices: Any
     ) -> None:
+        if until is not None:
+            require_positive("until", until)
+            if choices.get("interval", "") is None:
+                raise ValueError(f"until is {until:g}, a half-width of the interval; leave out interval=None")
         self.frames, self.liner, self.frequency = frames, liner, frequency
         self.until, self.choices = until, {"averaging": "admittance"} | choices
         self.going: GrowingMoments | None = None

@@ -9,6 +9,7 @@ import argparse
 import contextlib
 import glob
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ from torchliner.io.whole_file import HDF5, PICTURES, identity, inputs_kept, requ
 from torchliner.names import did_you_mean
 
 OWN_FILES = (".toml", ".csv", ".py", ".txt", ".wav", ".npy", ".mat", *HDF5)  # by which a name is a file
+LARGEST_TOML = 1 << 20  # characters, in which names of files are looked for
 
 
 @contextmanager
@@ -51,8 +53,7 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
     files = [Path(each) for name in named for each in _matching(name)]
     for path in files:
         require_input(path)
-    inside = [each for path in files if path.is_dir() for each in path.iterdir()]
-    with inputs_kept([*files, *inside]):
+    with inputs_kept([*files, *(each for path in files for each in _inside(path))]):
         outputs: dict[Any, str] = {}
         for action, path in given.get("folder", []) + given.get("written", []):
             flag, endings = action.option_strings[-1], getattr(action.type, "endings", ())
@@ -78,6 +79,17 @@ def passed(parser: Parser, options: argparse.Namespace) -> Iterator[list[str]]:
 def _matching(name: str) -> list[str]:
     """The file of that name, or those that a pattern stands for; the name itself if none does."""
     return [name] if os.path.lexists(name) else sorted(glob.glob(name, recursive=True)) or [name]
+
+
+def _inside(path: Path) -> list[Path]:
+    """Files in a folder, or those that a TOML names: what is wrong with it is for its reader to say."""
+    if path.is_dir():
+        return list(path.iterdir())
+    if path.suffix.lower() != ".toml":
+        return []
+    with path.open(encoding="utf-8", errors="replace") as file:
+        texts = {found[2] for found in re.finditer(r"""(["'])(.+?)\1""", file.read(LARGEST_TOML))}
+    return [Path(each) for text in texts if "." in text for each in _matching(str(path.parent / text))]
 
 
 def require_input(path: Path) -> None:

@@ -112,5 +112,6 @@ class DrawnAtFrequency(Drawn):
         """
         index = None if frequency is None else index_of_frequency(self.frequency, frequency)
         if frequency is not None and index is None:
-            raise ValueError(f"frequency is {frequency:g} Hz; the record has {self.frequency.tolist()} Hz")
+            known = ", ".join(f"{each:g}" for each in self.frequency.tolist())
+            raise ValueError(f"frequency is {frequency:g} Hz; the record has {known} Hz")
         return self._draw(path, ax, frequency_index=index)
