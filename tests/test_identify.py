@@ -363,7 +363,7 @@ def test_command_writes_a_liner_that_is_read(tmp_path, capsys, unrendered):
     shown = capsys.readouterr().out
     assert code == DONE
     assert picture.exists()
-    assert "chosen, for it predicts best what it has not seen: curve, freedom 1" in shown
+    assert "curve, freedom 1 predicts best what it has not seen" in shown
     liner = tl.load_liner(table)
     assert liner.cell_pitch == 0.004428
     assert complex(liner.impedance(1400.0, 0.0)) == pytest.approx(0.205 - 0.208j, abs=0.01)
