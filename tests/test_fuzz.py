@@ -70,13 +70,14 @@ def written(path):
         return file["wall_normal_velocity"][()].tolist()
 
 
-def plane_file(path: Path) -> Path:
+def plane_file(path: Path, tone: float = 0.0) -> Path:
+    """``tone``: amplitude at 1400 Hz, m/s."""
     plane_of(
-        turbulence((4, 260)),
+        turbulence((4, 260)) + tone * torch.cos(2 * torch.pi * 1400 / 42000 * torch.arange(260)),
         x=torch.arange(4) * 1e-3,
         liner="polito",
         height=1e-3,
-        mach=0.1,
+        mach=0.12,
         incident_level=130.0,
         reference={"true": 0.2 - 0.1j},
         source_side="upstream",
@@ -102,7 +103,7 @@ def make(name: str, folder: Path) -> Case:
         if kind == "validate":
             words, tail = [*words, "-o", str(folder / "rows.csv")], ["--json", "--quiet"]
     elif kind == "educe moments":
-        plane, liner = tl.read_plane(plane_file(path)), tl.load_liner("polito")
+        plane, liner = tl.read_plane(plane_file(path, tone=5.0)), tl.load_liner("polito")
         tl.moments(plane, liner, phase="self-consistent").write(path)
         words = ["educe", *told, "--no-intervals", "--phase", "self-consistent"]
     elif kind == "kt":

@@ -200,4 +200,11 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
         with naming(f"{path}:/{stem}_{i}"):
             if one.line is None or not torch.equal(one.frequency, one.source_line.frequency):
                 raise ValueError("its microphones are missing, or of other frequencies; restore the file")
+            places = set(one.x.tolist())
+            if len(places) < len(one.x) or not places <= set(one.line.x.tolist()):
+                raise ValueError("x holds a place twice, or one at which no microphone is; restore the file")
+            if one.covariance is not None and not torch.equal(
+                *(m.nan_to_num() for m in (one.covariance, one.covariance.mT))
+            ):
+                raise ValueError("the covariance is not symmetric; restore the file")
     return found
