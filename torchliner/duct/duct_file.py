@@ -58,7 +58,7 @@ class FlowTable(Strict):
 class SoundTable(Strict):
     """Table ``[sound]``."""
 
-    frequency: list[float] = Field(min_length=1)
+    frequency: list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] = Field(min_length=1)
     level: float = Field(100.0, ge=0, le=200)
     source_side: Annotated[str, one_of(*SOURCES)] = "upstream"
     impedance: Annotated[list[Wall], BeforeValidator(lambda v: v if isinstance(v, list | tuple) else [v])] | None = None
