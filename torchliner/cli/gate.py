@@ -88,7 +88,7 @@ def _inside(path: Path) -> list[Path]:
     if path.suffix.lower() != ".toml":
         return []
     with path.open(encoding="utf-8", errors="replace") as file:
-        texts = {found[2] for found in re.finditer(r"""(["'])([^\0]+?)\1""", file.read(LARGEST_TOML))}
+        texts = {found[2] for found in re.finditer(r"""(["'])([^\0\n]+?)\1""", file.read(LARGEST_TOML))}
     return [Path(each) for text in texts if "." in text for each in _matching(str(path.parent / text))]
 
 
