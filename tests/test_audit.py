@@ -281,18 +281,22 @@ def test_command(tmp_path, capsys):
     """Table, CSV, figure and JSON say the same."""
     out, picture, plane = tmp_path / "a.csv", tmp_path / "a.png", tmp_path / "plane.h5"
     make_plane(liner="onera").write(plane)
-    assert main(["audit", str(plane), "--quiet", "-o", str(out), "--figure", str(picture)]) == 0
+    words = ["audit", str(plane), "--quiet", "--verbose", "-o", str(out), "--figure", str(picture)]
+    assert main(words) == 0
     printed = capsys.readouterr().out
-    assert "95 % statistical interval R" in printed
-    assert "does not apply to these data:" in printed
-    assert "the velocity was read through 3 times" in printed
     assert picture.stat().st_size > 10_000
     rows = list(csv.DictReader(out.read_text().splitlines()))
+    low, high = ((float(r["resistance"]), float(r["reactance"])) for r in rows if r["factor"] == "interval")
+    assert f"R {low[0]:.3f} to {high[0]:.3f}, X {low[1]:.3f} to {high[1]:.3f}" in printed
+    for row in rows:
+        assert row["factor"] in ("base", "interval") or row["factor"] in printed
+        assert row["note"] in printed
     assert [r["variant"] for r in rows if r["factor"] == "interval"] == ["low", "high"]
     assert any(r["variant"] == "does not apply" and "one plane" in r["note"] for r in rows)
     assert main(["audit", str(plane), "--quiet", "--json", "--averaging", "velocity"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["averaging"] == "velocity"
+    assert found["readings"] == 3
     base = tl.educe(tl.read_plane(plane), tl.load_liner("onera"), interval=None)
     wanted = float(base.liner["velocity"].impedance[0].real)
     assert found["base"]["resistance"] == pytest.approx(wanted, rel=1e-6)

@@ -169,8 +169,8 @@ def test_a_method_finds_a_single_wave(added, tmp_path, capsys):
     words = ["kt", str(tmp_path / "line.h5"), "--method", "phase-gradient", "--json"]
     assert main([*words, "--draws", "20"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["lines"][0]["rows"]
-    assert row["resistance"] == pytest.approx(wall.real, abs=1e-9)
-    assert row["reactance"] == pytest.approx(wall.imag, abs=1e-9)
+    assert row["impedance"]["resistance"] == pytest.approx(wall.real, abs=1e-9)
+    assert row["impedance"]["reactance"] == pytest.approx(wall.imag, abs=1e-9)
     assert main([*words, "--rank", "2"]) == 2
     assert "--rank is no option of --method phase-gradient" in capsys.readouterr().err
 

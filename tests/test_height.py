@@ -286,24 +286,28 @@ def run(capsys, *words: str) -> tuple[int, str, str]:
 
 
 def test_command_prints_writes_and_draws(capsys, tmp_path):
-    """Table, answer, CSV, figures and JSON, of planes and of moments."""
-    code, out, _ = run(capsys, "height", *G03, "--quiet", "-o", str(tmp_path / "rows.csv"), "--figure", str(tmp_path))
+    """Table, answer, CSV, figures and JSON, of planes and of moments: the level check chooses, no reference does."""
+    targets = ["-o", str(tmp_path / "rows.csv"), "--figure", str(tmp_path)]
+    code, out, _ = run(capsys, "height", *G03, "--quiet", "--verbose", *targets)
     assert code == DONE
-    for text in ("no height of these qualifies", "true: 1.662-0.460j", "sound:"):
+    for text in ("velocity: no height", "phase-locked: y = 0.5 mm", "level check", "true: 1.662-0.460j", "sound:"):
         assert text in out
     rows = list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines()))
     assert float(rows[-1]["impedance velocity_resistance"]) == pytest.approx(2.33, abs=2)
     assert {"heights.png", "modulation.png"} <= {path.name for path in tmp_path.iterdir()}
     code, out, _ = run(capsys, "height", *G03, "--quiet", "--json", "--limits", "0.5", "2", "1")
-    wanted = json.loads(out)["recommended"]
+    wanted = json.loads(out)
     assert wanted["height"] == 0.5e-3
+    assert wanted["heights"] == {"admittance": 0.5e-3, "velocity": None, "phase-locked": 0.5e-3}
+    for row in wanted["judged"]:
+        assert row["passed"] == (row["value"] <= 0.3)
     files = []
     for path in G03:
         files.append(str(tmp_path / f"{path[-8:-3]}.moments.h5"))
         assert run(capsys, "reduce", path, "-o", files[-1], "--quiet")[0] == DONE
     code, out, err = run(capsys, "height", *files, "--quiet", "--json")
     assert code == DONE, err
-    assert json.loads(out)["recommended"]["heights"] == wanted["heights"]
+    assert json.loads(out)["heights"] == wanted["heights"]
 
 
 @pytest.mark.parametrize(

@@ -88,14 +88,14 @@ def test_fit_of_the_field(solved_files, capsys):
     assert complex(float(rows[0]["known_resistance"]), float(rows[0]["known_reactance"])) == pytest.approx(2.33 - 0.3j)
     assert float(rows[0]["misfit"]) < 1e-6
     assert 0 < float(rows[0]["deviation_resistance"]) < 0.1
-    assert "wavenumber_resistance" not in rows[0]
+    assert "wavenumber_real" not in rows[0]
     arguments.remove(names[1])
     assert main([*arguments, "--far-end", "stated", "--draws", "2", "--json"]) == 0
     output = capsys.readouterr()
     assert "times the stated errors" in output.err
     row = json.loads(output.out)["lines"][0]["rows"][0]
     assert row["misfit"] > 10
-    assert row["end_reflection"]["resistance"] == pytest.approx(0.0, abs=1e-12)
+    assert row["end_reflection"]["real"] == pytest.approx(0.0, abs=1e-12)
     picture = solved_files / "fit.png"
     drawn = ["--draws", "2", "--figure", str(picture)]
     assert main([*arguments, "--start", "2+0.1j", *drawn, "--quiet"]) == 0

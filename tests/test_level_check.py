@@ -1,6 +1,7 @@
 """Level check: Z and the phase-locked velocity against a pressure that is known."""
 
 import dataclasses
+import json
 import math
 
 import numpy as np
@@ -250,24 +251,33 @@ def test_the_interval_covers():
 
 
 @pytest.mark.parametrize(
-    ("options", "code"),
+    ("options", "code", "verdict", "off"),
     [
-        ([], 0),
-        (["--strict"], 1),
-        (["--strict", "--level-uncertainty", "1"], 0),
-        (["--strict", "--incident-level", "129.6"], 0),
-        (["--strict", "--source-side", "none"], 0),
+        ([], 0, "fails", -0.38),
+        (["--strict"], 1, "fails", -0.38),
+        (["--strict", "--level-uncertainty", "1"], 0, "passes", -0.38),
+        (["--strict", "--incident-level", "129.6"], 0, "passes", 0.02),
+        (["--strict", "--source-side", "none"], 0, None, None),
     ],
 )
-def test_the_command_says_it_and_strict_makes_it_an_exit_code(options, code, capsys):
-    """n130 with probes first is 0.4 dB off; velocity first closes."""
-    path = str(DATA / "slit_n130_y0.5mm.h5")
-    assert main(["educe", path, "--averaging", "admittance", "--quiet", *options]) == code
+def test_the_command_says_it_and_strict_makes_it_an_exit_code(options, code, verdict, off, capsys):
+    """n130 in averaging admittance is 0.38 dB off; averaging velocity passes, and is the next step."""
+    words = ["educe", str(DATA / "slit_n130_y0.5mm.h5"), "--averaging", "admittance", "--quiet", *options]
+    assert main(words) == code
     text = capsys.readouterr().out
-    assert "level check: " in text
-    if not options:
-        assert "velocity passes: take it" in text
-        assert "+0.04 dB (+0.02 to +0.05) passes" in text
+    assert main([*words, "--json"]) == code
+    (found,) = json.loads(capsys.readouterr().out)
+    rows = {row["averaging"]: row for row in found["level_check"].get("rows", [])}
+    assert found["level_check"]["checked"] == (verdict is not None)
+    assert f"Level check{'' if verdict is None else f' {verdict}'}: " in text
+    if verdict is not None:
+        assert rows["admittance"]["verdict"] == verdict
+        assert rows["admittance"]["level"] == pytest.approx(off, abs=0.01)
+        assert f"{off:+.2f} dB" in text
+    if verdict == "fails":
+        assert rows["velocity"]["verdict"] == "passes"
+        assert rows["velocity"]["level"] == pytest.approx(0.04, abs=0.01)
+        assert "next: averaging velocity passes" in text
 
 
 @pytest.mark.parametrize("cut", [0, 1, 7, 30])

@@ -353,7 +353,7 @@ def test_methods_beside_each_other(tmp_path):
     assert labels_of(found, [row, row]) == ["Kumaresan-Tufts", "LEE fit"]
     rows = page_of(found[0], tmp_path, found[1]).csv("answer-table")
     assert [each["method"] for each in rows] == ["Kumaresan-Tufts", "LEE fit"]
-    assert rows[0]["wavenumber_resistance"] != "" == rows[1]["wavenumber_resistance"]
+    assert rows[0]["wavenumber_real"] != "" == rows[1]["wavenumber_real"]
     bare = page_of(tl.kumaresan_tufts(row.select(range(4)), order=2), tmp_path)
     assert "without an interval" in bare.text["header"]
 

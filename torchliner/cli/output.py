@@ -15,6 +15,7 @@ from typing import Any
 
 from torchliner.cli.parser import Parser
 from torchliner.io.whole_file import printable
+from torchliner.report.table import parts_of
 
 PACKAGE = str(Path(__file__).resolve().parents[1])
 EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
@@ -49,14 +50,14 @@ def show(
         print(text(found) if text else found.screen(getattr(options, "verbose", False), warnings=False))
 
 
-def _plain(value: Any) -> Any:
-    """What is not finite becomes null."""
+def _plain(value: Any, name: str = "") -> Any:
+    """What is not finite becomes null, what is complex its two parts; ``name``: of the value."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _plain(item, str(key)) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_plain(item, name) for item in value]
     if isinstance(value, complex):
-        return {"resistance": _plain(value.real), "reactance": _plain(value.imag)}
+        return dict(zip(parts_of(name), (_plain(value.real), _plain(value.imag)), strict=True))
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

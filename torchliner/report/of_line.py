@@ -236,12 +236,16 @@ def of_pressures(
     level = options.get("interval", LEVEL)
     shown = "method,place,frequency,impedance" + if_known(rows, "low").replace("low", "interval")
     shown += if_known(rows, "own", "distance_to_own", "true", "distance_to_true", "coherence", "residual")
+    brief = "method,place,frequency,impedance" + if_known(rows, "low").replace("low", "interval")
     true = _stated(record, "true", rows[0]["frequency"]) if rows else None
+    whole = [row for row in rows if row["place"] == "surface" and row["frequency"] == rows[0]["frequency"]] or rows
+    lines = [f"{row_words(row, level)} in units of ρc at {row['frequency']:g} Hz, {row['method']}." for row in whole]
     picture = [] if points is None else [_picture(record, points, true)]
     return Answer(
         title="; ".join(head),
-        lines=[f"Reference Z = {true:.3f}."] if true is not None else [],
+        lines=[*lines[:2], *([f"Reference Z = {true:.3f}."] if true is not None else [])],
         table=table_of(rows, shown),
+        brief=table_of(rows, brief + if_known(rows, "distance_to_true")),
         plain={"title": record.title, "interval_level": level, "rows": rows, "notes": [str(note) for note in notes]},
         remarks=[
             "Z is p/(ρc v), exp(+jωt). Intervals: because the record is finite, not the errors of formula, cavity or "
@@ -249,6 +253,7 @@ def of_pressures(
             "paper's way."
         ],
         notes=notes,
+        step="torchliner educe PLANE --in-situ of this file puts these beside the educed Z" if points else "",
         pictures=picture,
     ), points
 

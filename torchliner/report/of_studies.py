@@ -50,6 +50,7 @@ def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
         plain=plain_of(found),
         remarks=[*skipped, *([found.nearest_case] if found.nearest_case else [])],
         notes=found.notes,
+        step="" if largest is None else f"say why {largest.factor} is as it is: no other choice moves Z as far",
         pictures=[_picture("audit", f"{found.title}: what each choice moves", draw_audit, found, found.rows)],
         choices=found.choices,
         source=source,
@@ -88,6 +89,7 @@ def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
     others = "".join(f",averagings.{name}" for name in found.rows[0].averagings if name != found.averaging)
     at = f", {found.rows[0].frequency:g} Hz" if len({row.frequency for row in found.rows}) == 1 else ""
     known = [f"{name}: {format_complex(value)}" for name, value in found.references.items()]
+    known.append(f"Level check: {found.level_check_words}.")
     return Answer(
         title=f"Models: {found.title}",
         lines=[f"Whole liner{at}, averaging {found.averaging}; models by {found.sorted_by}.", *known],
@@ -95,7 +97,6 @@ def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
         brief=table_of(found.rows, brief),
         caption="Z by each model, in every averaging.",
         plain=plain_of(found),
-        remarks=[f"level check: {found.level_check_words}"],
         notes=found.notes,
         pictures=[_picture("models", f"{found.title}: models", draw_models, found, found.rows)],
         source=source,
@@ -170,14 +171,21 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
     """Z over height by averaging, what else speaks of a height, and which one, if a recommendation follows."""
     study, found = several[0], several[1] if len(several) > 1 else None
     brief = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
-    brief += if_known(study.rows, "coherence", "velocity_rms", "modulation")
-    more = "".join(f",level_check.{name}" for name in study.rows[0].level_check) + ",between"
-    more += if_known(study.rows, "drift").replace("drift", "drift of height")
+    checks = "".join(f",level_check.{name}" for name in study.rows[0].level_check)
+    brief += checks or if_known(study.rows, "coherence", "velocity_rms", "modulation")
+    more = checks and if_known(study.rows, "coherence", "velocity_rms", "modulation")
+    more += ",between" + if_known(study.rows, "drift").replace("drift", "drift of height")
     lines, grids = list[str](), list[Grid]()
     for name, height in ({} if found is None else found.heights).items():
         where = "no height qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest that qualifies"
         lines.append(f"{name}: {where}")
+    step = ""
     if found is not None:
+        judges = "level check" if found.rows[0].name == "level check" else "change with height"
+        lines.append(f"Judged by the {judges}; no reference impedance is used.")
+        step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
+        if found.height is not None:
+            step = f"torchliner educe with the plane at y = {1e3 * found.height:.3g} mm"
         grids.append(Grid("judged", "Level check in dB, all else a share of 1.", table_of(found.rows, JUDGED)))
     sound = "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
     remarks = [
@@ -202,6 +210,7 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         grids=grids,
         remarks=remarks,
         notes=study.notes,
+        step=step,
         pictures=pictures,
         choices=study.choices,
         source=source,

@@ -252,7 +252,8 @@ def table_of(rows: Iterable[Mapping[str, Any]], shown: str = "", csv: str | None
     """Rows as a table: in text and pages the quantities named, with commas between; in CSV every value.
 
     A complex value is two columns in CSV: ``resistance`` and ``reactance`` of ``impedance``, ``resistance_low`` and
-    ``reactance_low`` of ``low``, ``first_resistance`` and ``first_reactance`` of ``first``. Of values by name each is
+    ``reactance_low`` of ``low``, ``first_resistance`` and ``first_reactance`` of ``first``, ``wavenumber_real`` and
+    ``wavenumber_imaginary`` of what is no impedance. Of values by name each is
     a column, ``distance`` gives ``distance true``, which text calls ``distance.true``.
 
     Args:
@@ -268,6 +269,7 @@ def table_of(rows: Iterable[Mapping[str, Any]], shown: str = "", csv: str | None
 
 
 ENDS = {"impedance": "", "low": "_low", "high": "_high"}
+R_AND_X, REAL_AND_IMAGINARY = ("resistance", "reactance"), ("real", "imaginary")
 
 
 def _plain_columns(name: str, values: Sequence[Any], get: Callable[[Any], Any]) -> Iterator[Column]:
@@ -278,11 +280,16 @@ def _plain_columns(name: str, values: Sequence[Any], get: Callable[[Any], Any]) 
             inside = [(value or {}).get(key) for value in values]
             yield from _plain_columns(f"{name} {key}", inside, _inside(get, key))
     elif isinstance(kind, complex):
-        for word, part in (("resistance", "real"), ("reactance", "imag")):
+        for word, part in zip(parts_of(name), ("real", "imag"), strict=True):
             heading = f"{word}{ENDS[name]}" if name in ENDS else f"{name}_{word}"
             yield Column(heading, _part(get, part))
     elif kind is None or isinstance(kind, (str, int, float)):
         yield Column(name, get)
+
+
+def parts_of(name: str) -> tuple[str, str]:
+    """What the parts of a complex value are called: R and X, but of what is no impedance."""
+    return REAL_AND_IMAGINARY if name in ("wavenumber", "end_reflection") else R_AND_X
 
 
 def _of(name: str) -> Callable[[Any], Any]:
