@@ -15,7 +15,6 @@ from typing import Any
 
 from torchliner.cli.parser import Parser
 from torchliner.io.whole_file import printable
-from torchliner.report.table import parts_of
 
 PACKAGE = str(Path(__file__).resolve().parents[1])
 EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
@@ -57,6 +56,8 @@ def _plain(value: Any, name: str = "") -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(item, name) for item in value]
     if isinstance(value, complex):
+        from torchliner.report.table import parts_of  # brings torch, which --help does without
+
         return dict(zip(parts_of(name), (_plain(value.real), _plain(value.imag)), strict=True))
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
