@@ -187,7 +187,8 @@ def test_the_command_is_kept_as_it_was_typed(capsys, files):
         "-o",
         "map.h5",
     )
-    assert run(capsys, *words)[0] == DONE
+    code, _, said = run(capsys, *words)
+    assert code == DONE, said
     found = tl.read_map("map.h5")
     assert found.choices["command"] == list(words)
     assert found.choices["reference_phase"] == -0.5

@@ -36,12 +36,13 @@ def field_fit(line, draws=True):
         return torch.randn(*lead, *shape, dtype=torch.complex128, generator=draw)
 
     count, along = len(line.frequency), fine_places(line.x)
+    spread = random(count, 2, 2).abs()
     return tl.FieldFit(
         method="LEE fit",
         frequency=line.frequency,
         x=line.x,
         impedance=2 + random(count) / 9,
-        covariance=random(count, 2, 2).abs() * 1e-4,
+        covariance=spread @ spread.mT * 1e-4,
         amplitude=random(count),
         end_reflection=random(count),
         pressure=random(line.microphones, count),

@@ -203,8 +203,6 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
             places = set(one.x.tolist())
             if len(places) < len(one.x) or not places <= set(one.line.x.tolist()):
                 raise ValueError("x holds a place twice, or one at which no microphone is; restore the file")
-            if one.covariance is not None and not torch.equal(
-                *(m.nan_to_num() for m in (one.covariance, one.covariance.mT))
-            ):
+            if one.covariance is not None and not torch.allclose(one.covariance, one.covariance.mT, equal_nan=True):
                 raise ValueError("the covariance is not symmetric; restore the file")
     return found
