@@ -10,7 +10,7 @@ import numpy as np
 
 from torchliner.records import ImpedanceMap
 from torchliner.records.holes import Holes, merged_bands
-from torchliner.report.figure import PARTS, entry, finish, label_axes, panels_of, style_width, styled
+from torchliner.report.figure import MOST_POINTS, PARTS, entry, finish, label_axes, panels_of, style_width, styled
 from torchliner.report.numbers import COMPLEX_PART, height_label, part_of
 from torchliner.report.table import Table, table_of
 
@@ -24,7 +24,7 @@ Limits = Mapping[str, tuple[float, float]]
 def over_surface(result: ImpedanceMap, frequency_index: int = 0) -> bool:
     """Whether there is a picture over (x, z): of rows and columns, or of scattered probes."""
     grid = result.mean_velocity.ndim == 2 and min(result.mean_velocity.shape) > 1
-    return grid or mesh_of(result, frequency_index) is not None
+    return grid or _scattered(result, frequency_index) is not None
 
 
 def map_limits(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> Limits:
@@ -61,7 +61,7 @@ def draw_map(
             drawn = axis.pcolormesh(x, z, values, shading="nearest", **style)
         else:
             drawn = axis.tripcolor(mesh, values[np.isfinite(values)], shading="gouraud", **style)
-            axis.plot(x, z, ".", color="k", markersize=1)
+            axis.plot(x, z, ".", color="k", markersize=1, rasterized=len(x) > MOST_POINTS)
         # Without the layout of our own figures a bar below would lie on the labels.
         bar: Any = {"location": "bottom", "aspect": 30, "pad": 0.03} if given is None else {}
         beyond = int((values < low).sum()), int((values > high).sum())
@@ -76,18 +76,24 @@ def draw_map(
     return finish(figure, path, _caption(result, frequency_index), 2, given)
 
 
-def mesh_of(result: ImpedanceMap, frequency_index: int) -> Any:
-    """Triangles between scattered probes that have a value, in mm, without those across gaps; None where they lie on a
-    line or on a grid."""
+def _scattered(result: ImpedanceMap, frequency_index: int) -> Any:
+    """Places (x, z) in mm of scattered probes that have a value; None where they lie on a line or on a grid."""
     x, z = result.x, result.z
     if result.mean_velocity.ndim != 1 or x is None or z is None:
         return None
-    from matplotlib.tri import Triangulation
-
     there = np.isfinite(result.resistance[:, frequency_index].detach().cpu().numpy())
     places = 1e3 * np.stack([x.numpy(), z.numpy()], 1)[there]
-    if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(0), tol=FLAT) < 2:
+    flat = len(places) < 3 or np.linalg.matrix_rank(places - places.mean(0), tol=FLAT) < 2
+    return None if flat else places
+
+
+def mesh_of(result: ImpedanceMap, frequency_index: int) -> Any:
+    """Triangles between scattered probes, without those across gaps; None where they lie on a line or on a grid."""
+    places = _scattered(result, frequency_index)
+    if places is None:
         return None
+    from matplotlib.tri import Triangulation
+
     mesh = Triangulation(*places.T)
     corners = places[mesh.triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)

@@ -205,15 +205,19 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
     values = values.reshape(-1)
     if x is None:
         return np.arange(len(values), dtype=float), values
-    points, member = torch.unique(x, return_inverse=True)
-    rows = [_nanmean(values[member == i][:, None])[0] for i in range(len(points))]
-    return _array(points), torch.stack(rows)
+    points, member = torch.unique(x.cpu(), return_inverse=True)
+    return _array(points), _nanmean(values, member, len(points))
 
 
-def _nanmean(values: Tensor) -> Tensor:
-    if not values.is_complex():
+def _nanmean(values: Tensor, member: Tensor | None = None, count: int = 0) -> Tensor:
+    """Over the first axis; with ``member``, of each of ``count`` groups of values, (P,)."""
+    if values.is_complex():
+        return torch.complex(_nanmean(values.real, member, count), _nanmean(values.imag, member, count))
+    if member is None:
         return values.nanmean(0)
-    return torch.complex(values.real.nanmean(0), values.imag.nanmean(0))
+    known = ~values.isnan()
+    total = values.new_zeros(count).index_add_(0, member[known], values[known])
+    return total / torch.bincount(member[known], minlength=count)
 
 
 def _array(value: Tensor) -> Array:
