@@ -31,7 +31,6 @@ from studies.station_line_figures import draw_averages, draw_line_velocity
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.line_file import line_rows
 from torchliner.report.bursts import draw_lines
 from torchliner.report.figure import RC, finish
 
@@ -303,22 +302,27 @@ def report(rows: dict[str, dict[str, Any]]) -> None:
     )
 
 
-def _kept(row: dict[str, Any]) -> dict[str, Any]:
-    """What the figures show of a station, in six digits."""
-    left_out = (
-        "station",
-        "y (m)",
-        "z (m)",
-        "frequency (Hz)",
-        "admittance real",
-        "admittance imag",
-        "segments",
-        "bursts",
-        "counts",
-        "wall",
-        "flags",
-    )
-    return {key: float(f"{value:.6g}") for key, value in row.items() if key not in left_out}
+def station_rows(line: tl.ImpedanceLine) -> list[dict[str, float]]:
+    """What the figures show of each station, in six digits."""
+    columns: dict[str, torch.Tensor] = {"x (m)": line.x}
+    for part, word in (("real", "resistance"), ("imag", "reactance")):
+        columns[word] = getattr(line.impedance, part)
+        if line.interval is not None:
+            columns |= {f"{word} {end}": getattr(getattr(line.interval, end), part) for end in ("low", "high")}
+        columns[f"{word} spread over segments"] = getattr(line.segment_spread, part)
+    columns |= {
+        "mean velocity (m/s)": line.mean_velocity,
+        "velocity rms (m/s)": line.velocity_rms,
+        "coherent velocity peak (m/s)": line.velocity_level,
+        "coherence": line.coherence,
+        "inferred incident level (dB)": line.inferred_incident_level,
+        "attenuation": line.attenuation.abs(),
+        "rate (1/s)": line.rate,
+    }
+    if line.level_check is not None:
+        columns["level check (dB)"] = line.level_check.cells.level[0]
+    rounded = [[float(f"{value:.6g}") for value in each.flatten().tolist()] for each in columns.values()]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*rounded, strict=True)]
 
 
 def _line(case: Case, liner: Any, turbulence: Turbulence, options: argparse.Namespace) -> tl.ImpedanceLine:
@@ -357,7 +361,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         line = _line(case, liner, turbulence, options)
         lines[case.name] = line
         rows[case.name] = summary(case, line, Sound.of(case, liner).facts())
-        stations += [{"configuration": case.name, **_kept(row)} for row in line_rows(line)]
+        stations += [{"configuration": case.name, **row} for row in station_rows(line)]
     report(rows)
     write_rows(list(rows.values()), options.output / "b2a_averages.csv")
     write_rows(stations, options.output / "b2a_stations.csv")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, field, replace
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
+import torch
 from torch import Tensor
 
 from torchliner.checks import (
@@ -127,6 +128,11 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
     def probe_shape(self) -> tuple[int, ...]:
         """Shape of the probe axes: (z, x), (probe,) or ()."""
         return tuple(self.velocity.shape[:-1])
+
+    @property
+    def device(self) -> torch.device:
+        """Of the velocity; the CPU where that is in a file."""
+        return self.velocity.device if isinstance(self.velocity, Tensor) else torch.device("cpu")
 
     @property
     def stored(self) -> StoredVelocity | None:

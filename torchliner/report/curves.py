@@ -86,11 +86,11 @@ def draw_along_x(
     figure, panels = impedance_panels(3.0, "$x$ (mm)" if first.x is not None else "probe", axes)
     before = drawn_before([axis for axis, _ in panels], len(results))
     alone, cut = len(results) == 1 and not before, False
+    profiles = [impedance_along_x(result, frequency_index) for result in results]
     for axis, part in panels:
         shown: list[Any] = []
         bands: list[Any] = []
-        for i, result in enumerate(results):
-            profile = impedance_along_x(result, frequency_index)
+        for i, (result, profile) in enumerate(zip(results, profiles, strict=True)):
             colour = AVERAGINGS["admittance"] if alone else COLOURS[before + i]
             label = "probes" if alone else plain_label(names[i])
             scale = 1.0 if result.x is None else 1e3

@@ -28,7 +28,7 @@ from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
 from torchliner.velocity.rescaled import widened
 from torchliner.velocity.review_answer import ToneShare
-from torchliner.velocity.tone import review_tone, sound_is_stated
+from torchliner.velocity.tone import NO_TONE, review_tone
 from torchliner.velocity.velocity_ratio import review_ratio, velocity_ratio
 from torchliner.version import __version__
 
@@ -65,7 +65,7 @@ def answer(
     if ends:
         found["phase-locked"] = widened(found["phase-locked"], [average(each, asked, "phase-locked") for each in ends])
     answered, silent = chosen.averaging, list(review_tone(known, frequency, chosen))
-    if silent and answered == "phase-locked" and not sound_is_stated(known, chosen):
+    if answered == "phase-locked" and any(note.code == NO_TONE for note in silent):
         answered = "admittance"
     chief = found[answered]
     z = chief.liner.impedance.detach().cpu()

@@ -56,11 +56,10 @@ class Background:
     def scale(self, seen: Survey, cells: Membership) -> Tensor:
         """Factor on the incoherent velocity of each probe, at most 1, (P,)."""
         own = incoherent_square(seen, cells)
-        if len(self.rms) == 1:
-            return (self.rms[0] / own.sqrt().clamp(min=1e-300)).clamp(max=1)
-        of_cells = torch.tensor(self.rms, dtype=own.dtype).to(own.device)
-        of_probes = torch.cat([of_cells, of_cells.mean()[None]])[cells.labels]
-        return (of_probes / own.sqrt().clamp(min=1e-300)).clamp(max=1)
+        wanted = torch.tensor(self.rms, dtype=own.dtype).to(own.device)
+        if len(wanted) > 1:
+            wanted = torch.cat([wanted, wanted.mean()[None]])[cells.labels]
+        return (wanted / own.sqrt().clamp(min=1e-300)).clamp(max=1)
 
     def describe(self) -> Any:
         """Plain values for a file: the number alone, or all fields."""
@@ -131,10 +130,9 @@ def survey_of_plane(plane: VelocityPlane, tone: float | None) -> Survey:
     """Survey with the harmonics of a tone, Hz, which the plane need not have; without one, blocks of 32nds."""
     rate = plane.sampling_rate
     blocks = Blocks.of(plane.samples, rate, tone or 32.5 * rate / plane.samples)
-    device = plane.velocity.device if isinstance(plane.velocity, Tensor) else torch.device("cpu")
     lines = torch.tensor(harmonics_of(tone, rate), dtype=torch.float64)
-    job = Job(Drive(), survey_sums, lines.to(device), largest=1)
-    (found,) = reduce(PlaneRecord(plane, torch.float64, device), blocks, [job])
+    job = Job(Drive(), survey_sums, lines.to(plane.device), largest=1)
+    (found,) = reduce(PlaneRecord(plane, torch.float64, plane.device), blocks, [job])
     return survey_of(found, blocks, lines, len(lines))
 
 

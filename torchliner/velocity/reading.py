@@ -79,7 +79,7 @@ class Reading(Layout):
                 f"{own / 1e9:.3g} GB; educe from the plane itself, or take fewer probes (--region)"
             )
         blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()), most)
-        device = _device_of(plane, chosen)
+        device = chosen.working_device(plane.device)
         return cls(
             plane=plane,
             chosen=chosen,
@@ -166,11 +166,6 @@ class Reading(Layout):
         return Job(drive, self.nodes.sums, lines, drive.reach)
 
 
-def _device_of(plane: VelocityPlane, chosen: Choices) -> torch.device:
-    velocity = plane.velocity
-    return chosen.working_device(velocity.device if isinstance(velocity, Tensor) else torch.device("cpu"))
-
-
 SURVEY = "survey"
 MOST_OF_LINES = 1 << 28  # bytes of the lines of v at all frequencies asked for; beyond, those of the tone alone
 MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer blocks
@@ -221,7 +216,7 @@ def reading_of(
     if kept is not None and projected and 2 * len(asked) < nodes.count:
         known = nodes.coefficients(response(liners[0], asked, nodes.speeds))
         if not is_differentiated(known):  # which the loop over the data would lose
-            kept = OfOneLiner.of(nodes, known.to(_device_of(plane, chosen)), asked)
+            kept = OfOneLiner.of(nodes, known.to(chosen.working_device(plane.device)), asked)
     reading = Reading.of(plane, chosen, asked, kept, pitch)
     notes = (
         *review.review_reading(plane, pitch, asked, reading.blocks, chosen),

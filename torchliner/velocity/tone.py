@@ -15,6 +15,7 @@ from torchliner.velocity.choices import Choices
 CHANCE = 0.01  # of records without a tone, of which the test finds one
 STEADY = 1e-18  # of the mean square: less than rounding
 FEWEST = 3  # blocks, from which coherence says anything
+NO_TONE = "no-tone"  # code of the note with which phase-locked averaging gives way to ``admittance``
 
 
 def coherence_by_chance(blocks: int, chance: float = CHANCE) -> float:
@@ -63,13 +64,8 @@ def review_tone(known: Moments, frequency: Tensor, chosen: Choices) -> Iterator[
     )
     if chosen.phase == "self-consistent":
         raise ValueError(f"{text}; phase 'self-consistent' needs one: choose phase='averaged'")
-    if sound_is_stated(known, chosen):
+    level = plane.incident_level is not None and plane.source_side not in ("none", "unknown")
+    if level or chosen.background is not None:  # there is sound for all that: the averaging that was chosen stays
         yield Note("hidden-tone", f"{text}; the phase-locked velocity, and the level check with it, is mostly noise")
     else:
-        yield Note("no-tone", f"{text}; Z is the response to turbulence alone, averaging 'admittance'")
-
-
-def sound_is_stated(known: Moments, chosen: Choices) -> bool:
-    """Whether a level or a background says that there is sound for all that; the averaging that was chosen stays."""
-    level = known.plane.incident_level is not None and known.plane.source_side not in ("none", "unknown")
-    return level or chosen.background is not None
+        yield Note(NO_TONE, f"{text}; Z is the response to turbulence alone, averaging 'admittance'")
