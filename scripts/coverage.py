@@ -30,8 +30,7 @@ import torchliner as tl
 from common import options_of, parser_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.model import LinerModel
-from torchliner.records.averaged import Educed
-from torchliner.records.uncertainty import Interval
+from torchliner.records.educed import Educed, Interval
 
 RATE, FREQUENCY, RMS = 42000.0, 1400.0, 3.0
 PER_PERIOD = 30  # samples

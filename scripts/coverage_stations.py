@@ -20,7 +20,7 @@ from common import options_of, parser_of
 from coverage import FREQUENCY, RATE, SPECTRA, summary, true_impedance, turbulence
 from torchliner.checks import DataWarning
 from torchliner.liners.model import LinerModel
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 
 STATION, ARRIVALS, IN_A_LINE = 10.0, 4200.0, 10  # s; a second; stations
 

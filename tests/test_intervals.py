@@ -13,7 +13,7 @@ from torch import Tensor
 import torchliner as tl
 from torchliner.conversions import impedance_from_reflection, reflection_from_impedance
 from torchliner.engine.intervals import FROM_REFLECTION, ITSELF, impedance_interval, jackknife, replicates
-from torchliner.records.uncertainty import Interval
+from torchliner.records.educed import Interval
 
 COUNTS = (4, 5, 8, 16, 32)  # blocks
 

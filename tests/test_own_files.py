@@ -21,7 +21,7 @@ from test_results_out import hand_map, line, made, points
 from test_wall_file import field_fit, noisy
 
 import torchliner as tl
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")

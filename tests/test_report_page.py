@@ -24,7 +24,7 @@ from test_wall_file import field_fit, noisy
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
 from torchliner.report.numbers import main_of
 from torchliner.report.of_wall import labels_of

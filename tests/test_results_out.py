@@ -19,7 +19,7 @@ from torchliner.cli.main import BAD_INPUT, main
 from torchliner.cli.options import RESULT
 from torchliner.names import RESULT_WRITERS
 from torchliner.records import Gap, LevelCheck
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 
 xarray = pytest.importorskip("xarray")
 RATE, TONES = 42e3, [1400.0, 1000.0]

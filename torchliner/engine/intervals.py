@@ -32,7 +32,7 @@ from scipy.special import stdtrit
 from torch import Tensor
 
 from torchliner.conversions import impedance_from_reflection
-from torchliner.records.uncertainty import Interval
+from torchliner.records.educed import Interval
 
 SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always allowed for
 MOST_CORRELATED = 0.9

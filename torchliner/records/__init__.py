@@ -1,8 +1,7 @@
 """The records everything passes through."""
 
-from torchliner.records.averaged import Educed
-from torchliner.records.burst_record import BurstRecord
-from torchliner.records.field_fit import FieldFit
+from torchliner.records.burst_record import BurstRecord, ReferenceChannel
+from torchliner.records.educed import Educed, Interval, PointUncertainty
 from torchliner.records.holes import Holes
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
@@ -10,10 +9,8 @@ from torchliner.records.level_check import Gap, LevelCheck
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
-from torchliner.records.reference_channel import ReferenceChannel
-from torchliner.records.uncertainty import Interval, PointUncertainty
 from torchliner.records.velocity_plane import StoredVelocity, VelocityPlane
-from torchliner.records.wall_eduction import WallEduction
+from torchliner.records.wall_eduction import FieldFit, WallEduction
 
 __all__ = [
     "BurstRecord",

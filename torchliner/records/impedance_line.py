@@ -17,10 +17,10 @@ from torchliner.conversions import (
 )
 from torchliner.records.case import Found
 from torchliner.records.declared import Variable, part, record, require_shapes, var
+from torchliner.records.educed import Interval
 from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
-from torchliner.records.uncertainty import Interval
 
 
 def mean_over_segments(values: Tensor, counts: Tensor) -> Tensor:

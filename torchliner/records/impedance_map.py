@@ -12,12 +12,11 @@ from torch import Tensor
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import AVERAGINGS, resolve
-from torchliner.records.averaged import Educed
 from torchliner.records.case import Found
 from torchliner.records.declared import Variable, part, record, var
+from torchliner.records.educed import Educed
 from torchliner.records.holes import Holes
-from torchliner.records.level_check import LevelCheck
-from torchliner.records.level_matched import LevelMatched
+from torchliner.records.level_check import LevelCheck, LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.probes import probe_axes

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from torchliner.checks import index_of_frequency
 from torchliner.records.declared import part, record, require_shapes, var
+from torchliner.records.educed import PointUncertainty
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
 from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
-from torchliner.records.uncertainty import PointUncertainty
 
 CELL = ("cell", "frequency")
 

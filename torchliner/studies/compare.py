@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.records import ImpedanceMap
-from torchliner.records.uncertainty import Interval
+from torchliner.records.educed import Interval
 from torchliner.studies.rows import Row, Study
 
 SAME_PLACE = 1e-6  # m

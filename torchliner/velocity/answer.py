@@ -16,7 +16,7 @@ from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel, impedance_of
 from torchliner.liners.plates import goodrich_resistance
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 from torchliner.records.level_check import Gap
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of

@@ -22,8 +22,7 @@ from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.sums import in_order, is_differentiated
 from torchliner.engine.survey import Membership, Survey
 from torchliner.liners.model import LinerModel, reflection_of
-from torchliner.records.averaged import Educed
-from torchliner.records.uncertainty import Interval
+from torchliner.records.educed import Educed, Interval
 from torchliner.velocity.choices import Choices
 
 ELEMENTS = 1 << 17  # complex values that a thread works on at once on a CPU

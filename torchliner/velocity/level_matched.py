@@ -20,7 +20,7 @@ from torchliner.engine.drives import phase_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import LinerModel
-from torchliner.records.level_matched import LevelMatched
+from torchliner.records.level_check import LevelMatched
 from torchliner.records.notes import Note
 from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.choices import Choices

@@ -17,7 +17,7 @@ from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 from torchliner.records.incident import ComplexTones, Incident
 from torchliner.records.notes import Note
 from torchliner.velocity.reading import Reading

@@ -11,7 +11,7 @@ import torch
 from torchliner.engine.drives import Drive, phase_locked
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
-from torchliner.records.averaged import Educed
+from torchliner.records.educed import Educed
 from torchliner.velocity.averages import Averages
 from torchliner.velocity.reading import Reading, run_jobs
 
