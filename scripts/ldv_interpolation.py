@@ -4,7 +4,7 @@
 
 A tone of 1500 Hz (2 m/s peak) and Gaussian turbulence (1.5 m/s rms, falling like f^-5/3 from 500 Hz
 to 20 kHz) are seen at Poisson arrivals and rebuilt. Figures with their numbers as CSV: the factor
-on the tone and the error of its amplitude; spectra; rms and the educed Z of the liner `onera`.
+on the tone and the error of its amplitude; rms and the educed Z of the liner `onera`.
 """
 
 from __future__ import annotations
@@ -17,24 +17,23 @@ from pathlib import Path
 import numpy as np
 import torch
 from scipy.interpolate import CubicSpline
-from scipy.signal import welch
 from torch import Tensor
 
 import torchliner as tl
 from common import RESULTS, options_of, parser_of
-from studies.arrival_figures import draw_attenuation, draw_effects, draw_spectra
+from studies.arrival_figures import draw_attenuation, draw_effects
 from studies.poisson import CLOSED_FORMS, poisson_attenuation
 from torchliner.bursts.arrivals import GridSignal, onto_grid
 from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
 from torchliner.names import GRID_METHODS
-from torchliner.report.numbers import Array, Curves
+from torchliner.report.numbers import Curves
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
 KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the record that is truth
 RATES = (8e3, 10e3, 15e3, 20e3, 25e3, 35e3, 50e3, 100e3)
 PUBLISHED = {15e3: 0.84, 25e3: 0.94, 50e3: 0.98}
 SHORT, LONG = 0.1, 2.0  # s; records for the errors of amplitudes, and for all else
-SPECTRUM_RATE, GRID = 15e3, 60e3  # Hz; grid: 40 steps a period, three times the turbulence's end
+GRID = 60e3  # Hz: 40 steps a period, three times the turbulence's end
 VARIABLE = "mean rate (Hz)"
 RULES = ("averaged", "self-consistent")
 CORRECTED = ("linear, tone corrected", "linear, tone and its noise corrected")
@@ -118,26 +117,6 @@ def amplitude_errors(draws: int) -> Curves:
     return Curves(np.array(RATES), numbers, f"{draws} draws of {SHORT:g} s", VARIABLE)
 
 
-def spectra() -> list[Curves]:
-    """Power spectral densities: known everywhere, and rebuilt."""
-    flow = Flow(LONG, 77)
-    times = flow.arrivals(SPECTRUM_RATE)
-    values = flow.velocity(times)
-    found: list[Curves] = []
-    for method in GRID_METHODS:
-        signal = onto_grid(times, values, GRID, method)
-        if not found:
-            found.append(_welch(flow.velocity(signal.grid.times), "velocity known everywhere"))
-        found.append(_welch(signal.values, method))
-    return found
-
-
-def _welch(signal: Tensor, label: str) -> Curves:
-    frequency, density = welch(signal.numpy(), GRID, nperseg=2000)
-    numbers: Array = np.asarray(density, dtype=np.float64)
-    return Curves(np.asarray(frequency), {"density (m2/s2/Hz)": numbers}, label, "frequency (Hz)")
-
-
 def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
     """Panels of rms and Z by method, relative to the truth of the same draw; and all numbers."""
     rows = []
@@ -181,14 +160,9 @@ def study(folder: Path, draws: int) -> dict[str, Curves]:
     factors, closed = attenuation_tables()
     errors = amplitude_errors(draws)
     draw_attenuation(factors, closed, PUBLISHED, errors, folder / "ldv_attenuation.png")
-    found = spectra()
-    title = f"tone and turbulence, {SPECTRUM_RATE / 1e3:g} kHz mean rate"
-    draw_spectra(found, title, 30e3, 1e-8, folder / "ldv_spectra.png")
     panels, numbers = effects()
     draw_effects(panels, folder / "ldv_effects.png")
-    tables = {"attenuation": factors, "closed_forms": closed, "errors": errors, "effects": numbers}
-    stems = (table.label.split(",")[0].replace(" ", "_") for table in found)
-    return tables | {f"spectrum_{stem}": table for stem, table in zip(stems, found, strict=True)}
+    return {"attenuation": factors, "closed_forms": closed, "errors": errors, "effects": numbers}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

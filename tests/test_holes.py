@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from conftest import DATA, SHARED
+from conftest import DATA
 
 import torchliner as tl
-from studies.resolved_cases import read_resolved
 from torchliner.cli.main import main
 from torchliner.records.holes import merged_bands
 
@@ -153,14 +152,3 @@ def test_shipped_tables_lie_on_their_planes_one_hole_a_cell(name, case):
     assert holes.diameter == pytest.approx([liner.orifice_diameter] * len(holes), rel=5e-3)
     centres = liner.cell_pitch * (np.arange(len(holes)) + 0.5)
     assert holes.x == pytest.approx(centres, rel=2e-3)
-
-
-def test_the_full_files_say_where_their_holes_are():
-    path = SHARED / "data/resolved_more.h5"
-    if not path.exists():
-        pytest.skip("the full simulation files are not here")
-    for case, name in (("n145", "slit_n"), ("o130", "orifice_o"), ("t015_145", "orifice_t")):
-        known, told = read_resolved(path, case, 0).holes, tl.read_holes(DATA / f"holes_{name}.csv")
-        assert np.allclose(known.x, told.x, rtol=1e-5)
-        assert np.allclose(known.diameter, told.diameter, rtol=1e-5)
-        assert (known.z is None) == (told.z is None)

@@ -19,7 +19,6 @@ from torchliner.report.of_fits import truth_table
 from torchliner.studies.validate import validate
 
 page = load_script("truth_page")
-MORE_CASES = load_script("make_data").MORE_CASES
 PAGE = page.PAGE.read_text(encoding="utf-8")
 TABLES = page.blocks_of(PAGE)
 ROWS = page.read_rows(page.FIGURES / "truth_errors.csv")

@@ -6,10 +6,9 @@ import math
 
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, SHARED, plane_of, turbulence
+from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
-from studies.resolved_cases import read_resolved
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -57,10 +56,9 @@ def test_walls_dilute_the_admittance(mixed, liner):
     assert "3 of 5 probes (60 %)" in next(note.text for note in found.notes if note.code == "wall-filter")
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="full simulation files are not here")
-def test_full_n130_between_the_holes():
+def test_n130_between_the_holes():
     """At 0.5 mm v between the slits is the wave's, and as coherent: without turbulence no probe is a wall."""
-    plane = read_resolved(SHARED / "data" / "resolved_liner_lbm.h5", "n130", 0, stride=2)
+    plane = tl.read_plane(DATA / "slit_n130_y0.5mm.h5")
     found = tl.educe(plane, tl.load_liner("lbm_slit"), wall_filter=0.5)
     assert float(found.coherence.min()) > 0.5
     assert not bool(found.wall.any())

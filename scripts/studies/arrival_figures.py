@@ -82,39 +82,6 @@ def draw_attenuation(
 
 
 @styled
-def draw_spectra(
-    spectra: Sequence[Curves],
-    title: str,
-    highest: float,
-    lowest: float,
-    path: str | Path | None = None,
-) -> Figure:
-    """Power spectral densities over frequency, each table's one column.
-
-    Args:
-        spectra: m2/s2/Hz over Hz, named by their labels.
-        title: of the figure.
-        highest: Hz, end of the axis.
-        lowest: m2/s2/Hz, bottom of the axis.
-        path: file.
-    """
-    figure, axes = subplots(1, 1, 3.4)
-    axis = axes[0, 0]
-    for table in spectra:
-        (values,) = table.values.values()
-        colour, width = (LOOKS[table.label][0], 1.0) if table.label in LOOKS else ("k", 2.0)
-        shown = (table.at > 0) & (table.at <= highest) & (values > 0)
-        axis.plot(KILO * table.at[shown], values[shown], color=colour, linewidth=width, label=table.label)
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_ylim(bottom=lowest)
-    axis.set_xlabel("$f$ (kHz)")
-    axis.set_ylabel(r"$S_{vv}$ (m$^2$ s$^{-2}$ Hz$^{-1}$)")
-    axis.legend(loc="lower left")
-    return finish(figure, path, title)
-
-
-@styled
 def draw_effects(tables: Sequence[tuple[str, Curves, float]], path: str | Path | None = None) -> Figure:
     """Quantities over the mean rate, a panel each: (axis label, values by method, truth)."""
     figure, axes = subplots(1, len(tables), 3.1)
