@@ -41,12 +41,7 @@ def noted() -> Iterator[list[str]]:
 
 
 def tell(notes: str | Iterable[str], depth: int = 1) -> None:
-    """Warn of each note once, as a ``DataWarning``.
-
-    Args:
-        notes: a sentence or several.
-        depth: whose line the warning names: 1, that which called the function that tells; 2, the one above it.
-    """
+    """Warn of each note as a ``DataWarning``; ``depth``: how far above the caller is the line that it names."""
     for note in [notes] if isinstance(notes, str) else notes:
         for heard in _heard.get():
             heard.append(note)
@@ -60,8 +55,7 @@ def plain_number(value: Any) -> float:
 
 def _plain(kinds: tuple[type, ...], needed: str, name: str, value: Any) -> Any:
     """What is one of these kinds, or an array or tensor of one element that is."""
-    single = hasattr(value, "item") and math.prod(value.shape) == 1
-    plain = value.item() if single else value
+    plain = value.item() if hasattr(value, "item") and math.prod(value.shape) == 1 else value
     if not isinstance(plain, kinds) or (isinstance(plain, bool) and bool not in kinds):
         raise TypeError(f"{name} is {value!r}; {needed} is needed")
     return kinds[-1](plain)
@@ -77,39 +71,35 @@ def whole_number(name: str, value: Any) -> int:
     return int(_plain((int,), "a whole number", name, value))
 
 
-def _named_values(name: str, values: Any) -> dict[str, complex]:
-    return {key: KINDS["complex | Tensor"](f"{name}[{key!r}]", value) for key, value in dict(values).items()}
-
-
-KINDS: dict[str, Callable[[str, Any], Any]] = {
+_complex = partial(_plain, (int, float, complex), "one number, complex or real,")
+_BY_ANNOTATION: dict[str, Callable[[str, Any], Any]] = {
     "float": one_number,
     "int": whole_number,
     "bool": partial(_plain, (bool,), "True or False"),
-    "complex | Tensor": partial(_plain, (int, float, complex), "one number, complex or real,"),
-    "Mapping[str, complex]": _named_values,
+    "complex | Tensor": _complex,
+    "Mapping[str, complex]": lambda name, values: {k: _complex(f"{name}[{k!r}]", v) for k, v in dict(values).items()},
 }
 
 
 def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
-    """Numbers, whole numbers and switches of a frozen dataclass as Python's own.
+    """Numbers, whole numbers and switches of a frozen dataclass as Python's own; None stays None.
 
-    A NumPy scalar computes in its own precision: a sampling rate in float32, as a float32 time axis gives it, moves
-    phases by 1e-3 within a second.
+    A NumPy scalar computes in its own precision: a sampling rate in float32 moves phases by 1e-3 within a second.
 
     Args:
-        record: its fields are known by their annotations; None stays None.
+        record: its fields are known by their annotations.
         prefix: of their names in messages; default the record's own name.
         tensors: leave tensors, through which derivatives may pass.
     Raises:
-        TypeError: a field of another kind; the message names record and field.
+        TypeError: a field of another kind.
     """
     prefix = prefix or (f"{record.name}: " if getattr(record, "name", "") else "")
     for each in fields(record):
-        kind = KINDS.get(str(each.type).removesuffix(" | None"))
+        read = _BY_ANNOTATION.get(str(each.type).removesuffix(" | None"))
         value = getattr(record, each.name)
-        if kind is None or (value is None and "None" in each.type) or (tensors and isinstance(value, Tensor)):
+        if read is None or (value is None and "None" in each.type) or (tensors and isinstance(value, Tensor)):
             continue
-        object.__setattr__(record, each.name, kind(f"{prefix}{each.name}", value))
+        object.__setattr__(record, each.name, read(f"{prefix}{each.name}", value))
 
 
 def require_positive(name: str, value: Any) -> None:
@@ -137,12 +127,8 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
 
 
 def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
-    """What is like an array, as one.
+    """An array, list or number as an array; ``missing``: masked real numbers become nan, else they are refused.
 
-    Args:
-        value: array, list, number, or what NumPy takes for an array.
-        name: for messages.
-        missing: masked real numbers become nan, of a floating-point dtype; else they are refused.
     Raises:
         TypeError: a table, whose rows and columns have names that an array has not.
         ValueError: masked values.
@@ -151,21 +137,17 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
         raise TypeError(f"{name} is a {type(value).__name__}; give .to_numpy(), its axes as documented")
     if isinstance(value, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in value):
         value = np.ma.stack(value)
-    masked = np.ma.getmaskarray(value) if isinstance(value, np.ma.MaskedArray) else np.zeros(0, bool)
-    if not masked.any():
+    count = int(np.ma.count_masked(value)) if isinstance(value, np.ma.MaskedArray) else 0
+    if not count:
         return np.asarray(value)
     if not missing or value.dtype.kind not in "fiu":
-        raise ValueError(f"{name} has {int(masked.sum())} masked values of {value.size}; fill them or leave them out")
-    floats = value.data if value.dtype.kind == "f" else value.data.astype(np.float64)
-    return np.where(masked, floats.dtype.type(np.nan), floats)
+        raise ValueError(f"{name} has {count} masked values of {value.size}; fill them or leave them out")
+    return value.astype(value.dtype if value.dtype.kind == "f" else np.float64).filled(np.nan)
 
 
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
-    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept.
+    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept, arrays copied.
 
-    Args:
-        value: an array is copied, a tensor of ``dtype`` is not.
-        name: for messages.
     Raises:
         TypeError: complex numbers, truth values, text, None.
     """
@@ -184,13 +166,8 @@ def phase_tensor(value: Any) -> Tensor:
 
 
 def stated_frequency(frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None) -> Tensor:
-    """What is asked for, else what a record states, Hz, (F,).
+    """What is asked for, else the ``tone`` that the record ``name`` states, Hz, (F,).
 
-    Args:
-        frequency: asked for; None takes ``tone``.
-        tone: that of the record, if it states one.
-        name: of the record, for messages.
-        sampling_rate: Hz; half of it is the limit.
     Raises:
         ValueError: neither is known; as ``frequency_tensor``.
     """
@@ -207,10 +184,10 @@ def index_of_frequency(known: Tensor, frequency: float) -> int | None:
 
 
 def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tensor:
-    """Frequencies in Hz as a float64 tensor of shape (F,), checked against Nyquist if given.
+    """Frequencies in Hz as a float64 tensor, (F,).
 
     Raises:
-        ValueError: a frequency is not finite and positive, or is at or above half the sampling rate.
+        ValueError: none; one that is not finite and positive, or at or above half the sampling rate, if that is given.
     """
     wanted = real_tensor(frequency, name="frequency (Hz)").reshape(-1)
     if wanted.numel() == 0:

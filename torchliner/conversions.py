@@ -20,8 +20,6 @@ def reflection_from_impedance(impedance: Tensor) -> Tensor:
 
     Args:
         impedance: z = p/(rho c v), normalised, complex, any shape.
-    Returns:
-        R, dimensionless; shape, dtype and device of ``impedance``.
     Raises:
         TypeError: if ``impedance`` is real.
     Source: Roncen et al. (2026), eq. (2.9), rearranged so that z = inf gives 1 and not nan.
@@ -42,9 +40,7 @@ def impedance_from_reflection(reflection: Tensor) -> Tensor:
         TypeError: if ``reflection`` is real.
     """
     require_complex("reflection", reflection)
-    rigid = reflection == 1
-    found = (1 + reflection) / torch.where(rigid, torch.ones_like(reflection), 1 - reflection)
-    return torch.where(rigid, torch.full_like(found, torch.inf), found)
+    return _ratio(1 + reflection, 1 - reflection)
 
 
 def admittance_from_reflection(reflection: Tensor) -> Tensor:
@@ -56,9 +52,13 @@ def admittance_from_reflection(reflection: Tensor) -> Tensor:
 def impedance_from_admittance(admittance: Tensor) -> Tensor:
     """Normalised impedance 1/y; inf, not nan, where y = 0 (a rigid wall)."""
     require_complex("admittance", admittance)
-    rigid = admittance == 0
-    found = 1 / torch.where(rigid, torch.ones_like(admittance), admittance)
-    return torch.where(rigid, torch.full_like(found, torch.inf), found)
+    return _ratio(torch.ones_like(admittance), admittance)
+
+
+def _ratio(over: Tensor, under: Tensor) -> Tensor:
+    """Their quotient; inf, whose gradient is 0, where the denominator is 0."""
+    zero = under == 0
+    return torch.where(zero, torch.inf, over / torch.where(zero, 1, under))
 
 
 def mean_impedance(admittance: Tensor, axis: int = 0, weights: Tensor | None = None) -> Tensor:

@@ -24,9 +24,8 @@ class Fluid:
         prandtl: Pr = nu/kappa.
     Raises:
         ValueError: a value is not finite and positive, or gamma < 1.
-    Source: Roncen et al. (2026), below eq. (2.2). Departure from print: kappa, there a "thermal
-        conductivity", has to be the diffusivity nu/Pr for k_kappa = sqrt(j omega/kappa) to be a
-        wavenumber.
+    Source: Roncen et al. (2026), below eq. (2.2). Departure from print: kappa, there a "thermal conductivity", has to
+        be the diffusivity nu/Pr for k_kappa = sqrt(j omega/kappa) to be a wavenumber.
     """
 
     sound_speed: float = 343.2
@@ -47,13 +46,10 @@ class Fluid:
         """Dry air as a perfect gas with Sutherland's viscosity.
 
         Args:
-            temperature: K, 150 to 1500 (range of the viscosity law).
-            pressure: Pa.
-
-        Both may be 0-d float64 tensors, through which derivatives pass.
-
+            temperature: K, 150 to 1500 (range of the viscosity law); a float or a 0-d float64 tensor.
+            pressure: Pa; likewise.
         Raises:
-            ValueError: temperature outside the range; 20 instead of 293.15 is the usual slip.
+            ValueError: temperature outside the range.
         """
         if not 150.0 <= temperature <= 1500.0:
             raise ValueError(
@@ -85,13 +81,11 @@ class Fluid:
 
 def gas_warnings(liner: Fluid, around: Fluid, name: str) -> list[str]:
     """What a liner's gas and that around it, of ``name``, state differently."""
-    pairs = (
-        ("sound speed", liner.sound_speed, around.sound_speed, "m/s"),
-        ("density", liner.density, around.density, "kg/m3"),
-    )
+    unit = {"sound_speed": "m/s", "density": "kg/m3"}
+    pairs = [(label, float(getattr(liner, label)), float(getattr(around, label))) for label in unit]
     return [
-        f"{label} is {float(mine):.5g} {unit} in the liner and {float(theirs):.5g} {unit} in "
-        f"{name}; the liner's is used for the model (liner.replace(fluid=...) takes another)"
-        for label, mine, theirs, unit in pairs
-        if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
+        f"{label.replace('_', ' ')} is {mine:.5g} {unit[label]} in the liner and {theirs:.5g} {unit[label]} in {name}; "
+        "the liner's is used for the model (liner.replace(fluid=...) takes another)"
+        for label, mine, theirs in pairs
+        if abs(mine / theirs - 1) > FLUID_TOLERANCE
     ]

@@ -25,36 +25,34 @@ def window_weights(name: Any, samples: int) -> Tensor:
     """A window of scipy in its periodic form, float64, (samples,).
 
     Args:
-        name: ``hann`` and so on; windows with a parameter as a tuple or as text, ``("kaiser", 8.0)`` or ``"kaiser,8"``.
+        name: ``hann`` and so on; one with parameters as text, ``"kaiser,8"``, or as scipy takes it, ``("kaiser", 8)``.
         samples: N.
     Raises:
-        TypeError: no name: an array of weights, a number.
-        ValueError: scipy knows no such window, or it needs a parameter.
+        TypeError, ValueError: scipy knows no such window, or it needs a parameter.
     """
-    label = name if isinstance(name, str) else ",".join(map(str, name)) if isinstance(name, tuple | list) else None
-    if label is None:
-        raise TypeError(f"window is {type(name).__name__}; it is a name, as 'hann' or 'kaiser,8', to fit any length")
-    if label == "boxcar":
+    if name == "boxcar":
         return torch.ones(samples, dtype=torch.float64)
-    if label == "hann":
+    if name == "hann":
         return torch.hann_window(samples, periodic=True, dtype=torch.float64)
+    if not isinstance(name, str | tuple):
+        raise TypeError(f"window is {type(name).__name__}; it is a name, as 'hann' or 'kaiser,8', to fit any length")
     from scipy.signal import get_window  # takes half a second or more to import
 
-    kind, *parameters = label.split(",")
+    kind, *parameters = name.split(",") if isinstance(name, str) else name
     try:
-        arguments: Any = (kind, *(float(p) for p in parameters)) if parameters else kind
-        return torch.as_tensor(get_window(arguments, samples, fftbins=True)).double()
+        window: Any = (kind, *map(float, parameters)) if parameters else kind
+        return torch.as_tensor(get_window(window, samples, fftbins=True)).double()
     except (ValueError, TypeError) as error:
-        raise ValueError(f"unknown window {label!r}: {error}; any of scipy.signal.get_window will do") from error
+        raise ValueError(f"unknown window {name!r}: {error}; any of scipy.signal.get_window will do") from error
 
 
 def tone_amplitudes(signal: Tensor, frequency: Tensor, sampling_rate: float, weights: Tensor, begin: int = 0) -> Tensor:
     r"""Amplitude A of the tone in m + A e^{j omega t} + A* e^{-j omega t}, exact in any record.
 
     With the window's sums :math:`S_q = \sum w\,e^{-jq\omega t}` the windowed lines of such a signal are
-    :math:`L_1 = A S_0 + A^* S_2 + m S_1` and :math:`L_0 = m S_0 + 2 Re(A S_1^*)`. The mean m is eliminated,
-    :math:`L = L_1 - S_1 L_0/S_0 = A a + A^* b` with :math:`a = S_0 - |S_1|^2/S_0, b = S_2 - S_1^2/S_0`, and both A and
-    A* are solved for. At the bins of a periodic Hann window (from the second on) this is the plain transform.
+    :math:`L_1 = A S_0 + A^* S_2 + m S_1` and :math:`L_0 = m S_0 + 2 Re(A S_1^*)`. Without the mean m,
+    :math:`L_1 - S_1 L_0/S_0 = A a + A^* b` with :math:`a = S_0 - |S_1|^2/S_0, b = S_2 - S_1^2/S_0`, which is solved
+    for A. At the bins of a periodic Hann window (from the second on) this is the plain transform.
 
     Args:
         signal: real, (..., n).  frequency: Hz, (F,).  sampling_rate: Hz.  weights: window, (n,).
@@ -104,27 +102,22 @@ def segment_amplitudes(
     """Complex tone amplitudes of each segment, (S, ..., F), on one clock; see ``tone_amplitudes``.
 
     Args:
-        signal: real, (..., T).  frequency: Hz, (F,).  sampling_rate: Hz.
-        window: any window of scipy.
-        segment: s, overlapping by half; None for one segment of the whole record, which wastes nothing of a short one.
+        signal: real, (..., T).  frequency: Hz, (F,).  sampling_rate: Hz.  window: any window of scipy.
+        segment: s, overlapping by half; None for one segment of the whole record.
         start: s at the beginning that are left out.
     Raises:
         ValueError: no segment fits, or one is too short for a frequency.
     """
     samples, first = signal.shape[-1], round(start * sampling_rate)
     if not 0 <= first <= samples - 2:
+        raise ValueError(f"start is {start:g} s; it must lie within the record's {samples / sampling_rate:g} s")
+    longest = samples - first
+    if segment is not None and not 2 <= segment * sampling_rate < longest + 0.5:
         raise ValueError(
-            f"start is {start:g} s; it must be at least 0 and leave something of the record's "
-            f"{samples / sampling_rate:g} s"
+            f"segment is {segment:g} s; it must be from {2 / sampling_rate:g} to {longest / sampling_rate:g} s, which "
+            f"is 2 to {longest} samples"
         )
-    if segment is not None and not math.isfinite(segment):
-        raise ValueError(f"segment is {segment:g} s; it must be finite")
-    length = samples - first if segment is None else round(segment * sampling_rate)
-    if not 2 <= length <= samples - first:
-        raise ValueError(
-            f"segment is {segment:g} s, {length} samples; it must have 2 to the record's {samples - first} "
-            f"({(samples - first) / sampling_rate:g} s)"
-        )
+    length = longest if segment is None else round(segment * sampling_rate)
     weights, step = window_weights(window, length), length // 2
     frames = signal[..., first:].unfold(-1, length, step)  # a view, (..., S, n)
     together = max(1, ELEMENTS // (length * max(1, math.prod(signal.shape[:-1]))))
@@ -164,22 +157,15 @@ def transfer_from_amplitudes(driver: Tensor, response: Tensor) -> Transfer:
 def transfer_function(
     driver: Tensor, response: Tensor, frequency: Tensor, sampling_rate: float, **cut: Any
 ) -> Transfer:
-    """H1 = response/driver of two real signals (..., T) at the frequencies (F,), Hz.
+    """H1 = response/driver of two real signals at the frequencies (F,), Hz.
 
-    Over segments at their own bins this is scipy's csd(driver, response)/welch(driver); between the bins, and over a
-    whole record of any length, tones come out exactly.
+    Over segments at their own bins this is scipy's csd(driver, response)/welch(driver); tones come out exactly between
+    the bins too.
 
     Args:
         driver, response: x and y, (..., T), same times; leading axes broadcast.
-        frequency, sampling_rate: as for ``segment_amplitudes``.
-        cut: its ``window``, ``segment`` and ``start``.
-    Raises:
-        ValueError: lengths differ, or as ``segment_amplitudes``.
+        frequency, sampling_rate, cut: as for ``segment_amplitudes``.
     """
-    if driver.shape[-1] != response.shape[-1]:
-        raise ValueError(
-            f"driver has {driver.shape[-1]} samples, response {response.shape[-1]}; they share one time base"
-        )
     return transfer_from_amplitudes(
         *(segment_amplitudes(x, frequency, sampling_rate, **cut) for x in (driver, response))
     )

@@ -44,12 +44,8 @@ SI_QUANTITY = {unit: quantity for quantity, units in FACTORS.items() for unit, f
 
 
 def si_factor(quantity: str, unit: str | None, name: str) -> float:
-    """Factor from ``unit`` to SI.
+    """Factor to SI of a ``unit`` as found (None: there is none) of a quantity of ``FACTORS``, at ``name``.
 
-    Args:
-        quantity: a key of ``FACTORS``.
-        unit: as found; None if there is none.
-        name: FILE:/dataset, for the message.
     Raises:
         ValueError: no unit, or one that is not of this quantity.
     """
@@ -93,13 +89,10 @@ PLAUSIBLE = {
 
 
 def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[int] | None = None) -> None:
-    """Refuse finite values that are none of a quantity; nan and inf are the reader's affair.
+    """Refuse finite values (SI) that are none of a quantity; nan and inf are the reader's affair.
 
     Args:
-        values: array, SI.
-        quantity: a key of ``FACTORS``.
-        label: FILE:/dataset or FILE: column, for the message.
-        lines: number of the line of each value, for the message.
+        values: array.  quantity: a key of ``FACTORS``.  label: where they stand.  lines: of a file, one a value.
     Raises:
         ValueError: a value lies outside ``PLAUSIBLE``.
     """
@@ -119,15 +112,13 @@ _TEXT = re.compile(r"(?:±|\+/?-)?\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-
 
 
 def parse_tolerance(text: Any, name: str, quantity: str, value: float) -> float:
-    """Half-width of a tolerance in SI units.
+    """Half-width of a tolerance, SI, from text such as "0.02 mm", "+-0.02 mm", "2 %".
 
     Args:
-        text: text such as "0.02 mm", "+-0.02 mm", "2 %"; a plain number only for what has no unit.
-        name: of the parameter, for messages.
-        quantity: its kind, a key of ``FACTORS``.
-        value: of the parameter, SI, to which per cent refer.
+        text: a plain number only for what has no unit.
+        name, quantity, value: of the parameter; a key of ``FACTORS``; SI, to which per cent refer.
     Raises:
-        ValueError: no unit or a wrong one (the allowed ones are listed), not above 0, or per cent of 0.
+        ValueError: no unit or a wrong one, not above 0, or per cent of 0.
     """
     units = {**FACTORS[quantity], "%": abs(value) / 100}
     found = _TEXT.fullmatch(str(text).strip())
