@@ -145,7 +145,7 @@ def test_the_tone_is_corrected_whatever_is_asked_for(onera):
     assert float((as_is.impedance - alone.impedance).abs()) > 0.05
     sparse = station(3, rate=2500.0, seconds=1.0)
     low = {"frequency": 500.0, "flagged": "use", "segment": 0.2}
-    with pytest.raises(ValueError, match=r"s3: .* period of 1500 Hz; .* .correction='none' leaves a stated tone"):
+    with pytest.raises(ValueError, match=r"s3: .* period of 1500 Hz, .* .correction='none' leaves a stated tone"):
         educed([sparse], onera, **low)
     assert not bool(educed([sparse], onera, correction="none", **low).corrected)
 
@@ -176,8 +176,6 @@ def test_flagged_stations_are_never_used_in_silence(onera):
     assert torch.equal(found.average.impedance, alone.average.impedance)
     used = educed([good, bad], onera, flagged="use")
     assert used.average.stations == 2
-    with pytest.raises(ValueError, match=r"zeros\.txt is flagged: 33 % .*flagged='exclude'"):
-        educed([good, bad], onera, flagged="refuse")
     with pytest.raises(ValueError, match="no station counts: all are flagged"):
         educed([bad], onera)
 
@@ -270,7 +268,6 @@ def test_faulty_stations_are_refused(onera):
         ),
         ([good, station(5, x=0.0)], {}, "s0 and s5 have the same position"),
         ([station(3, rate=2500.0)], {"flagged": "use"}, r"s3: .* fewer than two a period of 1500 Hz"),
-        ([good], {"frequency": [FREQUENCY, FREQUENCY]}, "asked for twice"),
         ([good], {"grid_rate": 1e308}, r"s0: a grid of 1e\+308 Hz"),
     ]
     for stations, options, message in rows:
@@ -283,7 +280,7 @@ def test_a_tone_that_is_lost_is_not_raised_from_noise(onera):
     record = station(0, rate=3300.0, seconds=1.5)
     with pytest.raises(
         ValueError,
-        match=r"linear reconstruction leaves 0\.\d+ of the tone; a "
+        match=r"linear reconstruction leaves 0\.\d+ of the tone, and a "
         r"correction would raise noise .*correction='none'",
     ):
         educed([record], onera, flagged="use", segment=0.2)

@@ -52,7 +52,7 @@ GRID_METHODS = ("linear", "hold", "band-limited")
 STATION_WINDOWS = ("whole-periods", "hann")
 CORRECTIONS = ("none", "tone", "tone-and-noise")
 FILTERS = ("times", "zero-runs", "outliers")
-FLAGGED = ("exclude", "use", "refuse")
+FLAGGED = ("exclude", "use")
 SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of columns of text
 
 # Ducts and pressures.

@@ -2,16 +2,13 @@ r"""Random samples onto a uniform grid: velocities that are known at the arrival
 
 Each of the three methods is linear in the values and fixed by the arrival times, so that what it does to a tone can be
 computed for the very arrivals of a record (``tone_damping``). ``linear`` (the paper, section 3.3) draws straight lines
-between the arrivals, ``hold`` keeps the last value, ``band-limited`` is a least-squares fit.
-
-The fit is in splines of degree 5 on uniform knots 1/(2 B) apart, which tend to the functions band-limited to B as their
-degree grows (Unser 1999). Their basis is short: the normal equations are banded, the cost is that of a filter, and a
-gap spoils its neighbourhood alone. A truncated Fourier series would need a non-uniform FFT, and its fit is global.
+between the arrivals, ``hold`` keeps the last value, ``band-limited`` is a least-squares fit in splines of degree 5 on
+uniform knots 1/(2 B) apart, which tend to the functions band-limited to B as their degree grows (Unser 1999). The
+normal equations are banded, so that the cost is that of a filter, and a gap spoils its neighbourhood alone.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -68,8 +65,7 @@ class ArrivalGrid:
         if not 1 <= seconds * rate + ROUNDING <= MOST_POINTS * max(len(times), FEWEST):
             raise ValueError(
                 f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {1 + seconds * rate:.3g} points for "
-                f"{len(times)} arrivals; two at least and {MOST_POINTS} for each at most are possible: are the times "
-                "in s?"
+                f"{len(times)} arrivals; 2 to {MOST_POINTS} for each are possible: are the times in s?"
             )
         return cls(times, float(rate), method, float(band), name)
 
@@ -83,7 +79,7 @@ class ArrivalGrid:
         """From the first arrival to the last one."""
         return float(self.arrival_times[-1] - self.arrival_times[0])
 
-    @functools.cached_property
+    @property
     def samples(self) -> int:
         """T."""
         return math.floor(self.seconds * self.rate + ROUNDING) + 1
@@ -98,7 +94,7 @@ class ArrivalGrid:
         """Arrivals a second: intervals over their sum."""
         return (len(self.arrival_times) - 1) / self.seconds
 
-    @functools.cached_property
+    @property
     def longest_gap(self) -> tuple[float, float]:
         """Between arrivals, s, and where it begins, s on their clock."""
         length, place = self.arrival_times.diff().max(0)
@@ -119,11 +115,10 @@ class ArrivalGrid:
 
 @dataclass(frozen=True, eq=False)
 class GridSignal:
-    """Values (T,), in the unit given, on a grid; ``notes`` are what was warned of."""
+    """Values (T,), in the unit given, on a grid."""
 
     values: Tensor
     grid: ArrivalGrid
-    notes: tuple[str, ...] = ()
 
 
 def onto_grid(
@@ -140,29 +135,28 @@ def onto_grid(
 
     Args:
         arrival_times: s, increasing, (N,).  values: (N,), m/s or any unit.
-        rate: of the grid, Hz; default twice the mean rate of the arrivals, and with a tone 16 steps a period at least,
-            in whole steps. A finer grid adds points, no information.
+        rate: of the grid, Hz; default twice the mean rate of the arrivals, with a tone at least 16 whole steps a
+            period. A finer grid adds points, no information.
         method: ``linear``, ``hold`` or ``band-limited``.
         frequency: of the tone, Hz, for a default rate.
         band: B of ``band-limited``, Hz; default a quarter of the mean rate.
         name: how messages call the data.
     Raises:
-        ValueError: times do not increase, fewer than two samples, nan, lengths that differ, a rate or band that is not
-            above 0, a grid of fewer than two points or more than 1000 for an arrival.
+        ValueError: times that do not increase, fewer than two samples, nan, unequal lengths, a grid that is too coarse
+            or too fine.
     Warns:
         DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
     """
     times, numbers = checked_bursts(arrival_times, values, name)
     grid = ArrivalGrid.of(times, rate, method, frequency, band, name)
-    (length, begin), notes = grid.longest_gap, []
+    length, begin = grid.longest_gap
     if length * grid.mean_rate > LONG_GAP:
-        notes = [
+        tell(
             f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
             f"{length * grid.mean_rate:.3g} mean intervals (limit {LONG_GAP:g}); what lies in it is made up"
-        ]
-    tell(notes)
-    return GridSignal(grid(numbers), grid, tuple(notes))
+        )
+    return GridSignal(grid(numbers), grid)
 
 
 def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor]:
@@ -170,14 +164,12 @@ def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, 
     times, numbers = real_tensor(arrival_times).cpu(), real_tensor(values).cpu()
     if times.ndim != 1 or times.shape != numbers.shape or len(times) < 2:
         shapes = f"times have shape {tuple(times.shape)}, values {tuple(numbers.shape)}"
-        raise ValueError(f"{name}: {shapes}; both are (N,), of one station and two samples at least")
+        raise ValueError(f"{name}: {shapes}; both are (N,), two samples at least")
     bad, back = (~torch.isfinite(times + numbers)).nonzero(), (times.diff() <= 0).nonzero()
     if len(bad):
-        raise ValueError(
-            f"{name}: {len(bad)} samples are nan or inf, the first is sample {int(bad[0])}; leave these samples out"
-        )
+        raise ValueError(f"{name}: {len(bad)} samples are nan or inf, first sample {int(bad[0])}; leave them out")
     if len(back):
-        here, after = (float(times[int(back[0]) + i]) for i in (0, 1))
+        here, after = times[int(back[0]) : int(back[0]) + 2].tolist()
         raise ValueError(
             f"{name}: {len(back)} times do not increase, first {here:.9g} s, then {after:.9g} s (sample "
             f"{int(back[0]) + 1}); sort them and keep one sample of each"
@@ -186,10 +178,9 @@ def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, 
 
 
 def _spline_fit(arrival_times: Tensor, values: Tensor, points: Tensor, band: float) -> Tensor:
-    """Least squares in splines, second differences of the coefficients weakly penalised.
+    """Least squares in splines, second differences of the coefficients weakly penalised (Eilers & Marx 1996).
 
-    The penalty (P-splines, Eilers & Marx 1996) leaves constants and straight lines as they are, and is all that holds
-    the curve where a gap leaves a coefficient without arrivals.
+    The penalty leaves straight lines as they are, and is all that holds the curve where a gap leaves no arrivals.
     """
     from scipy.interpolate import BSpline  # takes half a second or more to import
     from scipy.linalg import solveh_banded

@@ -10,13 +10,10 @@ measured one after another, so that their variances add, with the degrees of fre
 over segments is also off because each segment is short and Z is not linear in R: by the mean of Z less Z of the mean R,
 right to second order. The bounds are without that bias, which is stated.
 
-The level check is that of planes (``velocity.level_check``), where a station is a cell of its own. Z and V of a station
-share no blocks of time: the interval adds their standard errors as independent ones. V errs by
-:math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself, from its coherence over n blocks. V of the line is a mean of
-phasors: with a reference channel they are relative to it, without one the times of all stations must count from one
-instant of the generator. If they do not, the mean of V is less than its mean size by more than noise and
-``level_limit`` allow. Sound along the line then has the mean size, which needs no clock; at normal incidence nothing is
-compared.
+The level check is that of planes (``velocity.level_check``), where a station is a cell of its own; the standard errors
+of Z and of V, :math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself from its coherence over n blocks, add as independent
+ones. V of the line is a mean of phasors, for which the stations need a common reference channel. Without one the sound
+along a line has the mean size of V, which needs no clock, and several stations at normal incidence are not compared.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ import dataclasses
 import math
 
 import torch
-from scipy.special import chdtri, ndtri, stdtrit
+from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
 from torchliner.conversions import (
@@ -45,7 +42,6 @@ from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
 from torchliner.velocity.level_check import implied_pressure, turned_back
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
-CHANCE = 1e-3  # of stations on one clock whose phases noise alone sets as far apart
 SEED = 0  # of the Monte Carlo
 Scatter = tuple[Tensor, Tensor, Tensor]  # E|d|^2 and E[d^2] of deviations d, and the independent runs behind them
 
@@ -58,10 +54,7 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
     """
     used, counts, each = line.used, line.segments, segment_admittances(line)
     if not bool(used.any()):
-        raise ValueError(
-            "no station counts: all are flagged; look at them with 'torchliner ldv info', or take them as they are "
-            "with flagged='use'"
-        )
+        raise ValueError("no station counts: all are flagged ('torchliner ldv info'); flagged='use' takes them")
     drawn = monte_carlo(each[used], counts[used], draws, SEED)
     admittance = line.over_segments(each)
     average = LineAverage(
@@ -91,7 +84,7 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
 def station_intervals(reflection: Tensor, counts: Tensor, level: float) -> Interval:
     """Of the means of Z over the segments, (5.1), (N, F): bounds of Z at the mean R, and how far (5.1) is off it."""
     mean = mean_over_segments(reflection, counts)
-    found = interval_of(mean, scatter(reflection, counts), level, FROM_REFLECTION)
+    found = interval_of(mean, scatter(reflection, counts), level, FROM_REFLECTION, torch.zeros_like(mean))
     average = mean_over_segments(impedance_from_reflection(reflection), counts)
     return dataclasses.replace(found, bias=average - impedance_from_reflection(mean))
 
@@ -135,51 +128,36 @@ def scatter(segments: Tensor, counts: Tensor) -> Scatter:
     return power, square, runs
 
 
-def interval_of(
-    value: Tensor, found: Scatter, level: float, conversion: Conversion, bias: Tensor | None = None
-) -> Interval:
+def interval_of(value: Tensor, found: Scatter, level: float, conversion: Conversion, bias: Tensor) -> Interval:
     """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    parts = value, 0 * value if bias is None else bias, power, square, quantile, runs
-    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
-    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
-    return flat.map(lambda each: each.reshape(value.shape))
+    flat = (part.flatten() for part in (value, bias, power, square, quantile, runs))
+    return intervals.impedance_interval(*flat, conversion).map(lambda each: each.reshape(value.shape))
 
 
 def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
     """Of the average, and of each station, against the stated level; or why there is none."""
-    known = stated_pressure(line, line.frequency, line.choices["tone"])
-    if isinstance(known, str) or line.average is None:
-        return known if isinstance(known, str) else "not checked: the line has no average"
-    kind, words, pressure = known
-    used, own, error = line.used, line.velocity_amplitude, _velocity_error(line)
-    turns = torch.ones_like(own)
+    stated = stated_pressure(line, line.frequency, line.choices["tone"])
+    if isinstance(stated, str) or line.average is None:
+        return stated if isinstance(stated, str) else "not checked: the line has no average"
+    kind, words, pressure = stated
+    used, own, error, count = line.used, line.velocity_amplitude, _velocity_error(line), line.average.stations
+    size, turns = own[used].abs(), torch.ones_like(own)
     if kind != INCIDENT:
         turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency, float(line.fluid.sound_speed))
-    size, count = own[used].abs(), line.average.stations
     mean, spread = (turns * own)[used].mean(0), (size * error[used]).square().sum(0).sqrt() / count
-    # The mean of V in shares of its mean size, and the least of it that noise leaves on one clock.
-    share = mean.abs() / size.mean(0)
-    noise = (size * error[used].clamp(max=1).square()).mean(0) / 2 / size.mean(0)
-    least = (1 - noise * float(chdtri(max(1, count - 1), CHANCE)) / count) / 10 ** (choices.level_limit / 20)
-    apart = (share < least) & ~pressure.isnan() & (not line.choices["referred"])
-    if bool(apart.any()):
+    if count > 1 and not line.choices["referred"]:
         if kind == INCIDENT:
-            return (
-                "not checked: without a reference channel the phases of V at the stations disagree, its mean is "
-                f"{float(share[apart]):.2f} of its mean size (on one clock {float(least[apart]):.2f} at least). Give a "
-                "reference channel, or count the times of all stations from one instant of the generator"
-            )
-        words = f"{words}, mean size of V, as the phases of the stations disagree"
-        mean = torch.where(apart, size.mean(0), mean)
+            return "not checked: the stations share no reference channel, without which V has no mean; give one"
+        words, mean = f"{words}, mean size of V, without a reference channel", size.mean(0).to(own.dtype)
     # The whole line first, then its stations.
     z, velocity = torch.cat([line.average.impedance[None], line.impedance]), torch.cat([mean[None], own])
     height = torch.cat([line.y[used].nanmean()[None], line.y]).nan_to_num()[:, None] * (kind == INCIDENT)
     ratio = implied_pressure(kind, line.fluid, line.frequency, height, z, velocity) / pressure
-    ends, intervals = None, (line.average.interval, line.interval)
-    if choices.interval is not None and intervals[0] is not None and intervals[1] is not None:
-        of_z = torch.cat([intervals[0].standard_error[None], intervals[1].standard_error])
+    ends, bounds = None, (line.average.interval, line.interval)
+    if choices.interval is not None and bounds[0] is not None and bounds[1] is not None:
+        of_z = torch.cat([bounds[0].standard_error[None], bounds[1].standard_error])
         value = z + velocity[:1] / velocity if kind == INCIDENT else z
         of_value = torch.hypot(value.real * of_z.real, value.imag * of_z.imag) / value.abs() ** 2
         of_size = torch.hypot(of_value, torch.cat([(spread / mean.abs())[None], error]))

@@ -30,7 +30,7 @@ class StationChoices:
         overlap: share of a segment that the next one covers too (the paper: 0.5).
         window: of a segment: ``whole-periods``, each of which weighs alike, or ``hann`` on the reflected signal (the
             paper).
-        flagged: stations with doubtful bursts: ``exclude`` from the averages, ``use`` or ``refuse`` them.
+        flagged: stations with doubtful bursts: ``exclude`` from the averages or ``use`` them.
         monte_carlo: draws of (5.2) (the paper: 5000).
         filters: which bursts count.
     """
@@ -50,9 +50,7 @@ class StationChoices:
         make_plain(self)
         for name, known in NAMED.items():
             require_choice(name, getattr(self, name), known)
-        for name, unit in (("segment", "s"), ("grid_rate", "Hz"), ("band_limit", "Hz")):
-            if getattr(self, name) is not None:
-                require_positive(f"{name} ({unit})", getattr(self, name))
+        require_positive("segment (s)", self.segment)
         if self.band_limit is not None and self.method != "band-limited":
             raise ValueError(f"band_limit is for method 'band-limited', not {self.method!r}; leave it out")
         if not 0 <= self.overlap < 1:
@@ -68,8 +66,8 @@ def split_choices(options: dict[str, Any]) -> tuple[StationChoices, Choices]:
         ValueError: a choice that is for planes of many probes.
     """
     of_stations = {key: options[key] for key in options.keys() & StationChoices.__dataclass_fields__.keys()}
-    rest = {key: value for key, value in options.items() if key not in of_stations}
+    rest = OF_PLANES | {key: value for key, value in options.items() if key not in of_stations}
     for name, only in OF_PLANES.items():
-        if rest.setdefault(name, only) != only:
+        if rest[name] != only:
             raise ValueError(f"{name} is {rest[name]!r}; it is for planes of many probes: leave {name} out")
     return StationChoices(**of_stations), Choices(**rest)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from torch import Tensor
 
 from torchliner.bursts.averages import average_line, line_level_check
 from torchliner.bursts.choices import StationChoices, split_choices
-from torchliner.bursts.station import CASE, DAMPED, educe_station
+from torchliner.bursts.station import CASE, educe_station
 from torchliner.checks import phase_tensor, tell
 from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
@@ -28,10 +27,11 @@ from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]
+Task = tuple[Station, Any, Any]  # a station, its reference channel and its phase
 OF_LINE = ("frequency", "goodrich")  # tensors that are those of the whole line
-ARRIVALS_A_PERIOD = 8.0  # warned of below
+OF_SEGMENTS = ("reflection", "segment_start")
+ARRIVALS_A_PERIOD, DAMPED = 8.0, 0.95  # warned of below
 SHOWN = 4  # names in a warning
-LISTS = ("names", "flags", "dropped", "station_notes")
 
 
 def educe_bursts(
@@ -54,28 +54,23 @@ def educe_bursts(
     (5.1), mean of admittances over stations (5.2), 5000 draws as a check.
 
     Args:
-        stations: file or folder, as for ``read_bursts``; or records; or what ``list_stations`` returns, which is read
-            one by one, so that the line need not fit into memory.
+        stations: file or folder, as for ``read_bursts``; records; or what ``list_stations`` returns, read one by one.
         liner: as for ``educe``.
         frequency: Hz, one or several; default the stations' own tone.
         reference: channel that carries the phase of the sound, one for all or one a station in the order of
             ``stations``, or functions that read it for a station. With it the coherence of v is that with the
-            reference, ``self-consistent`` takes the part of v that follows it, and ``given`` its phase. Without it the
-            level check of the line needs times that count from the same instant of the sound's generator at all
-            stations.
+            reference, ``self-consistent`` takes the part of v that follows it, and ``given`` its phase.
         reference_phase: psi, rad, for ``phase="given"``, one for all or one a station in the order of ``stations``:
             x(t) = cos(2 pi f t + psi) on the clock of the arrivals, or, with a reference, ahead of it by psi.
-        parts: folder where each finished station is kept; a run that was broken off takes up what is there and was made
-            from the same data with the same choices.
+        parts: folder where each finished station is kept; a run that was broken off takes up what was made from the
+            same data with the same choices.
         progress: called with 1 after each station.
-        client: of dask.distributed, whose workers take a station each; stations of a file or folder they read
-            themselves, under the same path. The line is the same to the bit.
-        choices: see ``StationChoices`` and ``Choices``; ``segment`` is the former's.
+        client: of dask.distributed, whose workers take a station each; the line is the same to the bit.
+        choices: see ``StationChoices`` and ``Choices``.
     Returns:
         The line in the order of x, y, z, with the average (5.2) over the stations that count.
     Raises:
-        ValueError: data or options that cannot give an answer; the message names the station.
-        TypeError: a value of the wrong kind.
+        ValueError, TypeError: data or options that cannot give an answer; the message names the station.
     Warns:
         DataWarning: the answer stands but is doubtful; the same text is in ``notes``.
     Source: Roncen et al. (2026), sections 3.3, 5.5.2, 5.5.3. Departures: the tone is corrected for the interpolation,
@@ -90,8 +85,7 @@ def educe_bursts(
             (reference_phase,) = reference_phase
     tasks = _tasks(stations, reference, reference_phase)
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    about = frequency, own, chosen.describe()
-    keys = [_digest(model, task, *about) if kept else "" for task in tasks]
+    keys = [_digest(model, task, frequency, own, chosen.describe()) if kept else "" for task in tasks]
     done = [kept.load(key) if kept else None for key in keys]
     missing = [task for task, part in zip(tasks, done, strict=True) if part is None]
     made, lines = tasks_in_order(client, _read_and_educe, (model, frequency, own, chosen), missing), []
@@ -112,8 +106,8 @@ def educe_bursts(
     return with_choices(dataclasses.replace(line, notes=notes), level_check=check, **origin)
 
 
-def _tasks(stations: Any, reference: Any, phase: Any) -> list[tuple[Station, Any, Any]]:
-    """Stations, in the order of x, y, z where all are known, each with its reference channel and its phase."""
+def _tasks(stations: Any, reference: Any, phase: Any) -> list[Task]:
+    """In the order of x, y, z where all are known."""
     if isinstance(stations, (str, Path)):
         stations = list_stations(stations)
     found = [stations] if isinstance(stations, Station) else list(stations)
@@ -148,7 +142,7 @@ def _read_and_educe(
     return educe_station(record, model, frequency, own, chosen, _channel(channel, station), phase)
 
 
-def _inputs(tasks: Sequence[tuple[Station, Any, Any]], liner: LinerModel) -> Iterator[tuple[str, str]]:
+def _inputs(tasks: Sequence[Task], liner: LinerModel) -> Iterator[tuple[str, str]]:
     """What went into a line, and the names of its files."""
     for station, channel, _ in tasks:
         yield "bursts", str(station.path) if isinstance(station, StationSource) else station.name.split(", station ")[0]
@@ -170,22 +164,18 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
             if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
                 both = f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}"
                 raise ValueError(f"{both}; the stations of a line share one case")
-
-    def padded(values: Tensor) -> Tensor:
-        """nan for the segments that a shorter station lacks."""
-        missing = values.new_full((1, most - values.shape[1], *values.shape[2:]), torch.nan)
-        return torch.cat([values, missing + 1j * missing if values.is_complex() else missing], 1)
-
     joined: dict[str, Any] = {}
     for name, value in vars(first).items():
         values = [getattr(line, name) for line in lines]
-        if name in LISTS:
-            joined[name] = tuple(chain.from_iterable(values))
-        elif name in ("reflection", "segment_start"):
-            joined[name] = torch.cat([padded(each) for each in values])
-        elif isinstance(value, Tensor) and name not in OF_LINE:
+        if name in OF_SEGMENTS:  # nan for the segments that a shorter station lacks
+            values = [
+                torch.cat([v, (v[:, :1] * torch.nan).expand(-1, most - v.shape[1], *v.shape[2:])], 1) for v in values
+            ]
+        if isinstance(value, Tensor) and name not in OF_LINE:
             joined[name] = torch.cat(values)
-    return dataclasses.replace(first, average=None, interval=None, notes=(), **joined)
+        elif isinstance(value, tuple):
+            joined[name] = sum(values, ())
+    return dataclasses.replace(first, **joined | {"average": None, "interval": None, "notes": ()})
 
 
 def _case(line: ImpedanceLine) -> dict[str, Any]:
@@ -199,20 +189,17 @@ def _case(line: ImpedanceLine) -> dict[str, Any]:
     }
 
 
-def _digest(liner: LinerModel, task: tuple[Station, Any, Any], *more: Any) -> str:
+def _digest(liner: LinerModel, task: Task, *more: Any) -> str:
     """Hash of what a finished station follows from, 32 hexadecimal digits: the name of a table says too little."""
     station, channel, phase = task[0], _channel(task[1], task[0]), task[2]
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
     with torch.no_grad():
-        facts: list[Any] = [
-            torch.as_tensor(liner.impedance(f, speeds)).to(torch.complex128)
-            for f in torch.linspace(float(low), float(high), 9).tolist()
-        ]
+        response = [liner.impedance(f, speeds) for f in torch.linspace(float(low), float(high), 9).tolist()]
+    facts = [torch.stack([*map(torch.as_tensor, response)]), liner.describe(), station.name, phase, *more]
     facts += [station.digest()] if isinstance(station, StationSource) else vars(station).values()
-    facts += [station.name, liner.describe(), phase, *more, *([] if channel is None else vars(channel).values())]
     digest = hashlib.sha256(__version__.encode())
-    for fact in facts:
+    for fact in facts + ([] if channel is None else [*vars(channel).values()]):
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
     return digest.hexdigest()[:32]
 
@@ -229,12 +216,9 @@ def notes_of(line: ImpedanceLine) -> Iterator[Note]:
     for i, f in enumerate(line.frequency.tolist()):
         sizes, share = line.attenuation[:, i].abs(), float(line.phase_held[:, i].mean())
         if float(sizes.min()) < DAMPED:
+            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the "
             mended = "corrected, the turbulence is not" if bool(line.corrected[:, i].all()) else "not corrected"
-            yield Note(
-                "damped-tone",
-                f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the "
-                f"stations (least {float(sizes.min()):.3f}); the tone is {mended}",
-            )
+            yield Note("damped-tone", f"{text}stations (least {float(sizes.min()):.3f}); the tone is {mended}")
         if rate < ARRIVALS_A_PERIOD * f:
             text = f"{rate / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g})"
             yield Note("few-arrivals", f"{text}: |v(t)| between them is guessed")

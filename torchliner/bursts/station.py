@@ -37,7 +37,6 @@ from torchliner.version import __version__
 MOST_SEGMENTS = 5000
 STATED = ("frequency", "fluid", "incident_level", "mach", "source_side", "liner", "displacement_thickness", "name")
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
-DAMPED = 0.95  # warned of below
 WINDOWS = {"whole-periods": ("boxcar", {0: 1.0}), "hann": ("hann", {0: 0.5, 1: -0.25, -1: -0.25})}  # c_q by q
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 FEWEST_PIECES = 8  # of a record, over which coherence is found
@@ -54,60 +53,45 @@ def educe_station(
     reference: ReferenceChannel | None = None,
     reference_phase: float | None = None,
 ) -> ImpedanceLine:
-    """One station, which depends on no other: a line of N = 1 without average and intervals; see ``educe_bursts``.
+    """One station, as read, which depends on no other: a line of N = 1 without average and intervals.
 
-    ``own`` are from bursts to segments, ``choices`` of the eduction; the record is as read.
+    ``own`` are from bursts to segments, ``choices`` of the eduction; see ``educe_bursts``.
     """
     liner, station = liner.in_flow(record.mach), Station.of(record, own.filters)
-    kept, flags = station.kept, station.flags
-    if flags and own.flagged == "refuse":
-        raise ValueError(
-            f"{record.name} is flagged: {'; '.join(flags)}. Leave it out of the averages with flagged='exclude', or "
-            "take it as it is with flagged='use'"
-        )
     wanted = stated_frequency(frequency, record.frequency, record.name)
-    if len(wanted.unique()) < len(wanted):
-        raise ValueError(f"a frequency is asked for twice: {wanted.tolist()} Hz; name each once")
     if choices.phase == "given" and reference is None and reference_phase is None:
-        raise ValueError(
-            "phase='given' needs a reference channel, or reference_phase in rad on the clock of the arrivals"
-        )
-    cut = cut_into_segments(kept, wanted, own)
-    known = segment_means(cut.plane, liner, wanted, choices, own.window)
-    seen, nodes, grid = known.moments.survey, known.moments.nodes, cut.signal.grid
-    clock = 2 * torch.pi * torch.outer(cut.start, wanted)  # phase of a steady tone at each segment's first sample
-    phases, velocity, coherence = clock, known.velocity, seen.coherence(wanted).cpu()
-    steady = coherence.mean(0)
+        raise ValueError("phase='given' needs a reference channel, or reference_phase in rad")
+    cut = cut_into_segments(station.kept, wanted, own)
+    grid, known = cut.signal.grid, segment_means(cut.plane, liner, wanted, choices, own.window)
+    seen, clock = known.moments.survey, 2 * torch.pi * torch.outer(cut.start, wanted)
+    own_coherence, phases, velocity = seen.coherence(wanted).cpu(), clock, known.velocity
+    coherence = steady = own_coherence.mean(0)
+    held = own_coherence
     if reference is not None:
         phases, velocity, coherence = follow_reference(cut, reference, wanted, known)
-    held = ((coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
+        held = coherence
+    held = ((held >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     sound = Sound(velocity, held, phases + (reference_phase or 0.0))
-    coherence = steady if reference is None else coherence
-    reviewed = (*known.moments.notes, *review_rule(held, seen.blocks.count, choices))
-    notes = [*kept.notes, *(note.text for note in reviewed), *cut.notes]
     # Over the whole record a tone that wanders has less amplitude than in its segments.
     left = (known.velocity * torch.exp(-1j * clock)).mean(0).abs() / known.velocity.abs().mean(0).clamp(min=1e-300)
     wanders = cut.corrected & (left < WANDERS) & (steady > choices.minimum_coherence / 2)
-    for i, f in enumerate(wanted.tolist()):
-        if bool(wanders[i]):
+    reviewed = (*known.moments.notes, *review_rule(held, seen.blocks.count, choices))
+    notes = [*station.kept.notes, *(note.text for note in reviewed), *cut.notes]
+    for f, share, away, follows in zip(*(x.tolist() for x in (wanted, left, wanders, coherence)), strict=True):
+        if away:
             notes.append(
-                f"the tone of {f:g} Hz wanders: over the whole record {float(left[i]):.2f} of its amplitude in the "
-                "segments is left, and the correction, made over the record, misses the rest"
+                f"the tone of {f:g} Hz wanders: over the whole record {share:.2f} of its amplitude in the segments is "
+                "left, and the correction, made over the record, misses the rest"
             )
-        if reference is not None and float(coherence[i]) < NO_TONE:
+        if reference is not None and follows < NO_TONE:
             notes.append(
-                f"the squared coherence of v with the reference is {float(coherence[i]):.2g} at {f:g} Hz (limit "
-                f"{NO_TONE:g}): it tells nothing of the phase of the sound there"
+                f"the squared coherence of v with the reference is {follows:.2g} at {f:g} Hz (limit {NO_TONE:g}): it "
+                "tells nothing of the phase of the sound there"
             )
-    vertical = station.moments.components["wall_normal"]
-    numbers = {
-        **{axis: math.nan if (value := getattr(record, axis)) is None else value for axis in "xyz"},
-        "mean_velocity": vertical.weighted_mean,
-        "velocity_rms": vertical.weighted_rms,
-        "rate": grid.mean_rate,
-        "grid_rate": grid.rate,
-        "longest_gap": grid.longest_gap[0],
-    }
+    vertical, nodes = station.moments.components["wall_normal"], known.moments.nodes
+    numbers = {axis: math.nan if (value := getattr(record, axis)) is None else value for axis in "xyz"}
+    numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
+    numbers |= {"rate": grid.mean_rate, "grid_rate": grid.rate, "longest_gap": grid.longest_gap[0]}
     tensors: dict[str, Any] = {
         "reflection": PHASE_RULES[choices.phase](known.a, known.b, sound),
         "segment_start": cut.start,
@@ -117,8 +101,8 @@ def educe_station(
         "corrected": cut.corrected,
         "phase_held": held.to(torch.float64).mean(0),
         "received": torch.tensor(record.received),
-        "bursts": torch.tensor(kept.bursts),
-        "used": torch.tensor(not flags or own.flagged == "use"),
+        "bursts": torch.tensor(station.kept.bursts),
+        "used": torch.tensor(not station.flags or own.flagged == "use"),
         **{key: torch.tensor(value, dtype=torch.float64) for key, value in numbers.items()},
     }
     return ImpedanceLine(
@@ -126,8 +110,8 @@ def educe_station(
         wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
         interval=None,
         names=(station.name,),
-        flags=(flags,),
-        dropped=(dict(kept.dropped),),
+        flags=(station.flags,),
+        dropped=(dict(station.kept.dropped),),
         station_notes=(tuple(notes),),
         goodrich=goodrich_of(cut.plane, liner, wanted),
         choices={
@@ -173,9 +157,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     """
     name, tone = record.name, record.frequency
     if record.wall_normal is None:
-        raise ValueError(
-            f"{name} holds no wall-normal velocity; say which channel measures it, components=-wall_normal"
-        )
+        raise ValueError(f"{name} holds no wall-normal velocity; say which channel it is, components=-wall_normal")
     times, values = checked_bursts(record.arrival_time, record.wall_normal, name)
     asked = tone or float(frequency.max())
     grid = ArrivalGrid.of(times, choices.grid_rate, choices.method, asked, choices.band_limit, name)
@@ -185,8 +167,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     if not 2 <= count <= MOST_SEGMENTS:
         raise ValueError(
             f"{name}: {len(times)} bursts over {grid.seconds:.4g} s hold {count} segments of {choices.segment:g} s "
-            f"with an overlap of {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Measure longer, or change "
-            "segment and overlap"
+            f"with an overlap of {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Change segment and overlap"
         )
     if gap > choices.segment:
         raise ValueError(
@@ -196,16 +177,12 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     signal, notes = GridSignal(grid(values), grid), tuple[str, ...]()
     tone = None if choices.correction == "none" else tone or (float(frequency) if len(frequency) == 1 else None)
     corrected = (frequency / (tone or torch.inf) - 1).abs() < SAME_FREQUENCY
-    unasked = tone is not None and not bool(corrected.any())
-    damping = tone_attenuation(signal, [*frequency.tolist(), tone] if unasked else frequency)
+    damping = tone_attenuation(signal, frequency)
     if tone is not None:
-        place = slice(-1, None) if unasked else corrected
-        own = {key: getattr(damping, key)[place] for key in ("factor", "image", "frequency")}
-        left = float(own["factor"].abs())
-        if unasked and left < DAMPED:
-            text = f"the stated tone of {tone:g} Hz, of which {grid.method} reconstruction leaves {left:.3f}, is"
-            notes = (f"{text} corrected: it drives |v| at all frequencies",)
-        alone = dataclasses.replace(damping, **own)
+        alone = damping if corrected.tolist() == [True] else tone_attenuation(signal, tone)
+        if not bool(corrected.any()):
+            text = f"the stated tone of {tone:g} Hz, of which {grid.method} reconstruction leaves "
+            notes = (f"{text}{float(alone.factor.abs()):.3f}, is corrected: it drives |v| at all frequencies",)
         signal = corrected_coherent_part(signal, alone, noise=choices.correction == "tone-and-noise")
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop),
@@ -214,7 +191,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
         **{key: getattr(record, key) for key in STATED},
     )
     start = grid.start + hop * torch.arange(count, dtype=torch.float64) / grid.rate
-    return Segments(plane, signal, start, hop, damping.factor[: len(frequency)], corrected, notes)
+    return Segments(plane, signal, start, hop, damping.factor, corrected, notes)
 
 
 @dataclass(frozen=True, eq=False)

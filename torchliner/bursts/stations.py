@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -50,10 +49,7 @@ class BurstFilters:
 
 
 def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) -> BurstRecord:
-    """The record without the bursts that the filters refuse; each is counted in ``dropped``.
-
-    Each filter sees what those before it left: of equal times the first stays, and a run of zeros is one in the order
-    of time.
+    """The record without the bursts that the filters refuse, one after another; each is counted in ``dropped``.
 
     Raises:
         ValueError: nothing would be left, or most times repeat or run backwards: then the file is wrong, not a burst.
@@ -70,13 +66,12 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
                     "follow one another, or state the column of arrival times"
                 )
         record = record.keep(step > 0, counts)
-    for reason, limit, faulty in (
-        (ZERO_RUN, filters.zero_runs, lambda values, _, limit: run_lengths(values == 0) >= limit),
-        (OUTLIER, filters.outliers, _outlying),
-    ):
-        if limit is not None:
-            bad = torch.stack([faulty(values, record.weights, limit) for values in record.components.values()]).any(0)
-            record = record.keep(~bad, {reason: int(bad.sum())})
+    if (shortest := filters.zero_runs) is not None:
+        bad = torch.stack([run_lengths(values == 0) >= shortest for values in record.components.values()]).any(0)
+        record = record.keep(~bad, {ZERO_RUN: int(bad.sum())})
+    if (limit := filters.outliers) is not None:
+        bad = torch.stack([_outlying(v, record.weights, limit) for v in record.components.values()]).any(0)
+        record = record.keep(~bad, {OUTLIER: int(bad.sum())})
     return record
 
 
@@ -165,57 +160,58 @@ def burst_moments(record: BurstRecord) -> BurstMoments:
 
 @dataclass(frozen=True)
 class Station:
-    """One station: bursts as read, those that pass the filters, and the moments of these."""
+    """One station: bursts as read, those that pass the filters, the moments of these, and why it cannot be trusted.
+
+    ``flags`` state number and limit; no average takes a flagged station unless asked to.
+    """
 
     raw: BurstRecord
     kept: BurstRecord
     moments: BurstMoments
+    flags: tuple[str, ...]
 
     @classmethod
     def of(cls, raw: BurstRecord, filters: BurstFilters | None = None) -> Station:
         """Validate bursts as read and take their moments."""
         kept = validate_bursts(raw, filters)
-        return cls(raw, kept, burst_moments(kept))
+        moments = burst_moments(kept)
+        return cls(raw, kept, moments, tuple(_flags(raw, kept, moments)))
 
     @property
     def name(self) -> str:
         """Its title, or the name of its file."""
         return self.kept.title or self.kept.name
 
-    @property
-    def zero_shares(self) -> dict[str, float]:
-        """Share of velocities that are exactly 0, 0 to 1, by component, of those read."""
-        return {name: float((v == 0).sum()) / self.raw.bursts for name, v in self.raw.components.items()}
 
-    @functools.cached_property
-    def flags(self) -> tuple[str, ...]:
-        """Why it cannot be trusted, with number and limit: no average takes it unless asked to."""
-        return tuple(self._flags())
+def zero_shares(raw: BurstRecord) -> dict[str, float]:
+    """Share of velocities that are exactly 0, 0 to 1, by component, of those read."""
+    return {name: float((v == 0).sum()) / raw.bursts for name, v in raw.components.items()}
 
-    def _flags(self) -> Iterator[str]:
-        kept, rate, gap = self.kept, self.moments.rate, self.moments.rate * self.moments.longest_gap
-        for name, share in self.zero_shares.items():
-            if share > MOST_ZEROS:
-                yield f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated?"
-        gone = 1 - kept.bursts / kept.received
-        if gone > MOST_DROPPED:
-            yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
-        for name, values in self.raw.components.items():
-            # Rounding to a step d adds d^2/12 to the variance.
-            step, rms = resolution(values), self.moments.components[name].rms
-            share = 100 * min(1, step**2 / 12 / rms**2 if rms > 0 else 1)
-            if step == 0:
-                yield f"{name} is constant, {float(values[0]):g} m/s: a dead channel"
-            elif share > 100 * MOST_ROUNDING:
-                text = f"rounding alone is {share:.0f} % of its variance (limit {100 * MOST_ROUNDING:g} %)"
-                yield f"{name} is resolved to {step:g} m/s: {text}"
-        # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
-        chance = (kept.bursts - 1) * math.exp(-gap)
-        if not rate > 0:
-            yield f"{kept.bursts} bursts: no rate, no intervals"
-        elif chance < GAP_CHANCE:
-            text = f"chance in a Poisson process {chance:.0e}, limit {GAP_CHANCE:g}"
-            yield f"a gap of {1e3 * self.moments.longest_gap:.3g} ms, {gap:.3g} mean intervals ({text})"
-        if kept.frequency is not None and rate < FEWEST_PER_PERIOD * kept.frequency:
-            periods = f"{rate / kept.frequency:.2g} bursts a period of {kept.frequency:g} Hz"
-            yield f"{periods} (limit {FEWEST_PER_PERIOD:g})"
+
+def _flags(raw: BurstRecord, kept: BurstRecord, moments: BurstMoments) -> Iterator[str]:
+    for name, share in zero_shares(raw).items():
+        if share > MOST_ZEROS:
+            yield f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated?"
+    gone = 1 - kept.bursts / kept.received
+    if gone > MOST_DROPPED:
+        yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
+    for name, values in raw.components.items():
+        # Rounding to a step d adds d^2/12 to the variance.
+        step, rms = resolution(values), moments.components[name].rms
+        share = min(1, step**2 / 12 / rms**2 if rms > 0 else 1)
+        if step == 0:
+            yield f"{name} is constant, {float(values[0]):g} m/s: a dead channel"
+        elif share > MOST_ROUNDING:
+            text = f"rounding alone is {100 * share:.0f} % of its variance (limit {100 * MOST_ROUNDING:g} %)"
+            yield f"{name} is resolved to {step:g} m/s: {text}"
+    rate, gap = moments.rate, moments.rate * moments.longest_gap
+    # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
+    chance = (kept.bursts - 1) * math.exp(-gap)
+    if not rate > 0:
+        yield f"{kept.bursts} bursts: no rate, no intervals"
+    elif chance < GAP_CHANCE:
+        text = f"chance in a Poisson process {chance:.0e}, limit {GAP_CHANCE:g}"
+        yield f"a gap of {1e3 * moments.longest_gap:.3g} ms, {gap:.3g} mean intervals ({text})"
+    if kept.frequency is not None and rate < FEWEST_PER_PERIOD * kept.frequency:
+        periods = f"{rate / kept.frequency:.2g} bursts a period of {kept.frequency:g} Hz"
+        yield f"{periods} (limit {FEWEST_PER_PERIOD:g})"

@@ -1,13 +1,10 @@
 r"""What a reconstruction from random samples does to a tone, and the tone put back to its amplitude.
 
 Each method of ``arrivals`` is linear in the values. A tone :math:`v = A e^{j\omega t} + A^* e^{-j\omega t}` known at
-the arrivals alone therefore has, on the grid, the windowed line
-
-.. math:: \hat A = G A + H A^*,
-
-where G is the line of the reconstruction of :math:`e^{j\omega t_i}` and H that of its conjugate: two numbers of the
-arrival times, of the window and of the method, known exactly. G is the attenuation; H, which has no mean over arrivals,
-lets :math:`\hat A` depend on the phase.
+the arrivals alone therefore has, on the grid, the windowed line :math:`\hat A = G A + H A^*`, where G is the line of the
+reconstruction of :math:`e^{j\omega t_i}` and H that of its conjugate: two numbers of the arrival times, of the window
+and of the method, known exactly. G is the attenuation; H, which has no mean over arrivals, lets :math:`\hat A` depend
+on the phase.
 """
 
 from __future__ import annotations
@@ -68,8 +65,8 @@ def tone_attenuation(
         rate, method, band, name: of the grid, as for ``onto_grid``.
         window: any window of scipy, over the record.
     Raises:
-        ValueError: the mean rate is below twice a frequency, a frequency is outside ``band`` or not below half the
-            grid's rate, or as ``onto_grid``.
+        ValueError: a frequency above half the mean rate, outside ``band`` or not below half the grid's rate, or as
+            ``onto_grid``.
     """
     wanted = frequency_tensor(frequency)
     highest = float(wanted.max())
@@ -80,13 +77,12 @@ def tone_attenuation(
     if grid.mean_rate < 2 * highest:
         raise ValueError(
             f"{grid.name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of "
-            f"{highest:g} Hz; a tone above half the mean rate cannot be put on a grid (correction='none' leaves a "
-            "stated tone as it is)"
+            f"{highest:g} Hz, which cannot be put on a grid (correction='none' leaves a stated tone as it is)"
         )
     if grid.method == "band-limited" and highest >= grid.band:
         raise ValueError(
-            f"{grid.name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; a quarter of the mean "
-            f"rate, {BAND_SHARE * grid.mean_rate:g} Hz, is what these arrivals carry"
+            f"{grid.name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; these arrivals carry a "
+            f"quarter of the mean rate, {BAND_SHARE * grid.mean_rate:g} Hz"
         )
     frequency_tensor(wanted, grid.rate)
     weights, lines = window_weights(window, grid.samples), []
@@ -94,8 +90,8 @@ def tone_attenuation(
         turns = 2 * torch.pi * f * (grid.arrival_times - grid.start)
         both = grid(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
         lines.append(tone_amplitudes(both, f[None], grid.rate, weights)[:, 0])
-    # The fit of a line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line
-    # 2aC - 2bS equals GA + HA* for all a, b with G = C + jS, H = C - jS.
+    # The line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line 2aC - 2bS is GA + HA* for all
+    # a, b with G = C + jS, H = C - jS.
     cosine, sine = torch.stack(lines, 1)
     return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, wanted, grid, weights)
 
@@ -103,9 +99,7 @@ def tone_attenuation(
 def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *, noise: bool = False) -> GridSignal:
     """The signal with each tone's own part put back to its amplitude, all else untouched.
 
-    The line of the tone is read off by an exact fit over the whole record, A follows from G and H, and replaces it.
-    Noise at the line is raised by 1/G with it. What the reconstruction took from the turbulence stays lost. Several
-    tones are treated one by one.
+    Noise at the line is raised by 1/G with it; what the reconstruction took from the turbulence stays lost.
 
     Args:
         attenuation: from ``tone_attenuation`` of that signal.
@@ -116,8 +110,8 @@ def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *,
     grid, frequency, smallest = signal.grid, attenuation.frequency, float(attenuation.factor.abs().min())
     if smallest < LEAST_FACTOR:
         raise ValueError(
-            f"{grid.name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone; a correction would raise "
-            f"noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}). More arrivals are needed, or no "
+            f"{grid.name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone, and a correction would "
+            f"raise noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}); take more arrivals, or no "
             "correction (correction='none')"
         )
     line, seconds = attenuation.line(signal), grid.times - grid.start

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from torchliner.bursts.stations import Station
+from torchliner.bursts.stations import Station, zero_shares
 from torchliner.report.answer import Answer, Picture
 from torchliner.report.bursts import draw_stations, intervals_of, moment_of
 from torchliner.report.table import if_known, table_of
@@ -59,7 +59,7 @@ def _station(one: Station) -> Row:
     row |= {"rate": seen.rate, "longest_gap": seen.longest_gap, "irregularity": seen.irregularity}
     for short, name in COMPONENTS.items():
         row |= {f"{short} {key} (m/s)": moment_of(one, name, key) for key in MOMENTS}
-        row[f"{short} zero share"] = one.zero_shares.get(name)
+        row[f"{short} zero share"] = zero_shares(one.raw).get(name)
     return row | {"flags": len(one.flags)}
 
 
