@@ -1,8 +1,8 @@
 r"""What a reconstruction from random samples does to a tone, and the tone put back to its amplitude.
 
 Each method of ``arrivals`` is linear in the values. A tone :math:`v = A e^{j\omega t} + A^* e^{-j\omega t}` known at
-the arrivals alone therefore has, on the grid, the windowed line :math:`\hat A = G A + H A^*`, where G is the line of the
-reconstruction of :math:`e^{j\omega t_i}` and H that of its conjugate: two numbers of the arrival times, of the window
+the arrivals alone therefore has, on the grid, the windowed line :math:`\hat A = G A + H A^*`: G is the line of the
+reconstruction of :math:`e^{j\omega t_i}` and H that of its conjugate, two numbers of the arrival times, of the window
 and of the method, known exactly. G is the attenuation; H, which has no mean over arrivals, lets :math:`\hat A` depend
 on the phase.
 """
