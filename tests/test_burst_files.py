@@ -140,7 +140,7 @@ def edited(row, column, text):
         ({}, {"components": ["streamwise", "-streamwise"]}, ["at most once"]),
         ({"rows": LONE, "names": APART}, {"coincidence_window": 1e-8}, ["within 0.01 us"]),
         ({"rows": edited(1, 5, ""), "names": APART}, {}, ["line 8", "'transit_time' is ''"]),
-        ({"rows": edited(3, 6, ""), "names": APART}, {}, ["unequal lengths", "'wall_normal': 3"]),
+        ({"rows": edited(3, 6, ""), "names": APART}, {}, ["line 10", "'wall_normal' is ''"]),
     ],
 )
 def test_faulty_exports_are_refused(tmp_path, how, options, words):

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,16 +25,12 @@ LABEL = re.compile(r"(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
 
 
 def read_lines(path: str | Path, head: int | None = None) -> list[str]:
-    """Lines of a text file in UTF-8, or else latin-1, without their ends.
+    """Lines of a text file in UTF-8, or else latin-1, without their ends; of its first ``head`` bytes if stated.
 
-    Args:
-        path: file.
-        head: bytes that are read from its beginning, the line cut there included; None for all.
     Raises:
         FileNotFoundError, OSError: as ``read_bytes``.
-        ValueError: the file is empty, or is no text; as ``read_bytes``.
+        ValueError: the file is empty, or is no text.
     """
-    path = Path(path)
     raw = read_bytes(path, head)
     try:
         text = raw.decode("utf-8-sig")
@@ -45,29 +42,11 @@ def read_lines(path: str | Path, head: int | None = None) -> list[str]:
 
 
 def header_line(lines: Sequence[str], path: str | Path) -> int:
-    """Index of the first line that is neither blank nor a remark.
-
-    Raises:
-        ValueError: there is none.
-    """
-    start = next((i for i, line in enumerate(lines) if not is_remark(line)), None)
+    """Index of the first line that is neither blank nor a remark; ValueError if there is none."""
+    start = next((i for i, line in enumerate(lines) if line.strip() and line[0] != "#"), None)
     if start is None:
         raise ValueError(f"{path} has no header line with the names of the columns")
     return start
-
-
-def is_remark(line: str, separator: str | None = None) -> bool:
-    """Whether a line is blank or begins with '#'.
-
-    Args:
-        line: of a file.
-        separator: of cells, for a line below the header: ``#N/A`` in the first of several cells is
-            a value that is missing, no remark.
-    """
-    if not line.strip():
-        return True
-    cells = cells_of(line, separator) if separator else []
-    return line[0] == "#" and not (len(cells) > 1 and NO_VALUE.fullmatch(cells[0]))
 
 
 def separator_of(header: str) -> str:
@@ -82,14 +61,8 @@ def cells_of(line: str, separator: str | None) -> list[str]:
 
 @dataclass(frozen=True)
 class Column:
-    """Where the values of a name stand.
-
-    Args:
-        name: as the reader calls it.
-        index: of the column, from 0.
-        factor: to SI.
-        quantity: a key of ``units.FACTORS``; None for values that stand as they are.
-    """
+    """Where the values of a name stand: ``index`` from 0, ``factor`` to SI, ``quantity`` a key of ``units.FACTORS`` or
+    None for values that stand as they are."""
 
     name: str
     index: int
@@ -104,20 +77,18 @@ def find_columns(
     *,
     example: str,
     optional: Collection[str] = (),
-    short: Mapping[str, str] | None = None,
+    short: Mapping[str, str] = MappingProxyType({}),
     others: Collection[str] = (),
 ) -> list[Column]:
     """Columns by labels such as ``x [mm]``, in any order.
 
     Args:
         labels: of the columns.
-        known: quantity of each by its name, in lower case; None takes values in any unit as they
-            stand.
-        path: for messages.
-        example: a header that is right.
-        optional: names that may be absent.
-        short: other names, in their own case, for some of ``known``.
-        others: names that are passed over.
+        known: quantity of each by its name, in lower case; None takes values in any unit as they stand.
+        path: for messages.  example: a header that is right.
+        optional: names that may be absent.  others: names that are passed over.
+        short: other names, in their own case, for some of ``known``: X without a unit is short for something, X [mm]
+            the column x.
     Raises:
         ValueError: a column unknown, missing, named twice, or without a unit.
     """
@@ -125,20 +96,21 @@ def find_columns(
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
         word, unit = (match[1], match[2] or match[3] or "") if match else (label, "")
-        name = _name(word, unit, known, short or {})
+        name = word.lower()
+        if word in short and not (unit and name in known):
+            name = short[word]
+        elif name not in known:
+            name = short.get(name, name)
         if name in others:
             continue
-        where = f"{path}: column {name!r}"
         if name not in known:
             raise ValueError(f"{path}: unknown column {label!r}{did_you_mean(name, list(known))}; write {example}")
+        where, quantity = f"{path}: column {name!r}", known[name]
         if name in found:
             raise ValueError(f"{where} is named twice")
-        quantity, factor = known[name], 1.0
-        if quantity is not None and not unit and quantity != "number":
+        if quantity not in (None, "number") and not unit:
             raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
-        if quantity is not None:
-            factor = si_factor(quantity, unit, where)
-        found[name] = Column(name, index, factor, quantity)
+        found[name] = Column(name, index, 1.0 if quantity is None else si_factor(quantity, unit, where), quantity)
     for name in known:
         if name not in found and name not in optional:
             raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(found)}; write {example}")
@@ -151,51 +123,42 @@ def read_columns(
     columns: Sequence[Column],
     path: str | Path,
     count: int,
-    *,
-    padded: bool = False,
     special: Collection[str] | None = None,
 ) -> dict[str, Array]:
     """Columns of numbers in SI units, by name.
 
     Args:
-        rows: cells of each line.
-        numbers: of the lines, for messages.
-        columns: what to read.
-        path: for messages.
-        count: of the columns of the file.
-        padded: columns may end early, filled up with blank cells, as those of two channels do.
+        rows: cells of each line.  numbers: of the lines, for messages.
+        columns: what to read.  path: for messages.  count: of the columns of the file.
         special: columns that may hold inf, though not nan; default: all, and nan as well.
     Raises:
-        ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a
-            value that no measurement has (``units.PLAUSIBLE``).
+        ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a value that no
+            measurement has (``units.PLAUSIBLE``).
     """
+    used, marks, found = [column.index for column in columns], dict[str, str](), dict[str, Array]()
     for number, row in zip(numbers, rows, strict=True):
         if len(row) > count and any(row[count:]):
             raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {count}")
-    cells = {c.name: [row[c.index] if c.index < len(row) else "" for row in rows] for c in columns}
-    if padded:
-        filled = {name: max((i for i, text in enumerate(texts, 1) if text), default=0) for name, texts in cells.items()}
-        cells = {name: texts[: filled[name]] for name, texts in cells.items()}
-    comma = _has_comma(cells, numbers, path)
-    found = {}
+        for mark in ".,":
+            if mark not in marks and (cell := next((row[i] for i in used if i < len(row) and mark in row[i]), "")):
+                marks[mark] = f"line {number} has {cell!r}"
+    if len(marks) == 2:
+        raise ValueError(f"{path} mixes decimal marks: {marks[',']}, {marks['.']}; write all numbers with one mark")
     for column in columns:
-        texts = cells[column.name]
-        values = _numbers([t.replace(",", ".") for t in texts] if comma else texts)
+        texts = [row[column.index] if column.index < len(row) else "" for row in rows]
+        values = np.array([number_of(text.replace(",", ".")) for text in texts])
         bad = np.isnan(values)
         if special is None and bad.any():
             bad &= np.array([text.lower().lstrip("+-") != "nan" for text in texts])
         elif special is not None and column.name not in special:
             bad |= ~np.isfinite(values)
-        if bad.any() or not texts:
-            at = int(bad.argmax()) if texts else 0
-            raise ValueError(
-                f"{path}: line {numbers[at]}, column {column.name!r} is "
-                f"{texts[at] if texts else ''!r}; a number is needed"
-            )
+        if bad.any():
+            at = int(bad.argmax())
+            where = f"{path}: line {numbers[at]}, column {column.name!r}"
+            raise ValueError(f"{where} is {texts[at]!r}; a number is needed")
         found[column.name] = values * column.factor
         if column.quantity is not None:
-            label = f"{path}: column {column.name!r}"
-            require_plausible(found[column.name], column.quantity, label, numbers)
+            require_plausible(found[column.name], column.quantity, f"{path}: column {column.name!r}", numbers)
     return found
 
 
@@ -209,58 +172,23 @@ def read_table(
 ) -> dict[str, Array]:
     """Columns of numbers of a file with a header line, in SI units, by name.
 
-    Args:
-        lines: of the file; blank ones and remarks are passed over.
-        known, path: as for ``find_columns``.
-        special: as for ``read_columns``; values are finite in all other columns.
-        about: further arguments of ``find_columns``.
-    Raises:
-        ValueError: as ``find_columns`` and ``read_columns``; no header, no rows.
+    Blank lines and remarks are passed over; ``#N/A`` in the first of several cells is a value that is missing, no
+    remark. Arguments and errors are those of ``find_columns`` and ``read_columns``; values are finite but for
+    ``special`` columns.
     """
     start = header_line(lines, path)
     separator = separator_of(lines[start])
-    labels = cells_of(lines[start], separator)
-    while labels and not labels[-1]:
-        labels.pop()
+    labels = cells_of(lines[start].rstrip(f"{separator} "), separator)
     columns = find_columns(labels, known, path, **about)
-    numbers = [i for i, line in enumerate(lines, 1) if i > start + 1 and not is_remark(line, separator)]
-    if not numbers:
+    rows = {i: cells_of(line, separator) for i, line in enumerate(lines[start + 1 :], start + 2)}
+    rows = {
+        i: row
+        for i, row in rows.items()
+        if lines[i - 1].strip() and (row[0][:1] != "#" or (len(row) > 1 and NO_VALUE.fullmatch(row[0])))
+    }
+    if not rows:
         raise ValueError(f"{path} holds no values: the file ends at line {start + 1}")
-    rows = [cells_of(lines[i - 1], separator) for i in numbers]
-    return read_columns(rows, numbers, columns, path, len(labels), special=special)
-
-
-def _name(word: str, unit: str, known: Mapping[str, str | None], short: Mapping[str, str]) -> str:
-    """That of ``known``; X without a unit is short for something, X [mm] the column x."""
-    lower = word.lower()
-    if word in short and not (unit and lower in known):
-        return short[word]
-    return lower if lower in known else short.get(lower, lower)
-
-
-def _has_comma(columns: Mapping[str, Sequence[str]], numbers: Sequence[int], path: str | Path) -> bool:
-    """Whether the decimal mark is a comma; both in one file are refused."""
-    seen: dict[str, str] = {}
-    for texts in columns.values():
-        for mark in {",", "."} - set(seen):
-            place = next((i for i, text in enumerate(texts) if mark in text), None)
-            if place is not None:
-                seen[mark] = f"line {numbers[place]} has {texts[place]!r}"
-    if len(seen) == 2:
-        raise ValueError(
-            f"{path} mixes decimal marks: {seen[',']}, {seen['.']}; write all numbers with one "
-            "mark and none between thousands"
-        )
-    return "," in seen
-
-
-def _numbers(texts: Sequence[str]) -> Array:
-    """Numbers; nan where there is none."""
-    whole = "".join(texts)
-    if whole.isascii() and "_" not in whole:
-        with suppress(ValueError):
-            return np.array(texts, dtype=np.str_).astype(np.float64)
-    return np.array([number_of(text) for text in texts])
+    return read_columns([*rows.values()], [*rows], columns, path, len(labels), special)
 
 
 def number_of(text: str) -> float:

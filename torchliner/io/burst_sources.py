@@ -27,7 +27,6 @@ from torchliner.records.origin import input_file
 from torchliner.text_columns import read_lines
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
-UNSAID = {"separator": "blank"}  # defaults of how a file is read that are not None
 SAME_PLACE = 1e-7  # m: traverses are set to micrometres
 PLACE = table_of(BurstRecord, "x", "y", "z")
 
@@ -41,8 +40,7 @@ class StationSource:
         number: of the station in a file that holds several; None elsewhere.
         place: (x, y, z), m; None where unknown.
         format: of the file, a key of ``names.BURST_FORMATS``.
-        options: how the file is read.
-        about: further fields of the record.
+        options: how the file is read.  about: further fields of the record.
     """
 
     path: Path
@@ -58,11 +56,7 @@ class StationSource:
         return str(self.path) if self.number is None else f"{self.path}, station {self.number}"
 
     def read(self) -> BurstRecord:
-        """The bursts.
-
-        Raises:
-            FileNotFoundError, OSError, ValueError: as the readers of the formats.
-        """
+        """The bursts; errors are those of the readers of the formats."""
         found = _format(self.format).read(self.path, self.number or 0, self.options, self.about)
         title = self.path.stem if self.number is None else f"{self.path.stem} {self.number}"
         return replace(found, name=self.name, title=found.title or title)
@@ -89,42 +83,33 @@ def list_stations(
     """Stations of a file or folder in the order of x, y, z; by name without positions.
 
     Args:
-        path: a file of our HDF5 or CSV, a DXEX export, columns without a header; or a folder of
-            files of one station each.
+        path: a file of our HDF5 or CSV, a DXEX export, columns without a header; or a folder of files of one station.
         columns, separator: of files without a header, as in ``read_burst_columns``.
         components, coincidence_window: of DXEX files, as in ``read_dantec``.
-        about: further fields of each record, e.g. ``frequency``; not for HDF5, which states its
-            own.
+        about: further fields of each record, e.g. ``frequency``; not for HDF5, which states its own.
     Raises:
         FileNotFoundError, OSError: no such file or folder, or it cannot be read.
-        ValueError: a folder without files of bursts, two stations at the same position, a file of
-            no known layout, or none of which an option says how it is read.
+        ValueError: a folder without files of bursts, two stations at the same position, a file of no known layout, or
+            none of which an option says how it is read.
     """
     path, files = Path(path), [Path(path)]
-    options: dict[str, Any] = {"columns": columns, "separator": separator, "components": components}
+    options = {"columns": columns, "separator": separator, "components": components}
     options |= {"coincidence_window": coincidence_window}
     if path.is_dir():
         files = [each for each in sorted(path.iterdir()) if each.is_file() and not each.name.startswith(".")]
         files = [each for each in files if each.suffix.lower() in SUFFIXES]
     if not files:
-        raise ValueError(
-            f"{path} holds no files of bursts ({', '.join(s for s in SUFFIXES if s)}); name another folder"
-        )
+        raise ValueError(f"{path} holds no files of bursts ({', '.join(filter(None, SUFFIXES))}); name another folder")
     sources = [each for file in files for each in _sources(file, options, about)]
-    taken = {key for each in sources for key in _format(each.format).takes}
+    takes = {key for each in sources for key in _format(each.format).takes}
     for key, value in options.items():
-        if value not in (None, UNSAID.get(key)) and key not in taken:
-            raise ValueError(
-                f"{path} is of format {sources[0].format} and takes no {key}=..., as it says this "
-                "itself: leave it out, or correct the file"
-            )
-    known = [each for each in sources if None not in each.place]
-    if known and len(known) < len(sources):
-        without = next(each for each in sources if None in each.place)
-        raise ValueError(f"{without.name} states no position (x, y, z), {known[0].name} does; place all or none")
-    order = (
-        order_of([each.place for each in sources], [each.name for each in sources]) if known else range(len(sources))
-    )
+        if value not in (None, "blank") and key not in takes:
+            raise ValueError(f"{path} is of format {sources[0].format} and takes no {key}=...; leave it out")
+    places = [each.place for each in sources]
+    without = [each.name for each in sources if None in each.place]
+    if without and len(without) < len(sources):
+        raise ValueError(f"{without[0]} states no position (x, y, z), others do; place all or none")
+    order = range(len(sources)) if without else order_of(places, [each.name for each in sources])
     return [sources[i] for i in order]
 
 
@@ -135,27 +120,21 @@ def _sources(path: Path, options: Options, about: Options) -> list[StationSource
     if name is None:
         raise ValueError(
             f"{path} begins with {read_lines(path, HEAD)[0].strip()[:40]!r}: neither 'DXEX v3' or 'DXEX v5' nor a "
-            "header with 'arrival_time [ms]'. If it is columns without a header, state them, e.g. --columns 'row, "
-            "arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]'"
+            "header with 'arrival_time [ms]'. State columns without a header, e.g. --columns 'row, arrival_time [ms], "
+            "wall_normal [m/s]'"
         )
     places = _format(name).places(path)
-    if _format(name).own_fields:
-        if about:
-            raise ValueError(
-                f"{path} has places of its own for {', '.join(about)}; state them there, or leave them out"
-            )
-        several = len(places) > 1
-        return [StationSource(path, i if several else None, place, name) for i, place in enumerate(places)]
-    x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))
-    return [StationSource(path, None, (x, y, z), name, options, about)]
+    if not _format(name).own_fields:
+        x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))
+        return [StationSource(path, None, (x, y, z), name, options, about)]
+    if about:
+        raise ValueError(f"{path} has places of its own for {', '.join(about)}; state them there, or leave them out")
+    return [StationSource(path, i if len(places) > 1 else None, place, name) for i, place in enumerate(places)]
 
 
 def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
-    """Numbers of stations in the order of x, y, z.
+    """Numbers of stations in the order of x, y, z, (m, all known), by whose ``names`` the message calls them.
 
-    Args:
-        places: (x, y, z), m, all known.
-        names: of the stations, for the message.
     Raises:
         ValueError: two have the same position.
     """
@@ -164,28 +143,17 @@ def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
     for i, j in pairwise(order):
         if all(abs(a - b) <= SAME_PLACE for a, b in zip(known[i], known[j], strict=True)):
             where = ", ".join(f"{1e3 * value:.4g}" for value in known[i])
-            raise ValueError(
-                f"{names[i]} and {names[j]} have the same position, ({where}) mm; take one away, "
-                "or put repeated measurements into folders of their own"
-            )
+            raise ValueError(f"{names[i]} and {names[j]} have the same position, ({where}) mm; take one away")
     return order
 
 
-def read_bursts(
-    path: str | Path,
-    columns: str | Sequence[str] | None = None,
-    separator: str = "blank",
-    components: Sequence[str] | None = None,
-    coincidence_window: float | None = None,
-    **about: Any,
-) -> list[BurstRecord]:
+def read_bursts(path: str | Path, **options: Any) -> list[BurstRecord]:
     """Stations of a file or folder, in the order of x, then y, z; by name without positions.
 
-    Arguments and errors are those of ``list_stations``, which names the stations without reading
-    their bursts; and a file with faults is a ValueError.
+    Arguments and errors are those of ``list_stations``, which names the stations without reading their bursts; and a
+    file with faults is a ValueError.
     """
-    stations = list_stations(path, columns, separator, components, coincidence_window, **about)
-    return [station.read() for station in stations]
+    return [station.read() for station in list_stations(path, **options)]
 
 
 def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:

@@ -30,7 +30,7 @@ from torchliner.text_columns import (
 
 HEAD = 1 << 16  # bytes of a text file that hold all that stands before the bursts
 QUANTITIES = {"arrival_time": "time", "transit_time": "time", "wall_normal": "velocity", "streamwise": "velocity"}
-PASSED_OVER = ("row", "skip")
+OPTIONAL, PASSED_OVER = ("transit_time", "wall_normal", "streamwise"), ("row", "skip")
 EXAMPLE = f"NAME [UNIT] with NAME one of {', '.join((*QUANTITIES, *PASSED_OVER))}"
 NOT_FINITE = "not a number in the file"
 STATED = {row.field: row.unit for row in variables_of(BurstRecord) if not row.dims}
@@ -60,24 +60,15 @@ class BurstFormat:
 
 
 def burst_columns(labels: Sequence[str], path: str | Path) -> list[Column]:
-    """Columns from labels such as ``wall_normal [m/s]``; ``row`` and ``skip`` are passed over.
+    """Columns from labels such as ``wall_normal [m/s]``, with a minus before the name of a velocity that is turned.
 
-    Args:
-        labels: one per column, in the order of the file; a minus before the name turns a velocity.
-        path: for messages.
     Raises:
-        ValueError: as ``find_columns``; no arrival time, no velocity, a time with a sign.
+        ValueError: as ``find_columns``; no velocity, a time with a sign.
     """
-    columns = find_columns(
-        [label.removeprefix("-") for label in labels],
-        QUANTITIES,
-        path,
-        example=EXAMPLE,
-        optional=[name for name in QUANTITIES if name != "arrival_time"],
-        others=PASSED_OVER,
-    )
+    plain = [label.removeprefix("-") for label in labels]
+    columns = find_columns(plain, QUANTITIES, path, example=EXAMPLE, optional=OPTIONAL, others=PASSED_OVER)
     turned = {i for i, label in enumerate(labels) if label.startswith("-")}
-    if any(column.index in turned and QUANTITIES[column.name] == "time" for column in columns):
+    if any(column.index in turned and column.quantity == "time" for column in columns):
         raise ValueError(f"{path}: a time has a sign in {', '.join(labels)}; only velocities have one")
     if not {"wall_normal", "streamwise"} & {column.name for column in columns}:
         raise ValueError(f"{path}: no velocity; a column 'wall_normal' or 'streamwise' is needed")
@@ -85,33 +76,24 @@ def burst_columns(labels: Sequence[str], path: str | Path) -> list[Column]:
 
 
 def read_bursts_of(
-    lines: Sequence[str],
-    first: int,
-    columns: Sequence[Column],
-    path: str | Path,
-    count: int,
-    separator: str | None,
-    padded: bool = False,
+    lines: Sequence[str], first: int, columns: Sequence[Column], path: str | Path, count: int, separator: str | None
 ) -> dict[str, Array]:
-    """Columns of all lines from number ``first``, from 1; blank ones at the end are passed over.
+    """Columns of the lines from number ``first``, from 1, to the last in which one of them holds something.
 
     Other arguments and errors are those of ``read_columns``; no bursts are a ValueError as well.
     """
     rows = [cells_of(line, separator) for line in lines[first - 1 :]]
-    while rows and not any(rows[-1]):
+    used = [column.index for column in columns]
+    while rows and not any([*rows[-1][count:], *(rows[-1][i] for i in used if i < len(rows[-1]))]):
         rows.pop()
     if not rows:
         raise ValueError(f"{path} holds no bursts: the file ends before line {first + 1}")
-    return read_columns(rows, range(first, first + len(rows)), columns, path, count, padded=padded)
+    return read_columns(rows, range(first, first + len(rows)), columns, path, count)
 
 
 def record_of(columns: Mapping[str, Array], path: str | Path, **about: Any) -> BurstRecord:
-    """A record of the bursts whose values are all finite; the others are counted.
+    """A record of the bursts whose values, SI, are all finite; the others are counted. ``about`` are further fields.
 
-    Args:
-        columns: SI values by quantity, of equal lengths.
-        path: gives the name and, in the provenance, the file.
-        about: further fields of the record.
     Raises:
         ValueError: no burst is finite.
     """
@@ -126,30 +108,46 @@ def record_of(columns: Mapping[str, Array], path: str | Path, **about: Any) -> B
 
 
 def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
-    """Bursts of one station.
+    """Bursts of one station from a CSV; ``about`` are fields of the record instead of those of the file.
 
-    Args:
-        path: text; columns as ``read_burst_columns`` names them, in a header line, separated by
-            comma, semicolon or tab (a decimal comma needs one of the latter).
-        about: further fields of the record, instead of those of the file.
     Raises:
         FileNotFoundError, OSError: no such file, a folder.
-        ValueError: empty, header only, a column missing or without a unit, an unknown key, mixed
-            decimal marks, an unreadable or missing cell.
+        ValueError: empty, header only, a column missing or without a unit, an unknown key, mixed decimal marks, an
+            unreadable cell.
     """
     lines = read_lines(path)
     start = header_line(lines, path)
-    stated = read_stated(lines[:start], STATED, path)
-    separator = separator_of(lines[start])
+    stated, separator = read_stated(lines[:start], STATED, path), separator_of(lines[start])
     labels = cells_of(lines[start], separator)
     found = read_bursts_of(lines, start + 2, burst_columns(labels, path), path, len(labels), separator)
     return record_of(found, path, **{"provenance": {"format": "csv"}, **stated, **about})
 
 
-def _is_csv(path: Path, _: Options) -> bool:
-    """Whether the first line that is no remark names an arrival time."""
-    header = next((line for line in read_lines(path, HEAD) if line.strip() and not line.startswith("#")), "")
-    return "arrival_time" in header
+def read_burst_columns(
+    path: str | Path, columns: str | Sequence[str], separator: str = "blank", **about: Any
+) -> BurstRecord:
+    """Bursts of one station from columns of numbers without a header.
+
+    Args:
+        path: text, UTF-8 or latin-1, decimal point or comma.
+        columns: names with units in the order of the file, separated by commas (in Python also a list):
+            "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]".
+            ``row`` and ``skip`` are passed over; a minus turns a velocity round.
+        separator: ``blank`` (any white space), ``tab``, ``comma`` or ``semicolon``.
+        about: further fields of the record: x, y, z (m), frequency, fluid, ...
+    Raises:
+        As ``read_burst_csv``; another number of columns than stated.
+    """
+    labels = [label.strip() for label in (columns.split(",") if isinstance(columns, str) else columns)]
+    wanted = burst_columns(labels, path)
+    between = SEPARATORS[require_choice("separator", separator, SEPARATORS)]
+    lines = read_lines(path)
+    count = len(cells_of(lines[0], between))
+    if count != len(labels):
+        stated = f"{len(labels)} columns are stated: {', '.join(labels)}"
+        raise ValueError(f"{path}: line 1 has {count} cells, {stated}; name every column, 'skip' included")
+    found = read_bursts_of(lines, 1, wanted, path, count, between)
+    return record_of(found, path, **{"provenance": {"format": "columns", "columns": labels}, **about})
 
 
 def _places(path: Path) -> list[Place]:
@@ -158,35 +156,9 @@ def _places(path: Path) -> list[Place]:
     return [(stated.get("x"), stated.get("y"), stated.get("z"))]
 
 
-def read_burst_columns(
-    path: str | Path, columns: str | Sequence[str], separator: str = "blank", **about: Any
-) -> BurstRecord:
-    """Bursts of one station from columns of numbers.
-
-    Args:
-        path: text, UTF-8 or latin-1, decimal point or comma; no header.
-        columns: names with units in the order of the file, separated by commas (in Python also a list):
-            "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]".
-            ``row`` and ``skip`` are passed over; a minus turns a velocity round.
-        separator: ``blank`` (any white space), ``tab``, ``comma`` or ``semicolon``.
-        about: further fields of the record: x, y, z (m), frequency, fluid, ...
-    Raises:
-        FileNotFoundError, OSError: no such file, a folder.
-        ValueError: empty, a header or another number of columns than stated, a wrong unit, an
-            unreadable or missing cell, mixed decimal marks.
-    """
-    labels = [label.strip() for label in (columns.split(",") if isinstance(columns, str) else columns)]
-    wanted = burst_columns(labels, path)
-    between = SEPARATORS[require_choice("separator", separator, SEPARATORS)]
-    lines = read_lines(path)
-    count = len(cells_of(lines[0], between))
-    if count != len(labels):
-        raise ValueError(
-            f"{path}: line 1 has {count} cells, {len(labels)} columns are stated: "
-            f"{', '.join(labels)}; name every column, 'skip' included"
-        )
-    found = read_bursts_of(lines, 1, wanted, path, count, between)
-    return record_of(found, path, **{"provenance": {"format": "columns", "columns": labels}, **about})
+def _is_csv(path: Path, _: Options) -> bool:
+    """Whether the first line that is no remark names an arrival time."""
+    return "arrival_time" in next((line for line in read_lines(path, HEAD) if line.strip() and line[0] != "#"), "")
 
 
 CSV = BurstFormat(_is_csv, _places, lambda path, _, options, about: read_burst_csv(path, **about))

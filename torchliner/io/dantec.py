@@ -1,8 +1,8 @@
 """Dantec's text export of burst analysers, "DXEX" v3 and v5.
 
-Line 1 is the version, 2 the project, 3 the time of day, 4 the position, 5 a label, 6 the quoted
-names of the columns; bursts from line 7, tab-separated. A second channel of its own arrival times
-(non-coincidence) has columns AT{2}, TT{2}, LDA2{2}, padded with blanks.
+Line 1 is the version, 2 the project, 3 the time of day, 4 the position, 5 a label, 6 the quoted names of the columns;
+bursts from line 7, tab-separated. A second channel of its own arrival times (non-coincidence) has columns AT{2}, TT{2},
+LDA2{2}, padded with blanks.
 """
 
 from __future__ import annotations
@@ -25,69 +25,50 @@ HEADER_LINES = 6
 NO_PARTNER = "no partner within the coincidence window"
 USUAL = {2: ("streamwise", "wall_normal"), 3: ("streamwise", "wall_normal", "skip")}
 MEANINGS = (*COMPONENTS, *(f"-{name}" for name in COMPONENTS), "skip")
-NUMBER = r"[-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?"
-LABEL = re.compile(r"\s*([A-Za-z]+)(\d*)(?:\{(\d+)\})?\s*(?:\[(.*)\])?\s*")  # LDA2{2} [m/s]
+POSITION = re.compile(r"([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)\s*(.*)")  # 1.50 mm
+LABEL = re.compile(r"([A-Za-z]+)(\d*)(?:\{(\d+)\})?\s*(?:\[(.*)\])?")  # LDA2{2} [m/s]
 
 
 def read_dantec(
-    path: str | Path,
-    components: Sequence[str] | None = None,
-    coincidence_window: float | None = None,
-    **about: Any,
+    path: str | Path, components: Sequence[str] | None = None, coincidence_window: float | None = None, **about: Any
 ) -> BurstRecord:
     """Bursts of one exported file.
 
     Args:
         path: DXEX v3 or v5, UTF-8 or latin-1, decimal point or comma.
-        components: what LDA1, LDA2 and so on hold, in order: ``streamwise``, ``wall_normal`` or
-            ``skip``, with a minus where the optics count the other way. Default for two and three
-            channels: streamwise, wall_normal(, skip); a single one must be stated.
-        coincidence_window: s; pairs the channels of a non-coincidence file. Without it the
-            wall-normal channel is read alone, and a note says so.
-        about: further fields of the record, e.g. ``frequency``, ``fluid``; x, y, z override the
-            position line.
+        components: what LDA1, LDA2 and so on hold, in order: ``streamwise``, ``wall_normal`` or ``skip``, with a minus
+            where the optics count the other way. Default for two and three channels: streamwise, wall_normal(, skip); a
+            single one must be stated.
+        coincidence_window: s; pairs the channels of a non-coincidence file. Without it the wall-normal channel is read
+            alone, and a note says so.
+        about: further fields of the record, e.g. ``frequency``, ``fluid``; x, y, z override the position line.
     Raises:
         FileNotFoundError, OSError: no such file, a folder.
-        ValueError: empty, another version, no position, a column missing, with a wrong unit, or of
-            another length; mixed decimal marks; times of two channels that do not increase.
+        ValueError: empty, another version, no position, a column missing or with a wrong unit, an unreadable cell,
+            mixed decimal marks; times of two channels that do not increase.
     """
     lines = read_lines(path)
     place = _place(lines, path)
     version, project, time, _, label, header = (line.strip() for line in lines[:HEADER_LINES])
-    names = [name.strip().strip('"') for name in header.split("\t")]
+    names = [name.strip().strip('"').strip() for name in header.split("\t")]
     groups, chosen = _channels(names, components, path)
-    # Also where a channel is skipped: its columns may be the longer ones.
-    padded = any("{" in name for name in names)
-    read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, len(names), "\t", padded) for group in groups]
-    for columns in read:
-        counts = {name: len(values) for name, values in columns.items()}
-        if len({*counts.values()}) > 1:
-            raise ValueError(f"{path}: columns of one channel have unequal lengths: {counts}")
-    columns, more = _joined(read, coincidence_window, path)
+    read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, len(names), "\t") for group in groups]
+    columns, more = (read[0], {}) if len(read) == 1 else _joined(read, coincidence_window, path)
     provenance = {"format": version, "project": project, "time": time, "label": label, "channels": chosen}
     facts = dict(zip("xyz", place, strict=True)) | {"title": label or Path(path).stem, "provenance": provenance}
     return record_of(columns, path, **facts | more | about)
 
 
 def _place(lines: Sequence[str], path: str | Path) -> tuple[float, float, float]:
-    """x, y, z in m from line 4, ``[point;]x mm;y mm;z mm``.
-
-    Raises:
-        ValueError: another version, fewer lines, no position, another unit than of length.
-    """
+    """x, y, z in m from line 4, ``[point;]x mm;y mm;z mm``."""
     if lines[0].strip() not in ("DXEX v3", "DXEX v5"):
-        raise ValueError(
-            f"{path}: line 1 is {lines[0].strip()[:40]!r}; 'DXEX v3' or 'DXEX v5' is needed (set "
-            "the export to one of them, or read it as columns)"
-        )
+        raise ValueError(f"{path}: line 1 is {lines[0].strip()[:40]!r}; export as 'DXEX v3' or 'DXEX v5'")
     if len(lines) < HEADER_LINES:
         raise ValueError(f"{path} ends after line {len(lines)}; the header has {HEADER_LINES}")
     parts = [part.strip() for part in lines[3].split(";") if part.strip()]
-    found = [re.fullmatch(rf"({NUMBER})\s*(.*)", part) for part in parts[len(parts) == 4 :]]
+    found = [POSITION.fullmatch(part) for part in parts[len(parts) == 4 :]]
     if len(found) != 3 or None in found:
-        raise ValueError(
-            f"{path}: line 4 is {lines[3].strip()[:60]!r}; a position such as '[point;]x mm;y mm;z mm' is needed"
-        )
+        raise ValueError(f"{path}: line 4 is {lines[3].strip()[:60]!r}; '[point;]x mm;y mm;z mm' is needed")
     where = f"{path}: the position on line 4"
     x, y, z = (float(m[1].replace(",", ".")) * si_factor("length", m[2], where) for m in found if m)
     return x, y, z
@@ -102,64 +83,47 @@ def _channels(
     channels = sorted((key for key in there if key[0] == "LDA"), key=lambda key: int(key[1] or 0))
     if not channels or any(key[1].startswith("0") for key in channels):
         raise ValueError(f"{path}: columns 'LDA1 [m/s]', ... from 1 are needed; there are: {', '.join(names)}")
-    meant = _meanings([f"LDA{key[1]}" for key in channels], components, path)
-    groups: dict[str, list[Column]] = {}
-    for key, name in zip(channels, meant, strict=True):
-        if name != "skip":
-            group, suffix = key[2], "" if key[2] == "1" else f"{{{key[2]}}}"
-            if ("AT", "", group) not in there:
-                raise ValueError(f"{path}: column 'AT{suffix} [ms]' is missing; there are: {', '.join(names)}")
-            times = {"arrival_time": ("AT", "", group), "transit_time": ("TT", "", group)}
-            own = [_column(label, *there[at], path) for label, at in times.items() if at in there]
-            velocity = _column(name.lstrip("-"), *there[key], path, -1.0 if name.startswith("-") else 1.0)
-            groups.setdefault(group, own).append(velocity)
-    return list(groups.values()), {f"LDA{key[1]}": name for key, name in zip(channels, meant, strict=True)}
-
-
-def _column(name: str, index: int, unit: str, path: str | Path, sign: float = 1.0) -> Column:
-    return Column(name, index, sign * si_factor(QUANTITIES[name], unit, f"{path}: column {name!r}"))
-
-
-def _meanings(channels: Sequence[str], components: Sequence[str] | None, path: str | Path) -> Sequence[str]:
-    """What each channel measures."""
+    labels = [f"LDA{number}" for _, number, _ in channels]
     meant = USUAL.get(len(channels), ()) if components is None else components
-    if len(meant) != len(channels):
-        raise ValueError(
-            f"{path} has channels {', '.join(channels)}, and components are {', '.join(meant) or 'not stated'}; name "
-            "one for each: wall_normal or streamwise, with a minus where it counts the other way, or skip"
-        )
     used = [require_choice("component", name, MEANINGS).lstrip("-") for name in meant if name != "skip"]
-    if not used or len(set(used)) < len(used):
+    if len(meant) != len(channels) or not used or len({*used}) < len(used):
         raise ValueError(
-            f"components is {', '.join(meant)}; name wall_normal and streamwise at most once, one at least"
+            f"{path} has channels {', '.join(labels)}, and components are {', '.join(meant) or 'not stated'}; name one "
+            "for each: wall_normal or streamwise at most once, one at least, with a minus where it counts the other "
+            "way, or skip"
         )
-    return meant
+    groups: dict[str, list[Column]] = {}
+    for (_, number, group), name in zip(channels, meant, strict=True):
+        if name != "skip":
+            if ("AT", "", group) not in there:
+                suffix = "" if group == "1" else f"{{{group}}}"
+                raise ValueError(f"{path}: column 'AT{suffix} [ms]' is missing; there are: {', '.join(names)}")
+            wanted = {name.lstrip("-"): ("LDA", number, group)}
+            if group not in groups:
+                wanted |= {"arrival_time": ("AT", "", group), "transit_time": ("TT", "", group)}
+            for own, key in wanted.items():
+                if key in there:
+                    index, unit = there[key]
+                    factor = si_factor(QUANTITIES[own], unit, f"{path}: column {own!r}")
+                    turned = name.startswith("-") and own in COMPONENTS
+                    groups.setdefault(group, []).append(Column(own, index, -factor if turned else factor))
+    return list(groups.values()), dict(zip(labels, meant, strict=True))
 
 
 def _joined(
     read: Sequence[dict[str, Array]], window: float | None, path: str | Path
 ) -> tuple[dict[str, Array], dict[str, Any]]:
-    """One set of bursts from one or two channels, and what is said of it."""
-    if len(read) == 1:
-        return read[0], {}
+    """One set of bursts from two channels, and what is said of it."""
     wall, other = sorted(read, key=lambda columns: "wall_normal" not in columns)
     if window is None:
-        left_out = next(name for name in other if name in COMPONENTS)
-        note = (
-            f"not in coincidence: {left_out} ({len(other['arrival_time'])} bursts) has its own "
-            "arrival times and is left out; a coincidence window pairs it"
-        )
-        return wall, {"notes": (note,)}
+        name = next(name for name in other if name in COMPONENTS)
+        text = f"{name} ({len(other['arrival_time'])} bursts) has its own arrival times and is left out"
+        return wall, {"notes": (f"not in coincidence: {text}; a coincidence window pairs it",)}
     if any(bool((np.diff(columns["arrival_time"]) < 0).any()) for columns in read):
-        raise ValueError(
-            f"{path}: the arrival times of a channel run backwards; coincidence needs them in "
-            "order. Read without a window, or sort the export"
-        )
+        raise ValueError(f"{path}: arrival times run backwards, and coincidence needs them in order; sort the export")
     mine, partner = pair_coincident(wall["arrival_time"], other["arrival_time"], window)
     if len(mine) == 0:
-        raise ValueError(
-            f"{path}: no two bursts of the channels are within {1e6 * window:g} us; widen the coincidence window"
-        )
+        raise ValueError(f"{path}: no two bursts of the channels are within {1e6 * window:g} us; widen the window")
     joined = {name: values[mine] for name, values in wall.items()}
     joined |= {n: v[partner] for n, v in other.items() if n in COMPONENTS}
     # The wall-normal channel is the record; what it misses is what was dropped.
@@ -167,10 +131,7 @@ def _joined(
 
 
 def pair_coincident(first: Array, second: Array, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bursts of two channels that belong to the same particle.
-
-    Each burst takes the nearest of the other channel; a pair counts where the choice is mutual and no further apart
-    than the window, so that no burst is used twice.
+    """Bursts of two channels that belong to the same particle: mutually nearest, no further apart than the window.
 
     Args:
         first, second: arrival times, s, increasing, (N,), (M,).  window: s, largest difference.
@@ -193,14 +154,8 @@ def _nearest(times: Array, others: Array) -> np.ndarray:
     return np.where(np.abs(times - others[left]) <= np.abs(times - others[right]), left, right)
 
 
-def _recognises(path: Path, _: Any) -> bool:
-    """Whether a file begins with the letters DXEX."""
-    with path.open("rb") as file:
-        return file.read(16).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"DXEX")
-
-
 FORMAT = BurstFormat(
-    recognises=_recognises,
+    recognises=lambda path, _: read_lines(path, HEAD)[0].lstrip().startswith("DXEX"),
     places=lambda path: [_place(read_lines(path, HEAD), path)],
     read=lambda path, _, options, about: read_dantec(
         path, options["components"], options["coincidence_window"], **about
