@@ -132,8 +132,10 @@ def interval_of(value: Tensor, found: Scatter, level: float, conversion: Convers
     """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    flat = (part.flatten() for part in (value, bias, power, square, quantile, runs))
-    return intervals.impedance_interval(*flat, conversion).map(lambda each: each.reshape(value.shape))
+    parts = (value, bias, power, square, quantile, runs)
+    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
+    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
+    return flat.map(lambda each: each.reshape(value.shape))
 
 
 def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:

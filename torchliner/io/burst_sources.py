@@ -93,7 +93,7 @@ def list_stations(
             none of which an option says how it is read.
     """
     path, files = Path(path), [Path(path)]
-    options = {"columns": columns, "separator": separator, "components": components}
+    options: dict[str, Any] = {"columns": columns, "separator": separator, "components": components}
     options |= {"coincidence_window": coincidence_window}
     if path.is_dir():
         files = [each for each in sorted(path.iterdir()) if each.is_file() and not each.name.startswith(".")]
