@@ -21,13 +21,7 @@ from typing import Any
 import torchliner as tl
 from common import DATA, FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
 from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from studies.truth_reasons import (
-    MotionRow,
-    ReasonRow,
-    motion_row,
-    plain_motion,
-    reason_row,
-)
+from studies.truth_reasons import Reason, reason_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
@@ -117,15 +111,9 @@ def write_truth_rows(rows: Sequence[Row], path: Path) -> None:
     )
 
 
-def reasons_of(case: str) -> ReasonRow:
+def reasons_of(case: str) -> Reason:
     """What the velocity of the case's own holes gives."""
-    return reason_row(pressures_of(case), liner_of(case), case)
-
-
-def motions_of(case: str) -> list[MotionRow]:
-    """Velocity of the planes; its rms averaged over each cell."""
-    pitch = liner_of(case).cell_pitch
-    return [motion_row(plane, case, pitch) for plane in planes_of(case)]
+    return reason_of(pressures_of(case), liner_of(case), case)
 
 
 def table(header: str, lines: Sequence[Sequence[str]]) -> str:
@@ -138,28 +126,6 @@ def table(header: str, lines: Sequence[Sequence[str]]) -> str:
 def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
     """The same with minus signs, at which a browser breaks no value."""
     return re.sub(r"-(?=\d)", "−", table(header, lines))
-
-
-def interval_table(rows: Sequence[Row]) -> str:
-    """Per case: the in situ value, and of each averaging the widest interval and what they hold."""
-    lines = []
-    for case in dict.fromkeys(row.case for row in rows):
-        mine = [row for row in rows if row.case == case and row.rule == DEFAULT]
-        each = [[row for row in mine if row.averaging == averaging] for averaging in AVERAGINGS]
-        lines.append([case, format_complex(mine[0].in_situ), *map(interval_words, each)])
-    return page_table(f"case | in situ | {' | '.join(AVERAGINGS)}", lines)
-
-
-def interval_words(rows: Sequence[Row]) -> str:
-    """Largest half-width in R and X, and at how many heights each interval holds the reference."""
-    halves, held = [], []
-    for part in ("real", "imag"):
-        ends = [(getattr(row.low, part), getattr(row.high, part)) for row in rows]
-        halves.append(max((high - low) / 2 for low, high in ends))
-        held.append(sum(low <= getattr(row.true, part) <= high for row, (low, high) in zip(rows, ends, strict=True)))
-    if math.isnan(halves[0]):
-        return "-"
-    return f"{halves[0]:.3f}, {halves[1]:.3f} ({held[0]}, {held[1]})"
 
 
 def rule_table(rows: Sequence[Row]) -> str:
@@ -225,15 +191,14 @@ def pair_words(pair: tuple[float | None, float | None]) -> str:
     return ", ".join("none" if v is None else f"{v:.3f}" for v in pair)
 
 
-def reason_table(rows: Sequence[ReasonRow]) -> str:
+def reason_table(rows: Sequence[Reason]) -> str:
     """The holes' own velocity put through the model, and what would give the reference R."""
     return page_table(
-        "case | rms (m/s) | in step (%) | replayed | self-consistent | of the rms | reference Z | speed × | C_vc",
+        "case | rms (m/s) | replayed | self-consistent | of the rms | reference Z | speed × | C_vc",
         [
             [
                 r.case,
                 f"{r.speed:.3f}",
-                f"{100 * r.tone:.0f}",
                 *(format_complex(z) for z in (r.replayed, r.self_consistent, r.of_rms, r.true)),
                 pair_words(r.factor),
                 pair_words(r.contraction),
@@ -243,10 +208,10 @@ def reason_table(rows: Sequence[ReasonRow]) -> str:
     )
 
 
-def limit_table(rows: Sequence[ReasonRow]) -> str:
+def limit_table(rows: Sequence[Reason]) -> str:
     """What the model would need, and how near it comes."""
     return page_table(
-        "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z | R without S_t",
+        "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z",
         [
             [
                 r.case,
@@ -254,29 +219,10 @@ def limit_table(rows: Sequence[ReasonRow]) -> str:
                 pair_words(r.for_reactance),
                 format_complex(r.true),
                 format_complex(r.nearest),
-                f"{r.quasi_steady:.3f}",
             ]
             for r in rows
         ],
     )
-
-
-def motion_table(rows: Sequence[MotionRow]) -> str:
-    """v' of each case over its heights."""
-    lines = []
-    for case in dict.fromkeys(row.case for row in rows):
-        mine = [row for row in rows if row.case == case]
-        shares = [[row.tone for row in mine], [row.rest for row in mine]]
-        lines.append(
-            [
-                case,
-                ", ".join(f"{1e3 * (row.height or 0):g}" for row in mine),
-                ", ".join(f"{row.rms:.2f}" for row in mine),
-                *(", ".join(f"{round(100 * s) + 0}" for s in each) for each in shares),
-                ", ".join(f"{row.cell_rms:.2f}" for row in mine),
-            ]
-        )
-    return page_table("case | y (mm) | v'_rms (m/s) | tone (%) | neither (%) | cell's rms (m/s)", lines)
 
 
 def blocks_of(page: str) -> dict[str, str]:
@@ -300,7 +246,7 @@ def write_tables(page: Path, tables: dict[str, str]) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def draw(rows: Sequence[Row], reasons: Sequence[ReasonRow], folder: Path) -> None:
+def draw(rows: Sequence[Row], reasons: Sequence[Reason], folder: Path) -> None:
     """Both pictures and the numbers behind them."""
     draw_truth_errors(rows, folder / "truth_errors.png")
     write_truth_rows(rows, folder / "truth_errors.csv")
@@ -325,17 +271,13 @@ def everything(rows: Sequence[Row] | None, say: Callable[[str], None]) -> dict[s
             say(f"{case}: all rules")
             rows += rows_of(case)
     reasons = [reasons_of(case) for case in REASONED]
-    motions = [row for case in MOVING for row in motions_of(case)]
     draw(rows, reasons, FOLDER)
     rows = read_rows(FOLDER / "truth_errors.csv")  # so that the tables follow from the file
-    write_rows(plain_motion(motions), FOLDER / "motion.csv")
     return {
         "default": default_table(rows),
-        "intervals": interval_table(rows),
         "rules": rule_table(rows),
         "reasons": reason_table([row for row in reasons if row.case in MOVING]),
         "limits": limit_table([row for row in reasons if row.case in MOVING]),
-        "motion": motion_table(motions),
     }
 
 

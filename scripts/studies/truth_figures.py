@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from studies.limits import reach
-from studies.truth_reasons import FASTEST, ReasonRow
+from studies.truth_reasons import FASTEST, Reason
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import AVERAGINGS, PHASES
 from torchliner.report.figure import (
@@ -99,7 +99,7 @@ class ReachPanel:
     title: str
     liner: SDoFLiner
     frequency: float
-    rows: Sequence[ReasonRow]
+    rows: Sequence[Reason]
 
 
 @styled
@@ -137,7 +137,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
     return finish(figure, path, caption)
 
 
-def _draw_case(axis: Any, row: ReasonRow, colour: str) -> None:
+def _draw_case(axis: Any, row: Reason, colour: str) -> None:
     points = ((row.true, "*", colour, 10), (row.replayed, "o", "white", 5), (row.of_rms, "s", "white", 5))
     for value, marker, face, size in points:
         axis.plot(value.real, value.imag, marker, color=colour, markerfacecolor=face, markersize=size, zorder=4)
@@ -154,7 +154,7 @@ def _draw_case(axis: Any, row: ReasonRow, colour: str) -> None:
     )
 
 
-def _zoom(axis: Any, rows: Sequence[ReasonRow]) -> None:
+def _zoom(axis: Any, rows: Sequence[Reason]) -> None:
     """The set runs on far to the right; show what lies around the cases."""
     values = [value for row in rows for value in (row.true, row.replayed, row.of_rms)]
     right, low = max(v.real for v in values), min(v.imag for v in values)
