@@ -219,7 +219,7 @@ def of_collection(ending: str, inner: str = ".vtp") -> Callable[..., Made]:
             ".pvd": f'<?xml version="1.0"?>\n<VTKFile type="Collection"><Collection>{tags}</Collection></VTKFile>',
             ".series": json.dumps({"file-series-version": "1.0", "files": files}),
         }
-        return text(folder / f"all{ending}", content[ending]), UP | SI
+        return text(folder / f"all{ending}", content[Path(ending).suffix or ending]), UP | SI
 
     return maker
 
@@ -378,8 +378,8 @@ SURFACES = {
     "vts": of_frames(".vts", lambda frame: image(frame).cast_to_structured_grid()),
     "vtr": of_frames(".vtr", lambda frame: image(frame).cast_to_rectilinear_grid()),
     "pvd": of_collection(".pvd"),
-    "series": of_collection(".series"),
-    "vtm series": of_collection(".series", ".vtm"),
+    "series": of_collection(".vtp.series"),
+    "vtm series": of_collection(".vtm.series", ".vtm"),
     "vtkhdf": of_vtkhdf("surface"),
     "vtkhdf grid": of_vtkhdf("grid"),
     "vtkhdf image": of_vtkhdf("image"),

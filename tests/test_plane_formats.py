@@ -220,11 +220,6 @@ def named(**names):
     return dataset().rename(names).drop_vars([*names.values()])
 
 
-def scalar(value, units, **attributes):
-    """A variable of one number beside attributes of its name."""
-    return dataset().assign({name: ((), value, {"units": units}) for name in attributes}).assign_attrs(attributes)
-
-
 BARE, INDEX = xarray.DataArray(VALUES, dims=AXES), {"x": (("j", "i"), np.ones((3, 4)), {"units": "m"})}
 REFUSED = [
     (many(), {}, r"3 of its velocities may be normal .* v \(30x3x4, .*u "),
@@ -238,8 +233,6 @@ REFUSED = [
     (named(x="t"), {}, "axes time, z, time; one axis is time"),
     (named(x="i", z="j").assign_coords(INDEX), {"axes": AXES}, "has a value for each probe"),
     (dataset().assign_attrs(frequency="high"), {}, "'frequency' is 'high'; a number is needed"),
-    (scalar(2.0, "mm", height="1.5 mm"), {}, r"'height' is 0.0015 m, height is 0.002 elsewhere; corr"),
-    (scalar(1.2, "kg/m3", density="1.1 kg/m3"), {}, "'density' is 1.1 kg/m3, density is 1.2 elsewhere; corr"),
     (dataset(), {"velocity_units": "mm/s"}, r"is in m s\*\*-1 by its own words, not in mm/s"),
     (BARE, {}, "velocity has no units attribute"),
     (BARE, {"velocity_units": "m/s"}, "give sampling_rate"),

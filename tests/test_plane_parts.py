@@ -145,8 +145,8 @@ def test_epochs_that_are_not_comparable_are_refused(tmp_path):
 
 FAULTS = {
     "gap": ({}, (35, 60), r"5 samples are missing between velocity, which ends at 0.50058 s, and"),
-    "rate": ({"sampling_rate": 51e3}, (30, 60), "sampled at 50000 and 51000 Hz, two time bases"),
-    "clock": ({"start": 0.5 + 30.4 / RATE}, (30, 60), "begins 30.4 sampling intervals after"),
+    "rate": ({"sampling_rate": 51e3}, (30, 60), "sampled at 50000 and 51000 Hz.* two time bases"),
+    "clock": ({"start": 0.5 + 30.4 / RATE}, (30, 60), "begins 30.4 sampling intervals after.*: two time bases"),
     "places": (
         {"x": [0.0, 0.001, 0.002, 0.004]},
         (30, 60),
@@ -243,8 +243,8 @@ def test_a_file_that_grows_is_that_which_was_opened(tmp_path):
 
 
 WRONG = [
-    ({"start": 0.7}, r"no sample from 0.7 s to its end; it runs from 0.5 to 0.50118 s"),
-    ({"stop": 0.4}, r"no sample from its start to 0.4 s"),
+    ({"start": 0.7}, r"no sample from 0.7 to inf s; it runs from 0.5 to 0.50118 s"),
+    ({"stop": 0.4}, r"no sample from 0.5 to 0.4 s"),
     ({"every": 0}, "every is 0; keep every n-th sample"),
     ({"region": "1:2"}, r"no probe with x from 1 to 2 m; its x runs from 0 to 0.003 m"),
     ({"region": "2"}, r"region '2' cannot be read; write X0:X1"),

@@ -6,7 +6,7 @@ MATLAB files may hold X_unique, Y_unique, Z_unique, the coordinates of the axes 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,10 +18,10 @@ from scipy.io import loadmat, whosmat
 
 from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import hold_open, open_file
-from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.to_plane import FORMAT as HDF5
-from torchliner.io.to_plane import HDF5_SIGNATURE, to_plane
-from torchliner.io.variables import Field, fields_of_hdf5
+from torchliner.io.to_plane import to_plane
+from torchliner.io.variables import Field, Source, fields_of_hdf5
 from torchliner.names import ARRAY_ENDINGS, did_you_mean
 from torchliner.records import VelocityPlane
 
@@ -42,7 +42,7 @@ class MatlabArray:
     def __getitem__(self, part: Any) -> np.ndarray:
         if self._whole is None:
             require_memory(self.dtype.itemsize * math.prod(self.shape), f"{self.path}: {self.name}, {self.shape},")
-            found = np.asarray(_matlab(loadmat, self.path, variable_names=[self.name])[self.name])
+            found = np.asarray(_whole_file(self.path, "MATLAB", loadmat, variable_names=[self.name])[self.name])
             if found.dtype.kind not in "fiu" or found.shape != self.shape:
                 raise ValueError(f"{self.path}: {self.name} is {found.dtype}, {found.shape}, not real numbers")
             self._whole = found
@@ -52,27 +52,22 @@ class MatlabArray:
         return {**self.__dict__, "_whole": None}
 
 
-def _matlab(function: Callable[..., Any], path: Path, **options: Any) -> Any:
+def _whole_file(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> Any:
     try:
-        return function(path, **options)
+        return read(path, **options)
     except Exception as error:  # whatever it says of damage
-        raise ValueError(f"{path} is not a whole MATLAB file: {error}") from error
+        raise ValueError(f"{path} is not a whole {kind} file: {error}") from error
 
 
 def matlab_arrays(path: Path) -> dict[str, MatlabArray]:
     """The arrays of a MATLAB file before v7.3."""
-    return {
-        name: MatlabArray(path, name, tuple(shape), np.dtype(NUMBERS.get(kind, "O")))
-        for name, shape, kind in _matlab(whosmat, path)
-    }
+    listed = _whole_file(path, "MATLAB", whosmat)
+    return {name: MatlabArray(path, name, tuple(n), np.dtype(NUMBERS.get(kind, "O"))) for name, n, kind in listed}
 
 
 def npy_arrays(path: Path) -> dict[str, np.ndarray]:
     """The one array of a .npy file, "", read as it is used."""
-    try:
-        found = np.load(path, mmap_mode="c", allow_pickle=False)
-    except Exception as error:  # whatever it says of damage
-        raise ValueError(f"{path} is not a whole .npy file: {error}") from error
+    found = _whole_file(path, ".npy", np.load, mmap_mode="c", allow_pickle=False)
     if not isinstance(found, np.ndarray):
         raise ValueError(f"{path} is an archive of arrays (.npz), no .npy file; take one of them out")
     return {"": found}
@@ -96,47 +91,46 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
         if ending == ".npy":
             values = npy_arrays(path)[""]
         elif ending == ".mat" and not h5py.is_hdf5(path):
-            arrays = matlab_arrays(path)
-            values = arrays[_pick([*arrays], variable, path)][()]
+            values = _pick(matlab_arrays(path), variable, path)[()]
         else:
             with open_file(path) as file:
                 fields = {name[1:]: each for name, each in fields_of_hdf5(file, path).items()}
-                values = fields[_pick([*fields], variable, path)].values()
+                values = _pick(fields, variable, path).values()
                 values = values.T if ending == ".mat" else values
     if values.dtype.kind not in "fiu":
         raise ValueError(f"{path}: {variable or 'the array'} is {values.dtype}, not real numbers")
     return values
 
 
-def _pick(names: Sequence[str], variable: str | None, path: Path) -> str:
+def _pick(arrays: Mapping[str, Any], variable: str | None, path: Path) -> Any:
+    held = ", ".join(arrays) or "no array"
+    if variable is None and len(arrays) == 1:
+        return next(iter(arrays.values()))
     if variable is None:
-        if len(names) != 1:
-            raise ValueError(f"{path} holds {', '.join(names) or 'no array'}; name the one meant")
-        return names[0]
-    if variable not in names:
-        near = did_you_mean(variable, list(names))
-        raise ValueError(f"{path} has no variable {variable!r}{near}; it holds {', '.join(names)}")
-    return variable
+        raise ValueError(f"{path} holds {held}; name the one meant")
+    if variable not in arrays:
+        raise ValueError(f"{path} has no variable {variable!r}{did_you_mean(variable, [*arrays])}; it holds {held}")
+    return arrays[variable]
 
 
-def _open(path: Path, request: PlaneRequest, arrays: Callable[[Path], dict[str, Any]]) -> VelocityPlane:
-    with naming(path):
-        fields = {
-            f"/{name}": Field(each, path, name and f"/{name}", {}, ("",) * len(each.shape))
-            for name, each in arrays(path).items()
-            if math.prod(each.shape) > 1
-        }
-        return to_plane(fields, {}, path, request, partial(arrays, path))
+def open_arrays(path: Path, request: PlaneRequest, arrays: Callable[[Path], Mapping[str, Any]]) -> VelocityPlane:
+    """The plane of arrays that have no names of axes."""
+    fields = {
+        f"/{name}": Field(each, path, name and f"/{name}", {})
+        for name, each in arrays(path).items()
+        if math.prod(each.shape) > 1
+    }
+    return to_plane(Source(path, fields, {}, partial(arrays, path)), request)
 
 
 def open_matlab(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a MATLAB file; v7.3 is HDF5 with reversed axes."""
     if not h5py.is_hdf5(path):
-        return _open(path, request, matlab_arrays)
+        return open_arrays(path, request, matlab_arrays)
     turned = replace(request, axes=None if request.axis_names is None else request.axis_names[::-1])
     with open_file(path) as file:
         fields = {name: each for name, each in fields_of_hdf5(file, path).items() if each.size > 1}
-        return to_plane(fields, {}, path, turned, partial(hold_open, path))
+        return to_plane(Source(path, fields, {}, partial(hold_open, path)), turned)
 
 
 MATLAB_FORMAT = PlaneFormat(
@@ -148,6 +142,6 @@ MATLAB_FORMAT = PlaneFormat(
 NPY_FORMAT = PlaneFormat(
     "numpy",
     lambda path, head: head[:6] == b"\x93NUMPY",
-    partial(_open, arrays=npy_arrays),
+    partial(open_arrays, arrays=npy_arrays),
     tuple(each for each in MATLAB_FORMAT.takes if each != "variable"),
 )

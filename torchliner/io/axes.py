@@ -10,7 +10,7 @@ import numpy as np
 
 from torchliner.fluid import Fluid
 from torchliner.io import variables
-from torchliner.io.hdf5 import get_dataset, is_there, read_references
+from torchliner.io.hdf5 import get_dataset, is_there
 from torchliner.io.tables import FileKind, Table, numbers, read_variables
 
 FLUID_UNITS = {
@@ -40,6 +40,12 @@ def read_case(file: h5py.File, kind: FileKind, table: Table, path: Path) -> dict
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return {**found, "reference": read_references(file, path)}
+
+
+def read_references(file: h5py.Group, path: str | Path) -> dict[str, complex]:
+    """Impedances by name, as ``write_references`` wrote them."""
+    fields = {f"/{key}": _field(file, key, path) for key in file if key.startswith("reference_")}
+    return variables.references_of(fields)
 
 
 def _field(file: h5py.Group, key: str, path: str | Path) -> variables.Field:
@@ -73,7 +79,7 @@ def read_clock(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[
 
 def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
     """0 or -1; as ``variables.time_axis``."""
-    return variables.time_axis(variables.Field(dataset, path, dataset.name, dataset.attrs), samples)
+    return variables.time_axis(variables.field_of(dataset.parent, dataset.name.rpartition("/")[2], path), samples)
 
 
 def read_coordinate(file: h5py.Group, key: str, shape: tuple[int, ...], path: Path) -> np.ndarray | None:

@@ -18,8 +18,6 @@ def clock_of(time: np.ndarray, name: str, stated: float | None, exact: float = 0
         time, name, exact: as for ``uniform_rate``.
         stated: Hz, by the user, of stamps without a unit: whatever they count, they count it
             evenly; None: they are in s.
-    Raises:
-        ValueError: as ``uniform_rate``; the stated rate is none.
     """
     found, first = uniform_rate(time, name, exact), float(time[0])
     if stated is None:
@@ -69,8 +67,8 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
             f"{time[back]:.9g} s; sort the frames, or give the runs as files of their own, which are joined"
         )
     lost = np.rint(steps / usual).astype(int) - 1
-    gap = int((lost > 0).argmax())
     if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
+        gap = int((lost > 0).argmax())
         raise ValueError(
             f"{name} lacks {int(lost.sum())} frames, the first {lost[gap]} after sample {gap} ({time[gap]:.9g} s); "
             "restore them, or keep one stretch between the gaps"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,31 +13,30 @@ from typing import Any
 import numpy as np
 from scipy.io import netcdf_file
 
-from torchliner.file_checks import DAMAGE, naming, require_regular
-from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.file_checks import DAMAGE, require_regular
+from torchliner.io.hdf5 import hold_open, open_file
+from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import require_velocity
 from torchliner.io.stored_values import PLAIN, Packing
 from torchliner.io.to_plane import FORMAT as HDF5
 from torchliner.io.to_plane import to_plane
-from torchliner.io.variables import Field
+from torchliner.io.variables import Field, Fields, Source, fields_of_hdf5
 from torchliner.records import VelocityPlane
 
 # What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.
 FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
-PACKED = {"scale_factor", "add_offset"}
 # As it is stored, and read when it is asked for.
 RAW: dict[str, Any] = dict.fromkeys(
     ("decode_times", "decode_timedelta", "decode_coords", "mask_and_scale", "consolidated"), False
 )
 
 
-def open_classic(path: Path) -> Any:
-    """A netCDF-3 file, mapped.
+# netCDF-3
 
-    Raises:
-        OSError: it ends before its values do.
-    """
+
+def open_classic(path: Path) -> Any:
+    """A netCDF-3 file, mapped; an OSError where it ends before its values do."""
     try:
         with path.open("rb") as raw:  # the map stays
             file: Any = netcdf_file(raw, "r", mmap=True)
@@ -48,12 +48,11 @@ def open_classic(path: Path) -> Any:
     return file
 
 
-def classic_arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a netCDF-3 file by name."""
+def _classic_arrays(path: Path) -> dict[str, np.ndarray]:
     return {name: each.data for name, each in open_classic(path).variables.items()}
 
 
-def classic_fields(path: Path) -> tuple[dict[str, Field], Mapping[str, Any]]:
+def classic_source(path: Path) -> Source:
     """Variables and attributes of a netCDF-3 file; values that nobody wrote are marked as missing."""
     file, fields = open_classic(path), {}
     for name, each in file.variables.items():
@@ -62,13 +61,22 @@ def classic_fields(path: Path) -> tuple[dict[str, Field], Mapping[str, Any]]:
         if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
             attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
         fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
-    return fields, file._attributes
+    return Source(path, fields, file._attributes, partial(_classic_arrays, path))
 
 
-def open_netcdf3(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a netCDF-3 file; as ``open_classic`` and ``to_plane``."""
-    with naming(path):
-        return to_plane(*classic_fields(path), path, request, partial(classic_arrays, path))
+@contextmanager
+def netcdf_source(path: Path) -> Iterator[Source]:
+    """What a netCDF file of any version holds, while it is open."""
+    with path.open("rb") as file:
+        classic = file.read(8) != HDF5_SIGNATURE
+    if classic:
+        yield classic_source(path)
+        return
+    with open_file(path) as hdf:
+        yield Source(path, fields_of_hdf5(hdf, path), hdf.attrs, partial(hold_open, path))
+
+
+# Datasets of xarray
 
 
 def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
@@ -92,14 +100,14 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
             "table.set_index(['time', 'x']).to_xarray()"
         )
     path = Path(data.encoding.get("source") or "xarray")
-    plane = to_plane(fields_of_xarray(data, path), data.attrs, path, request, partial(getattr, data, "variables"))
+    plane = to_plane(Source(path, _fields(data, path), data.attrs, partial(getattr, data, "variables")), request)
     require_velocity(plane.name, request)
     plane = replace(plane, **stated) if stated else plane
     lazy = data.chunks or any("source" in each.encoding for each in data.variables.values())
     return plane if lazy else plane.load()
 
 
-def fields_of_xarray(data: Any, path: Path) -> dict[str, Field]:
+def _fields(data: Any, path: Path) -> Fields:
     """All variables of a Dataset by name, dates as ns since 1970."""
     found = {}
     for name, each in data.variables.items():
@@ -111,13 +119,11 @@ def fields_of_xarray(data: Any, path: Path) -> dict[str, Field]:
     return found
 
 
-def open_store(path: Path, group: str | None) -> Any:
-    """The dataset of a zarr store, as it is stored.
+# Stores of zarr
 
-    Raises:
-        ImportError: xarray or zarr is not installed.
-        OSError: a part of it is a pipe or a device.
-    """
+
+def open_store(path: Path, group: str | None) -> Any:
+    """The dataset of a zarr store, as it is stored; an OSError where a part of it is a pipe or a device."""
     try:
         import xarray
         import zarr  # noqa: F401
@@ -126,7 +132,13 @@ def open_store(path: Path, group: str | None) -> Any:
     for each in path.rglob("*"):
         if not each.is_dir():
             require_regular(each)
-    return xarray.open_dataset(path, engine="zarr", group=group, chunks=None, **RAW)
+    data = xarray.open_dataset(path, engine="zarr", group=group, chunks=None, **RAW)
+    if not (path / ZARR[0]).is_file():
+        # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
+        for variable in data.variables.values():
+            if variable.attrs.get("_FillValue") == 0 and not {"scale_factor", "add_offset"} & set(variable.attrs):
+                del variable.attrs["_FillValue"]
+    return data
 
 
 def _stored_variables(path: Path, group: str | None) -> Any:
@@ -139,8 +151,6 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
     Args:
         path, group, name: of it.
         packing: how it is stored; a fill value that it marks as missing is no number.
-    Raises:
-        ValueError: some are not; one single value may be the fill value, which zarr leaves out.
     """
     import zarr
 
@@ -148,7 +158,7 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
     array = zarr.open_array(folder, mode="r")
     fill = 0 if array.fill_value is None else array.fill_value
     if array.size < 2 or np.isnan(packing.unpack(np.full(1, fill), np.float64)).all():
-        return
+        return  # one single value may be the fill value, which zarr leaves out
     # ``nchunks_initialized`` takes the square of their number.
     there = sum(each.is_file() and not each.name.startswith((".z", "zarr.json")) for each in folder.rglob("*"))
     wanted = math.prod(-(-n // c) for n, c in zip(array.shape, array.shards or array.chunks, strict=True))
@@ -162,25 +172,20 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
 
 def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a zarr store; as ``open_store``, ``to_plane`` and ``require_written``."""
-    with naming(path):
-        data = open_store(path, request.group)
-        if not (path / ZARR[0]).is_file():
-            # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
-            for each in data.variables.values():
-                if each.attrs.get("_FillValue") == 0 and not PACKED & set(each.attrs):
-                    del each.attrs["_FillValue"]
-        for name in set(data.dims) & set(data.variables):
-            require_written(path, request.group, str(name))
-        opens = partial(_stored_variables, path, request.group)
-        plane = to_plane(fields_of_xarray(data, path), data.attrs, path, replace(request, group=None), opens)
-        require_written(path, request.group, plane.velocity.key, plane.velocity.packing)
+    group = request.group
+    data = open_store(path, group)
+    for name in set(data.dims) & set(data.variables):
+        require_written(path, group, str(name))
+    source = Source(path, _fields(data, path), data.attrs, partial(_stored_variables, path, group))
+    plane = to_plane(source, replace(request, group=None))
+    require_written(path, group, plane.velocity.key, plane.velocity.packing)
     return plane
 
 
 NETCDF3 = PlaneFormat(
     "netCDF-3",
     lambda _, head: head[:4] in (b"CDF\1", b"CDF\2"),  # the version, 2 with large offsets
-    open_netcdf3,
+    lambda path, request: to_plane(classic_source(path), request),
     tuple(each for each in HDF5.takes if each != "group"),
 )
 STORE = PlaneFormat(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -232,23 +231,3 @@ def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
         for part, amount in parts.items():
             row = write_variable(file, f"{stem}_{part}", amount, "1")
             set_texts(row, label=label, long_name=f"{part} from elsewhere, {label}")
-
-
-def read_references(file: h5py.File, path: str | Path) -> dict[str, complex]:
-    """What ``write_references`` wrote."""
-    found = {}
-    for key in file:
-        if key.startswith("reference_") and key.endswith("_reactance"):
-            get_dataset(file, f"{key.removesuffix('reactance')}resistance", path)
-        if key.startswith("reference_") and key.endswith("_resistance"):
-            stem = key.removesuffix("resistance")
-            dataset = get_dataset(file, key, path)
-            label = text_attribute(dataset, "label") or stem[10:-1].replace("_", " ")
-            parts = (read_number(file, stem + part, "1", path) for part in ("resistance", "reactance"))
-            found[label] = complex(*parts)
-            if not cmath.isfinite(found[label]):
-                raise ValueError(
-                    f"{place(file, key, path)} and its reactance are {found[label]}; an impedance "
-                    "is finite: repair or remove them"
-                )
-    return found

@@ -16,8 +16,8 @@ import torch
 from torchliner import records
 from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
-from torchliner.io.axes import FLUID, read_coordinate
-from torchliner.io.hdf5 import get_group, is_there, open_file, place, read_references, read_texts, text_attribute
+from torchliner.io.axes import FLUID, read_coordinate, read_references
+from torchliner.io.hdf5 import get_group, is_there, open_file, place, read_texts, text_attribute
 from torchliner.io.own_writer import REFERENCES
 from torchliner.io.tables import plain, read_attribute, read_variables, require_schema
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from torchliner.file_checks import machine_memory, require_memory
 from torchliner.records.holes import Holes
 from torchliner.records.slabs import slab_bounds
 
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 Clock = tuple[str, Fraction]  # epoch and calendar of times, and the first of them after that, s
 
 
@@ -60,6 +62,12 @@ class PlaneRequest:
     points: str | Path | None = None
     holes: Holes | str | Path | None = None
     overlap: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.normal is not None and re.fullmatch("[+-]?[xyz]", str(self.normal)) is None:
+            raise ValueError(
+                f"normal is {self.normal!r}; x, y or z is needed, with '-' where the liner lies on the positive side"
+            )
 
     @property
     def axis_names(self) -> list[str] | None:
@@ -117,9 +125,8 @@ class Stored:
     def load(self) -> Tensor:
         """All of it, (..., T), a view of time-major memory."""
         samples, probes = self.shape[-1], math.prod(self.shape[:-1])
-        size = self.dtype.itemsize * samples * probes
         label = f"{self.label}, {samples} samples of {probes} probes,"
-        require_memory(size, label, "read it by slabs (lazy=True)")
+        require_memory(self.dtype.itemsize * samples * probes, label, "read it by slabs (lazy=True)")
         whole = torch.empty(samples, probes, dtype=self.dtype)
         for begin, end in slab_bounds(samples, probes):
             self.read(begin, end, whole[begin:end])

@@ -21,7 +21,6 @@ from torchliner.records.slabs import slab_bounds
 
 JOINED = "joined"  # in the provenance
 OFF = 0.1  # of a sampling interval, by which restarts may miss the clock of the first
-JULIAN = 1582  # last year in which the standard calendar was another
 CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 
@@ -137,18 +136,13 @@ def _on_one_clock(
         piece = replace(plane, start=first.start + after)
         require_same_probes(first, piece)
         drift = abs(piece.sampling_rate / first.sampling_rate - 1) * max(first.samples, piece.samples)
-        if drift > OFF:
+        if drift > OFF or abs(after * rate - round(after * rate)) > OFF:
             raise ValueError(
                 f"{first.name} and {piece.name} cannot be joined: they are sampled at {first.sampling_rate:.9g} and "
-                f"{piece.sampling_rate:.9g} Hz, two time bases; files of one plane share their rate: resample one"
+                f"{piece.sampling_rate:.9g} Hz, and the second begins {after * rate:.6g} sampling intervals after the "
+                "first: two time bases; resample or shift one"
             )
-        exact = after * rate
-        if abs(exact - round(exact)) > OFF:
-            raise ValueError(
-                f"{piece.name} begins {exact:.6g} sampling intervals after {first.name}, at {piece.start:.9g} s, "
-                "between the samples of its clock: two time bases; shift one"
-            )
-        found.append((round(exact), piece))
+        found.append((round(after * rate), piece))
     return sorted(found, key=lambda piece: piece[0]), rate
 
 
@@ -176,21 +170,18 @@ def _seconds(epoch: str, name: str) -> Fraction:
     text = re.sub(r"\s*(Z|UTC|GMT)$", "+00:00", re.sub(r"\b(\d)\b", r"0\1", words))
     with suppress(ValueError):
         moment = datetime.fromisoformat(re.sub(r"(:\d\d(?:\.\d+)?)\s+([+-])", r"\1\2", text))
-        if moment.year > JULIAN and calendar in CALENDARS:
+        if calendar in CALENDARS:
             moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
             return Fraction((moment - datetime(1, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 10**6)
     raise ValueError(
         f"{name} cannot be joined with files of another epoch: its times are since {epoch!r}; a "
-        f"date YYYY-MM-DD hh:mm:ss after {JULIAN}, of the standard calendar, is needed"
+        "date YYYY-MM-DD hh:mm:ss of the standard calendar is needed"
     )
 
 
 def _compared(before: VelocityPlane, after: VelocityPlane, shift: int, overlap: str) -> str:
-    """What is said of samples in both, the second beginning ``shift`` samples after the first.
-
-    Raises:
-        ValueError: they differ, also where one alone is nan, and ``overlap`` is ``refuse``.
-    """
+    """What is said of samples in both, the second beginning ``shift`` samples after the first; a ValueError where they
+    differ, also where one alone is nan, and ``overlap`` is ``refuse``."""
     samples = min(before.samples - shift, after.samples)
     worst, at, largest = 0.0, 0, 0.0
     for begin, end in slab_bounds(samples, before.probes):

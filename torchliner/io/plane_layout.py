@@ -4,12 +4,11 @@ and what CF 1.8 lays down (units, standard_name, axis), never by prose."""
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from torchliner.io.plane_format import PlaneRequest
-from torchliner.io.variables import Field, coordinate, time_axis
+from torchliner.io.variables import Field, Fields, coordinate, time_axis
 
 UPWARD = r"(up|down)ward_(air|sea_water)_vel"
 PLACE = r"(_?(c|coords?|coordinates?|axis|dim|centers?|pos|positions?|unique))?"
@@ -22,7 +21,6 @@ ROLES = {
 HEIGHT = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
 COMPONENT = r"comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
 NONE = "none"  # an axis of one value
-Fields = Mapping[str, Field]
 
 
 def says(field: Field, pattern: str) -> bool:
@@ -32,16 +30,20 @@ def says(field: Field, pattern: str) -> bool:
 
 
 def role_of(name: str, fields: Fields) -> str:
-    """time, x, y or z of a dimension, by its name or what its variable says; else its name."""
+    """time, x, y or z of a dimension, by its name, what its variable says, or a coordinate along it; else its name."""
     field, short = fields.get(name), name.rpartition("/")[2]
     axis, standard, unit = (field.text(key) if field else None for key in ("axis", "standard_name", "units"))
     if standard == "time" or axis == "T" or " since " in (unit or ""):
         return "time"
-    named = next((role for role, known in ROLES.items() if re.fullmatch(known, short, re.IGNORECASE)), None)
-    return named or (axis.lower() if axis in ("X", "Y", "Z") else short)
+    along = [each.short for each in fields.values() if name and each.axes == (name,)]
+    for word in (short, axis or "", *along):
+        for role, known in ROLES.items():
+            if re.fullmatch(known, word, re.IGNORECASE):
+                return role
+    return short
 
 
-def _near(velocity: Field, fields: Fields) -> list[Field]:
+def near(velocity: Field, fields: Fields) -> list[Field]:
     """Variables of the velocity's group, then those at the top of the file."""
     leads = dict.fromkeys((velocity.name.rpartition("/")[0], ""))
     return [each for lead in leads for name, each in fields.items() if name.rpartition("/")[0] == lead]
@@ -50,7 +52,7 @@ def _near(velocity: Field, fields: Fields) -> list[Field]:
 def find_times(velocity: Field, fields: Fields) -> Field | None:
     """A dimension that is time, else a variable of that name."""
     scales = [fields[axis] for axis in velocity.axes if axis in fields and role_of(axis, fields) == "time"]
-    named = [each for each in _near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
+    named = [each for each in near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
     return next(iter(scales + named), None)
 
 
@@ -78,29 +80,22 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
         ValueError: they cannot be told, or more than time and two others are longer than 1.
     """
     shape, label = velocity.shape, velocity.label
-    upward = says(velocity, UPWARD) or (request.normal or "").strip("-") == "z"
+    upward = says(velocity, UPWARD) or (request.normal or "").strip("+-") == "z"
     across, height = ("y", "z") if upward else ("z", "y")
-    roles = request.axis_names or [role_of(axis, fields) for axis in velocity.axes]
+    roles = request.axis_names or [role_of(axis, fields) for axis in velocity.axes or ("",) * len(shape)]
     long = [i for i, n in enumerate(shape) if n != 1]
     if len(roles) == len(long) < len(shape):  # MATLAB keeps a vector as a row
         roles = [roles[long.index(i)] if i in long else NONE for i in range(len(shape))]
     if len(roles) != len(shape):
         raise ValueError(f"{label} has shape {shape}, but {len(roles)} axes are named: {','.join(roles)}")
-    if roles.count("time") > 1:
-        roles = [NONE if role == "time" and n == 1 else role for role, n in zip(roles, shape, strict=True)]
     if "time" not in roles and samples is not None:
         roles[time_axis(velocity, samples)] = "time"
-    no_probes = rf"{height}|{HEIGHT}|{COMPONENT}"
-    tall = [i for i, role in enumerate(roles) if re.fullmatch(no_probes, role, re.IGNORECASE)]
+    tall = [i for i, role in enumerate(roles) if re.fullmatch(rf"{height}|{HEIGHT}|{COMPONENT}", role, re.IGNORECASE)]
     taken = tall[0] if len(tall) == 1 and request.row in range(shape[tall[0]]) else None
     held = ("x", across, "probe")  # also where one value is left
     kept = [i for i, role in enumerate(roles) if role not in ("time", NONE) and (shape[i] > 1 or role in held)]
     kept = [i for i in kept if i != taken]
     names = [roles[i] for i in kept]
-    # A coordinate along an axis, or a size of 1, tells what the other name does not.
-    placed = {each.shape for each in _near(velocity, fields) if role_of(each.short, {}) == across}
-    free = any((shape[i],) in placed or shape[i] == 1 for i in kept)
-    told = len({"x", across} & set(names)) >= (1 if free else 2) or len(kept) < 2 or not all(names)
     why = ""
     if roles.count("time") != 1:
         why = "one axis is time: name all (axes='time,z,x', --axes), and give sampling_rate=..., in Hz, without times"
@@ -111,14 +106,14 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
             "a plane has one height and one component: state row=0 or so for one of several (--row), or "
             f"normal={across!r} if {height} runs across the duct"
         )
-    elif len(kept) > 2 or not told:
+    elif len(kept) > 2 or (len(kept) == 2 and all(names) and not {"x", across} <= {*names}):
         why = "which runs along the duct and which across is not said: name all in order: axes='time,z,x' (--axes)"
     if why:
         raise ValueError(f"{label} has shape {shape} with the axes {', '.join(role or '?' for role in roles)}; {why}")
     time = roles.index("time")
     if samples not in (None, shape[time]):
         raise ValueError(f"{label} has shape {shape} with time on axis {time}, but there are {samples} times")
-    if len(kept) == 2 and (names[0] == "x" or names[1] == across):
+    if names[:1] == ["x"]:
         kept.reverse()
     along = taken is not None and not re.fullmatch(COMPONENT, roles[taken], re.IGNORECASE)
     return Layout((time, *kept), across, taken, height if along else None)
@@ -137,19 +132,19 @@ def find_places(
     """
     probes = layout.order[1:]
     grid = tuple(velocity.shape[i] for i in probes)
-    found: dict[str, Any] = {}
     wanted = [("x", "x", probes[-1] if probes else None), ("z", layout.across, probes[0] if probes else None)]
     wanted += [("height", layout.height, layout.taken)] if layout.height is not None else []
+    found: dict[str, Any] = {}
     for name, word, axis in wanted:
         count = 1 if axis is None else velocity.shape[axis]
-        choices = [each for each in _near(velocity, fields) if role_of(each.short, {}) == word]
+        choices = [each for each in near(velocity, fields) if role_of(each.short, {}) == word]
         choices.sort(key=lambda each: len(each.short))  # "x" before "x_coord"
         if bad := [each for each in choices if len(grid) == 2 and min(grid) > 1 and each.shape == grid]:
             raise ValueError(
                 f"{bad[0].label} has a value for each probe, {grid}; a plane has one for each row or column: flatten "
                 "velocity and coordinates to (time, probe)"
             )
-        scale = "" if axis is None else velocity.axes[axis]
+        scale = velocity.axes[axis] if axis is not None and velocity.axes else ""
         if scale in fields and (len(grid) == 2 or name == "height" or role_of(scale, fields) == word):
             choices.insert(0, fields[scale])
         for each in choices:

@@ -80,13 +80,13 @@ def select(
     every = whole_number("every", every)
     if every < 1:
         raise ValueError(f"every is {every}; keep every n-th sample, n at least 1")
-    begin, end = _samples(plane, start, stop)
-    samples = len(range(begin, end, every))
-    about = {} if region is None else _region(plane, region)
     stated = {"start": start, "stop": stop, "region": region, "every": None if every == 1 else every}
     chosen = {name: value for name, value in stated.items() if value is not None}
     if not chosen and factor == 1.0:
         return plane
+    begin, end = _samples(plane, start, stop)
+    samples = len(range(begin, end, every))
+    about = {} if region is None else _region(plane, region)
     columns, shape = about.pop("columns", None), about.pop("shape", plane.probe_shape)
     for name, sign in (("velocity", factor), ("streamwise", 1.0)):
         value = getattr(plane, name)
@@ -106,19 +106,15 @@ def select(
 
 
 def _samples(plane: VelocityPlane, start: float | None, stop: float | None) -> tuple[int, int]:
-    """First sample, and that behind the last."""
-
-    def sample(time: float) -> int:
-        # A time stamp's rounding does not shut out the sample that it names.
-        return min(max(math.ceil((time - plane.start) * plane.sampling_rate - 1e-3), 0), plane.samples)
-
-    low = 0 if start is None else sample(float(start))
-    high = plane.samples if stop is None else sample(float(stop))
+    """First sample, and that behind the last; a time stamp's rounding does not shut out the sample that it names."""
+    times = (plane.start if start is None else float(start), math.inf if stop is None else float(stop))
+    at = [(time - plane.start) * plane.sampling_rate - 1e-3 for time in times]
+    low, high = (math.ceil(min(max(each, 0), plane.samples)) for each in at)
     if high <= low:
         last = plane.start + (plane.samples - 1) / plane.sampling_rate
         raise ValueError(
-            f"{plane.name} has no sample from {'its start' if start is None else f'{start:g} s'} to "
-            f"{'its end' if stop is None else f'{stop:g} s'}; it runs from {plane.start:.9g} to {last:.9g} s"
+            f"{plane.name} has no sample from {times[0]:g} to {times[1]:g} s; it runs from {plane.start:.9g} to "
+            f"{last:.9g} s"
         )
     return low, high
 
@@ -159,22 +155,19 @@ def _region(plane: VelocityPlane, region: Sequence[Limits] | str) -> dict[str, A
 
 
 def parse_region(text: str) -> list[Limits]:
-    """Limits of x and of z, m, from "0:0.1,-0.01:0.01"; a side that is left out has no limit.
-
-    Raises:
-        ValueError: it cannot be read, or is upside down.
-    """
+    """Limits of x and of z, m, from "0:0.1,-0.01:0.01"; a side that is left out has no limit."""
     found: list[Limits] = []
-    for part in text.split(","):
-        try:
+    try:
+        for part in text.split(","):
             low, high = (float(each) if each.strip() else None for each in part.split(":"))
-            if len(found) == 2 or low != low or high != high:
-                raise ValueError
-        except ValueError:
-            raise ValueError(f"region {text!r} cannot be read; write X0:X1 or X0:X1,Z0:Z1, in m") from None
+            found.append((low, high))
+        if len(found) > 2 or "nan" in text:
+            raise ValueError
+    except ValueError:
+        raise ValueError(f"region {text!r} cannot be read; write X0:X1 or X0:X1,Z0:Z1, in m") from None
+    for low, high in found:
         if low is not None and high is not None and low > high:
             raise ValueError(f"region {text!r} is upside down: {low:g} is above {high:g}")
-        found.append((low, high))
     return found
 
 

@@ -57,49 +57,38 @@ def write_plane(
     if not 0 <= level <= FINEST:
         raise ValueError(f"compress is {compress}; gzip has levels 1 to {FINEST}")
     limit = None if memory is None else bytes_of(memory)
-    fields = {row.names[0]: value for row in SIGNALS if (value := getattr(plane, row.field)) is not None}
-    bounds = {name: _bounds(plane, value, limit) for name, value in fields.items()}
+    signals = [(row, value) for row in SIGNALS if (value := getattr(plane, row.field)) is not None]
+    bounds = [_bounds(plane, value, limit) for _, value in signals]
     with h5py.File.in_memory() as file:
         set_texts(file, **KIND.constants, schema=KIND.schema)
-        _describe(file, plane, level)
+        write_times(file, plane)
+        fill(file, plane, unsaid=(*UNSAID, "area"))
+        dims, shape = ("time", *plane.axes["probes"]), (plane.samples, *plane.probe_shape)
+        for row, value in signals:
+            write_dimensions(file, row, dims, shape)
+            storage = tiles(shape, COMPRESSED_ROWS, level=level) if level else {}
+            kind = np.float32 if value.dtype == torch.float32 else np.float64
+            dataset = file.create_dataset(row.names[0], shape, kind, **storage)
+            set_texts(dataset, units=row.unit, **row.attributes)
+            attach_scales(dataset, file, dims)
+        if plane.area is not None:
+            write_row(file, AREA, plane.area.reshape(shape[1:]), plane.axes)
         file.flush()
         image = file.id.get_file_image()
     with written_whole(path, *HDF5) as temporary:
-        size = sum(math.prod(value.shape) * value.dtype.itemsize for value in fields.values())
-        reserve(temporary, image, size)
+        reserve(temporary, image, sum(math.prod(value.shape) * value.dtype.itemsize for _, value in signals))
         with h5py.File(temporary, "r+") as file:
-            for name, value in fields.items():
-                dataset = file[name]
-                for (low, high), slab in zip(bounds[name], _slabs(value, bounds[name]), strict=True):
+            for (row, value), cuts in zip(signals, bounds, strict=True):
+                dataset = file[row.names[0]]
+                for (low, high), slab in zip(cuts, _slabs(value, cuts), strict=True):
                     dataset[low:high] = slab.numpy().reshape(high - low, *dataset.shape[1:])
                     if progress is not None:
                         progress(slab.nbytes)
 
 
-def _describe(file: h5py.File, plane: VelocityPlane, level: int) -> None:
-    """All but the values of the velocities."""
-    write_times(file, plane)
-    axes = plane.axes
-    fill(file, plane, unsaid=(*UNSAID, "area"))
-    dims, shape = ("time", *axes["probes"]), (plane.samples, *plane.probe_shape)
-    kind = np.dtype(np.float32 if plane.velocity.dtype == torch.float32 else np.float64)
-    for row in SIGNALS:
-        if getattr(plane, row.field) is not None:
-            write_dimensions(file, row, dims, shape)
-            storage = tiles(shape, COMPRESSED_ROWS, level=level) if level else {}
-            dataset = file.create_dataset(row.names[0], shape, kind, **storage)
-            set_texts(dataset, units=row.unit, **row.attributes)
-            attach_scales(dataset, file, dims)
-    if plane.area is not None:
-        write_row(file, AREA, plane.area.reshape(shape[1:]), axes)
-
-
 def reserve(path: Path, image: bytes, size: int) -> None:
-    """Write the file without its velocity, and take the room for that: HDF5 itself crashes on a full disk.
-
-    Raises:
-        OSError: there is not enough room.
-    """
+    """Write a file without its ``size`` bytes of velocity, and take the room for these: HDF5 itself crashes on a full
+    disk, and this is an OSError."""
     path.write_bytes(image)
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as file:  # HDF5 cuts off what it did not need

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.file_checks import require_regular
+from torchliner.file_checks import naming, require_regular
 from torchliner.io.arrays import read_array
 from torchliner.io.holes import read_holes
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
@@ -24,7 +24,6 @@ from torchliner.records.origin import series_of
 from torchliner.units import si_factor
 
 HEAD = 4096  # bytes by which a file is recognised
-MAGIC = "*?["
 COORDINATES = ("x", "z")
 ANY = (*COORDINATES, "holes", "wall_normal_component", "overlap")  # that any format takes from the user
 OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
@@ -93,7 +92,7 @@ def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
             raise ValueError("the list of plane files is empty; name at least one")
         return found
     text = os.fspath(path)
-    if not any(mark in text for mark in MAGIC) or os.path.lexists(text):
+    if glob.escape(text) == text or os.path.lexists(text):
         return [Path(path)]
     matched = sorted(glob.glob(text, recursive=True))
     if not matched:
@@ -110,15 +109,11 @@ def format_of(path: str | Path) -> PlaneFormat:
         FileNotFoundError, OSError: no such file, a device; it cannot be read; no format recognises
             it: what it looks like and the formats are listed.
     """
-    path = Path(path)
-    head = b""
+    path, head = Path(path), b""
     if not path.is_dir():
         require_regular(path)
-        try:
-            with path.open("rb") as file:
-                head = file.read(HEAD)
-        except OSError as error:
-            raise OSError(f"{path} cannot be read: {error.strerror}") from error
+        with naming(path), path.open("rb") as file:
+            head = file.read(HEAD)
     formats: list[PlaneFormat] = [resolve(home) for home in PLANE_FORMATS.values()]
     for each in formats:
         if each.recognises(path, head):
@@ -130,7 +125,7 @@ def format_of(path: str | Path) -> PlaneFormat:
 
 
 def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of one file or folder, its velocity left there.
+    """The plane of one file or folder, its velocity left there; every error names the path.
 
     Raises:
         As ``format_of`` and the format; ValueError: something is stated that the format does not
@@ -141,7 +136,8 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     for name in given:
         if name not in (*found.takes, *ANY):
             raise ValueError(f"{path} is {found.name}, which says {name} itself or has none: leave out {name}=...")
-    plane: VelocityPlane = found.open(Path(path), request)
+    with naming(path):
+        plane: VelocityPlane = found.open(Path(path), request)
     require_velocity(plane.name, request)
     # What a converted file tells is of the reading before it was written, not of this one.
     kept = dict(plane.provenance)
@@ -165,11 +161,7 @@ def _in_words(value: Any) -> Any:
 
 
 def stated_coordinate(where: Any, unit: str | None, name: str) -> np.ndarray:
-    """Coordinates, m, from an array or FILE or FILE:VARIABLE.
-
-    Raises:
-        ValueError: the unit is not stated; as ``read_array``.
-    """
+    """Coordinates, m, from an array or FILE or FILE:VARIABLE, in a unit that the user states."""
     factor = si_factor("length", unit, f"{name}: length_units=..., which")
     if isinstance(where, str | os.PathLike):
         file, _, inside = os.fspath(where).partition(":")

@@ -1,14 +1,13 @@
-"""Points of a solver's file as a plane: wall-normal direction, grid or scattered, order of probes.
+"""Points of a solver's file as a plane: which direction is normal to the wall, grid or scattered, order of probes.
 
-Points have coordinates x, y, z of the solver. The plane's x and z are the two axes along the wall
-in this order: x and z where the normal is y, x and y where it is z, y and z where it is x.
+The plane's x and z are the two axes along the wall in this order: x and z where the normal is y, x and y where it is z,
+y and z where it is x.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.file_checks import Unwritten, naming
+from torchliner.file_checks import Unwritten
 from torchliner.io.plane_format import Imported, PlaneRequest, Stored
 from torchliner.records import VelocityPlane
 from torchliner.units import require_plausible, si_factor
@@ -32,6 +31,9 @@ OTHERS = re.compile(
 PRESSURE = re.compile(r"(?:.*[ _-])?(?:static|total|dynamic|mean|acoustic|wall)?[ _-]?press(?:ure)?s?", re.IGNORECASE)
 
 
+# Names and units
+
+
 def component_of(name: str | None) -> int | None:
     """0, 1, 2 for names as x_velocity, YVelocity, U_z; None for those of a vector or of others."""
     found = COMPONENT.fullmatch(name or "")
@@ -44,25 +46,18 @@ def require_velocity(label: str, request: PlaneRequest) -> None:
     Args:
         label: FILE:/VARIABLE, or FILE alone where the format names no variable.
         request: its ``wall_normal_component`` says that it is the velocity all the same.
-    Raises:
-        ValueError: it is.
     """
     path, _, name = label.rpartition(":/")
     name = name.rpartition("/")[2] if path else Path(label).stem
-    if request.wall_normal_component or not (PRESSURE.fullmatch(name) or (path and OTHERS.fullmatch(name))):
-        return
-    raise ValueError(
-        f"{label}: {name!r} names no velocity but another quantity; name the velocity (--variable), or state "
-        "wall_normal_component=True (--wall-normal-component) if it is one"
-    )
+    if not request.wall_normal_component and (PRESSURE.fullmatch(name) or (path and OTHERS.fullmatch(name))):
+        raise ValueError(
+            f"{label}: {name!r} names no velocity but another quantity; name the velocity (--variable), or state "
+            "wall_normal_component=True (--wall-normal-component) if it is one"
+        )
 
 
 def direction_of(name: str, request: PlaneRequest, label: str) -> int | None:
-    """``component_of`` one value a point; None only where the user says that it is along the wall normal.
-
-    Raises:
-        ValueError: its name tells no direction, and the user says none.
-    """
+    """``component_of`` one value a point; where its name tells none, the user must say that it is along the normal."""
     component = component_of(name)
     if component is None and not request.wall_normal_component:
         raise ValueError(
@@ -72,12 +67,17 @@ def direction_of(name: str, request: PlaneRequest, label: str) -> int | None:
     return component
 
 
-def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
-    """To SI, of velocities or lengths whose unit no file states.
+def require_direction(label: str, component: int | None, normal: str | None) -> None:
+    """Refuse a component along another axis than the normal that the user states."""
+    if normal and component is not None and AXES[component] != normal[-1]:
+        raise ValueError(
+            f"{label} is the velocity along {AXES[component]}, but normal is {normal!r}; name the variable of that "
+            "direction"
+        )
 
-    Raises:
-        ValueError: it is not stated here either.
-    """
+
+def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
+    """To SI, of velocities or lengths whose unit no file states; a ValueError where the user states none either."""
     unit = getattr(request, f"{quantity}_units")
     if unit is None:
         example = "m/s" if quantity == "velocity" else "m"
@@ -88,14 +88,7 @@ def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
     return si_factor(quantity, unit, f"{label}: {quantity}_units")
 
 
-def named(opens: Callable[[Path, PlaneRequest], VelocityPlane]) -> Callable[[Path, PlaneRequest], VelocityPlane]:
-    """A function that opens a path, whatever fails in it an error that names the path."""
-
-    def opened(path: Path, request: PlaneRequest) -> VelocityPlane:
-        with naming(path):
-            return opens(path, request)
-
-    return opened
+# Places
 
 
 @dataclass(frozen=True)
@@ -125,22 +118,21 @@ class Placed:
     def plane(
         self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **about: Any
     ) -> VelocityPlane:
-        """The plane, from values (T, P) in its order, or from what is stored.
+        """The plane.
 
         Args:
-            velocity: m/s along the normal.
+            velocity: m/s along the normal: values (T, P) in the order of the probes, or what is stored.
             rate, start: Hz, s.
             path: of the file, for the title.
             about: for the provenance.
         """
-        stored = velocity
         if isinstance(velocity, np.ndarray):
-            stored = Imported(velocity, (*self.shape, len(velocity)), self.label)
-        if stored.shape[-1] < 2:
-            raise Unwritten(f"{self.label} has {stored.shape[-1]} samples; at least two are needed")
+            velocity = Imported(velocity, (*self.shape, len(velocity)), self.label)
+        if velocity.shape[-1] < 2:
+            raise Unwritten(f"{self.label} has {velocity.shape[-1]} samples; at least two are needed")
         where = {"normal": ("-" if self.sign < 0 else "") + AXES[self.axis], "normal_coordinate": self.height}
         return VelocityPlane(
-            stored,
+            velocity,
             sampling_rate=rate,
             start=start,
             x=self.x,
@@ -170,16 +162,13 @@ def place(
         facing: normal of the surface, (3,), where the file has one.
         area: m2, that each point stands for, (N,).
     Raises:
-        ValueError: no points, coordinates that are not finite or too large; no direction is stated, and the points do
-            not tell; another than the component's is stated; points that stand one above another.
+        ValueError: coordinates that are not finite or too large; no direction is stated, and the points do not tell;
+            another than the component's is stated; points that stand one above another.
     Warns:
-        DataWarning: the normal is not stated but follows from points or names; the points stand at several heights.
+        DataWarning: the normal follows from points or names; the points stand at several heights.
     """
-    if not len(points):
-        raise Unwritten(f"{label} has no points")
-    if not np.isfinite(points).all():
-        lost = int((~np.isfinite(points)).any(1).sum())
-        raise ValueError(f"{label}: {lost} points have coordinates that are not finite")
+    if not len(points) or not np.isfinite(points).all():
+        raise Unwritten(f"{label} has {len(points)} points; they must be some, with finite coordinates")
     require_plausible(points, "length", f"{label}: points")
     axis, sign = _wall_normal(points, request, label, component, facing)
     height = points[:, axis]
@@ -188,14 +177,23 @@ def place(
     (columns, column), (rows, row) = (_levels(values, near) for values in (x, z))
     spot = row * len(columns) + column
     order = np.lexsort((height, spot))
-    _require_one_height(height, spot, order, SAME * np.abs(points).max(), f"{label}: the points", AXES[axis])
+    if np.ptp(height) > (apart := SAME * np.abs(points).max()):
+        above = (np.diff(spot[order]) == 0) & (np.diff(height[order]) > apart)
+        span = f"{AXES[axis]} = {height.min():.6g} to {height.max():.6g} m along the wall normal"
+        if above.any():
+            raise ValueError(
+                f"{label}: the points: {int(above.sum())} of {len(spot)} stand above others, {span}; a plane has one "
+                "height: write the points of one height alone"
+            )
+        tell(f"{label}: the points stand at {span}, of which a plane has one")
     shape: tuple[int, ...] = (len(rows), len(columns))
     if min(shape) > 1 and np.array_equal(spot[order], np.arange(math.prod(shape))):
         x, z = columns, rows
     else:
         order, shape = np.arange(len(points)), (len(points),)
-    area = None if area is None else area[order]
-    return Placed(label, axis, sign, order, shape, x, z, area, float(np.median(height)))
+    return Placed(
+        label, axis, sign, order, shape, x, z, None if area is None else area[order], float(np.median(height))
+    )
 
 
 def _wall_normal(
@@ -203,19 +201,8 @@ def _wall_normal(
 ) -> tuple[int, float]:
     """Axis of the wall normal, and 1, or -1 where it points towards lower coordinates."""
     if request.normal is not None:
-        stated = re.fullmatch(r"([+-]?)([xyz])", str(request.normal))
-        if stated is None:
-            raise ValueError(
-                f"{label}: normal is {request.normal!r}; x, y or z is needed, with '-' where the "
-                "liner lies on the positive side"
-            )
-        axis = AXES.index(stated[2])
-        if component not in (None, axis):
-            raise ValueError(
-                f"{label} is the velocity along {AXES[component or 0]}, but normal is "
-                f"{request.normal!r}; name the variable of that direction"
-            )
-        return axis, -1.0 if stated[1] == "-" else 1.0
+        require_direction(label, component, request.normal)
+        return AXES.index(request.normal[-1]), -1.0 if request.normal[0] == "-" else 1.0
     extent = np.ptp(points, axis=0)
     flat = np.flatnonzero(extent <= SAME * max(extent.max(), np.abs(points).max()))
     if component is None and len(flat) != 1:
@@ -231,26 +218,9 @@ def _wall_normal(
     faces = "" if facing is None else " and the surface faces that way"
     tell(
         f"{label}: the wall normal is taken as {side or '+'}{AXES[axis]}, since {why}{faces}; state "
-        f"normal='{side}{AXES[axis]}' if so, '{other}{AXES[axis]}' if the liner lies on the other side",
-        depth=2,
+        f"normal='{side}{AXES[axis]}' if so, '{other}{AXES[axis]}' if the liner lies on the other side"
     )
     return axis, sign
-
-
-def _require_one_height(
-    height: np.ndarray, spot: np.ndarray, order: np.ndarray, near: float, label: str, axis: str
-) -> None:
-    """Refuse points one above another: at one ``spot`` along the wall, in the order of spot and height."""
-    if np.ptp(height) <= near:
-        return
-    above = (np.diff(spot[order]) == 0) & (np.diff(height[order]) > near)
-    span = f"{axis} = {height.min():.6g} to {height.max():.6g} m along the wall normal"
-    if above.any():
-        raise ValueError(
-            f"{label}: {int(above.sum())} of {len(spot)} stand above others, {span}; a plane has one height: write the "
-            "points of one height alone"
-        )
-    tell(f"{label} stand at {span}, of which a plane has one", depth=2)
 
 
 def _levels(values: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:

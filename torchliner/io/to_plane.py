@@ -1,5 +1,6 @@
-"""The one way from variables to a plane: which of them is the wall-normal velocity, and which way it is positive; by
-names and what CF 1.8 lays down (units, standard_name, positive), never by prose.
+"""The one way from variables to a plane. It answers in this order, by names and what CF 1.8 lays down (units,
+standard_name, positive), never by prose: which variable is the wall-normal velocity, in what units; what its clock is;
+which of its axes is what, and where the probes stand; what the case is; which way the velocity is positive.
 
 Dimensions are (time, z, x), (time, x) or (time, probe), in any order. Numbers beside the velocity are scalar variables
 or attributes with CF units (docs/formats.md).
@@ -7,9 +8,7 @@ or attributes with CF units (docs/formats.md).
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,12 @@ from torchliner.file_checks import Unwritten, naming
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID_UNITS
 from torchliner.io.hdf5 import hold_open, open_file
-from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.plane_layout import ROLES, UPWARD, Fields, find_layout, find_places, find_times, role_of, says
-from torchliner.io.points import AXES, component_of
+from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
+from torchliner.io.plane_layout import ROLES, UPWARD, find_layout, find_places, find_times, role_of, says
+from torchliner.io.points import component_of, require_direction
 from torchliner.io.tables import FileKind
-from torchliner.io.variable_velocity import Opener, velocity_of
-from torchliner.io.variables import Field, fields_of_hdf5, read_times
+from torchliner.io.variable_velocity import velocity_of
+from torchliner.io.variables import Field, Source, fields_of_hdf5, read_times, references_of
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import variables_of
@@ -37,10 +36,8 @@ KIND = FileKind(
 )
 VELOCITY, STREAMWISE, AREA = "wall_normal_velocity", "streamwise_velocity", "area"
 HOLES = ("hole_x", "hole_z", "hole_diameter")
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
 STATED = UNITS | FLUID_UNITS
-SAME = 1e-6  # relative: an attribute as text, and the variable of its name
 REMEDIES = {
     "torchliner pressure": "; use torchliner insitu",
     "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
@@ -49,20 +46,14 @@ REMEDIES = {
 NORMAL = rf"(wall|surface|liner)[ _-]?normal|^normal[ _-]vel|{UPWARD}"
 OTHER = r"streamwise|spanwise|eastward|northward|mean\b|rms\b"
 LETTERS = {"x": "u", "y": "v", "z": "w"}
-WALL = r"(?: the (?:liner|wall|surface|facesheet))?"
-POSITIVE = rf"(away|outwards?)(?: from{WALL})?|(into|towards?|inwards?){WALL}|(up)(?:wards?)?|(down)(?:wards?)?"
+WALL = r"( the (liner|wall|surface|facesheet))?"
+AWAY, INTO = rf"(away|outwards?)( from{WALL})?", rf"(into|towards?|inwards?){WALL}"
 
 
 def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of our schema, or of another netCDF-4 or HDF5 file.
-
-    Raises:
-        FileNotFoundError, OSError: missing, truncated, not HDF5.
-        ValueError: as ``to_plane``.
-    """
-    path = Path(path)
+    """The plane of a file of our schema, or of another netCDF-4 or HDF5 file; as ``to_plane``."""
     with open_file(path) as file:
-        return to_plane(fields_of_hdf5(file, path), file.attrs, path, request, partial(hold_open, path))
+        return to_plane(Source(path, fields_of_hdf5(file, path), file.attrs, partial(hold_open, path)), request)
 
 
 FORMAT = PlaneFormat(
@@ -73,28 +64,22 @@ FORMAT = PlaneFormat(
 )
 
 
-def to_plane(
-    fields: Fields, attributes: Mapping[str, Any], path: Path, request: PlaneRequest, opens: Opener
-) -> VelocityPlane:
-    """The one way from the variables of a file or dataset to a plane.
+def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
+    """The plane that a file or dataset holds.
 
-    Args:
-        fields, attributes: of the file, by name.
-        path: how messages call it.
-        request: what the user states.
-        opens: the file again, by whoever reads the velocity.
     Raises:
         ValueError: a variable is missing, was never written, has a wrong shape or no or wrong units, or time is not
             uniform; the message names FILE:/variable.
     """
-    head = Field(None, path, "/", attributes)
+    fields, path = source.fields, source.path
+    head = Field(None, path, "/", source.attrs)
     schema = head.text("schema") or ""
     if f"/{VELOCITY}" not in fields and schema.startswith("torchliner "):
         raise ValueError(
             f"{path} is no velocity plane but a file of schema {schema!r}{REMEDIES.get(schema.rpartition(' ')[0], '')}"
         )
-    velocity = _velocity(fields, request, path)
-    lead, ours = velocity.name.rpartition("/")[0], velocity.short == VELOCITY
+    velocity = _velocity(source, request)
+    ours = velocity.short == VELOCITY
     factor = velocity.signal_factor("m/s", request.velocity_units)
     rate, samples, first, clock = request.sampling_rate, None, 0.0, None
     if (times := find_times(velocity, fields)) is not None:
@@ -102,35 +87,36 @@ def to_plane(
     layout = find_layout(velocity, fields, request, samples)
     if rate is None:
         raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
+    case = find_places(velocity, layout, fields, request, strict=ours) | _case(source, head, velocity)
     # Elsewhere a field may bear the name of one of our numbers: density over time and place.
-    own = {name: fields.get(f"{lead}/{name}") if ours else None for name in (STREAMWISE, AREA, *HOLES)}
-    stream, area = own.pop(STREAMWISE), own.pop(AREA)
-    holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items() if each is not None}
-    if holes and not {"x", "diameter"} <= {*holes}:
-        raise ValueError(f"{path}: holes are {', '.join(HOLES)}, without z for slits; only some of them are there")
-    case = find_places(velocity, layout, fields, request, strict=ours) | _case(fields, head, velocity, lead, ours)
+    lead = velocity.name.rpartition("/")[0]
+    own = {name: fields[f"{lead}/{name}"] for name in (STREAMWISE, AREA, *HOLES) if ours and f"{lead}/{name}" in fields}
+    if stream := own.pop(STREAMWISE, None):
+        case["streamwise"] = velocity_of(stream, source.opens, layout.order, stream.signal_factor("m/s"))
+    if area := own.pop(AREA, None):
+        case["area"] = area.si("m2")
+    if own:
+        if not {"hole_x", "hole_diameter"} <= {*own}:
+            raise ValueError(f"{path}: holes are {', '.join(HOLES)}, without z for slits; only some of them are there")
+        holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items()}
+        case["holes"] = Holes(**holes)
     row = request.row or 0
     part = {} if layout.taken is None else {layout.taken: slice(row, row + 1)}
     sign = _sign(velocity, request, ours and schema.startswith("torchliner "))
     with naming(path):
         return VelocityPlane(
-            velocity_of(velocity, opens, layout.order, sign * factor, clock, part),
+            velocity_of(velocity, source.opens, layout.order, sign * factor, clock, part),
             sampling_rate=rate,
             start=first,
-            streamwise=stream and velocity_of(stream, opens, layout.order, stream.signal_factor("m/s")),
-            area=area and area.si("m2"),
-            holes=Holes(**holes) if holes else None,
             name=velocity.label,
-            reference=_references(fields),
+            reference=references_of(fields),
             **case,
         )
 
 
-# The velocity and its sign
-
-
-def _velocity(fields: Fields, request: PlaneRequest, path: Path) -> Field:
+def _velocity(source: Source, request: PlaneRequest) -> Field:
     """The wall-normal velocity: named so, or by the user; else by standard_name, component or as the only one."""
+    fields, path = source.fields, source.path
     lead = f"/{(request.group or '').strip('/')}/".replace("//", "/")
     there = {name.removeprefix(lead): each for name, each in fields.items() if name.startswith(lead)}
     wanted = (request.variable or VELOCITY).lstrip("/")
@@ -145,27 +131,22 @@ def _velocity(fields: Fields, request: PlaneRequest, path: Path) -> Field:
     timed = [each for each in found if "time" in (role_of(axis, fields) for axis in each.axes)] or found
     best = [each for each in timed if says(each, NORMAL)]
     if not best and request.normal:
-        best = [each for each in timed if says(each, _component(request.normal.strip("-")))]
+        best = [each for each in timed if says(each, _component(request.normal.strip("+-")))]
     best = best or [each for each in timed if not says(each, OTHER)]
     if len(best) == 1 and (request.normal or not says(best[0], f"{_component('x')}|{OTHER}")):
         return best[0]
-    described = [
-        f"{each.name.removeprefix(lead)} ({', '.join(filter(None, (_size(each), each.text('units'))))})"
+    listed = "; ".join(
+        f"{each.name.removeprefix(lead)} ({'x'.join(map(str, each.shape)) or 'a number'}, {each.text('units')})"
         for each in best or found or there.values()
-    ]
-    listed = "; ".join(described) or "nothing"
+    )
     if not found:
         raise (ValueError if there else Unwritten)(
             f"{path} holds no velocity above a wall, {VELOCITY} or one with units of a velocity; "
-            f"it holds: {listed}. Name it: variable=..., and if it has no units velocity_units=..."
+            f"it holds: {listed or 'nothing'}. Name it: variable=..., and if it has no units velocity_units=..."
         )
     raise ValueError(
         f"{path}: {len(best) or 'none'} of its velocities may be normal to the wall: {listed}; name it: variable=..."
     )
-
-
-def _size(field: Field) -> str:
-    return "x".join(map(str, field.shape)) or "a number"
 
 
 def _may_be(field: Field, request: PlaneRequest, alone: bool) -> bool:
@@ -196,69 +177,46 @@ def _sign(velocity: Field, request: PlaneRequest, ours: bool) -> float:
         ValueError: ``positive`` says something else; a normal that would turn data which are positive away, or of
             another component.
     """
-    axis = component_of(velocity.short)
-    if request.normal and axis is not None and AXES[axis] != request.normal[-1]:
-        raise ValueError(
-            f"{velocity.label} is the velocity along {AXES[axis]}, but normal is {request.normal!r}; name "
-            "the variable of that direction"
-        )
+    require_direction(velocity.label, component_of(velocity.short), request.normal)
     words = (velocity.text("positive") or ("away" if ours else "")).strip().lower()
     turned = (request.normal or "").startswith("-")
-    found = re.fullmatch(POSITIVE, words)
-    if words and found is None:
+    if re.fullmatch(INTO, words):
+        return -1.0
+    if re.fullmatch(AWAY, words):
+        if turned:
+            raise ValueError(
+                f"{velocity.label} is positive {words}{' by its schema' if ours else ''}, and normal="
+                f"{request.normal!r} would turn it; leave the sign out, or correct the file"
+            )
+        return 1.0
+    if not re.fullmatch("((up|down)(wards?)?)?", words):
         raise ValueError(
             f"{velocity.label}: positive is {words!r}; write 'away from the liner', 'into the liner', 'up' or 'down'"
         )
-    away, into, _, down = found.groups() if found else (None,) * 4
-    if away and turned:
-        raise ValueError(
-            f"{velocity.label} is positive {words}{' by its schema' if ours else ''}, and normal={request.normal!r} "
-            "would turn it; leave the sign out, or correct the file"
-        )
-    down = down or says(velocity, r"^downward_")
-    return -1.0 if into or (not away and bool(down) != turned) else 1.0
+    down = words.startswith("down") or says(velocity, r"^downward_")
+    return -1.0 if down != turned else 1.0
 
 
-# The case
-
-
-def _case(fields: Fields, head: Field, velocity: Field, lead: str, ours: bool) -> dict[str, Any]:
-    """Attributes of the file; numbers of the case and the gas: variables, or attributes of file and velocity, in SI
-    units or with a unit, "1.4 kHz".
-
-    Raises:
-        ValueError: as ``Field.number``; an attribute is no number, or differs from the variable of its name.
-    """
+def _case(source: Source, head: Field, velocity: Field) -> dict[str, Any]:
+    """Attributes of the file; numbers of the case and the gas: variables, or attributes of velocity and file, in SI
+    units or with a unit, "1.4 kHz"."""
     found: dict[str, Any] = KIND.read_head(head, head.path)  # type: ignore[arg-type]  # it has attributes
     found["title"] = found["title"] or head.path.stem
     for name, unit in STATED.items():
-        for where in dict.fromkeys(("", lead)):
-            each = fields.get(f"{where}/{name}")
-            if each is not None and (ours or each.size == 1):
+        for where in dict.fromkeys((velocity.name.rpartition("/")[0], "")):
+            each = source.fields.get(f"{where}/{name}")
+            if name not in found and each is not None and (velocity.short == VELOCITY or each.size == 1):
                 found[name] = each.number(unit)
-        for owner in (head, velocity):
-            words, *units = (owner.text(name) or "").split(maxsplit=1) or [""]
-            if not words:
-                continue
-            label = f"{owner.label}: attribute {name!r}"
-            try:
-                number = float(words)
-            except ValueError:
-                raise ValueError(f"{label} is {owner.text(name)!r}; a number is needed, with its unit") from None
-            number *= si_factor(SI_QUANTITY[unit], units[0] if units else unit, label)
-            if not math.isclose(found.setdefault(name, number), number, rel_tol=SAME):
-                raise ValueError(f"{label} is {number:.9g} {unit}, {name} is {found[name]:.9g} elsewhere; correct one")
+        for owner in (velocity, head):
+            if name not in found and (text := owner.text(name)):
+                found[name] = _number(text, unit, f"{owner.label}: attribute {name!r}")
     return found | {"fluid": Fluid(**{name: found.pop(name) for name in FLUID_UNITS if name in found})}
 
 
-def _references(fields: Fields) -> dict[str, complex]:
-    """Impedances known from elsewhere, by name."""
-    found = {}
-    for name, each in fields.items():
-        if named := re.fullmatch(r"(/reference_(.*)_)(resistance|reactance)", name):
-            other = fields.get(named[1] + ("reactance" if named[3] == "resistance" else "resistance"))
-            if other is None:
-                raise ValueError(f"{each.label} stands without the other part of its impedance; restore or remove it")
-            if named[3] == "resistance":
-                found[each.text("label") or named[2].replace("_", " ")] = complex(each.number("1"), other.number("1"))
-    return found
+def _number(text: str, unit: str, label: str) -> float:
+    """A number of an attribute, with its unit or in SI."""
+    amount, *units = text.split(maxsplit=1) or [""]
+    try:
+        return float(amount) * si_factor(SI_QUANTITY[unit], units[0] if units else unit, label)
+    except ValueError as error:
+        raise ValueError(f"{label} is {text!r}; a number is needed, with its unit: {error}") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,7 @@ from torch import Tensor
 from torchliner.file_checks import naming, require_memory
 from torchliner.io.plane_format import Clock, Stored
 from torchliner.io.stored_values import PLAIN, Packing, require_numbers, require_stored
-from torchliner.io.variables import Field
-
-Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables of a file by name
+from torchliner.io.variables import Field, Opener
 
 
 @dataclass
@@ -59,13 +56,11 @@ class VariableVelocity(Stored):
         return {**self.__dict__, "_held": None}
 
     def fill(self, begin: int, end: int, out: Tensor) -> None:
-        """As ``Stored.fill``.
-
-        Raises:
-            OSError: the file cannot be read there, or has become shorter since it was opened.
-        """
+        """As ``Stored.fill``; an OSError where the file has become shorter since it was opened."""
         try:
+            self._require_whole()  # where a map of it would end the process
             self._fill(begin, end, out.numpy())
+            self._require_whole()  # where HDF5 fills in zeros and says nothing
         except FileNotFoundError:
             raise
         except (OSError, RuntimeError) as error:
@@ -74,20 +69,18 @@ class VariableVelocity(Stored):
             out.mul_(self.factor)
 
     def _fill(self, begin: int, end: int, out: np.ndarray) -> None:
-        self._require_whole()  # where a map of it would end the process
         with naming(self.path):
             self._held = self._held or self.opens()
             array = self._held[self.key]
         time, plain = self.order[0], self.packing == PLAIN and [*self.order] == sorted(self.order) and not self.part
         if plain and time == 0 and isinstance(array, h5py.Dataset):
             array.read_direct(out.reshape(-1, *array.shape[1:]), source_sel=np.s_[begin:end])
-        else:
-            part = self.part | {time: slice(begin, end)}
-            stored = np.asarray(array[tuple(part.get(i, slice(None)) for i in range(len(array.shape)))])
-            single = tuple(i for i in range(stored.ndim) if i not in self.order)
-            stored = stored.transpose(*self.order, *single).reshape(out.shape)
-            np.copyto(out, self.packing.unpack(stored.astype(stored.dtype.newbyteorder("="), copy=False), out.dtype))
-        self._require_whole()  # where HDF5 fills in zeros and says nothing
+            return
+        part = self.part | {time: slice(begin, end)}
+        stored = np.asarray(array[tuple(part.get(i, slice(None)) for i in range(len(array.shape)))])
+        single = tuple(i for i in range(stored.ndim) if i not in self.order)
+        stored = stored.transpose(*self.order, *single).reshape(out.shape)
+        np.copyto(out, self.packing.unpack(stored.astype(stored.dtype.newbyteorder("="), copy=False), out.dtype))
 
     def _require_whole(self) -> None:
         if self.size and self.path.exists() and (now := self.path.stat().st_size) < self.size:
@@ -117,8 +110,7 @@ def velocity_of(
     stored = each.array.dtype
     wide = stored.itemsize > (4 if stored.kind == "f" else 2)  # than float32 holds exactly
     shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
-    row = 8 * math.prod(shape[:-1])
-    require_memory(2 * row, f"{each.label}, {each.shape}: one sample of all probes, read ahead,")
+    require_memory(16 * math.prod(shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,")
     return VariableVelocity(
         path=each.path,
         key=each.name.lstrip("/"),

@@ -1,12 +1,12 @@
-"""Variables of files and datasets, whether h5py, scipy or xarray holds them."""
+"""Variables of files and datasets, whether h5py, scipy or xarray holds them; their times and coordinates."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
+Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables of a file by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +35,14 @@ class Field:
         path: of the file, for messages.
         name: with its groups, /group/name.
         attrs: attributes.
-        dims: name of each axis with its groups, "" where it has none; None: as HDF5 says.
+        axes: name of each axis with its groups, "" where it has none.
     """
 
     array: Any
     path: Path
     name: str
     attrs: Mapping[str, Any]
-    dims: tuple[str, ...] | None = None
+    axes: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -72,23 +73,6 @@ class Field:
         """An attribute as text; None if there is none."""
         return text_attribute(self, key)
 
-    @cached_property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the dimensions, "" where there is none.
-
-        Raises:
-            ValueError: an axis has a dimension scale that is no longer in the file.
-        """
-        if self.dims is not None:
-            return self.dims
-        scales = [(dim[0] if len(dim) else None, dim) for dim in self.array.dims]
-        for axis, (scale, dim) in enumerate(scales):
-            if len(dim) and (scale is None or scale.name is None):
-                raise ValueError(
-                    f"{self.label}: the dimension scale of axis {axis} is no longer in the file; restore it"
-                )
-        return tuple(dim.label if scale is None else scale.name for scale, dim in scales)
-
     @property
     def packing(self) -> Packing:
         """How the values are stored."""
@@ -104,11 +88,7 @@ class Field:
         return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
 
     def factor(self, unit: str, stated: str | None = None) -> float:
-        """Factor to an SI unit; ``stated``: units, by the user, if the file has none.
-
-        Raises:
-            ValueError: no unit of this quantity, or another than stated.
-        """
+        """Factor to an SI unit; ``stated``: units, by the user, if the file has none; a ValueError if others."""
         found, quantity = self.text("units"), SI_QUANTITY[unit]
         factor = si_factor(quantity, stated if found is None else found, self.label)
         if stated is not None and si_factor(quantity, stated, "the stated unit") != factor:
@@ -136,10 +116,24 @@ class Field:
         return self.factor(unit, stated)
 
 
+Fields = Mapping[str, Field]
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a file or dataset holds: fields by name, /group/name, attributes, and how it is opened again."""
+
+    path: Path
+    fields: Fields
+    attrs: Mapping[str, Any]
+    opens: Opener
+
+
 def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
-    """A dataset of HDF5."""
+    """A dataset of HDF5; its axes are named by dimension scales, or labels."""
     dataset = group[key]
-    return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs)
+    axes = tuple((dim[0].name if len(dim) else None) or dim.label for dim in dataset.dims) if dataset.shape else ()
+    return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs, axes)
 
 
 def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
@@ -164,7 +158,20 @@ def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
     return found
 
 
-# Times
+def references_of(fields: Fields) -> dict[str, complex]:
+    """Impedances known from elsewhere, by name."""
+    found = {}
+    for name, each in fields.items():
+        if named := re.fullmatch(r"(/reference_(.*)_)(resistance|reactance)", name):
+            other = fields.get(named[1] + ("reactance" if named[3] == "resistance" else "resistance"))
+            if other is None:
+                raise ValueError(f"{each.label} stands without the other part of its impedance; restore or remove it")
+            if named[3] == "resistance":
+                value = complex(each.number("1"), other.number("1"))
+                if not np.isfinite(value):
+                    raise ValueError(f"{each.label} and its reactance are {value}; repair or remove them")
+                found[each.text("label") or named[2].replace("_", " ")] = value
+    return found
 
 
 def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
@@ -184,41 +191,34 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     unit, _, epoch = (field.text("units") or "").partition(" since ")
     counted = stated is not None and not unit  # whatever they count, evenly
     counts = field.values()
-    if epoch or counted:
-        # Dates are far from their epoch; what counts is how far they are from each other.
-        factor = si_factor("time", unit, name) if epoch else 1.0
-        time, first = factor * (counts - counts[0]).astype(np.float64), factor * float(counts[0])
-    else:
-        counts = time = field.si("s")
-        factor, first = 1.0, float(time[0])
+    factor = 1.0 if counted else si_factor("time", unit or field.text("units"), name)
+    if not epoch and not counted:
+        require_plausible(factor * counts, "time", name)
+    # Dates are far from their epoch; what counts is how far they are from each other.
+    time = factor * (counts - (counts[0] if epoch or counted else 0)).astype(np.float64)
     # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
-    kind = field.array.dtype
+    kind, first = field.array.dtype, factor * float(counts[0])
     exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
-    rate = uniform_rate(time, name, exact)
+    rate, length = uniform_rate(time, name, exact), time[-1] - time[0]
     if stated is None and exact * rate > UNIFORMITY:
         tell(
             f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, {rate:.9g} Hz, is "
-            f"known to {exact / (time[-1] - time[0]):.1g} of itself; write them in float64, or state sampling_rate=..."
+            f"known to {exact / length:.1g} of itself; write them in float64, or state sampling_rate=..."
         )
-    since = Fraction(counts[0].item()) * Fraction(str(factor)) if epoch else Fraction(0)
-    clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since) if epoch else None
+    clock = None
+    if epoch:
+        since = Fraction(counts[0].item()) * Fraction(str(factor))
+        clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since)
     if stated is not None and counted:
         return stated, len(time), first * rate / stated, clock
     require_same_rate(rate, stated, name, unit)
-    if stated is not None and abs(stated / rate - 1) * (time[-1] - time[0]) <= 2 * exact:
+    if stated is not None and abs(stated / rate - 1) * length <= 2 * exact:
         rate = stated  # the stamps cannot tell the two apart
     return rate, len(time), first, clock
 
 
-# Axes and places
-
-
 def time_axis(field: Field, samples: int) -> int:
-    """0 or -1, from the dimension 'time' or from the lengths.
-
-    Raises:
-        ValueError: neither axis fits the times, or both do.
-    """
+    """0 or -1, from the dimension 'time' or from the lengths; a ValueError where neither or both fit."""
     name, shape = field.label, field.shape
     if len(shape) not in (1, 2, 3):
         raise ValueError(f"{name} has shape {shape}; (time, z, x) or (time, probe) is needed")
@@ -240,11 +240,11 @@ def time_axis(field: Field, samples: int) -> int:
 
 
 def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
-    """Places of ``count`` probes, m; None where they number them alone, or stand for a length.
+    """Places of ``count`` probes, m, in units of the file or ``stated``; None where they number them alone.
 
     Raises:
-        ValueError: another number of values; values that are not finite; no unit of length, ``stated`` if the file
-            has none; units of 1 for what is no index.
+        ValueError: another number of values; values that are not finite; no unit of length; units of 1 for what is no
+            index.
     """
     if field.bare:
         return None
@@ -254,8 +254,6 @@ def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarra
             return None
         raise ValueError(f"{field.label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'")
     values = field.si("m", stated).reshape(-1)
-    if len(values) != count:
-        raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}")
-    if not np.isfinite(values).all():
-        raise ValueError(f"{field.label} holds values that are not finite")
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}, all finite")
     return values
