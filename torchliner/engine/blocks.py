@@ -22,7 +22,7 @@ SLAB = 256  # rows that are summed in the precision of the data; sums of slabs a
 
 
 class Slab(NamedTuple):
-    """Samples ``begin`` .. ``end`` - 1, at most ``SLAB``, of the block at ``place`` among those that are taken."""
+    """Samples ``begin`` .. ``end`` - 1 of the block at ``place`` among those that are taken."""
 
     place: int
     begin: int
@@ -45,11 +45,8 @@ class Blocks:
 
     @classmethod
     def of(cls, samples: int, sampling_rate: float, tone: float, most: int = MOST_BLOCKS) -> Blocks:
-        """All whole periods of a record, in at most ``most`` blocks as equal as can be.
+        """All whole periods of a record, in at most ``most`` blocks as equal as can be; ``tone`` in Hz.
 
-        Args:
-            samples: of the record; those beyond the last whole period belong to no block.
-            sampling_rate, tone: Hz.
         Raises:
             ValueError: the record holds no whole period.
         """
@@ -75,24 +72,28 @@ class Blocks:
     def batches(
         self, rows: int, slab: int = SLAB, only: Iterable[int] | None = None, *, across: bool = False
     ) -> Iterator[list[Slab]]:
-        """Slabs in order of time, those of about ``rows`` consecutive samples together.
+        """Slabs in order of time, those that are worked on together in one list.
 
         Args:
-            rows: that a batch holds at most, if one slab is not longer; the slabs do not depend on it.
+            rows: samples of a batch, if one slab is not longer.
             slab: samples of a slab, at most; those of a block are as equal as can be.
             only: blocks to take, rising; default all.
-            across: whether a batch may hold slabs of several blocks, which saves launches.
+            across: whether a batch may hold several blocks, which saves launches.
         """
         batch: list[Slab] = []
         for place, block in enumerate(range(self.count) if only is None else only):
             begin, end = self.borders[block : block + 2]
+            if batch and not (across and batch[-1].end == begin and end - batch[0].begin <= rows):
+                yield batch
+                batch = []
             count = max(1, math.ceil((end - begin) / slab))
-            for low, high in pairwise(begin + (end - begin) * i // count for i in range(count + 1)):
-                apart = batch and (batch[-1].end != low or (batch[-1].place != place and not across))
-                if batch and (apart or high - batch[0].begin > rows):
-                    yield batch
-                    batch = []
-                batch.append(Slab(place, low, high))
+            batch += [
+                Slab(place, *each) for each in pairwise(begin + (end - begin) * i // count for i in range(count + 1))
+            ]
+            if end - batch[0].begin > rows:  # of this block alone
+                step = max(1, rows * count // (end - begin + count))
+                yield from (batch[i : i + step] for i in range(0, count, step))
+                batch = []
         if batch:
             yield batch
 

@@ -71,20 +71,19 @@ class Drive:
             lines = self.lines if len(self.lines) else self.taken.new_empty(0)
             rows = waves(lines, self.sampling_rate, begin, begin + len(v)).T.to(v)
             found = torch.addmm(found, rows, self.taken.to(v), alpha=-1)
-        return self._running(found, begin) if self.window else found
-
-    def less(self, mean: Tensor) -> Drive:
-        """The same less a mean over the record, m/s, (N,)."""
-        taken = mean[None] if self.taken is None else torch.cat([self.taken[:1] + mean, self.taken[1:]])
-        return dataclasses.replace(self, taken=taken)
-
-    def _running(self, found: Tensor, begin: int) -> Tensor:
+        if not self.window:
+            return found
         running = torch.nn.functional.pad(found.double().square().cumsum(0), (0, 0, 1, 0))
         step = torch.arange(begin, begin + len(found), device=found.device) - self.window // 2
         first = (step.clamp(min=0) - begin).clamp(min=0)
         after = ((step + self.window).clamp(max=self.samples) - begin).clamp(max=len(found))
         mean = (running[after] - running[first]) / (after - first)[:, None]
         return mean.clamp(min=0).sqrt().to(found.dtype)
+
+    def less(self, mean: Tensor) -> Drive:
+        """The same less a mean over the record, m/s, (N,)."""
+        taken = mean[None] if self.taken is None else torch.cat([self.taken[:1] + mean, self.taken[1:]])
+        return dataclasses.replace(self, taken=taken)
 
 
 def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -> Drive:
@@ -95,7 +94,7 @@ def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -
         cells: of the probes.
         scale: s, of the incoherent velocity of each probe, (P,); default 1.
     """
-    fit, away, share = _coherent(seen, cells)
+    fit, away, share = _periodic(seen, cells)
     taken = cells.spread(torch.cat([share, share[1:]])) * away
     lines = seen.lines[: seen.harmonics].to(fit.device)
     if scale is not None:  # v* = v - g d - (1 - s)(v - v'), v' = v_p - (1 - g) d: the turbulence in a fit is scaled too
@@ -103,29 +102,37 @@ def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -
     return Drive(None, taken, lines, seen.blocks.sampling_rate, scale, share)
 
 
-def _coherent(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
-    """Mean and harmonics of each probe, what of them deviates from its cell, (1 + 2 H, P), and of that the share g that
-    is no turbulence, by cell, (1 + H, C); 1 where there are too few blocks to tell."""
-    rows = seen.rows_of_harmonics()
-    count, harmonics = len(seen.sums), seen.harmonics
-    gram = _gram_of_fit(seen)
-    whole, each = _fit(gram.sum(0)).to(seen.sums), _fit(gram).to(seen.sums)
+def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
+    """v_p and d of each probe, (1 + 2 H, P), and the share g by cell, (1 + H, C); 1 with too few blocks to tell."""
+    rows, count, harmonics = seen.rows_of_harmonics(), len(seen.sums), seen.harmonics
+    gram = gram_of(seen.blocks, seen.lines[:harmonics])  # made again on the host: nothing is read back
+    whole, *each = torch.linalg.pinv(torch.cat([gram.sum(0)[None], gram]), hermitian=True, rtol=1e-9).to(seen.sums)
+    within = cells.labels < cells.count
+
+    def away(values: Tensor) -> Tensor:
+        """What deviates from the mean over the cell; 0 outside of cells."""
+        return values * within - cells.spread(cells.mean(values))
+
+    def by_line(of_probes: Tensor) -> Tensor:
+        """Sums over cosine and sine of each line and the probes of each cell: (1 + 2 H, P) to (1 + H, C)."""
+        found = cells.sum(of_probes)
+        return torch.cat([found[:1], found[1 : 1 + harmonics] + found[1 + harmonics :]])
+
     fit = whole @ seen.sums.sum(0)[rows]
-    # What deviates from the cell, 0 outside of cells.
-    away = fit * (cells.labels < cells.count) - cells.spread(cells.mean(fit))
-
-    def by_line(rows: Tensor) -> Tensor:
-        """Sums over cosine and sine of each line: (1 + 2 H, C) to (1 + H, C)."""
-        return torch.cat([rows[:1], rows[1 : 1 + harmonics] + rows[1 + harmonics :]])
-
-    share = torch.ones(1 + harmonics, cells.count).to(fit)
-    if count >= FEWEST_BLOCKS:
-        variance, neighbours = (by_line(part) for part in _scatter(seen, cells, each, rows))
-        rho = correlation(variance, neighbours, count)
-        noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
-        power = by_line(cells.sum(away.square()))
-        share = (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
-    return fit, away, share
+    periodic = away(fit)
+    if count < FEWEST_BLOCKS:
+        return fit, periodic, fit.new_ones(1 + harmonics, cells.count)
+    mean = sum(own @ sums[rows] for own, sums in zip(each, seen.sums, strict=True)) / count
+    squares, products, before = torch.zeros_like(fit), torch.zeros_like(fit), torch.zeros_like(fit)
+    for own, sums in zip(each, seen.sums, strict=True):  # one block after another, never held together
+        now = away(own @ sums[rows] - mean)
+        squares.addcmul_(now, now)
+        products.addcmul_(now, before)
+        before = now
+    variance = by_line(squares)
+    rho = correlation(variance, by_line(products), count)
+    noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
+    return fit, periodic, (1 - noise / by_line(periodic.square()).clamp(min=1e-300)).clamp(min=0)
 
 
 def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
@@ -133,47 +140,17 @@ def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
 
     What a fit over N periods keeps of the turbulence, 1/N of it, belongs to it, as in the drive.
     """
-    rows, gram = seen.rows_of_harmonics(), _gram_of_fit(seen).to(seen.sums)
-    fit, away, share = _coherent(seen, cells)
+    rows = seen.rows_of_harmonics()
+    fit, away, share = _periodic(seen, cells)
     kept = fit - (1 - cells.spread(torch.cat([share, share[1:]]))) * away
+    gram = seen.gram[:, rows][:, :, rows]
     return (seen.squares + ((gram @ kept - 2 * seen.sums[:, rows]) * kept).sum(1)).clamp(min=0)
 
 
 def incoherent_square(seen: Survey, cells: Membership) -> Tensor:
     """Its mean over the record, and over the cell where a probe has one, m2/s2, (P,)."""
-    own = incoherent_power(seen, cells).sum(0) / seen.lengths.sum()
+    own = seen.mean_of(incoherent_power(seen, cells))[0]
     return torch.where(cells.labels < cells.count, cells.spread(cells.mean(own)), own)
-
-
-def _gram_of_fit(seen: Survey) -> Tensor:
-    """Of 1 and the harmonics in each block, (S, R, R), made again on the host: nothing is read back."""
-    rows = seen.rows_of_harmonics()
-    return gram_of(seen.blocks, seen.lines)[:, rows][:, :, rows]
-
-
-def _fit(gram: Tensor) -> Tensor:
-    """Pseudo-inverse that turns sums of v into coefficients, (..., R, R)."""
-    return torch.linalg.pinv(gram, hermitian=True, rtol=1e-9)
-
-
-def _scatter(seen: Survey, cells: Membership, fits: Tensor, rows: list[int]) -> tuple[Tensor, Tensor]:
-    """Sums over blocks and the probes of each cell, (R, C), of the squares of what deviates in a block from the cell,
-    less its mean over the blocks, and of products of neighbours; one block after another, never held together."""
-    count = len(fits)
-    total = squares = cross = first = last = torch.zeros(())
-    for block in range(count):
-        members = cells.members(fits[block] @ seen.sums[block, rows])
-        now = members - (members.sum(-1) / cells.sizes)[..., None]
-        if block == 0:
-            first, total, squares, cross = now, now.clone(), now.square(), torch.zeros_like(now)
-        else:
-            total, squares = total + now, torch.addcmul(squares, now, now)
-            cross = torch.addcmul(cross, now, last)
-        last = now
-    mean = total / count
-    power = (squares - count * mean**2).clamp(min=0)
-    neighbours = cross + mean * (first + last - (count + 1) * mean)
-    return (power * cells.inside).sum(-1), (neighbours * cells.inside).sum(-1)
 
 
 def survey_of_locked(drive: Drive, of_v: Survey) -> Survey:
@@ -186,22 +163,18 @@ def survey_of_locked(drive: Drive, of_v: Survey) -> Survey:
         change = torch.addcmul(gram[:, row] @ drive.taken, of_v.sums[:, row], scale, value=-2)
         squares.addcmul_(taken, change)
     largest = drive.taken[0].abs() + torch.hypot(drive.taken[1 : 1 + count], drive.taken[1 + count :]).sum(0)
-    return dataclasses.replace(
-        of_v,
-        sums=scale * of_v.sums - gram @ drive.taken,
-        squares=squares.clamp(min=0),
-        peaks=scale * of_v.peaks + largest,
-    )
+    sums, peaks = scale * of_v.sums - gram @ drive.taken, scale * of_v.peaks + largest
+    return dataclasses.replace(of_v, sums=sums, squares=squares.clamp(min=0), peaks=peaks)
 
 
-def tone_variances(drive: Drive, seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
-    """Mean of v, m/s, variance of what is periodic with the tone, and of the rest of v*, m2/s2, over all cells, 0-d."""
+def tone_variances(drive: Drive, seen: Survey, cells: Membership) -> tuple[float, float, float]:
+    """Mean of v, m/s, variance of what is periodic with the tone, and of the rest of v*, m2/s2, over all cells."""
     rows, samples = seen.rows_of_harmonics(), seen.lengths.sum()
-    gram, sums = _gram_of_fit(seen).sum(0), seen.sums.sum(0)[rows]
-    fit = _fit(gram).to(sums) @ sums
-    gram = gram.to(sums)
+    gram, sums = gram_of(seen.blocks, seen.lines[: seen.harmonics]).sum(0), seen.sums.sum(0)[rows]
+    fit, gram = torch.linalg.pinv(gram, hermitian=True, rtol=1e-9).to(sums) @ sums, gram.to(sums)
     of_cells = cells.mean(fit)
     periodic = (of_cells * (gram @ of_cells)).sum(0) / samples - of_cells[0] ** 2
     scale = 1.0 if drive.scale is None else drive.scale**2
     rest = (seen.mean_square - (fit * sums).sum(0) / samples).clamp(min=0) * scale
-    return of_cells[0].mean(), periodic.clamp(min=0).mean(), cells.mean(rest).mul(cells.sizes).sum() / cells.sizes.sum()
+    rest = cells.sum(rest).sum() / cells.sizes.sum()
+    return float(of_cells[0].mean()), float(periodic.clamp(min=0).mean()), float(rest)

@@ -53,12 +53,7 @@ def remaining(sums: Tensor) -> Tensor:
 
 
 def replicates(sums: Tensor, lengths: Tensor) -> Tensor:
-    """Means over the same: (S, ...) to (1 + S + 4, ...).
-
-    Args:
-        sums: over each block.
-        lengths: samples of each block, (S,).
-    """
+    """Means over the same, (S, ...) to (1 + S + 4, ...), from sums over blocks of ``lengths`` samples, (S,)."""
     each = torch.eye(len(lengths), dtype=lengths.dtype, device=lengths.device)
     weights = remaining(each) / remaining(lengths)[:, None]
     return (weights.to(sums.dtype) @ sums.flatten(1)).unflatten(1, sums.shape[1:])
@@ -104,13 +99,13 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
         Bounds and standard errors of resistance and reactance, (...).
     """
     shape, count = values.shape[1:], len(shares)
-    value, left = values[0].flatten(), values[1 : 1 + count].flatten(1)
-    power, square, lengths = scatter(left, shares)
-    possible = torch.arange(SHORTEST_RUN, _longest(count) + 1, dtype=torch.float64)
+    value = values[0].flatten()
+    power, square, lengths = scatter(values[1 : 1 + count].flatten(1), shares)
+    possible = torch.arange(1, count + 1, dtype=torch.float64)
     student = torch.from_numpy(stdtrit((count / possible - 1).clamp(min=1).numpy(), 0.5 + level / 2))
     weight = torch.stack([1 - quarter.sum() for quarter in shares.tensor_split(QUARTERS)])
     bias = (weight[:, None] * (values[1 + count :].flatten(1) - value)).sum(0)
-    quantile = student.to(value.device)[lengths - SHORTEST_RUN]
+    quantile = student.to(value.device)[lengths - 1]
     found = impedance_interval(value, bias, power, square, quantile, count / lengths.double(), conversion)
     return found.map(lambda each: each.reshape(shape))
 
@@ -130,28 +125,18 @@ def scatter(left: Tensor, shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     kept, count = (1 - shares)[:, None], len(shares)
     centre = (kept * left).sum(0) / (count - 1)  # of a linear result its value, whatever the shares
     own = (centre - left) * kept
-    rho = correlation(_product(own, own), _product(own[1:], own[:-1]), count, -MOST_CORRELATED)
+    power = own.abs().square().sum(0)
+    rho = correlation(power, (own[1:] * own[:-1].conj()).real.sum(0), count, -MOST_CORRELATED)
     best = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * count) ** (1 / 3)
-    lengths = best.ceil().to(torch.int64).clamp(SHORTEST_RUN, _longest(count))
+    lengths = best.ceil().to(torch.int64).clamp(SHORTEST_RUN, max(SHORTEST_RUN, count // 4))
 
-    runs = own[1:] + own[:-1]
-    for length in range(SHORTEST_RUN + 1, _longest(count) + 1):
-        runs[: count - length + 1].addcmul_(own[length - 1 :], (lengths >= length).to(own))
-    first = torch.arange(len(runs), device=own.device)[:, None]
-    runs *= (first + lengths <= count).to(own)  # no shorter runs at the end
+    total = torch.nn.functional.pad(own.cumsum(0), (0, 0, 1, 0))
+    end = torch.arange(count, device=own.device)[:, None] + lengths
+    runs = (total.gather(0, end.clamp(max=count)) - total[:-1]) * (end <= count)
     number, whole = lengths.double(), (1 + rho) / (1 - rho)
     factor = count / number * count / (count - number) / (count - number + 1)
     factor = factor * whole / (whole - 2 * rho * (1 - rho**lengths) / (lengths * (1 - rho) ** 2))
-    return factor * _product(runs, runs), factor * (runs * runs).sum(0), lengths
-
-
-def _product(first: Tensor, second: Tensor) -> Tensor:
-    """Sum over blocks of the scalar product in the plane, (S, N) to (N,)."""
-    return (torch.view_as_real(first) * torch.view_as_real(second)).sum(0).sum(-1)
-
-
-def _longest(count: int) -> int:
-    return max(SHORTEST_RUN, count // 4)
+    return factor * runs.abs().square().sum(0), factor * (runs * runs).sum(0), lengths
 
 
 def impedance_interval(
@@ -207,7 +192,19 @@ def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
         angle[:, columns] = _best_angles(factor[columns], axes[:, columns])
     else:
         angle = torch.where(bent, _best_angles(factor, axes), angle)
-    top = _top(turned, axes, angle)
+
+    top, cosine, sine = torch.full_like(angle, -math.inf), angle.cos(), angle.sin()
+    for step in range(1 + STEPS):
+        u = axes[0] * cosine + axes[1] * sine
+        over = 1 / (1 - u)
+        scaled = turned * over
+        top = torch.maximum(top, (scaled * u).real)
+        if step < STEPS:  # Newton: by the angle k u' over^2 and k over^2 (2 over u'^2 - u), since u'' = -u
+            by_u, scaled = axes[1] * cosine - axes[0] * sine, scaled * over
+            slope, curve = (scaled * by_u).real, (scaled * (2 * over * by_u * by_u - u)).real
+            tangent = torch.where(curve < 0, -slope / curve, 0.0).clamp(-math.pi / ANGLES, math.pi / ANGLES)
+            shorter = torch.rsqrt(1 + tangent * tangent)
+            cosine, sine = (cosine - tangent * sine) * shorter, (sine + tangent * cosine) * shorter
     return top * top.new_tensor([-1, 1, -1, 1])[:, None]
 
 
@@ -218,22 +215,3 @@ def _best_angles(factor: Tensor, axes: Tensor) -> Tensor:
     w = factor.sgn().to(u)[:, None] * u / (1 - u)
     places = [w.real.argmin(1), w.real.argmax(1), w.imag.argmin(1), w.imag.argmax(1)]
     return 2 * math.pi / ANGLES * torch.stack(places).double()
-
-
-def _top(factor: Tensor, axes: Tensor, angle: Tensor) -> Tensor:
-    """Largest real part of k u/(1 - u), (4, N), at angles and where Newton's steps lead from there."""
-    top, (cosine, sine) = torch.full_like(angle, -math.inf), (angle.cos(), angle.sin())
-    for step in range(1 + STEPS):
-        u = axes[0] * cosine + axes[1] * sine
-        over = 1 / (1 - u)
-        scaled = factor * over
-        top = torch.maximum(top, (scaled * u).real)
-        if step == STEPS:
-            break
-        # By the angle: k u' over^2 and k over^2 (2 over u'^2 - u), since u'' = -u.
-        by_u, scaled = axes[1] * cosine - axes[0] * sine, scaled * over
-        slope, curve = (scaled * by_u).real, (scaled * (2 * over * by_u * by_u - u)).real
-        tangent = torch.where(curve < 0, -slope / curve, 0.0).clamp(-math.pi / ANGLES, math.pi / ANGLES)
-        shorter = torch.rsqrt(1 + tangent * tangent)
-        cosine, sine = (cosine - tangent * sine) * shorter, (sine + tangent * cosine) * shorter
-    return top

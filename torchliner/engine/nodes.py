@@ -29,10 +29,10 @@ CENTRES = tuple(round(6.4 * 2 ** (0.4 * i)) / 64 for i in range(16))  # m/s, 0.0
 CHECKED, FIRST_CHECKED = 500, 150  # speeds at which R is compared; in the search for nodes
 MOST_ASKED = 31  # frequencies by which K and c are chosen; the error is stated over all
 PARTS = (4, 8, 16, 32)  # of a table's step between two kinks
+STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
 ROUNDED = 1e-6  # relative, of the largest |v| of a table
 TILE = 1 << 17  # velocities whose temporaries stay in the cache of a CPU
 FASTER = {"cpu": "torchliner.engine.native", "cuda": "torchliner.engine.triton_sums"}  # by kind of device
-STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
 
 
 def chebyshev_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
@@ -50,12 +50,9 @@ def chebyshev_sums(weights: Tensor, columns: Tensor, count: int, centre: float) 
         float64, (G, R, K, N). A nan or inf in v makes the sums of its own column nan, but for order 0, the sum of w.
     """
     home = FASTER.get(columns.device.type)
-    if home is not None:
-        faster = importlib.import_module(home)
-        if faster.available():
-            found: Tensor = faster.sums(weights, columns, count, centre)
-            return found
-    return torch_sums(weights, columns, count, centre)
+    faster: Any = None if home is None else importlib.import_module(home)
+    sums = faster.sums if faster is not None and faster.available() else torch_sums
+    return sums(weights, columns, count, centre)
 
 
 def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
@@ -63,7 +60,6 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
     slabs, rows, length = weights.shape
     width = columns.shape[2]
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64, device=columns.device)
-
     tile = max(1, TILE // (slabs * length)) if columns.device.type == "cpu" else width
     for left in range(0, width, tile):
         v = columns[:, :, left : left + tile]
@@ -84,10 +80,10 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
 
 
 class _Functions:
-    """What all kinds have: ``sums``, and from it the functions themselves."""
+    """What all kinds have besides ``count``, ``speeds`` (m/s, (K,)), ``coefficients`` (from values at the speeds,
+    (..., K)) and ``sums`` (of the functions of |columns|, as ``chebyshev_sums``)."""
 
     def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        """Weighted sums of the functions of |columns|: weights (G, R, L), columns (G, L, N) to float64 (G, R, K, N)."""
         raise NotImplementedError
 
     def functions(self, speed: Tensor) -> Tensor:
@@ -184,26 +180,21 @@ class OfOneLiner(_Functions):
         nodes: whose sums these are made of.
         matrix: float64, (2 F, K).
         frequency: Hz, (F,).
+        count: 2 F.
+        speeds: of the nodes.
     """
 
     nodes: Chebyshev | Levels
     matrix: Tensor
     frequency: Tensor
+    count: int
+    speeds: Tensor
 
     @classmethod
     def of(cls, nodes: Chebyshev | Levels, known: Tensor, frequency: Tensor) -> OfOneLiner:
         """From coefficients of R, complex128, (F, K), on the device of the work."""
-        return cls(nodes, torch.stack([known.real, known.imag], 1).flatten(0, 1), frequency)
-
-    @property
-    def count(self) -> int:
-        """2 F."""
-        return len(self.matrix)
-
-    @property
-    def speeds(self) -> Tensor:
-        """Of the nodes."""
-        return self.nodes.speeds
+        matrix = torch.stack([known.real, known.imag], 1).flatten(0, 1)
+        return cls(nodes, matrix, frequency, len(matrix), nodes.speeds)
 
     def coefficients(self, values: Tensor) -> Tensor:
         """Of R at the frequencies, (F, 2 F)."""
@@ -212,8 +203,7 @@ class OfOneLiner(_Functions):
 
     def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
         """Of the two parts."""
-        found = self.nodes.sums(weights, columns)
-        return self.matrix @ found
+        return self.matrix @ self.nodes.sums(weights, columns)
 
     def describe(self) -> dict[str, Any]:
         """Of the nodes."""
@@ -236,6 +226,11 @@ def response(liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
     return reflection_of(liner, frequency[:, None], speed)
 
 
+def checked_speeds(top: float, count: int = CHECKED) -> Tensor:
+    """Where an interpolation is compared, 0 to ``top``, m/s."""
+    return top * torch.linspace(0, 1, count, dtype=torch.float64) ** 3
+
+
 def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top: float) -> tuple[float, float]:
     """Largest error in R from its values at the nodes, over 0 to ``top`` (m/s), and the |v| where it occurs."""
     nodes, speed = nodes.nodes if isinstance(nodes, OfOneLiner) else nodes, checked_speeds(top)
@@ -247,6 +242,7 @@ def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top:
     return float(away[worst]), float(speed[worst])
 
 
+@torch.no_grad()
 def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Chebyshev | Levels:
     """The fewest nodes, with the best centre, from which R is known to ``tolerance``; no data are needed.
 
@@ -257,48 +253,33 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
     Returns:
         ``Levels`` for tables over |v|, else ``Chebyshev``; the closest where none reaches the tolerance.
     """
-    ends = [liner.speed_max for liner in liners if liner.speed_max is not None]
-    with torch.no_grad():
-        if ends:
-            return _best_levels(liners, frequency, min(ends), tolerance)
-        return _best_chebyshev(liners, frequency, tolerance)
+    best: Chebyshev | Levels = ANY_LINER
+    if ends := [liner.speed_max for liner in liners if liner.speed_max is not None]:
+        top = min(ends)
+        kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
+        kinks = kinks or {top * (i / STEPS) ** 2 for i in range(STEPS)}
+        for parts in PARTS:
+            best = Levels((*sorted(kinks | {0.0}), top), parts)
+            if max(interpolation_error(best, liner, frequency, top)[0] for liner in liners) <= tolerance:
+                break
+        return best
 
-
-def _error_of_all(nodes: Nodes, liners: Sequence[LinerModel], frequency: Tensor, top: float) -> float:
-    return max(interpolation_error(nodes, liner, frequency, top)[0] for liner in liners)
-
-
-def _best_levels(liners: Sequence[LinerModel], frequency: Tensor, top: float, tolerance: float) -> Levels:
-    kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
-    kinks = kinks or {top * (i / STEPS) ** 2 for i in range(STEPS)}
-    for parts in PARTS:
-        found = Levels((*sorted(kinks | {0.0}), top), parts)
-        if _error_of_all(found, liners, frequency, top) <= tolerance:
-            break
-    return found
-
-
-def _best_chebyshev(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Chebyshev:
     asked = frequency
     if len(asked) > MOST_ASKED:
-        places = torch.linspace(0, len(asked) - 1, MOST_ASKED).round().to(torch.int64)
-        asked = asked.sort().values[places]
-
-    def values_at(speed: Tensor) -> Tensor:
-        """R of all liners and frequencies, (F, *speed.shape)."""
-        flat = torch.cat([response(liner, asked, speed.flatten()) for liner in liners])
-        return flat.unflatten(1, speed.shape)
-
-    wanted = values_at(checked_speeds(TOP_SPEED, FIRST_CHECKED))[:, None]
-    best, least = ANY_LINER, float("inf")
+        asked = asked.sort().values[torch.linspace(0, len(asked) - 1, MOST_ASKED).round().to(torch.int64)]
+    speed, least = checked_speeds(TOP_SPEED, FIRST_CHECKED), float("inf")
+    wanted = torch.cat([response(liner, asked, speed) for liner in liners])[:, None]
     for count in COUNTS:
         made, functions = _candidates(count)
-        values = values_at(torch.stack([nodes.speeds for nodes in made]))
+        speeds = torch.cat([nodes.speeds for nodes in made])
+        values = torch.cat([response(liner, asked, speeds) for liner in liners]).unflatten(1, (len(made), count))
         found = torch.einsum("fck,cvk->fcv", made[0].coefficients(values), functions.to(values))
         errors = (found - wanted).abs().amax((0, 2))
         if float(errors.min()) < least:
             best, least = made[int(errors.argmin())], float(errors.min())
-        if least <= tolerance and _error_of_all(best, liners, frequency, TOP_SPEED) <= tolerance:
+        if least <= tolerance and all(
+            interpolation_error(best, liner, frequency, TOP_SPEED)[0] <= tolerance for liner in liners
+        ):
             break
     return best
 
@@ -309,8 +290,3 @@ def _candidates(count: int) -> tuple[list[Chebyshev], Tensor]:
     made = [Chebyshev(count, centre) for centre in CENTRES]
     speed = checked_speeds(TOP_SPEED, FIRST_CHECKED)
     return made, torch.stack([nodes.functions(speed) for nodes in made])
-
-
-def checked_speeds(top: float, count: int = CHECKED) -> Tensor:
-    """Where an interpolation is compared, 0 to ``top``, m/s."""
-    return top * torch.linspace(0, 1, count, dtype=torch.float64) ** 3

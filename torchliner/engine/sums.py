@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Protocol, TypeVar
 
 import torch
@@ -35,22 +36,14 @@ FEW_COLUMNS = 1 << 10  # of which a CPU takes several slabs at once
 
 
 class Record(Protocol):
-    """What is read: one reading of consecutive slabs at a time, the next one ahead of need where that helps."""
+    """T samples of P columns on a device, read in consecutive slabs."""
 
     @property
-    def samples(self) -> int:
-        """T."""
-        ...
-
+    def samples(self) -> int: ...  # noqa: D102
     @property
-    def columns(self) -> int:
-        """P."""
-        ...
-
+    def columns(self) -> int: ...  # noqa: D102
     @property
-    def device(self) -> torch.device:
-        """Of the slabs."""
-        ...
+    def device(self) -> torch.device: ...  # noqa: D102
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until ``alive_together`` more
@@ -101,18 +94,20 @@ class PlaneRecord:
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
-        stored = self.plane.stored
+        stored, plane = self.plane.stored, self.plane
         if stored is None:
-            return self._worked_on(self.plane.read(*each) for each in bounds)
-        # Counted now: while slabs are worked on in threads torch says that it has one.
-        return self._worked_on(read_ahead(stored, bounds, self.device, alive_together()))
+            read = (plane.read(*each) for each in bounds)
+        else:  # counted now: while slabs are worked on in threads torch says that it has one
+            read = read_ahead(stored, bounds, self.device, alive_together())
 
-    def _worked_on(self, read: Iterable[Tensor]) -> Iterator[Tensor]:
-        for slab in read:
-            here = slab.to(self.device, self.dtype)
-            yield here if self.excluded is None else here.masked_fill(self.excluded, 0)
-            if self.progress is not None:
-                self.progress(len(slab))
+        def worked_on() -> Iterator[Tensor]:
+            for slab in read:
+                here = slab.to(self.device, self.dtype)
+                yield here if self.excluded is None else here.masked_fill(self.excluded, 0)
+                if self.progress is not None:
+                    self.progress(len(slab))
+
+        return worked_on()
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +134,7 @@ class Job:
         found[..., :sums, :, :].add_(part[..., :sums, :, :])
         if self.largest:
             most = found[..., sums:, :, :]
-            most.copy_(torch.maximum(most, part[..., sums:, :, :]))
+            torch.maximum(most, part[..., sums:, :, :], out=most)
 
 
 def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
@@ -154,67 +149,55 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
         For each job float64, (S, R, K, N): the rows of ``only``. Rows of several workers, in order of time, are the
         same bits as one reading of all.
     """
-    taken = range(blocks.count) if only is None else list(only)
-    reach, on_cpu = max(job.reach for job in jobs), record.device.type == "cpu"
-    batches = list(blocks.batches(*rows_at_once(record), taken, across=not on_cpu))
+    taken, device = range(blocks.count) if only is None else list(only), record.device
+    on_cpu, reach = device.type == "cpu", max(job.reach for job in jobs)
+    rows = max(FEWEST_ROWS, (ON_CPU if on_cpu else ON_DEVICE) // record.columns)
+    slab = min(SLAB, rows)  # fewer samples where there are very many columns
+    rows = slab if on_cpu and record.columns > FEW_COLUMNS else rows
+    batches = list(blocks.batches(rows, slab, taken, across=not on_cpu))
     bounds = [(max(0, batch[0].begin - reach), min(record.samples, batch[-1].end + reach)) for batch in batches]
-    nothing = torch.empty(0, dtype=torch.float64, device=record.device)
+
+    nothing = torch.empty(0, dtype=torch.float64, device=device)
 
     def work(item: tuple[list[Slab], int, Tensor]) -> list[Tensor]:
+        """What each job finds in the parts of blocks that a batch holds, (n, R, K, N)."""
         batch, low, samples = item
-        begin, end, padding = batch[0].begin, batch[-1].end, _padding(batch, record.device)
+        begin, end, lengths = batch[0].begin, batch[-1].end, [slab.end - slab.begin for slab in batch]
+        place = own = torch.empty(0)
+        if len(set(lengths)) > 1:  # shorter slabs repeat their last sample with weight 0
+            first, length = torch.tensor([[slab.begin - begin for slab in batch], lengths]).to(device)[:, :, None]
+            step = torch.arange(max(lengths), device=device)
+            place, own = first + torch.minimum(step, length - 1), (step < length)[:, None]
+        parts = [len(list(slabs)) for _, slabs in groupby(batch, lambda slab: slab.place)]
         found = []
         for job in jobs:
             columns = job.drive(samples, low)[begin - low : end - low]
             lines = nothing if job.lines is None else job.lines
             weights = waves(lines, blocks.sampling_rate, begin, end).to(columns)
-            found.append(job.measure(*_of_slabs(weights, columns, len(batch), padding)).double())
+            if len(place):
+                columns = columns[place.flatten()].unflatten(0, place.shape)
+                weights = weights[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * own
+            else:  # views
+                columns = columns.unflatten(0, (len(batch), -1))
+                weights = weights.unflatten(1, (len(batch), -1)).transpose(0, 1)
+            each = job.measure(weights, columns).double()
+            if len(parts) < len(batch):
+                several = each.split(parts)
+                each = torch.stack([part.sum(0) for part in several])
+                if job.largest:
+                    each[:, -job.largest :] = torch.stack([part[:, -job.largest :].amax(0) for part in several])
+            found.append(each)
         return found
 
-    lows = (low for low, _ in bounds)
-    items = zip(batches, lows, record.slabs(bounds), strict=True)
+    items = zip(batches, (low for low, _ in bounds), record.slabs(bounds), strict=True)
     kept: list[Tensor] = []
     # A network's lower precision around an eduction is not the data's.
     with torch.autocast("cpu" if on_cpu else "cuda", enabled=False):
-        for batch, found in zip(batches, in_order(work, items, record.device), strict=True):
+        for batch, found in zip(batches, in_order(work, items, device), strict=True):
             kept = kept or [each.new_zeros(len(taken), *each.shape[1:]) for each in found]
             for job, own, each in zip(jobs, kept, found, strict=True):
-                for slab, part in zip(batch, each, strict=True):
-                    job.join(own[slab.place], part)
+                job.join(own[batch[0].place : batch[-1].place + 1], each)
     return kept
-
-
-def _padding(batch: Sequence[Slab], device: torch.device) -> tuple[Tensor, Tensor] | None:
-    """Rows of the batch that each slab takes and whether they are its own, (G, L); None where all are alike.
-
-    Shorter slabs repeat their last sample with weight 0, which changes neither a sum nor a maximum.
-    """
-    lengths = [slab.end - slab.begin for slab in batch]
-    if len({*lengths}) == 1:
-        return None
-    first = [slab.begin - batch[0].begin for slab in batch]
-    first_and_length = torch.tensor([first, lengths]).to(device)[:, :, None]
-    step = torch.arange(max(lengths), device=device)
-    return first_and_length[0] + torch.minimum(step, first_and_length[1] - 1), step < first_and_length[1]
-
-
-def _of_slabs(
-    weights: Tensor, columns: Tensor, count: int, padding: tuple[Tensor, Tensor] | None
-) -> tuple[Tensor, Tensor]:
-    """Weights (R, t) and columns (t, N) of a batch slab by slab, (G, R, L) and (G, L, N)."""
-    if padding is None:  # views
-        return weights.unflatten(1, (count, -1)).transpose(0, 1), columns.unflatten(0, (count, -1))
-    place, own = padding
-    each = weights[:, place.flatten()].unflatten(1, place.shape).transpose(0, 1) * own[:, None]
-    return each, columns[place.flatten()].unflatten(0, place.shape)
-
-
-def rows_at_once(record: Record) -> tuple[int, int]:
-    """Samples that are worked on together, and of a slab: fewer where there are very many columns."""
-    on_cpu = record.device.type == "cpu"
-    rows = max(FEWEST_ROWS, (ON_CPU if on_cpu else ON_DEVICE) // record.columns)
-    slab = min(SLAB, rows)
-    return slab if on_cpu and record.columns > FEW_COLUMNS else rows, slab
 
 
 def linear(weights: Tensor, columns: Tensor) -> Tensor:
@@ -254,15 +237,13 @@ def alive_together() -> int:
     return threads if threads == 1 else threads + 1
 
 
-def in_order(
-    work: Callable[[Item], Result], items: Iterable[Item], device: torch.device, *, alone: bool = False
-) -> Iterator[Result]:
-    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads, unless ``alone``.
+def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torch.device) -> Iterator[Result]:
+    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads.
 
     Items may be read from a file: few are asked for ahead, and ``alive_together`` must live at once.
     """
-    threads = torch.get_num_threads()
-    if alone or device.type != "cpu" or threads == 1:
+    threads, most = torch.get_num_threads(), alive_together()
+    if device.type != "cpu" or threads == 1:
         yield from map(work, items)
         return
     with_gradients = torch.is_grad_enabled()  # which a new thread would not know
@@ -271,7 +252,6 @@ def in_order(
         with torch.set_grad_enabled(with_gradients):
             return work(item)
 
-    most = alive_together()
     with one_thread(), ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[Result]] = deque()
         for item in items:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -13,6 +12,7 @@ from torchliner.engine.blocks import Blocks
 
 SAME = 1e-9  # relative: closer lines are one
 HARMONICS = 8
+STEADY = 1e-18  # of the mean square: less than rounding
 
 
 def harmonics_of(tone: float | None, sampling_rate: float, count: int = HARMONICS) -> list[float]:
@@ -38,12 +38,14 @@ class Membership:
         labels: cell of each probe, int64, (P,); C for probes of no cell.
         places: probes of each cell side by side, padded with probe 0, int64, (C, M).
         inside: 1 for a probe, 0 for padding, float64, (C, M).
+        sizes: probes of each cell, float64, (C,).
         ordered: whether the probes already lie so in memory, all cells alike: no copy is needed.
     """
 
     labels: Tensor
     places: Tensor
     inside: Tensor
+    sizes: Tensor
     ordered: bool
 
     @classmethod
@@ -56,30 +58,21 @@ class Membership:
         cell = labels[order]
         slot = torch.arange(len(order)) - (sizes.cumsum(0) - sizes)[cell]
         places[cell, slot], inside[cell, slot] = order, 1.0
-        ordered = bool((places.flatten() == torch.arange(count * most)).all()) and count * most == len(labels)
-        outside = torch.where(labels < 0, count, labels)
-        return cls(outside.to(device), places.to(device), inside.to(device), ordered)
+        ordered = count * most == len(labels) and torch.equal(places.flatten(), torch.arange(count * most))
+        tensors = (torch.where(labels < 0, count, labels), places, inside, sizes.double())
+        return cls(*(each.to(device) for each in tensors), ordered)
 
     @property
     def count(self) -> int:
         """C."""
         return len(self.places)
 
-    @functools.cached_property
-    def sizes(self) -> Tensor:
-        """Probes of each cell, float64, (C,)."""
-        return self.inside.sum(1)
-
-    def members(self, values: Tensor) -> Tensor:
-        """Those of each cell side by side, 0 in the padding: (..., P) to (..., C, M)."""
-        if self.ordered:
-            return values.unflatten(-1, self.places.shape)
-        members = values.index_select(-1, self.places.flatten()).unflatten(-1, self.places.shape)
-        return members.mul_(self.inside.to(members))
-
     def sum(self, values: Tensor) -> Tensor:
         """Over the probes of each cell: (..., P) to (..., C)."""
-        return self.members(values).sum(-1)
+        if self.ordered:
+            return values.unflatten(-1, self.places.shape).sum(-1)
+        members = values.index_select(-1, self.places.flatten()).unflatten(-1, self.places.shape)
+        return members.mul_(self.inside.to(members)).sum(-1)
 
     def mean(self, values: Tensor) -> Tensor:
         """Over the probes of each cell: (..., P) to (..., C)."""
@@ -141,14 +134,10 @@ class Survey:
         """Largest |v|, m/s, (P,)."""
         return self.peaks.amax(0)
 
-    def rows_of(self, place: Iterable[int]) -> list[int]:
-        """Which of the 1 + 2 L rows are 1, cos and sin of the lines at these places."""
-        cosines = [1 + i for i in place]
-        return [0, *cosines, *(row + len(self.lines) for row in cosines)]
-
     def rows_of_harmonics(self) -> list[int]:
-        """Those of the harmonics."""
-        return self.rows_of(range(self.harmonics))
+        """Which of the 1 + 2 L rows are 1, cos and sin of the harmonics."""
+        cosines = range(1, 1 + self.harmonics)
+        return [0, *cosines, *(row + len(self.lines) for row in cosines)]
 
     def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
         """Sums of v e^{-j omega t}, complex128, (S, n, F), nan where not measured, and of e^{-j omega t}, (S, F)."""
@@ -161,13 +150,22 @@ class Survey:
             of_v = of_v * torch.where(measured, 1.0, torch.nan).to(part)
         return of_v, torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
 
-    def coherence(self, frequency: Tensor) -> Tensor:
-        """Squared coherence of v with a steady tone, from its lines in all blocks, 0 to 1, (P, F); nan where not
-        measured."""
+    def coherence(self, frequency: Tensor, cells: Membership | None = None) -> Tensor:
+        """Squared coherence of v with a steady tone, 0 to 1, (P, F); nan where not measured.
+
+        With ``cells`` of the velocity averaged over each, (F,): a single probe in turbulence hardly sees the sound that
+        all holes of its cell pass. Of several cells power is added, so that a grazing wave counts. nan where a steady
+        velocity has no line.
+        """
         of_v, of_one = self.line_sums(frequency)
         lines = (of_v - self.mean[:, None] * of_one[:, None]) / self.lengths[:, None, None]
-        power = lines.abs().square().mean(0)
-        return torch.where(power == 0, 0.0, lines.mean(0).abs().square() / power.clamp(min=1e-300))
+        if cells is not None:
+            lines = cells.mean(lines.transpose(1, 2))  # (S, F, C)
+        power, coherent = lines.abs().square().mean(0), lines.mean(0).abs().square()
+        if cells is None:
+            return torch.where(power == 0, 0.0, coherent / power.clamp(min=1e-300))
+        power, least = power.sum(-1), STEADY * self.mean_square.mean() * cells.count
+        return torch.where(power <= least, torch.nan, coherent.sum(-1) / power.clamp(min=1e-300))
 
     def tone(self, frequency: Tensor, means: Callable[[Tensor], Tensor], columns: slice = slice(None)) -> Tensor:
         """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off.

@@ -188,8 +188,9 @@ def averages_of(
         admittance = admittance_from_reflection(each).masked_fill(leave, 0)
         return part, admittance, None if of_cells else _educed(each, interval)
 
+    parts = _parts(held, lengths)
     alone = is_differentiated(asked.coefficients)
-    for part, admittance, educed in in_order(work, _parts(held, lengths), device, alone=alone):
+    for part, admittance, educed in map(work, parts) if alone else in_order(work, parts, device):
         found += [] if educed is None else [educed]
         if not sums.numel():
             sums = admittance.new_zeros(len(admittance), groups, held.shape[1])
