@@ -17,7 +17,7 @@ GROUPS: dict[str, tuple[str, str]] = {
     ),
     "Moments": (
         "A plane reduced to moments of the speed, from which any liner follows at any frequency.",
-        "moments sum_share Moments GrowingMoments read_moments",
+        "moments Moments GrowingMoments read_moments",
     ),
     "Liners": (
         "Models of a liner, presets and files; calibration against known impedances.",

@@ -9,13 +9,10 @@ import socket
 import subprocess
 import sys
 import time
-from tempfile import TemporaryDirectory
 
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.campaign import cluster
@@ -89,30 +86,6 @@ def test_shares_are_the_bits_of_one_reading(tmp_path, file, small, read, choices
     assert same_bits(tl.moments(plane, cell_pitch=PITCH, kept=tmp_path, **choices), whole)
     assert len(read) == 1
     assert not list(tmp_path.glob(".torchliner-*"))
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-@settings(max_examples=10)
-@given(st.integers(1, 8), st.sampled_from([*EVERY, {"missing": "exclude"}]), st.randoms())
-def test_jobs_of_an_array_make_one_record(jobs, choices, random):
-    """However many, in any order: the bits and notes of one reading. They are run until all shares are there."""
-    v = turbulence((6, 960)).float() + torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(960))
-    if "missing" in choices:
-        v[2, 100] = torch.nan
-    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as changed:
-        changed.setattr(workers, "SHARE", 960)  # six shares
-        plane_of(v, x=2e-3 * torch.arange(6.0)).write(f"{folder}/plane.h5")
-        plane = tl.read_plane(f"{folder}/plane.h5", lazy=True)
-        whole = tl.moments(plane, cell_pitch=6e-3, **choices)
-        order, rounds, done = random.sample(range(jobs), jobs), 0, [False]
-        while not all(done):
-            done = [tl.sum_share(plane, f"{folder}/kept", job, jobs, cell_pitch=6e-3, **choices) for job in order]
-            rounds += 1
-        assert rounds <= (1 if jobs == 1 else 4)
-        changed.setattr(workers, "_rows", None)  # nothing is read any more
-        found = tl.moments(plane, cell_pitch=6e-3, kept=f"{folder}/kept", **choices)
-    assert same_bits(found, whole)
-    assert found.notes == whole.notes
 
 
 def test_data_do_not_travel(tmp_path):

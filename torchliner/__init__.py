@@ -30,7 +30,7 @@ _NAMES = {  # module: public names that live in it
     "liners.multipole": "fit_multipole Multipole",
     "engine.moments": "Moments",
     "engine.kernels": "VelocityGrid build_kernels",
-    "velocity.educe": "educe moments sum_share",
+    "velocity.educe": "educe moments",
     "velocity.replay": "replay",
     "velocity.ir_tdibc": "ir_tdibc",
     "velocity.level_curve": "LevelCurve",

@@ -87,7 +87,6 @@ from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare_models import compare_models as compare_models
 from torchliner.studies.identify import identify as identify
-from torchliner.velocity.educe import sum_share as sum_share
 from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.velocity.level_curve import LevelCurve as LevelCurve
 from torchliner.velocity.replay import replay as replay

@@ -5,9 +5,6 @@ known: tl.Moments = tl.moments(plane, liner)  # one reading; then any frequency,
 known.write("moments.h5")
 print(tl.read_moments("moments.h5").educe(liner, [1000.0, 1400.0]).answer)
 
-stored = tl.read_plane("data/slit_n130_y2.5mm.h5", lazy=True)  # jobs of an array share a folder
-done = [tl.sum_share(stored, "kept", job, 2, liner, averaging="velocity") for job in (0, 1)]
-print(done, tl.moments(stored, liner, kept="kept", averaging="velocity").size)
 growing = tl.GrowingMoments(plane, liner)  # of a plane that is still being written
 growing.update(plane.velocity)
 print(growing.educe(liner).answer)

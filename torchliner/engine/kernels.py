@@ -80,7 +80,8 @@ class VelocityGrid:
         place = share * (self.levels - 1)
         nodes = STENCILS[self.interpolation]
         base = place.detach().floor().clamp(-nodes[0], self.levels - 1 - nodes[-1]).nan_to_num(-nodes[0])
-        t, weights = place - base, [1 - (place - base), place - base]
+        t = place - base
+        weights = [1 - t, t]
         if self.interpolation == "cubic":  # Lagrange polynomials of four levels at -1, 0, 1, 2
             inner, outer = t * (t - 1), (t + 1) * (t - 2)
             weights = [inner * (t - 2) / -6, outer * (t - 1) / 2, outer * t / -2, inner * (t + 1) / 6]
@@ -88,10 +89,10 @@ class VelocityGrid:
 
 
 def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    """Rows of a table (V, K) gathered and combined: (..., K).
+    """Rows of a table (V, K), real or complex, gathered and combined: (..., K).
 
     Args:
-        table: real or complex.
+        table: what is interpolated.
         index: first level of each stencil, (...).
         weights: of the levels of the stencil, (...) each.
     """
@@ -171,10 +172,21 @@ def build_kernels(
     """
     grid = VelocityGrid(velocity_max, levels, spacing, interpolation)
     taps, first = _taps(liner, grid.speeds, sampling_rate, kind, band, before, after, regularisation)
-    low, high = band[0], min(band[1], HIGHEST * sampling_rate)
+    inside = band[0], min(band[1], HIGHEST * sampling_rate)
     with torch.no_grad():
-        error, level_error, gain = _quality(taps, first, sampling_rate, (low, high), liner, grid)
-    return KernelTable(taps, first, sampling_rate, grid, (low, high), kind, error, level_error, gain)
+        size = 1 << (8 * taps.shape[1] - 1).bit_length()
+        spectrum, edges = torch.fft.rfft(taps, n=size), torch.tensor(inside, dtype=torch.float64)
+        lines = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)  # between those of the fit, too
+        held = (lines >= inside[0]) & (lines <= inside[1])
+        shift = torch.exp(-2j * torch.pi * lines[held] / sampling_rate * first)
+        found = torch.cat([spectrum[:, held] * shift, _response(taps, first, edges, sampling_rate)], dim=1)
+        away = found - reflection_of(liner, torch.cat([lines[held], edges]), grid.speeds[:, None])
+        some = torch.linspace(*inside, 16, dtype=torch.float64)
+        middle = (grid.speeds[1:] + grid.speeds[:-1]) / 2
+        between = interpolate(reflection_of(liner, some, grid.speeds[:, None]), *grid.locate(middle))
+        level_error = float((between - reflection_of(liner, some, middle[:, None])).abs().max())
+    error, gain = float(away.abs().max()), float(spectrum.abs().max())
+    return KernelTable(taps, first, sampling_rate, grid, inside, kind, error, level_error, gain)
 
 
 @one_thread()
@@ -187,7 +199,7 @@ def response_at(
     band: tuple[float, float] = BAND,
 ) -> Tensor:
     """H(f; |v|) of kernels that are made at these very |v|, m/s, (V,): complex128, (V, F); see ``build_kernels``."""
-    taps, first = _taps(liner, speeds, sampling_rate, kind, band)
+    taps, first = _taps(liner, speeds, sampling_rate, kind, band, BEFORE, AFTER, REGULARISATION)
     return _response(taps, first, frequency, sampling_rate)
 
 
@@ -197,9 +209,9 @@ def _taps(
     sampling_rate: float,
     kind: str,
     band: tuple[float, float],
-    before: float = BEFORE,
-    after: float = AFTER,
-    regularisation: float = REGULARISATION,
+    before: float,
+    after: float,
+    regularisation: float,
 ) -> tuple[Tensor, int]:
     """(V, K), and m of the first; arguments as of ``build_kernels``, checked here."""
     require_choice("kernel", kind, KERNELS)
@@ -210,35 +222,18 @@ def _taps(
             f"band is {band[0]:g} Hz to {band[1]:g} Hz; it must run upwards from above 0 to at most {HIGHEST:g} of the "
             f"sampling rate, {sampling_rate:g} Hz"
         )
-    if not (before >= 0 and after >= 0):
-        raise ValueError(f"before is {before:g} s and after {after:g} s; both must be 0 or more")
     last = round(after * sampling_rate)
     if kind == "causal":
-        return _causal_part(liner, speeds, sampling_rate, last + 1), 0
+        size = 1 << (8 * last + 7).bit_length()  # so long that its own period folds nothing into the taps kept
+        frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)[1:]
+        at_zero = torch.ones(len(speeds), 1, dtype=torch.complex128)  # R(0) = 1
+        spectrum = torch.cat([at_zero, reflection_of(liner, frequency, speeds[:, None])], dim=1)
+        return torch.fft.irfft(spectrum, n=size)[:, : last + 1].contiguous(), 0
     first = -round(before * sampling_rate)
     frequency, rows, factors, pivots = _normal_equations((first, last, sampling_rate), (low, high), regularisation)
     wanted = reflection_of(liner, frequency, speeds[:, None])
     target = torch.cat([wanted.real, wanted.imag], dim=1)
     return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows, first
-
-
-def _quality(
-    taps: Tensor, first: int, sampling_rate: float, band: tuple[float, float], liner: Liner, grid: VelocityGrid
-) -> tuple[float, float, float]:
-    """``error``, between the frequencies of the fit too, ``level_error`` and ``gain``."""
-    size = 1 << (8 * taps.shape[1] - 1).bit_length()
-    spectrum = torch.fft.rfft(taps, n=size)
-    frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)
-    inside = (frequency >= band[0]) & (frequency <= band[1])
-    edges = torch.tensor(band, dtype=torch.float64)
-    shift = torch.exp(-2j * torch.pi * frequency[inside] / sampling_rate * first)
-    found = torch.cat([spectrum[:, inside] * shift, _response(taps, first, edges, sampling_rate)], dim=1)
-    wanted = reflection_of(liner, torch.cat([frequency[inside], edges]), grid.speeds[:, None])
-    some = torch.linspace(*band, 16, dtype=torch.float64)
-    middle = (grid.speeds[1:] + grid.speeds[:-1]) / 2
-    between = interpolate(reflection_of(liner, some, grid.speeds[:, None]), *grid.locate(middle))
-    away = between - reflection_of(liner, some, middle[:, None])
-    return float((found - wanted).abs().max()), float(away.abs().max()), float(spectrum.abs().max())
 
 
 def _response(taps: Tensor, first: int, frequency: Tensor, sampling_rate: float) -> Tensor:
@@ -264,12 +259,3 @@ def _normal_equations(
     scale = torch.linalg.eigvalsh(normal)[-1]
     damped = normal + regularisation**2 * scale * torch.eye(2 * points, dtype=torch.float64)
     return frequency, rows, *torch.linalg.lu_factor(damped)
-
-
-def _causal_part(liner: Liner, speeds: Tensor, sampling_rate: float, count: int) -> Tensor:
-    """Taps 0 .. ``count`` - 1 of the Hermitian inverse transform, (V, count)."""
-    size = 1 << (8 * count - 1).bit_length()  # so long that its own period folds nothing into the taps kept
-    frequency = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)[1:]
-    reflection = reflection_of(liner, frequency, speeds[:, None])
-    at_zero = torch.ones(len(speeds), 1, dtype=torch.complex128)  # R(0) = 1
-    return torch.fft.irfft(torch.cat([at_zero, reflection], dim=1), n=size)[:, :count].contiguous()

@@ -7,7 +7,6 @@ blocks one after another.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,19 +101,14 @@ class Moments(Layout, Summarised):
     locked: Drive | None
     sums: Mapping[str, Tensor]
 
-    @functools.cached_property
+    @property
     def counted(self) -> Tensor:
         """``used`` on the device of the sums."""
         device = self.survey.sums.device
-        every = bool(self.used.all())
-        return torch.ones(len(self.used), dtype=torch.bool, device=device) if every else self.used.to(device)
+        return self.used.to(device) if device.type != "meta" else torch.ones_like(self.used, device=device)
 
     def coefficients(self, liner: LinerModel, frequency: Tensor) -> Tensor:
-        """Of R(f, |v|) in the sums, complex128, (F, J), differentiable in the liner's parameters.
-
-        Args:
-            liner: whose R.  frequency: Hz, (F,).
-        """
+        """Of R(f, |v|) in the sums, complex128, (F, J), differentiable in the liner's parameters; Hz, (F,)."""
         if self.nodes is None:
             return torch.zeros(len(frequency), 1, dtype=torch.complex128)
         return self.nodes.coefficients(response(liner, frequency, self.nodes.speeds))
@@ -180,8 +174,5 @@ class Moments(Layout, Summarised):
 
     def _facts(self) -> Facts:
         known = {} if self.nodes is None else self.nodes.describe()
-        return [
-            ("averaging", str(self.settings["averaging"])),
-            *case_facts(self.plane),
-            *((name, str(value)) for name, value in known.items()),
-        ]
+        settings = [("averaging", str(self.settings["averaging"])), *case_facts(self.plane)]
+        return [*settings, *((name, str(value)) for name, value in known.items())]

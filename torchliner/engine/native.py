@@ -15,7 +15,6 @@ import shlex
 import shutil
 import subprocess
 import tempfile
-import threading
 from ctypes import CDLL, c_double, c_int64, c_void_p
 from pathlib import Path
 
@@ -29,7 +28,6 @@ SECONDS = 120.0  # that a compiler may take
 PRECISIONS = {torch.float32: "float32", torch.float64: "float64"}
 
 reason = ""  # why there is no library, after ``available()``
-_looking = threading.Lock()  # threads that ask at the same time build it once
 
 
 def available() -> bool:
@@ -50,7 +48,6 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
 
     Raises:
         TypeError: neither float32 nor float64. ValueError: shapes that do not fit, or not on a CPU.
-        RuntimeError: there is no library.
     """
     if columns.dtype not in PRECISIONS:
         raise TypeError(f"columns are {columns.dtype}; the compiled sums take float32 or float64")
@@ -58,10 +55,8 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
     if columns.shape[:-1] != (slabs, length) or not columns.is_cpu:
         have = f"columns are {tuple(columns.shape)} on {columns.device}"
         raise ValueError(f"{have}; weights {tuple(weights.shape)} need ({slabs}, {length}, N) on a CPU")
-    compiled = library()
-    if compiled is None:
-        raise RuntimeError(f"there are no compiled sums: {reason}")
-    held, width = weights.to(columns).contiguous(), columns.shape[2]
+    compiled, held, width = library(), weights.to(columns).contiguous(), columns.shape[2]
+    assert compiled is not None
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64)
     layout = (c_int64 * 8)(*columns.stride(), slabs, rows, length, count, width)
     data = map(c_void_p, (columns.data_ptr(), held.data_ptr(), found.data_ptr()))
@@ -69,14 +64,9 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
     return found
 
 
+@functools.cache
 def library() -> CDLL | None:
     """Loaded from the cache, built, or the one of the wheel; None where none can be had, with the ``reason``."""
-    with _looking:
-        return _found()
-
-
-@functools.cache
-def _found() -> CDLL | None:
     global reason
     problems = []
     for get in (_built, _brought):
@@ -116,21 +106,19 @@ def _built() -> CDLL:
     # Unlike machines share home folders: the macros say the compiler's version and the processor's instructions.
     macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
     key = hashlib.sha256(b"\0".join([SOURCE.read_bytes(), shlex.join(command).encode(), macros])).hexdigest()[:16]
-    folder = _folder()
+    folder, name = _folder(), f"native-{key}.so"
     if folder is not None:
         with contextlib.suppress(OSError):
-            there = folder / f"native-{key}.so"
-            if there.with_suffix(".sha256").read_bytes() == _digest(there):
-                return _loaded(there)
+            if (folder / name).with_suffix(".sha256").read_bytes() == _digest(folder / name):
+                return _loaded(folder / name)
     # Several processes may build at once: each into a folder of its own, the last one stays. Where no folder is the
     # user's alone, the library lives on in memory.
     with tempfile.TemporaryDirectory(dir=folder, prefix=".native-") as own:
-        part = Path(own) / f"native-{key}.so"
-        checksum = part.with_suffix(".sha256")
+        part = Path(own) / name
         _output([*command, "-shared", "-o", str(part), str(SOURCE)])
         made = _loaded(part)
-        checksum.write_bytes(_digest(part))
-        for file in (part, checksum) if folder is not None else ():
+        part.with_suffix(".sha256").write_bytes(_digest(part))
+        for file in (part, part.with_suffix(".sha256")) if folder is not None else ():
             file.chmod(0o600)
             os.replace(file, Path(own).parent / file.name)
     return made
@@ -152,11 +140,7 @@ def _digest(path: Path) -> bytes:
 
 
 def _output(command: list[str]) -> bytes:
-    """What a compiler prints.
-
-    Raises:
-        RuntimeError: with its message, where it fails; subprocess.TimeoutExpired after ``SECONDS``.
-    """
+    """What a compiler prints; RuntimeError with its message where it fails."""
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=SECONDS
     )

@@ -46,6 +46,7 @@ class Replay:
         edge: ``silent``: nothing is emitted outside the record, eq. (3.2) to the letter, which costs 3e-4 in R with a
             Hann window over 16 periods. ``periodic``: velocity and wave repeat. Default that of the wave.
         store: called with y and its first sample whenever a part of it is complete.
+        columns: C N.
     Raises:
         ValueError: a wave that does not suit the record, or cannot repeat with it.
     Source: Roncen et al. (2026), eq. (3.2), extended to taps before zero.
@@ -77,7 +78,11 @@ class Replay:
         ends += [-((first - end) // BATCH) * BATCH for _, end in bounds]
         if not self.periodic:
             ends = [min(max(end, 0), n) for end in ends]
-        pieces = [[*self._pieces(*each)] for each in pairwise(ends)]
+        # Where emissions low .. high - 1 are in the record, which repeats.
+        pieces = [
+            [(a % n, a % n + b - a) for a, b in pairwise([low, *range((low // n + 1) * n, high, n), high]) if a < b]
+            for low, high in pairwise(ends)
+        ]
         read = self.record.slabs([piece for each in pieces for piece in each])
         held, at = torch.empty(0), ends[0] + first  # y from sample ``at`` on, its last K - 1 samples incomplete
         sent, table = self.sent, pad(self.kernels.taps, (0, BATCH))
@@ -93,13 +98,6 @@ class Replay:
                 self.store(signal, begin)
             yield signal
             held, at = held[..., end - at :], end
-
-    def _pieces(self, low: int, high: int) -> Iterator[tuple[int, int]]:
-        """Where emissions low .. high - 1 are in the record, which repeats."""
-        n = self.samples
-        for a, b in pairwise([low, *range((low // n + 1) * n, high, n), high]):
-            if a < b:
-                yield a % n, a % n + b - a
 
     def _received(self, held: Tensor, speed: Tensor, sent: Tensor, table: Tensor) -> Tensor:
         """Receptions (N, C, M), the last K - 1 incomplete, and t more: of waves (C, t) sent at |v| (N, t)."""

@@ -95,9 +95,8 @@ class PlaneRecord:
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
         stored, plane = self.plane.stored, self.plane
-        if stored is None:
-            read = (plane.read(*each) for each in bounds)
-        else:  # counted now: while slabs are worked on in threads torch says that it has one
+        read: Iterable[Tensor] = (plane.read(*each) for each in bounds)
+        if stored is not None:  # counted now: while slabs are worked on in threads torch says that it has one
             read = read_ahead(stored, bounds, self.device, alive_together())
 
         def worked_on() -> Iterator[Tensor]:

@@ -59,8 +59,8 @@ class Membership:
         slot = torch.arange(len(order)) - (sizes.cumsum(0) - sizes)[cell]
         places[cell, slot], inside[cell, slot] = order, 1.0
         ordered = count * most == len(labels) and torch.equal(places.flatten(), torch.arange(count * most))
-        tensors = (torch.where(labels < 0, count, labels), places, inside, sizes.double())
-        return cls(*(each.to(device) for each in tensors), ordered)
+        outside = torch.where(labels < 0, count, labels)
+        return cls(outside.to(device), places.to(device), inside.to(device), sizes.double().to(device), ordered)
 
     @property
     def count(self) -> int:

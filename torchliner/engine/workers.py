@@ -32,10 +32,6 @@ Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Te
 Rows = list[np.ndarray]
 
 
-class Unfinished(Exception):
-    """Shares of other jobs are not summed yet."""
-
-
 class Kept(Protocol):
     """Where finished shares of a record stay, by all that they depend on but the samples themselves."""
 
@@ -48,55 +44,43 @@ class Kept(Protocol):
         ...
 
 
-def reduce_on(client: Any = None, kept: Kept | None = None, own: slice = slice(None)) -> Reduce:
+def reduce_on(client: Any = None, kept: Kept | None = None) -> Reduce:
     """``engine.sums.reduce`` of a ``PlaneRecord`` of a plane in its file, shared out; no data travel.
 
     Args:
         client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
         kept: what is there is not read again.
-        own: shares that are read here; those of others must be among the kept ones.
     Raises:
         ValueError: the plane is in memory.
-        Unfinished: shares of others are not there yet.
         OSError, ImportError: a worker cannot read; it says which, and which path.
         RuntimeError: workers of another version, or workers that end one after another.
     """
 
     def run(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
         assert isinstance(record, PlaneRecord)
-        plane, progress = record.plane, record.progress
+        plane, progress, taken = record.plane, record.progress, list(range(blocks.count) if only is None else only)
         if plane.stored is None:
             raise ValueError(
                 f"{plane.name} is in memory, and workers read for themselves; write it to a file, and read that with "
                 "lazy=True"
             )
+        count = min(len(taken), -(-record.columns * int(blocks.lengths[taken].sum()) // SHARE))
+        shares = [taken[len(taken) * i // count : len(taken) * (i + 1) // count] for i in range(count)]
         sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
         about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded)
-        shares = _shares(record, blocks, range(blocks.count) if only is None else list(only))
         asked = [(about, blocks, sent[2], share) for share in shares]
-        rows = [None if kept is None else kept.load(each) for each in asked]
-        left = [i for i in range(len(shares))[own] if rows[i] is None]
-        read = tasks_in_order(client, _rows, (sent,), ((shares[i],) for i in left))
-        for i, share in enumerate(shares):
-            if i in left:
-                rows[i] = new = next(read)
-                if kept is not None:
-                    kept.save(asked[i], new)
+        known = [None if kept is None else kept.load(each) for each in asked]
+        left = [(share,) for share, rows in zip(shares, known, strict=True) if rows is None]
+        read, found = tasks_in_order(client, _rows, (sent,), left), []
+        for share, each, rows in zip(shares, asked, known, strict=True):
+            found.append(next(read) if rows is None else rows)
+            if rows is None and kept is not None:
+                kept.save(each, found[-1])
             if progress is not None:
                 progress(blocks.borders[share[-1] + 1] - blocks.borders[share[0]])
-        found = [each for each in rows if each is not None]
-        if len(found) < len(rows):
-            raise Unfinished(f"{plane.name}: {len(rows) - len(found)} of {len(rows)} shares are not summed yet")
         return [torch.cat([*map(torch.from_numpy, each)]).to(record.device) for each in zip(*found, strict=True)]
 
     return run
-
-
-def _shares(record: Record, blocks: Blocks, only: Sequence[int]) -> list[list[int]]:
-    """Blocks of each task, about ``SHARE`` of the data."""
-    values = record.columns * int(blocks.lengths[list(only)].sum())
-    count = min(len(only), -(-values // SHARE))
-    return [list(only[len(only) * i // count : len(only) * (i + 1) // count]) for i in range(count)]
 
 
 def _rows(sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
@@ -114,6 +98,9 @@ def tasks_in_order(
         work: a function that workers can import.
         shared: arguments of all tasks, sent once.
         tasks: the other arguments.
+    Raises:
+        OSError: no worker comes, or the scheduler is gone.
+        RuntimeError: workers end one after another.
     """
     if client is None:
         yield from (work(*shared, *task) for task in tasks)
@@ -128,17 +115,20 @@ def tasks_in_order(
                 waiting.append(client.submit(on_worker, __version__, work, *held, *task, pure=False))
             if not waiting:
                 return
-            if not threads:
-                _wait_for_worker(client)
+            if not threads:  # the work waits already, so that a cluster that adapts starts its first worker
+                seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
+                client.wait_for_workers(1, timeout=seconds)
             yield waiting[0].result()
             waiting.popleft()  # the worker may forget it
+    except TimeoutError as error:
+        where = client.scheduler.address
+        text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
+        raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
     except Exception as error:
         name = type(error).__name__
         if name == "KilledWorker":
-            text = (
-                f"workers ended one after another on the same task: {error}; give them more memory, or read their logs"
-            )
-            raise RuntimeError(text) from error
+            text = "workers ended one after another on the same task"
+            raise RuntimeError(f"{text}: {error}; give them more memory, or read their logs") from error
         if client.status != "running" or name in ("FutureCancelledError", "CommClosedError"):
             text = "the scheduler of dask is gone; start it again and repeat the command: a campaign keeps what it has"
             raise OSError(text) from error
@@ -146,23 +136,6 @@ def tasks_in_order(
     finally:
         if client.status == "running":
             client.cancel([*held, *waiting])
-
-
-def _wait_for_worker(client: Any) -> None:
-    """The work waits already, so that a cluster that adapts starts its first worker.
-
-    Raises:
-        OSError: none comes.
-    """
-    seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
-    try:
-        client.wait_for_workers(1, timeout=seconds)
-    except TimeoutError as error:
-        where = client.scheduler.address
-        raise OSError(
-            f"the scheduler at {where} has no worker within {seconds:g} s; start some (dask worker {where} --nthreads "
-            "1), or wait longer (--wait)"
-        ) from error
 
 
 def _same(value: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 from torchliner.checks import tell
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
-from torchliner.engine.workers import Reduce, Unfinished, reduce_on
+from torchliner.engine.workers import Reduce, reduce_on
 from torchliner.io.kept_rows import KeptRows
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import Liner, as_liner
@@ -18,7 +18,7 @@ from torchliner.records.origin import origin_of
 from torchliner.velocity.answer import answer, origin_facts
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_matched import match_level
-from torchliner.velocity.reading import Progress, Reading, measure, reading_of, take_moments
+from torchliner.velocity.reading import Progress, Reading, reading_of, take_moments
 from torchliner.velocity.rescaled import ends_of_background
 
 
@@ -121,41 +121,6 @@ def moments(
         about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})
         known = dataclasses.replace(known, plane=about)
     return known
-
-
-def sum_share(
-    plane: VelocityPlane,
-    kept: str | Path,
-    job: int,
-    jobs: int,
-    liner: Liner | None = None,
-    frequency: Any = None,
-    *,
-    cell_pitch: float | None = None,
-    progress: Progress | None = None,
-    **choices: Any,
-) -> bool:
-    """Sum a share of a plane's blocks, as one job of an array; ``moments(plane, ..., kept=kept)`` then reads nothing.
-
-    Args:
-        plane: still in its file; it and all other arguments as for ``moments``.
-        kept: folder, of this plane alone, that all jobs share.
-        job, jobs: number of this job, from 0, and how many there are. A share has at least 0.5 GB, so that of a small
-            plane some jobs have none.
-    Returns:
-        Whether the shares of all jobs are there. Averaging ``phase-locked``, the default, and ``mean`` removed read
-        the plane twice: run all jobs again, until they return True.
-    Raises:
-        TypeError, ValueError: as ``moments``; there is no such job.
-    """
-    if not 0 <= job < jobs:
-        raise ValueError(f"job is {job}; there are {jobs}, numbered from 0")
-    reading = _reading_for(plane, liner, frequency, cell_pitch, choices)
-    try:
-        measure(reading, reduce_on(None, KeptRows(Path(kept)), slice(job, None, jobs)), progress)
-    except Unfinished:
-        return False
-    return True
 
 
 def _reading_for(
