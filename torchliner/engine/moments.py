@@ -104,8 +104,8 @@ class Moments(Layout, Summarised):
     @property
     def counted(self) -> Tensor:
         """``used`` on the device of the sums."""
-        device = self.survey.sums.device
-        return self.used.to(device) if device.type != "meta" else torch.ones_like(self.used, device=device)
+        device, every = self.survey.sums.device, bool(self.used.all())
+        return torch.ones(len(self.used), dtype=torch.bool, device=device) if every else self.used.to(device)
 
     def coefficients(self, liner: LinerModel, frequency: Tensor) -> Tensor:
         """Of R(f, |v|) in the sums, complex128, (F, J), differentiable in the liner's parameters; Hz, (F,)."""
