@@ -30,7 +30,7 @@ from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.drives import incoherent_square, phase_locked
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.table import format_complex
-from torchliner.studies.without_flow import calibrate_without_flow
+from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import measure, reading_of
@@ -82,7 +82,7 @@ def liner_of(case: str) -> Any:
     """Calibrated on the runs without flow of its lattice, at 0.5 mm."""
     letter = LATTICE.get(case[0], case[0])
     runs = [planes_of(each)[0] for each in FITTED[letter]]
-    return calibrate_without_flow(runs, tl.load_liner(runs[0].liner), draws=0, allow_short=True)[0].liner
+    return calibrate_without_flow(runs, tl.load_liner(runs[0].liner), allow_short=True)[0].liner
 
 
 def check_of(found: tl.ImpedanceMap) -> float:

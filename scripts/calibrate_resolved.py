@@ -1,6 +1,6 @@
 """Fit the slit's model where there is no flow, and see what it says where there is.
 
-    python scripts/calibrate_resolved.py [--draws M]
+    python scripts/calibrate_resolved.py
 
 Offset and vena contracta are fitted to the true impedances of n115 and n130 and predict g01_145 and
 g03_145; the offset of the orifice is fitted to o115 and predicts o145. Two variants, the highest
@@ -38,21 +38,21 @@ def planes_of(case: str, variant: str) -> list[tl.VelocityPlane]:
     return [tl.read_plane(path) for path in (files if variant == ALL else files[-1:])]
 
 
-def fitted(cases: Sequence[str], free: Any, variant: str, averaging: str, draws: int) -> Any:
+def fitted(cases: Sequence[str], free: Any, variant: str, averaging: str) -> Any:
     """The calibration, and the liner as it was."""
     planes = [plane for case in cases for plane in planes_of(case, variant)]
     liner = tl.load_liner(planes[0].liner)
     # Planes of one run share one reference: used k times, it weighs as one with noise sqrt(k).
     noise = NOISE * (len(planes) / len(cases)) ** 0.5
-    found = tl.calibrate(planes, liner, "true", free, averaging=averaging, noise=noise, draws=draws)
+    found = tl.calibrate(planes, liner, "true", free, averaging=averaging, noise=noise)
     return found, liner
 
 
 def predicted(
-    cases: Sequence[str], free: Any, targets: Sequence[str], variant: str, averaging: str, draws: int
+    cases: Sequence[str], free: Any, targets: Sequence[str], variant: str, averaging: str
 ) -> tuple[Any, list[Row]]:
     """Calibration on ``cases`` and the rows of ``targets``."""
-    found, liner = fitted(cases, free, variant, averaging, draws)
+    found, liner = fitted(cases, free, variant, averaging)
     rows = []
     for target in targets:
         for plane in planes_of(target, variant):
@@ -60,10 +60,10 @@ def predicted(
     return found, rows
 
 
-def study(variant: str, averaging: str, draws: int) -> tuple[list[Any], list[Row]]:
+def study(variant: str, averaging: str) -> tuple[list[Any], list[Row]]:
     """Slit and orifice."""
-    slit, rows = predicted(("n115", "n130"), FREE, ("g01_145", "g03_145"), variant, averaging, draws)
-    orifice, more = predicted(("o115",), OFFSET, ("o145",), variant, averaging, draws)
+    slit, rows = predicted(("n115", "n130"), FREE, ("g01_145", "g03_145"), variant, averaging)
+    orifice, more = predicted(("o115",), OFFSET, ("o145",), variant, averaging)
     return [slit, orifice], rows + more
 
 
@@ -75,15 +75,14 @@ def draw(panels: dict[str, list[Row]], path: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Everything, printed and written."""
     parser = parser_of(__doc__)
-    parser.add_argument("--draws", type=int, default=1000)
-    draws = options_of(parser, arguments).draws
+    options_of(parser, arguments)
     FOLDER.mkdir(parents=True, exist_ok=True)
     parameters: list[dict[str, Any]] = []
     predictions: list[dict[str, Any]] = []
     panels = {}
     for variant in (HIGHEST, ALL):
         for averaging in AVERAGINGS:
-            fits, rows = study(variant, averaging, draws)
+            fits, rows = study(variant, averaging)
             about = {"variant": variant, "averaging": averaging}
             print(f"\n== {variant}, {averaging}")
             for name, found in zip(("slit", "orifice"), fits, strict=True):

@@ -57,7 +57,7 @@ def calibrated(fit: Fit) -> Any:
     """The calibration at the lowest height, in the averaging whose predictions are asked for."""
     planes = [planes_of(case)[0] for case in fit.fitted]
     liner = tl.load_liner(planes[0].liner)
-    return tl.calibrate(planes, liner, "true", FREE, averaging=RULE, noise=NOISE, draws=0, allow_short=True)
+    return tl.calibrate(planes, liner, "true", FREE, averaging=RULE, noise=NOISE, allow_short=True)
 
 
 def rows_of(fit: Fit, found: Any) -> list[Row]:

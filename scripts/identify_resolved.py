@@ -70,7 +70,7 @@ def values_of(candidate: Row) -> str:
     """Parameters found, or nothing."""
     if is_curve(candidate):
         return ""
-    both = zip(candidate.fit.values.tolist(), candidate.fit.widened.diagonal().sqrt().tolist(), strict=True)
+    both = zip(candidate.fit.values.tolist(), candidate.fit.standard.tolist(), strict=True)
     return ", ".join(f"{value:.3g}±{spread:.1g}" for value, spread in both)
 
 

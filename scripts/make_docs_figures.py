@@ -71,7 +71,7 @@ def main() -> None:
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
     torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
     highest = calibrate_resolved.HIGHEST
-    panels = {name: calibrate_resolved.study(highest, name, 1000)[1] for name in AVERAGINGS}
+    panels = {name: calibrate_resolved.study(highest, name)[1] for name in AVERAGINGS}
     calibrate_resolved.draw(panels, FIGURES / "calibration_resolved.png")
     reasons = [truth_page.reasons_of(case) for case in truth_page.REASONED]
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]

@@ -117,7 +117,6 @@ def fitted(law: Law, cases: Sequence[str], averaging: str = RULE) -> Any:
         dict(law.free),
         averaging=averaging,
         noise=REACTANCE_ALONE,
-        draws=0,
         allow_short=True,
     )
 

@@ -27,11 +27,12 @@ from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
 from torchliner.report.of_fits import truth_table
 from torchliner.report.table import format_complex
-from torchliner.studies.reference_cases import TABLE, hole_kind
 from torchliner.studies.rows import Row
-from torchliner.studies.validate import (
+from torchliner.studies.validation import (
     DEFAULT,
+    TABLE,
     errors_by_rule,
+    hole_kind,
     validation_row,
     validation_table,
 )

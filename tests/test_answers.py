@@ -13,7 +13,7 @@ from conftest import load_script
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
-from torchliner.studies.without_flow import calibrate_without_flow
+from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.velocity.tone import coherence_by_chance, tone_coherence
 from torchliner.velocity.velocity_ratio import STRONG, WEAK, likely_share
 
@@ -312,7 +312,7 @@ def test_liner_from_runs_without_flow():
     """Offset and contraction coefficient from two levels, with the law that predicts the louder reactance, give the
     third level within 2 %."""
     planes = [read("o115"), read("o130")]
-    fit, scores = calibrate_without_flow(planes, tl.load_liner("lbm_orifice"), draws=0)
+    fit, scores = calibrate_without_flow(planes, tl.load_liner("lbm_orifice"))
     assert set(fit.numbers) == {"vena_contracta", "offset_resistance", "offset_reactance"}
     assert isinstance(fit.liner, tl.EndLossSDoFLiner)
     assert scores["end loss"] < scores["as given"]
@@ -323,7 +323,7 @@ def test_liner_from_runs_without_flow():
 
 
 def test_one_level_leaves_the_offset():
-    fit, _ = calibrate_without_flow(read("o130"), tl.load_liner("lbm_orifice"), draws=0)
+    fit, _ = calibrate_without_flow(read("o130"), tl.load_liner("lbm_orifice"))
     assert list(fit.numbers) == ["vena_contracta"]
     with pytest.raises(ValueError, match=r"Mach number 0\.2"):
         calibrate_without_flow(read("q02_140"), tl.load_liner("lbm_orifice_coarse"))
@@ -335,7 +335,7 @@ def test_the_recipe_in_a_shell(tmp_path, capsys):
     """docs/from_simulation.md: the commands give what Python gives."""
     mine, plane = str(tmp_path / "mine.toml"), DATA / "orifice_q02_145_y0.5mm.h5"
     quiet = [DATA / f"quiet_q02_y{height}mm.h5" for height in ("0.5", "1.0")]
-    run = [str(DATA / "orifice_t00_130_y0.5mm.h5"), "--allow-short", "-o", mine, "--draws", "0"]
+    run = [str(DATA / "orifice_t00_130_y0.5mm.h5"), "--allow-short", "-o", mine]
     assert main(["calibrate", *run]) == 0
     capsys.readouterr()
     main(["educe", str(plane), "--liner", mine, "--background", *map(str, quiet), "--level-matched", "--json"])

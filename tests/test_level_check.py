@@ -379,7 +379,7 @@ def test_levels_alone_give_the_parameters(order):
     """Two losses from three levels, no reference; what is left is rounding."""
     start = dataclasses.replace(MODEL, r0=0.3, a=0.5)
     free = {"r0": (0.05, 1.0), "a": (0.05, 1.0)}
-    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, "level-check", free, averaging=order, draws=0)
+    found = tl.calibrate(known_planes(1.0, 2.0, 3.0), start, "level-check", free, averaging=order)
     assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
     assert found.data == 3
     assert max(abs(row.level_check) for row in found.rows) < 1e-5
@@ -387,24 +387,3 @@ def test_levels_alone_give_the_parameters(order):
     assert "level check" in text
     assert "3 data, 2 parameters" in text
     assert found.rows[0].true is None
-
-
-def test_pressures_with_a_phase_count_twice():
-    """Level and phase of the facesheet fix a resistance and a mass from one plane."""
-    velocity, amplitude = square_wave(2.0)
-    p = OF_AIR.characteristic_impedance * complex(MODEL.impedance(FREQUENCY, 2.0)) * amplitude
-    steps = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
-    omega = 2 * math.pi * FREQUENCY
-    signal = p.real * torch.cos(omega * steps) - p.imag * torch.sin(omega * steps)
-    start = dataclasses.replace(MODEL, a=0.4, m=7e-5)
-    found = tl.calibrate(
-        plane(velocity),
-        start,
-        "level-check",
-        {"a": (0.1, 1.0), "m": (4e-5, 9e-5)},
-        pressure=facesheet_record(signal.expand(3, -1)),
-        noise=0.1,
-        draws=0,
-    )
-    assert found.values.tolist() == pytest.approx([0.3, 6e-5], rel=1e-6)
-    assert found.data == 2

@@ -22,7 +22,7 @@ from torchliner.report.pictures import draw_pictures
 from torchliner.report.table import table_of
 from torchliner.report.trends import draw_level_check
 from torchliner.studies.heights import recommend_height, study_heights
-from torchliner.studies.validate import DEFAULT, reference_wave_phase, validation_table
+from torchliner.studies.validation import DEFAULT, reference_wave_phase, validation_table
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -56,7 +56,7 @@ def studies(liner):
         "compare": tl.compare(*(tl.educe(each, liner) for each in (plane, other))),
         "models": tl.compare_models(plane, {"one": liner, "two": liner.replace(vena_contracta=0.7)}),
         "sensitivities": tl.sensitivities(plane, liner, parameters=["porosity"]),
-        "calibration": tl.calibrate([plane], liner, "true", {"vena_contracta": (0.5, 1.0)}, draws=0),
+        "calibration": tl.calibrate([plane], liner, "true", {"vena_contracta": (0.5, 1.0)}),
         "heights": [heights, recommend_height(heights)],
         "validation": validation_table([plane], lambda _: liner),
         "levels": tl.ir_tdibc(liner, [100.0, 120.0], [FREQUENCY]),

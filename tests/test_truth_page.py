@@ -15,7 +15,7 @@ import torchliner as tl
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
 from torchliner.report.of_fits import truth_table
-from torchliner.studies.validate import validate
+from torchliner.studies.validation import validate
 
 page = load_script("truth_page")
 PAGE = page.PAGE.read_text(encoding="utf-8")

@@ -85,7 +85,7 @@ from torchliner.report.figure import figure_style as figure_style
 from torchliner.studies.audit import audit as audit
 from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.compare import compare as compare
-from torchliner.studies.compare_models import compare_models as compare_models
+from torchliner.studies.compare import compare_models as compare_models
 from torchliner.studies.identify import identify as identify
 from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.velocity.level_curve import LevelCurve as LevelCurve

@@ -58,14 +58,14 @@ def studies(bench: Bench) -> None:
 
     each, ones = bench.best(alone, 1)
     error = max(min(abs(value - other) for other in values) for value in ones)
-    row(f"audit, {len(audited.rows)} variants in {audited.readings} readings", seconds, error=error)
+    row(f"audit, {len(audited.rows)} variants", seconds, error=error)
     row("the same, an educe for each (5 measured)", each / len(ALONE) * len(values))
     files = [path for case in ("n115", "n130") for path in case_files(case)[-3:]]
     slit = tl.load_liner("lbm_slit")
     kept: dict[str, Any] = {"cell_pitch": slit.cell_pitch, "averaging": "velocity"}
     seconds, reduced = bench.best(lambda: [tl.moments(tl.read_plane(path), **kept) for path in files], 1)
     row(f"{len(files)} planes read and reduced", seconds)
-    fit = functools.partial(tl.calibrate, reduced, slit, "true", FREE, noise=0.002, draws=0)
+    fit = functools.partial(tl.calibrate, reduced, slit, "true", FREE, noise=0.002)
     row(f"calibration, {len(FREE)} parameters on {len(files)} planes", bench.best(fit)[0])
     educe = functools.partial(reduced[-1].educe, slit, averaging="velocity", interval=None)
     row("one map from moments", bench.best(educe)[0])

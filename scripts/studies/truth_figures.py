@@ -28,7 +28,7 @@ from torchliner.report.figure import (
 from torchliner.report.of_fits import drive_label
 from torchliner.report.typesetting import typeset
 from torchliner.studies.rows import Row
-from torchliner.studies.validate import DEFAULT, DRIVES
+from torchliner.studies.validation import DEFAULT, DRIVES
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)

@@ -55,8 +55,8 @@ def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[
 def calibrate(options: argparse.Namespace) -> int:
     """Print the fit and what it predicts; 1 if a parameter is on a bound or unseen."""
     from torchliner.report.answer import answer_of
+    from torchliner.studies.calibrate import AVERAGING, calibrate_without_flow
     from torchliner.studies.runs import LEVEL_CHECK
-    from torchliner.studies.without_flow import AVERAGING, calibrate_without_flow
 
     if options.figure is not None and not options.predict:
         raise ValueError("--figure draws predictions; name planes with --predict")
@@ -92,8 +92,7 @@ def identify(options: argparse.Namespace) -> int:
     models = [text if text == CURVE else _bounds(text.split(","), with_flow(liner)) for text in options.free]
     if CURVE not in (models or [CURVE]) and (unused := sorted({"rest", "freedom"} & options.chosen.keys())):
         raise ValueError(f"{opt.spelled(unused)}: of a curve, and none is fitted; leave it out, or add --free {CURVE}")
-    pressure = [tl.read_pressure(path) for path in options.pressure or ()] or None
-    about = {"models": models or [CURVE], "pressure": pressure, "noise": options.noise, "frequency": options.frequency}
+    about = {"models": models or [CURVE], "noise": options.noise, "frequency": options.frequency}
     found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
     fit = found.fit
     rows = _predicted(fit, predicted, liner, options, 0.0)
@@ -168,8 +167,8 @@ CURVE = "curve"
 NOISE = "standard uncertainty of R and X of the references, of levels dB"
 REFERENCE = Option(
     "--reference",
-    "name of an impedance in the files, 'in-situ' (Dean's method), 'level-check' (the stated level alone), or one "
-    "value each, e.g. 0.168-0.066j; default true",
+    "name of an impedance in the files, 'level-check' (the stated level alone), or one value each, e.g. 0.168-0.066j; "
+    "default true",
     kinds.TEXT,
     nargs="+",
     default=["true"],
@@ -198,7 +197,6 @@ MODELS = Option(
     kinds.Kind("NAMES"),
     many=True,
 )
-RECORDS = Option("--pressure", "records for --reference in-situ or level-check, one a plane", kinds.PATH, nargs="+")
 RUNS = replace(opt.PLANES, text="plane files, or moments, of several runs; planes of one case are one run")
 FIXED = opt.choices("drive mean missing allow_short")
 COMMANDS = {
@@ -226,12 +224,12 @@ COMMANDS = {
             "quiet.h5 loud.h5 --free vena_contracta=0.4:1 --noise 0.002 -o mine.toml",
             "low.h5 high.h5 --reference level-check --free vena_contracta=0.4:1",
         ),
-        [*opt.of("studies.calibrate:calibrate", "draws seed"), *FIXED],
+        FIXED,
     ),
     "identify": Command(
         identify,
         [
-            *(RUNS, opt.OF_LINER, opt.TONE, MODELS, REFERENCE, RECORDS, PREDICT),
+            *(RUNS, opt.OF_LINER, opt.TONE, MODELS, REFERENCE, PREDICT),
             Option("--noise", f"{NOISE}; default 2 % of |Z|, 0.2 dB", kinds.NUMBER),
             *(opt.output("write the liner", ".toml"), opt.figure("draw curve and speeds")),
         ],

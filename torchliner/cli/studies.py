@@ -99,6 +99,6 @@ COMMANDS = {
         compare_models,
         [ONE, MODELS, opt.TONE, opt.figure("draw R and X of all models with their intervals"), opt.ROWS],
         ("plane.h5 --liner onera --liner mine.toml --figure models.png",),
-        [*opt.of("studies.compare_models:compare_models", "cell_pitch"), *opt.EDUCED],
+        [*opt.of("studies.compare:compare_models", "cell_pitch"), *opt.EDUCED],
     ),
 }

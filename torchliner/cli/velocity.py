@@ -130,7 +130,7 @@ def reduce(options: argparse.Namespace) -> None:
 def validate(options: argparse.Namespace) -> None:
     """Print the best and the default rule of every case; with --verbose all rules."""
     from torchliner.report.answer import answer_of
-    from torchliner.studies.validate import validation_table
+    from torchliner.studies.validation import validation_table
 
     planes = read_planes(options.planes, options, lazy=False)
     liners = dict(zip(map(id, planes), liners_of(options, planes, options.planes), strict=True))

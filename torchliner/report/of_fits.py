@@ -16,7 +16,7 @@ from torchliner.report.table import Column, Table, format_complex, format_pair, 
 from torchliner.report.trends import draw_identification
 from torchliner.studies.fit import Fit
 from torchliner.studies.rows import Row, Study
-from torchliner.studies.validate import DEFAULT, errors_by_rule
+from torchliner.studies.validation import DEFAULT, errors_by_rule
 
 SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
 MOST = 0.05, 0.95  # shares of a plane's weight between which its speeds are stated
@@ -55,8 +55,8 @@ def of_fit(
         f"{names[i]} and {names[j]} {float(found.covariance[i, j] / (spread[i] * spread[j])):+.2f}"
         for i in range(len(names))
         for j in range(i)
+        if spread[i] * spread[j] > 0
     ]
-    effective = "none" if found.posterior is None else f"{found.posterior.effective:.0f}"
     noise = "stated noise" if found.stated else "noise from the residual"
     grids = [Grid("fitted", "The planes that were fitted.", prediction_table(found.rows))]
     drawn = list(predicted or found.rows)
@@ -75,7 +75,7 @@ def of_fit(
         grids=grids,
         remarks=[
             f"{found.data} data, {len(names)} parameters, sum of squares {float(found.residuals.square().sum()):.4g} "
-            f"({noise}); {title}; independent draws: {effective}"
+            f"({noise}); {title}"
         ],
         notes=found.notes,
         step="--predict other planes" if not predicted else "",
@@ -140,7 +140,7 @@ def of_identification(several: Sequence[Study], source: Path | None = None, pred
 def _candidates(found: Study) -> Table:
     rows = []
     for each in found.candidates:
-        spread = each.fit.widened.diagonal().sqrt().tolist()
+        spread = each.fit.standard.tolist()
         both = zip(each.fit.numbers.items(), spread, strict=True)
         values = ", ".join(f"{name} {value:.4g} +- {u:.2g}" for (name, value), u in both)
         values = "" if each.fit.law.frequencies else values

@@ -33,7 +33,7 @@ from torchliner.report.numbers import (
 )
 from torchliner.report.planes import draw_complex_plane, known_of
 from torchliner.report.table import STATISTICAL, Bounds, Table, if_known, table_of
-from torchliner.studies.reference_cases import nearest_case
+from torchliner.studies.validation import nearest_case
 from torchliner.velocity.background import background_words
 
 SHARES = ("share", "share_low", "share_high")  # of the incoherent velocity

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,20 +21,28 @@ from torchliner.engine.nodes import OfOneLiner, response
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readings
-from torchliner.names import AVERAGINGS, DRIVES, MEANS, PHASES
+from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
-from torchliner.records.boxes import grid_of, windows_of
 from torchliner.records.same_case import planes_by_height
-from torchliner.studies.reference_cases import nearest_case
 from torchliner.studies.rows import Row, Study
-from torchliner.studies.variants import Records, Source, Variant, every_second, of_blocks, plane_of
+from torchliner.studies.validation import nearest_case
+from torchliner.studies.variants import (
+    Records,
+    Variant,
+    evaluate,
+    every_second,
+    of_blocks,
+    plane_of,
+    read_again,
+    read_for,
+)
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Progress
+from torchliner.velocity.reading import Progress, Reading
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
 PSI_STEPS = 72  # of the incident wave, over one turn of 2 psi
-LENGTHS = (0.25, 0.5, 1.0)  # of a cell
+LENGTHS = (0.25, 0.5)  # of a cell
 CONTRACTION_COEFFICIENTS = (0.75, 0.8, 0.85)
 KERNELS = {"two-sided": "", "causal": ", the paper to the letter"}
 
@@ -53,18 +61,15 @@ def audit(
     Args:
         planes: the plane, or several of one case, of which the first is audited and the others are its other heights.
             What ``Moments`` do not hold is left out, with the reason.
-        liner: as for ``educe``.
+        liner, progress: as for ``educe``.
         frequency: Hz, one; default the plane's own tone.
         averaging: one of ``names.AVERAGINGS``.
-        progress: called with numbers of samples read.
         choices: of the base, see ``torchliner.velocity.choices.Choices``; its phase rule is ``averaged``.
     Returns:
-        title, frequency (Hz), averaging; base (Z of the whole liner with the choices as they are), low, high, level
-        (its interval; None without one), level_check (dB) and level_check_words, choices, notes; nearest_case (what
-        came out in the shipped case most like this one, whose impedance is known); readings (how often the velocity was
-        read through, over all planes); skipped (factors that cannot be varied with these data, and why). ``rows``, the
-        factor that moves Z most first: factor, variant (what was changed, and to what), impedance, change (off the
-        base), level_check.
+        title, frequency (Hz), averaging; base (Z of the whole liner), low, high, level (its interval; None without
+        one), level_check (dB), level_check_words, choices, notes, nearest_case; skipped (factors that cannot be varied
+        with these data, and why). ``rows``, the factor that moves Z most first: factor, variant, impedance, change (off
+        the base), level_check.
     Raises:
         ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
     """
@@ -75,55 +80,52 @@ def audit(
     require_choice("averaging", averaging, AVERAGINGS)
     if choices.get("phase") is not None:
         raise ValueError("phase cannot be chosen for an audit, which varies it from a base of the phase averaged")
-    if len(plane.asked(frequency)) != 1:
-        raise ValueError(f"an audit has one frequency; {len(plane.asked(frequency))} are given")
-    stated = Choices(**choices)
+    asked, chosen, reading = plane.asked(frequency), Choices(**choices), None
+    if len(asked) != 1:
+        raise ValueError(f"an audit has one frequency; {len(asked)} are given")
+    others, skipped = _other_liners(model)
     if isinstance(record, Moments):
-        stated = dataclasses.replace(stated, averaging=record.settings["averaging"])
-        require_choice(f"averaging of moments reduced with {stated.averaging!r}:", averaging, stated.averagings)
-    skipped = dict[str, str]()
-    others = _other_liners(model, skipped)
-    turns = lambda f: (2 * float(f[0]), plane.sampling_rate / 2)  # noqa: E731
-    source = Source(record, [model, *others.values()], frequency, stated, more_turns=turns, progress=progress)
+        chosen, known = dataclasses.replace(chosen, averaging=record.settings["averaging"]), record
+        require_choice(f"averaging of moments reduced with {chosen.averaging!r}:", averaging, chosen.averagings)
+    else:
+        turns = (2 * float(asked[0]), plane.sampling_rate / 2)
+        known, reading = read_for(record, [model, *others.values()], asked, chosen, turns, progress)
     with torch.no_grad():
-        found = answer(source.known, model, source.frequency, stated)
-    z = found.liner[averaging].impedance
-    if not bool(torch.isfinite(z.abs()).all()):
+        found = answer(known, model, asked, chosen)
+    z = complex(found.liner[averaging].impedance[0])
+    if not math.isfinite(abs(z)):
         raise ValueError(
             f"{plane.name}: the base has no admittance: every probe counts as wall; lower or leave out wall_filter"
         )
-    quiet = dataclasses.replace(stated, interval=None)
-    base = Base(source, float(source.frequency[0]), averaging, quiet, skipped)
+    base = Base(known, model, asked, averaging, dataclasses.replace(chosen, interval=None), reading, progress)
     variants = [base.variant(*labels, liner=other) for labels, other in others.items()]
     for factor, make in FACTORS.items():
         try:
             variants += make(base)  # those before a reason stay
         except ValueError as reason:
             skipped[factor] = str(reason)
-    rows, readings = source.evaluate(variants), source.readings
+    for other in several[1:]:
+        above = other if isinstance(other, Moments) else read_for(other, [model], asked, chosen, (), progress)[0]
+        variants.append(base.variant("height", f"y = {1e3 * (above.plane.height or 0.0):.3g} mm", moments=above))
     if len(several) == 1:
         skipped["height"] = "one plane is given; name the other heights too"
-    for other in several[1:]:
-        above = Source(other, [model], frequency, stated, progress=progress)
-        rows += above.evaluate([base.variant("height", f"y = {1e3 * (above.plane.height or 0.0):.3g} mm")])
-        readings += above.readings
-    rows = [Row(each, change=each.impedance - complex(z[0])) for each in rows]
+    whole, *rows = evaluate([base.variant("base", averaging), *variants], asked, known)
+    rows = [Row(each, change=each.impedance - z) for each in rows]
     size = {row.factor: max(abs(each.change) for each in rows if each.factor == row.factor) for row in rows}
     tell(notes := tuple(note.text for note in found.notes))
     low, high = found.bounds_of_liner(averaging) or (None, None)
     return Study(
         title=found.title or plane.name,
-        frequency=base.frequency,
+        frequency=float(asked[0]),
         averaging=averaging,
-        base=complex(z[0]),
+        base=z,
         low=low,
         high=high,
         level=found.level,
-        level_check=source.level_of(z)[0],
+        level_check=whole.level_check,
         level_check_words=found.level_check_words,
         rows=tuple(sorted(rows, key=lambda row: (-size[row.factor], row.factor, -abs(row.change)))),
         skipped=skipped,
-        readings=readings,
         choices=dict(found.choices),
         nearest_case=nearest_case(found),
         notes=notes,
@@ -132,19 +134,30 @@ def audit(
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What is varied: a plane, by choices without an interval, which no row has; ``skipped`` gets factors that cannot
-    be varied, and why."""
+    """What is varied: moments of a plane, by choices without an interval, and how they were read, if that is known."""
 
-    source: Source
-    frequency: float
+    known: Moments
+    liner: LinerModel
+    frequency: Tensor
     averaging: str
     chosen: Choices
-    skipped: dict[str, str]
+    reading: Reading | None
+    progress: Progress | None
 
-    def variant(self, factor: str, name: str, averaging: str | None = None, **about: Any) -> Variant:
+    def variant(self, factor: str, name: str, choices: Mapping[str, Any] | None = None, **about: Any) -> Variant:
         """With ``choices`` changed, or another field of ``Variant``."""
-        chosen = dataclasses.replace(self.chosen, **about.pop("choices", {}))
-        return Variant({"factor": factor, "variant": name}, averaging or self.averaging, chosen, **about)
+        chosen = dataclasses.replace(self.chosen, **(choices or {}))
+        own = {"moments": self.known, "liner": self.liner, "averaging": self.averaging, **about}
+        return Variant({"factor": factor, "variant": name}, chosen=chosen, **own)
+
+    def projected(self, reflection: Tensor) -> Moments:
+        """Moments of one R(f, |v|), from its values at the speeds of the nodes, (F, K)."""
+        known, nodes = self.known, self.known.nodes
+        assert nodes is not None
+        assert not isinstance(nodes, OfOneLiner)
+        of_one = OfOneLiner.of(nodes, nodes.coefficients(reflection).to(known.survey.sums.device), self.frequency)
+        sums = {name: of_one.matrix @ each for name, each in known.sums.items() if each.shape[2] == nodes.count}
+        return dataclasses.replace(known, sums=sums, nodes=of_one)
 
 
 def _contraction(liner: SDoFLiner) -> dict[str, SDoFLiner]:
@@ -152,40 +165,40 @@ def _contraction(liner: SDoFLiner) -> dict[str, SDoFLiner]:
     return {f"{value:g}": liner.replace(vena_contracta=value) for value in others}
 
 
-OTHER_LINERS: dict[str, tuple[type, str, Callable[[Any], dict[str, Any]]]] = {
-    "vena contracta": (SDoFLiner, "SDoF liners", _contraction),
-    "velocity reading": (CellLiner, "SDoF and layered liners", velocity_readings),
-    "porosity reading": (SDoFLiner, "SDoF liners", porosity_readings),
+LINERS: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
+    "vena contracta": (SDoFLiner, _contraction),
+    "velocity reading": (CellLiner, velocity_readings),
+    "porosity reading": (SDoFLiner, porosity_readings),
 }
 
 
-def _other_liners(model: LinerModel, skipped: dict[str, str]) -> dict[tuple[str, str], LinerModel]:
-    """By factor and variant; ``skipped`` gets why there are none."""
+def _other_liners(model: LinerModel) -> tuple[dict[tuple[str, str], LinerModel], dict[str, str]]:
+    """By factor and variant; and why a factor has none."""
     found: dict[tuple[str, str], LinerModel] = {}
-    for factor, (needed, words, others) in OTHER_LINERS.items():
+    skipped: dict[str, str] = {}
+    for factor, (needed, others) in LINERS.items():
         try:
             if not isinstance(model, needed):
-                raise ValueError(f"{type(model).__name__} has no such parameter; only {words} have")
+                raise ValueError(f"{type(model).__name__} has no such parameter")
             found |= {(factor, name): other for name, other in others(model).items()}
         except ValueError as reason:
             skipped[factor] = str(reason)
-    return found
+    return found, skipped
 
 
 def _kernels(base: Base) -> Iterator[Variant]:
-    source, liner = base.source, base.source.liner
+    liner, nodes, f = base.liner, base.known.nodes, float(base.frequency[0])
     reach = liner.frequency_range or (-math.inf, math.inf)
-    band = max(min(BAND[0], base.frequency), reach[0]), min(max(BAND[1], base.frequency), reach[1])
-    if source.known.nodes is None:
+    band = max(min(BAND[0], f), reach[0]), min(max(BAND[1], f), reach[1])
+    if nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
-    speeds, rate = source.known.nodes.speeds, source.plane.sampling_rate
     for kind, words in KERNELS.items():
-        found = response_at(liner, source.frequency, speeds, rate, kind, band).T
-        yield base.variant("kernel", kind + words, moments=_projected(source.known, found, source.frequency))
+        found = response_at(liner, base.frequency, nodes.speeds, base.known.plane.sampling_rate, kind, band).T
+        yield base.variant("kernel", kind + words, moments=base.projected(found))
 
 
 def _halves(base: Base) -> Iterator[Variant]:
-    known = base.source.known
+    known = base.known
     count, half = known.survey.blocks.count, known.survey.blocks.count // 2
     parts = {"first": of_blocks(known, slice(0, half)), "second": of_blocks(known, slice(count - half, count))}
     periods = parts["first"].survey.blocks.periods
@@ -197,9 +210,9 @@ def _halves(base: Base) -> Iterator[Variant]:
 
 
 def _half_rate(base: Base) -> Iterator[Variant]:
-    known, rate = base.source.known, base.source.plane.sampling_rate / 2
-    if rate < FEWEST_SAMPLES_PER_PERIOD * base.frequency:
-        samples = f"{rate / base.frequency:.3g} samples per period, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
+    known, rate, f = base.known, base.known.plane.sampling_rate / 2, float(base.frequency[0])
+    if rate < FEWEST_SAMPLES_PER_PERIOD * f:
+        samples = f"{rate / f:.3g} samples per period, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         raise ValueError(f"{rate:g} Hz would leave {samples}")
     if known.nodes is None or not bool((known.turns == rate).any()):
         raise ValueError("rows of alternating sign are needed, which an audit of the plane itself sums over |v|")
@@ -213,74 +226,47 @@ def _averagings(base: Base) -> Iterator[Variant]:
 
 
 def _phase_rules(base: Base) -> Iterator[Variant]:
-    source, known, f = base.source, base.source.known, base.frequency
+    """The phases of the incident wave that move R and X furthest, wherever it may lie, and that of the tone in v."""
+    known, f = base.known, float(base.frequency[0])
     if base.chosen.drive != "rms" and not bool((known.turns == 2 * f).any()):
         raise ValueError("the moments hold no rows of phase rules; reduce the plane with phase='self-consistent'")
     of_one, least = known, base.chosen.minimum_coherence
     if known.nodes is not None:  # many phases are quicker asked of R of one liner
-        of_one = _projected(known, response(source.liner, source.frequency, known.nodes.speeds), source.frequency)
-    for name in PHASES:
-        if name == "given":
-            yield from _stated_phases(base, of_one)
-        elif name != base.chosen.phase:
-            share = 100 * float((known.survey.coherence(source.frequency)[known.counted] >= least).double().mean())
-            if share:
-                words = f"{name} ({share:.3g} % of probes)"
-                yield base.variant("phase rule", words, choices={"phase": name}, moments=of_one)
-            else:
-                base.skipped[f"phase rule, {name}"] = f"no probe is coherent with {f:g} Hz by {least:g}"
+        of_one = base.projected(response(base.liner, base.frequency, known.nodes.speeds))
 
-
-def _stated_phases(base: Base, known: Moments) -> Iterator[Variant]:
-    """The phases of the incident wave that move R and X furthest, wherever it may lie."""
-    source, found = base.source, dict[float, complex]()
-
-    def at(psi: float, words: str = "") -> Variant:
+    def at(psi: float, words: str) -> Variant:
         name = f"given, psi = {psi:.2f} rad ({words})"
-        return base.variant("phase rule", name, choices={"phase": "given"}, moments=known, psi=psi)
+        return base.variant("phase rule", name, {"phase": "given"}, moments=of_one, psi=psi)
 
-    for psi in (math.pi * step / PSI_STEPS for step in range(PSI_STEPS)):
-        found[psi] = complex(at(psi).averages(known, source.liner, source.frequency).liner.impedance[0])
-    for part, letter in (("real", "R"), ("imag", "X")):
-        values = {psi: getattr(z, part) for psi, z in found.items()}
-        yield at(min(values, key=values.__getitem__), f"smallest {letter}")
-        yield at(max(values, key=values.__getitem__), f"largest {letter}")
-
-
-def _projected(known: Moments, reflection: Tensor, frequency: Tensor) -> Moments:
-    """Moments of one R(f, |v|) at some frequencies, Hz, (F,), from its values at the speeds of the nodes, (F, K)."""
-    assert known.nodes is not None
-    assert not isinstance(known.nodes, OfOneLiner)
-    nodes = OfOneLiner.of(known.nodes, known.nodes.coefficients(reflection).to(known.survey.sums.device), frequency)
-    sums = {name: nodes.matrix @ each for name, each in known.sums.items() if each.shape[2] == known.nodes.count}
-    return dataclasses.replace(known, sums=sums, nodes=nodes)
+    turn = [math.pi * step / PSI_STEPS for step in range(PSI_STEPS)]
+    z = [complex(at(psi, "").averages(base.frequency).liner.impedance[0]) for psi in turn]
+    for parts, letter in (([each.real for each in z], "R"), ([each.imag for each in z], "X")):
+        yield at(turn[parts.index(min(parts))], f"smallest {letter}")
+        yield at(turn[parts.index(max(parts))], f"largest {letter}")
+    share = 100 * float((known.survey.coherence(base.frequency)[known.counted] >= least).double().mean())
+    if not share:
+        raise ValueError(f"self-consistent: no probe is coherent with {f:g} Hz by {least:g}")
+    name = "self-consistent"
+    yield base.variant("phase rule", f"{name} ({share:.3g} % of probes)", {"phase": name}, moments=of_one)
 
 
 def _other_speeds(base: Base) -> Iterator[Variant]:
-    """Other drives and means; the rms is known from the survey, for the others the samples are read."""
-    for name in ("rms", *(name for name in DRIVES if name != "rms")):
-        if name != base.chosen.drive:
-            yield base.variant("drive", name, choices={"drive": name, "running_window": None})
-        base.source.samples()
-    for name in MEANS:
-        if name != base.chosen.mean:
-            yield base.variant("mean velocity", name, choices={"mean": name})
-
-
-def _lengths(base: Base) -> Iterator[Variant]:
-    source, pitch = base.source, base.source.liner.cell_pitch
-    source.samples()
-    if pitch is None:
-        raise ValueError("the liner states no cell_pitch")
-    grid = grid_of(source.plane)
-    shares = [share for share in LENGTHS if grid.spacing <= share * pitch <= grid.length * (1 + 1e-6)]
-    if not shares:
-        raise ValueError(f"none of {', '.join(map('{:g}'.format, LENGTHS))} cells fits between probe spacing and plane")
-    used = source.known.used.reshape(grid.rows, grid.columns)
-    chosen = {"averaging": "velocity", "background": None}
-    for share in shares:
-        windows, name = windows_of(grid, share * pitch, used), f"velocity over {share:g} of a cell"
-        yield base.variant("averaging length", name, averaging="velocity", choices=chosen, windows=windows)
+    """Other drives, means and averaging lengths; the rms is known from the survey, else the samples are read again."""
+    if base.chosen.drive != "rms":
+        yield base.variant("drive", "rms", {"drive": "rms", "running_window": None})
+    if base.reading is None:
+        raise ValueError("the time samples are gone: the plane was reduced to moments")
+    plane, pitch, chosen = base.known.plane, base.liner.cell_pitch, base.chosen
+    drives = [name for name in DRIVES if name not in ("rms", chosen.drive)]
+    again = [base.variant("drive", name, {"drive": name, "running_window": None}) for name in drives]
+    again += [base.variant("mean velocity", name, {"mean": name}) for name in MEANS if name != chosen.mean]
+    spacing = math.inf if plane.x is None or plane.x.numel() < 2 else float(plane.x.diff().abs().median())
+    for share in LENGTHS:
+        if pitch is not None and 2 * spacing <= share * pitch * (1 + 1e-6):
+            own = {"averaging": "velocity", "background": None}
+            name, about = f"velocity over {share:g} of a cell", {"averaging": "velocity", "pitch": share * pitch}
+            again.append(base.variant("averaging length", name, own, **about))
+    yield from read_again(base.reading, again, base.progress)
 
 
 FACTORS: dict[str, Callable[[Base], Iterator[Variant]]] = {
@@ -289,6 +275,5 @@ FACTORS: dict[str, Callable[[Base], Iterator[Variant]]] = {
     "sampling rate": _half_rate,
     "averaging": _averagings,
     "phase rule": _phase_rules,
-    "drive, mean velocity": _other_speeds,
-    "averaging length": _lengths,
+    "drive, mean velocity, averaging length": _other_speeds,
 }

@@ -1,39 +1,48 @@
-"""Two maps of the same cells: how far Z of one is off the other, with an interval."""
+"""Comparisons: two maps of the same cells, and several models of a liner on one plane."""
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
+import warnings
+from collections.abc import Mapping
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import index_of_frequency, require_choice
-from torchliner.records import ImpedanceMap
+from torchliner.checks import SAME_FREQUENCY, DataWarning, index_of_frequency, require_choice, require_positive, tell
+from torchliner.engine.moments import Moments
+from torchliner.liners.catalogue import load_liner, preset_names
+from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Interval
 from torchliner.studies.rows import Row, Study
+from torchliner.studies.variants import Records, plane_of
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import moments
+from torchliner.velocity.reading import Progress
 
 SAME_PLACE = 1e-6  # m
-SAME_RECORD = 1e-4  # of the rms: two records of a flow never share mean and rms of all probes
-ROUNDED = 1e-6  # relative, of float32
+SAME_RECORD = 1e-4  # of the rms: two records of a flow never share the rms of all probes
+FIRST = ("true", "in situ")  # references by which models are sorted, before others
 
 
 def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Study:
     """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
 
-    The errors of independent records are independent, so squares of half-widths add. Those of one run are not (one case
-    in the provenance, or mean and rms of v that agree at all probes to 1e-4 of the rms), and by how much is not in a
-    map: half-widths add, which no correlation exceeds.
+    The errors of independent records are independent, so squares of half-widths add. Those of one run (one case in the
+    provenance, or the same rms of v at all probes) are not, by how much is not known: half-widths add, an upper bound.
 
     Args:
         first, second: of the same cells and frequencies, in any order of these.
         averaging: default that of both.
     Returns:
-        averaging, level (of the intervals; None without any), same_run (whether both rest on one run, which then move
-        together), words (what the intervals are). ``rows``, the whole liner first, then cells, by frequency: place
-        (``liner`` or ``cell 0``, ...), x, z (its centre, m; nan for the liner and where unknown), frequency (Hz),
-        first, second, difference (Z, and second - first), low, high (of the statistical interval of the difference;
-        None without), differs_in (which parts have an interval without 0: "R", "X", "R, X"; "" for none, or unknown).
+        averaging, level (of the intervals; None without any), same_run, words (what the intervals are). ``rows``, the
+        whole liner first, then cells, by frequency: place (``liner`` or ``cell 0``, ...), x, z (its centre, m),
+        frequency (Hz), first, second, difference (Z), low, high (of its statistical interval; None without), differs_in
+        (parts whose interval has no 0: "R", "X", "R, X" or "").
     Raises:
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
@@ -48,31 +57,23 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
     level = None if None in (first.level, second.level) else first.level
     (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
     there, other = there[:, order], [end[:, order] for end in other]
-    low = high = [[None] * len(order)] * len(here)
+    ends: list[Tensor] = []
     if level is not None:
-        widths = torch.stack([(ends[1] - ends[0]) / 2 for ends in (own, other)])
+        widths = torch.stack([(high - low) / 2 for low, high in (own, other)])
         half = widths.sum(0) if same else widths.square().sum(0).sqrt()
         # An unbounded interval has no middle.
         middle = torch.where(half.isinf(), 0, (other[0] + other[1] - own[0] - own[1]) / 2)
-        low, high = (torch.view_as_complex(end).tolist() for end in (middle - half, middle + half))
+        ends = [torch.view_as_complex(end) for end in (middle - half, middle + half)]
     x, z = ([math.nan, *value.tolist()] for value in (first.cell_x, first.cell_z))
-    values = [each.tolist() for each in (here, there, there - here)]
-    rows = [
-        Row(
-            place=f"cell {i - 1}" if i else "liner",
-            x=x[i],
-            z=z[i],
-            frequency=float(first.frequency[k]),
-            **dict(zip(("first", "second", "difference"), (value[i][k] for value in values), strict=True)),
-            low=low[i][k],
-            high=high[i][k],
-            differs_in=_clear(low[i][k], high[i][k]),
-        )
-        for i, k in itertools.product(range(len(x)), range(len(order)))
-    ]
+    rows = list[Row]()
+    for i, k in itertools.product(range(len(x)), range(len(order))):
+        low, high = (complex(end[i, k]) for end in ends) if ends else (None, None)
+        one, two = complex(here[i, k]), complex(there[i, k])
+        row = Row(place=f"cell {i - 1}" if i else "liner", x=x[i], z=z[i], frequency=float(first.frequency[k]))
+        row |= {"first": one, "second": two, "difference": two - one, "low": low, "high": high}
+        rows.append(Row(row, differs_in=_clear(low, high)))
     how = "an upper bound: both rest on one run, half-widths added" if same else "of independent records"
-    words = "no intervals: one of the maps has none"
-    words = words if level is None else f"{100 * level:g} % statistical interval, {how}"
+    words = f"{100 * level:g} % statistical interval, {how}" if level else "no intervals: one of the maps has none"
     return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
 
 
@@ -99,7 +100,7 @@ def _require_alike(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
     """Where the frequencies of the first map are in the second."""
     lists = [each.frequency.tolist() for each in (first, second)]
     order = [i for f in lists[0] if (i := index_of_frequency(second.frequency, f)) is not None]
-    if len(order) != len(lists[0]) or len(order) != len(lists[1]):
+    if not len(order) == len(lists[0]) == len(lists[1]):
         raise ValueError(f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the same")
     counts = [len(each.cell_x) for each in (first, second)]
     pairs = ((first.cell_x, second.cell_x), (first.cell_z, second.cell_z))
@@ -114,16 +115,108 @@ def _require_alike(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
 
 
 def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
-    """By the case that they state, or by their velocities."""
+    """By the case that they state, or by the rms of v, but for probes that one of them left out."""
     cases = [dict(each.choices.get("data") or {}).get("case") for each in (first, second)]
     if cases[0] is not None and cases[0] == cases[1]:
         return True
-    if first.mean_velocity.shape != second.mean_velocity.shape:
+    one, other = (each.velocity_rms.double().cpu() for each in (first, second))
+    if one.shape != other.shape:
         return False
-    means, rms = (
-        [getattr(each, name).double().cpu() for each in (first, second)] for name in ("mean_velocity", "velocity_rms")
+    known = torch.isfinite(one + other)
+    return bool(known.any()) and bool(((one - other).abs() <= SAME_RECORD * one)[known].all())
+
+
+def compare_models(
+    plane: VelocityPlane | Moments,
+    liners: Mapping[str, Liner],
+    frequency: Any = None,
+    *,
+    cell_pitch: float | None = None,
+    reference_phase: float | None = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Study:
+    """Educe one plane with several models of its liner, for which the data are read as often as for one.
+
+    Args:
+        plane: wall-normal velocity, or the moments of one.
+        liners: two or more by name, each as for ``educe``.
+        frequency: Hz, one or several; default the plane's tone.
+        cell_pitch: L_c, m, of the cells of all models. Default that of the moments, else of the preset that the plane
+            names, else of the first model that states one.
+        reference_phase, progress, choices: as for ``educe``.
+    Returns:
+        title, averaging, level (of the intervals; None without any), sorted_by (``|Z - true|`` or that to another
+        reference; ``|level check|``; or ``as given``), references (Z at the tone, by name), level_check_words, notes.
+        ``rows``, by frequency, then the nearest model first: model, frequency (Hz), impedance, low, high, averagings (Z
+        in all of them, by name), level_check (dB), distance (|Z - reference| by name; empty away from the tone),
+        model_error (largest error in R of the interpolation over |v|).
+    Raises:
+        ValueError: fewer than two models; a frequency outside a model's range; as ``educe``.
+    Warns:
+        DataWarning: of the data and of each model, as ``educe``; models of other cells.
+    """
+    facts, chosen = plane_of(plane), Choices(**choices)
+    if len(liners) < 2:
+        raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
+    models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
+    known = plane
+    if isinstance(known, VelocityPlane):
+        known = moments(known, [*models.values()], frequency, progress=progress, **vars(chosen))  # type: ignore[arg-type]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # told once, below
+        about = {"reference_phase": reference_phase, **vars(chosen)}
+        maps = {name: known.educe(model, frequency, **about) for name, model in models.items()}
+    first, lines = next(iter(maps.values())), facts.asked(frequency)
+    shared = [note for note in first.notes if all(note in each.notes for each in maps.values())]
+    notes += [note.text for note in shared]
+    tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
+    key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), None)
+    rows, sizes = list[Row](), dict[str, float]()
+    for name, found in maps.items():
+        notes += [f"{name}: {note.text}" for note in found.notes if note not in shared and note.code != "level-check"]
+        check = found.level_check
+        for i, f in enumerate(lines.tolist()):
+            z = {each: complex(educed.impedance[i]) for each, educed in found.liner.items()}
+            low, high = found.bounds_of_liner(chosen.averaging, i) or (None, None)
+            level = float(check.liner.level[check.averagings.index(chosen.averaging), i]) if check else math.nan
+            row = Row(model=name, averaging=chosen.averaging, frequency=f, impedance=z[chosen.averaging], averagings=z)
+            row |= {"low": low, "high": high, "level_check": level if math.isfinite(level) else None}
+            held = facts.reference if abs(f - tone) < SAME_FREQUENCY * tone else {}
+            row["distance"] = {reference: abs(row.impedance - value) for reference, value in held.items()}
+            rows.append(Row(row, model_error=found.choices["model_error"]))
+            sizes[name] = max(sizes.get(name, 0.0), row.distance.get(key, abs(row.level_check or 0.0)))
+    tell(notes)
+    referred, checked = any(row.distance for row in rows), rows[0].level_check is not None
+    return Study(
+        title=facts.title or facts.name,
+        averaging=chosen.averaging,
+        level=None if rows[0].low is None else chosen.interval,
+        sorted_by=f"|Z - {key}|" if referred else "|level check|" if checked else "as given",
+        references=dict(facts.reference) if referred else {},
+        rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
+        level_check_words=first.level_check_words,
+        notes=tuple(notes),
     )
-    # Probes that one of them left out say nothing. A mean of next to 0 is rounding by itself.
-    known = torch.stack([*means, *rms]).isfinite().all(0)
-    near = SAME_RECORD * rms[0] + ROUNDED * means[0].abs()
-    return bool(known.any()) and all(bool(((one - other).abs() <= near)[known].all()) for one, other in (means, rms))
+
+
+def _of_one_pitch(
+    plane: Records, models: dict[str, LinerModel], pitch: float | None
+) -> tuple[dict[str, LinerModel], list[str]]:
+    """The models with the cells of the data, and whose cells they are where a model has others."""
+    each = {name: model.cell_pitch for name, model in models.items() if model.cell_pitch is not None}
+    whose, facts = "cell_pitch", plane_of(plane)
+    if pitch is not None:
+        require_positive("cell_pitch (m)", pitch)
+    elif isinstance(plane, Moments):
+        pitch, whose = plane.cell_pitch, "the moments"
+    elif facts.liner in preset_names():
+        pitch, whose = load_liner(facts.liner).cell_pitch, f"{facts.liner}, which the plane names"
+    elif each:
+        whose, pitch = next(iter(each.items()))
+    others = ", ".join(f"{name} {1e3 * own:.4g} mm" for name, own in each.items() if own != pitch)
+    notes = [f"cells are of {1e3 * (pitch or 0):.4g} mm ({whose}) for all models; as files: {others}"] if others else []
+    copies = {name: copy.copy(model.in_flow(facts.mach)) for name, model in models.items()}
+    for model in copies.values():  # of models without ``replace`` too
+        object.__setattr__(model, "cell_pitch", pitch)
+    return copies, notes

@@ -1,14 +1,15 @@
-"""Least squares of a law and runs: how sure the values are, what they predict, and what is doubtful."""
+"""Least squares of a law and runs: the values, how sure they are, what they predict, and what is doubtful."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -18,20 +19,21 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedance_at
-from torchliner.studies.posterior import Posterior
 from torchliner.studies.rows import Row
 from torchliner.studies.runs import NEPER, Run, read_run
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
-from torchliner.studies.solve import curves_at_nodes, drawn_impedances, impedances, solve, weights_of
 from torchliner.studies.variants import Records
 from torchliner.velocity.choices import Choices
 
+START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
+WITHIN = 0.995  # of a plane's weight lies below the last knot
+CREST, FINE = 4.0, 60  # times the rms no |v| that matters is larger; steps in sqrt |v| by which the last knot is found
 ON_BOUND = 1e-3  # of the box
-UNSEEN = 1e-6  # singular value, relative to the largest, of a direction the data do not see
-NAMED = 0.2  # share in such a direction from which a parameter is named
+UNSEEN, NAMED = 1e-6, 0.2  # of the largest singular value, a direction not seen; share in it of a parameter named
 WIDTH = 1.959964  # standard deviations of a 95 % interval
 SEEN = 0.02  # of a plane's weight: a spline that no plane gives as much is not seen
 OUTSIDE = 0.1  # of a plane's weight, at speeds beyond those that others saw, that is warned of
+FAR = 2.0  # times the stated noise from which a misfit is one of the model
 MARGIN, ROWS = 1.25, 120  # times the last knot, to which a table reaches; its speeds, uniform in sqrt |v|
 
 
@@ -44,7 +46,7 @@ class Fit:
         knots: of splines, by whose weights speeds count as seen.
         stated: whether the noise is known; else the residual stands for it.
         values, residuals, jacobian: best, (n,); there, of the data and then of the prior, (m,) and (m, n).
-        posterior, notes: draws, None where the noise is unknown; warnings, with numbers.
+        notes: warnings, with numbers.
     """
 
     law: Law
@@ -55,8 +57,12 @@ class Fit:
     values: Tensor
     residuals: Tensor
     jacobian: Tensor
-    posterior: Posterior | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> Tensor:
+        """Of the box, (n,)."""
+        return self.law.high - self.law.low
 
     @property
     def data(self) -> int:
@@ -76,7 +82,7 @@ class Fit:
 
     @property
     def _inside(self) -> Tensor:
-        share = (self.values - self.law.low) / (self.law.high - self.law.low)
+        share = (self.values - self.law.low) / self.width
         return (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
 
     @property
@@ -89,7 +95,7 @@ class Fit:
         """Parameters in each direction of the box that the data do not determine; none of a curve."""
         if self.law.frequencies:
             return ()
-        _, singular, axes = torch.linalg.svd(self.jacobian * (self.law.high - self.law.low), full_matrices=False)
+        _, singular, axes = torch.linalg.svd(self.jacobian * self.width, full_matrices=False)
         # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
         limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(self.scale) else (12 * self.scale) ** 0.5)
         dark = axes[singular <= limit]
@@ -110,19 +116,11 @@ class Fit:
 
     @functools.cached_property
     def covariance(self) -> Tensor:
-        """Gauss-Newton, (n, n)."""
-        return self.scale * _inverse(self.jacobian, self.law.high - self.law.low)
-
-    @functools.cached_property
-    def widened(self) -> Tensor:
-        """``covariance``; with stated noise wider by a misfit above it, and 0 on a bound."""
-        if not self.stated:
-            return self.covariance
-        free, rows, found = self._inside, self.jacobian.clone(), torch.zeros_like(self.covariance)
-        rows[: self.data] /= max(1.0, self.misfit)
+        """Gauss-Newton, (n, n); stated noise is widened by a misfit above it; 0 for what is on a bound."""
+        free, rows, found = self._inside, self.jacobian.clone(), torch.zeros(self.jacobian.shape[1:] * 2).double()
+        rows[: self.data] /= max(1.0, self.misfit) if self.stated else 1.0
         if bool(free.any()):
-            width = (self.law.high - self.law.low)[free]
-            found[torch.outer(free, free)] = _inverse(rows[:, free], width).flatten()
+            found[torch.outer(free, free)] = self.scale * _inverse(rows[:, free], self.width[free]).flatten()
         return found
 
     @property
@@ -132,39 +130,30 @@ class Fit:
 
     @property
     def standard(self) -> Tensor:
-        """Gauss-Newton standard uncertainty, (n,)."""
+        """Standard uncertainty, (n,)."""
         return self.covariance.diagonal().sqrt()
 
     @property
     def interval(self) -> Tensor:
-        """95 % of the posterior, (2, n); nan without one."""
-        if self.posterior is None:
-            return torch.full((2, len(self.values)), torch.nan, dtype=torch.float64)
-        return self.posterior.quantiles(self.posterior.draws, (0.025, 0.975))
+        """95 % about the values, inside the bounds, (2, n); Student's t where the residual stands for the noise."""
+        from scipy.special import stdtrit
+
+        factor = WIDTH if self.stated else float(stdtrit(max(self.freedom, 1), 0.975))
+        ends = torch.stack([self.values - factor * self.standard, self.values + factor * self.standard])
+        return ends.clamp(self.law.low, self.law.high)
 
     @property
     def liner(self) -> LinerModel:
         """That of the first plane with the values found, or the table of a curve."""
         return self.table() if self.law.frequencies else self.runs[0].liner.with_numbers(self.numbers)
 
-    def table(self, reach: float = 0.0) -> TabulatedLiner:
-        """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs, or to ``reach``,
-        m/s, if that is more."""
-        top, first = self.knots.top, self.runs[0]
-        if reach > MARGIN * top:
-            tell(
-                f"the table reaches to {reach:.4g} m/s, {reach / top:.3g} times the largest |v| of the runs "
-                f"({top:.4g} m/s): R goes on along its tangent there and X stays, which no data support"
-            )
-        speed = torch.linspace(0, max(MARGIN * top, reach) ** 0.5, ROWS, dtype=torch.float64).square()
+    def table(self) -> TabulatedLiner:
+        """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs."""
+        top, first = MARGIN * self.knots.top, self.runs[0]
+        speed = torch.linspace(0, top**0.5, ROWS, dtype=torch.float64).square()
         lines = torch.tensor(self.law.frequencies, dtype=torch.float64)
         values, name = self.law.curve(self.values, first.in_flow, lines, speed), f"{first.liner.name} identified"
         return TabulatedLiner(self.law.frequencies, values, speed, first.liner.cell_pitch, name)
-
-    @functools.cached_property
-    def rows(self) -> list[Row]:
-        """Of the runs themselves, see ``predict``."""
-        return [row for run in self.runs for row in self.rows_of(run)]
 
     def band(self, frequency: float, speed: Any) -> Tensor:
         """Z of the first liner at |v|, m/s, (V,), and the ends of the 95 % bands of R and X apart, (3, V).
@@ -174,7 +163,7 @@ class Fit:
         lines, at = (torch.as_tensor(each, dtype=torch.float64) for each in ([frequency], speed))
         liner = self.runs[0].in_flow
         z, by = with_slopes(lambda values: self.law.curve(values, liner, lines, at)[0], self.values)
-        spread = WIDTH * standard_of(covariance_of(by.movedim(-1, 0), self.widened))
+        spread = WIDTH * standard_of(covariance_of(by.movedim(-1, 0), self.covariance))
         low, high = z - spread, z + spread
         if self.law.frequencies:
             factor = (spread.real / z.real).exp()
@@ -199,32 +188,40 @@ class Fit:
         # A spline reaches two steps to either side, and at rest nothing is slower.
         return float(self.knots.speeds[max(first - 2, 0)]), float(self.knots.speeds[last])
 
+    @functools.cached_property
+    def rows(self) -> list[Row]:
+        """Of the runs themselves, see ``predict``."""
+        return [row for run in self.runs for row in self.rows_of(run)]
+
     def rows_of(self, run: Run, noise: complex = 0j) -> list[Row]:
         """A row a frequency of what the fit makes of a run, see ``predict``."""
         z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
-        spread = covariance_of(by.movedim(-1, 0), self.widened)
-        if self.posterior is not None:
-            parts = torch.view_as_real(drawn_impedances(self.law, self.posterior.draws, [run])[0])
-            spread = torch.stack([self.posterior.covariance(each) for each in parts.unbind(1)])
-        before = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
-        standard, weights, (first, last), plane = standard_of(spread), self.weights([run]), self.seen, run.plane
-        columns: dict[str, list[Any]] = {
-            "frequency": run.frequency.tolist(),
-            "before": run.impedance(before).tolist(),
-            "impedance": z.tolist(),
-            "standard": standard.tolist(),
-            "correlation": [correlation_of(each) for each in spread],
-            "outside": (weights[:, :first].sum(1) + weights[:, last + 1 :].sum(1)).tolist(),
-        }
-        if run.ratio is not None:
-            columns |= {"level_check": (run.errors(z).real / NEPER).tolist(), "off": run.off(z).tolist()}
-        elif len(run.wanted):
-            total = torch.view_as_real(standard).hypot(torch.tensor([noise.real, noise.imag], dtype=torch.float64))
-            misses = torch.view_as_complex(torch.view_as_real(z - run.wanted) / total)
-            columns |= {"true": run.wanted.tolist(), "misses": misses.tolist(), "off": run.off(z).tolist()}
-        about = {"label": str(plane.provenance.get("case") or plane.name), "group": run.group, "height": plane.height}
-        about |= dict.fromkeys(("true", "misses", "off", "level_check"))
-        return [Row(about, **dict(zip(columns, each, strict=True))) for each in zip(*columns.values(), strict=True)]
+        spread = covariance_of(by.movedim(-1, 0), self.covariance)
+        law = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
+        before, standard, weights, (first, last) = (
+            run.impedance(law),
+            standard_of(spread),
+            self.weights([run]),
+            self.seen,
+        )
+        rows, plane = list[Row](), run.plane
+        for i, f in enumerate(run.frequency.tolist()):
+            row = Row(label=str(plane.provenance.get("case") or plane.name), group=run.group, frequency=f)
+            row |= {"height": plane.height, "before": complex(before[i]), "impedance": complex(z[i])}
+            row |= {"standard": complex(standard[i]), "correlation": correlation_of(spread[i])}
+            row |= {"outside": float(weights[i, :first].sum() + weights[i, last + 1 :].sum())}
+            row |= dict.fromkeys(("true", "misses", "off", "level_check"))
+            if run.ratio is not None:
+                row |= {"level_check": float(run.level(z)[i]) / NEPER, "off": float(run.off(z)[i])}
+            elif run.wanted is not None:
+                miss, u = z[i] - run.wanted[i], row["standard"]
+                total = math.hypot(u.real, noise.real), math.hypot(u.imag, noise.imag)
+                misses = complex(
+                    *(float(part / size) for part, size in zip((miss.real, miss.imag), total, strict=True))
+                )
+                row |= {"true": complex(run.wanted[i]), "misses": misses, "off": float(run.off(z)[i])}
+            rows.append(row)
+        return rows
 
     def predict(
         self,
@@ -245,10 +242,10 @@ class Fit:
             noise: standard uncertainty of that, u(R) + j u(X), part of the misses.
         Returns:
             A row a frequency: label (the case, else the name of the plane), frequency (Hz), height (m), before (Z of
-            the liner as it was), impedance, standard (u(R) + j u(X): of the posterior, else to first order, widened),
-            correlation of R and X, outside (share of the plane's weight at |v| beyond those that the runs saw), true
-            (the reference, or None), misses (by how many standard deviations R and X are off it), off (error of the
-            reflection coefficient), and of runs held to levels level_check (dB).
+            the liner as it was), impedance, standard (u(R) + j u(X), to first order), correlation of R and X, outside
+            (share of the plane's weight at |v| beyond those that the runs saw), true (the reference, or None), misses
+            (by how many standard deviations R and X are off it), off (error of the reflection coefficient), and of runs
+            held to levels level_check (dB).
         Raises:
             ValueError: a frequency that no run had, for a curve.
         Warns:
@@ -258,11 +255,10 @@ class Fit:
         if isinstance(self.runs[0].liner, FlowSDoFLiner):
             base = with_flow(base)
         run = read_run(plane, base, frequency, self.choices, any_curve=bool(self.law.frequencies))
-        true = run.plane.reference.get(reference)
-        if true is not None:
+        if (true := run.plane.reference.get(reference)) is not None:
             at_tone = (run.frequency / (run.plane.frequency or run.frequency) - 1).abs() < SAME_FREQUENCY
-            value, unknown = torch.tensor([complex(true), complex(math.nan, math.nan)], dtype=torch.complex128)
-            run = dataclasses.replace(run, wanted=torch.where(at_tone, value, unknown))
+            wanted = torch.where(at_tone, torch.tensor(complex(true), dtype=torch.complex128), torch.nan)
+            run = dataclasses.replace(run, wanted=wanted)
         rows = self.rows_of(run, noise)
         tell(self.beyond(run.plane.name, max(row.outside for row in rows)))
         return rows
@@ -276,6 +272,28 @@ class Fit:
         )
         return [text] if outside > OUTSIDE else []
 
+    def warnings(self) -> list[str]:
+        """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
+        notes = list[str]()
+        if self.on_bound:
+            where = ", ".join(f"{name} on its bound, {self.numbers[name]:.4g}" for name in self.on_bound)
+            where = f"{len(self.on_bound)} parameters of the curve on their bounds" if self.law.frequencies else where
+            notes.append(f"{where}: the data ask for more than the bounds allow; widen them, or free another parameter")
+        for group in self.unseen:
+            what = f"tell {' and '.join(group)} apart" if len(group) > 1 else f"see {group[0]}"
+            notes.append(f"the data do not {what} within the bounds; fix one, or add data at another frequency")
+        if self.stated and self.freedom and self.misfit > FAR * (1 + 2 / self.freedom) ** 0.5:
+            notes.append(
+                f"{self.law.label}: the misfit is {self.misfit:.3g} times the stated noise: no such law gives all "
+                "references; uncertainties are widened by that factor"
+            )
+        if not self.stated and self.freedom == 0:
+            notes.append(
+                f"{self.data} data fix {len(self.values)} parameters with nothing left over: no residual says how "
+                "uncertain they are; state noise"
+            )
+        return notes
+
 
 def with_flow(liner: LinerModel) -> LinerModel:
     """An SDoF liner that takes the Mach number of each plane, and with factors unless its own law takes one; any other
@@ -286,8 +304,88 @@ def with_flow(liner: LinerModel) -> LinerModel:
 
 
 def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
-    """The least squares; ``stated``: the noise is known."""
-    return Fit(law, tuple(runs), choices, knots, stated, *solve(law, runs))
+    """Least squares by trust-region reflective steps with the exact Jacobian; ``stated``: the noise is known.
+
+    Raises:
+        ValueError: fewer data than parameters, a prior counting as one datum each.
+        RuntimeError: the least squares do not converge.
+    """
+    from scipy.optimize import least_squares
+
+    data = sum(run.data for run in runs)
+    if data + len(law.prior) < len(law.names):
+        raise ValueError(
+            f"{data} data of {len(runs)} planes cannot fix {len(law.names)} parameters ({', '.join(law.names)}); add "
+            "planes or frequencies, or free fewer"
+        )
+    width = law.high - law.low
+    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
+
+    @functools.lru_cache(maxsize=1)
+    def both(place: bytes) -> tuple[Tensor, Tensor]:
+        return residuals_of(law, start + width * torch.from_numpy(np.frombuffer(place).copy()), runs)
+
+    def residuals(at: np.ndarray) -> np.ndarray:
+        return both(at.tobytes())[0].numpy()
+
+    def jacobian(at: np.ndarray) -> np.ndarray:
+        return (both(at.tobytes())[1] * width).numpy()
+
+    how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
+    how["bounds"] = [((end - start) / width).numpy() for end in (law.low, law.high)]
+    found = least_squares(residuals, np.zeros(len(width)), jacobian, **how)
+    if not found.success:
+        raise RuntimeError(
+            f"the least squares do not settle in {found.nfev} evaluations ({found.message}); narrow the bounds, state "
+            "a larger noise, or free fewer parameters"
+        )
+    place = np.asarray(found.x, dtype=np.float64)
+    values = start + width * torch.from_numpy(place)
+    return Fit(law, tuple(runs), choices, knots, stated, values, *both(place.tobytes()))
+
+
+def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:
+    """Residuals of the data and then of the prior, (m,), and their derivatives in the values, (m, n)."""
+
+    def made(at: Tensor) -> Tensor:
+        return torch.cat([run.residuals(z) for run, z in zip(runs, impedances(law, at, runs), strict=True)])
+
+    left, by = with_slopes(made, values)
+    return torch.cat([left, law.prior @ values]), torch.cat([by, law.prior])
+
+
+def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> Iterator[Tensor]:
+    """Z at the frequencies and node speeds of each run, (F, K), differentiable; each liner is asked once."""
+    every = torch.cat([run.frequency for run in runs]).unique()
+    made: dict[Any, Tensor] = {}
+    for run in runs:
+        key = (id(run.liner), run.plane.mach, run.nodes)
+        if key not in made:
+            made[key] = law.curve(values, run.in_flow, every, run.nodes.speeds)
+        yield made[key][torch.searchsorted(every, run.frequency)]
+
+
+def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z of each run, (F,), differentiable in the values."""
+    return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
+
+
+def weights_of(run: Run, values: Tensor, knots: Knots) -> Tensor:
+    """Share of each spline of a curve in Z of a plane, (F, n), which sum to 1; ``values``: Z at the nodes, (F, K)."""
+    at = values.detach().requires_grad_()
+    (slopes,) = torch.autograd.grad(run.impedance(at).real.sum(), at)
+    found = (slopes @ knots.splines(run.nodes.speeds).to(slopes)).abs()
+    return found / found.sum(-1, keepdim=True)
+
+
+def knots_for(runs: Sequence[Run]) -> Knots:
+    """Up to the |v| below which nearly all of every plane's weight lies."""
+    fine, last = Knots(CREST * max(float(run.squares.max()) for run in runs) ** 0.5, FINE), 0
+    for run in runs:
+        curves = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
+        below = (weights_of(run, curves, fine).cumsum(-1) < WITHIN).sum(-1)
+        last = max(last, int(below.max()))
+    return Knots(float(fine.speeds[last]))
 
 
 def _inverse(rows: Tensor, width: Tensor) -> Tensor:

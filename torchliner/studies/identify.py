@@ -14,22 +14,18 @@ import torch
 
 from torchliner.checks import SAME_FREQUENCY, require_choice, tell
 from torchliner.engine.moments import Moments
-from torchliner.liners.model import Liner, LinerModel
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
-from torchliner.studies.calibrate import warnings_of
-from torchliner.studies.fit import fit_law, with_flow
+from torchliner.studies.fit import fit_law, knots_for, with_flow
 from torchliner.studies.laws import Curves, Knots, Law, bounds_for, parameter_law, place_of
 from torchliner.studies.rows import Row, Study
-from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, one_each, planes_and_liners, read_run
-from torchliner.studies.solve import knots_for
-from torchliner.studies.variants import plane_of
+from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, one_each, read_runs
 from torchliner.velocity.choices import Choices
 
 CURVE = "curve"
 FREEDOMS = (0.1, 0.3, 1.0, 3.0)  # of which leaving out chooses
 SPREAD = 1.25  # ratio of the rms |v| of the fastest and the slowest run
-SHARE = 0.02  # of |Z|: noise of references for which none is stated
-LEVEL_NOISE = 0.2  # dB, of levels
+SHARE, LEVEL_NOISE = 0.02, 0.2  # of |Z|, and dB: noise of references for which none is stated
 CHECKED = 400  # |v| at which a fit must be passive
 WIDE = 3.0  # standard deviations, beyond which a prediction is not covered
 
@@ -42,7 +38,6 @@ def identify(
     models: Sequence[str | Sequence[str] | Mapping[str, tuple[float, float]]] = (CURVE,),
     groups: Sequence[str] | None = None,
     averaging: str = "phase-locked",
-    pressure: Any = None,
     noise: Any = None,
     rest: complex | None = None,
     freedom: float | None = None,
@@ -52,8 +47,8 @@ def identify(
     """The response Z(f, |v|) of a liner, found from runs whose impedance is known.
 
     Args:
-        planes, references, averaging, pressure, frequency, choices: as for ``calibrate``. Curves are found at each
-            frequency apart.
+        planes, references, averaging, frequency, choices: as for ``calibrate``. Curves are found at each frequency
+            apart.
         liners: one for all planes, or one each: cells, gas, the prior shape of the curve (that of the first;
             differences of Z at rest stay), the law whose parameters are freed. An ``SDoFLiner`` is taken as an
             ``AdjustedSDoFLiner``; that and an ``EndLossSDoFLiner`` take the Mach number of each plane.
@@ -82,25 +77,24 @@ def identify(
     Source: Roncen et al. (2026), section 3, inverted; monotone splines by sums of B-splines after Ramsay, Statistical
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
-    several, given = planes_and_liners(planes, liners)
-    chosen, facts = choices_of_fit(averaging=averaging, **choices), [plane_of(each) for each in several]
-    own = [each.provenance.get("case") or each.name for each in facts]
-    names = [str(each) for each in one_each("groups", own if groups is None else groups, facts)]
-    fewest = 3 if CURVE in models else 2  # where one is left out, the others are still to say something
-    if len(set(names)) < fewest:
+    chosen, given = choices_of_fit(averaging=averaging, **choices), liners
+    if isinstance(given, list | tuple):
+        made = {id(each): with_flow(as_liner(each)) for each in given}  # planes of one liner share one object
+        given = [made[id(each)] for each in given]
+    else:
+        given = with_flow(as_liner(given))
+    laws = [law for names in models for law in _parameter_law(names, given[0] if isinstance(given, list) else given)]
+    runs = read_runs(planes, given, frequency, chosen, any_curve=True)
+    own = [str(run.plane.provenance.get("case") or run.plane.name) for run in runs]
+    named = one_each("groups", own if groups is None else groups, runs)
+    runs = [dataclasses.replace(run, group=str(name)) for run, name in zip(runs, named, strict=True)]
+    fewest, seen = (3 if CURVE in models else 2), list(dict.fromkeys(run.group for run in runs))
+    if len(seen) < fewest:  # where one is left out, the others are still to say something
         raise ValueError(
-            f"{len(set(names))} run(s) ({', '.join(dict.fromkeys(names))}) cannot tell: each is left out in turn, and "
-            f"at least {fewest} are needed; planes of one case count as one run: add levels or flows, or name groups"
+            f"{len(seen)} run(s) ({', '.join(seen)}) cannot tell: each is left out in turn, and at least {fewest} are "
+            "needed; planes of one case count as one run: add levels or flows, or name groups"
         )
-    made = {id(each): with_flow(each) for each in given}  # planes of one liner share one object, which a fit asks once
-    bases = [made[id(each)] for each in given]
-    laws = [law for names_of_one in models for law in _parameter_law(names_of_one, bases[0])]
-    runs = [
-        dataclasses.replace(read_run(plane, liner, frequency, chosen, any_curve=True), group=name)
-        for plane, liner, name in zip(several, bases, names, strict=True)
-    ]
-    level = isinstance(references, str) and references == LEVEL_CHECK
-    runs = held(runs, references, pressure, LEVEL_NOISE if noise is None and level else noise)
+    runs = held(runs, references, LEVEL_NOISE if noise is None and str(references) == LEVEL_CHECK else noise)
     runs = [_passive(run, own_noise=noise is None) for run in runs]
     knots = knots_for(runs)
     if CURVE in models:
@@ -116,11 +110,11 @@ def identify(
         walks = FREEDOMS if freedom is None else (freedom,)
         laws += [Curves(runs[0].in_flow, lines, knots, walk, rest).law() for walk in walks]
     candidates = sorted((candidate_of(law, runs, chosen, knots) for law in laws), key=lambda c: (c.lowest < 0, c.error))
-    best = candidates[0] if candidates else Row(lowest=0.0)
-    if not candidates or best.lowest < 0:
-        why = f"R falls to {best.lowest:.3g} with {best.label}" if candidates else "no model is named"
+    if not candidates or candidates[0].lowest < 0:
+        why = f"R falls to {candidates[0].lowest:.3g} with {candidates[0].label}" if candidates else "no model is named"
         raise ValueError(f"no fit is passive: {why}; fit a curve, which is, or narrow the bounds")
-    notes = [*(note.text for run in runs for note in run.notes), *warnings_of(best.fit)]
+    best = candidates[0]
+    notes = [*(note.text for run in runs for note in run.notes), *best.fit.warnings()]
     notes += [f"without it, {text}" for text in best.beyond]
     far = [row.label for row in best.rows if row.misses and max(abs(row.misses.real), abs(row.misses.imag)) > WIDE]
     if far:
@@ -170,7 +164,7 @@ def _parameter_law(names: Any, liner: LinerModel) -> list[Law]:
 
 def _passive(run: Run, own_noise: bool) -> Run:
     """The run, whose reference a passive liner can give, with the usual noise where none is stated."""
-    if run.ratio is not None:
+    if run.wanted is None:
         return run
     if (lowest := float(run.wanted.real.min())) < 0:
         raise ValueError(

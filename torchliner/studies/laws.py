@@ -27,15 +27,12 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.liners.model import LinerModel, complex_tensor, impedance_of, named_numbers
 
-ORDER = 3  # cubic
-PARTS = 18  # steps in sqrt |v|, from rest to the last knot
+ORDER, PARTS = 3, 18  # cubic; steps in sqrt |v|, from rest to the last knot
 FLOOR = 0.1  # of the mean step: the least step of a prior shape, so that a factor can act on it
 STEP = 0.5 / PARTS  # of X of a prior shape that does not change
 LEAST_RESISTANCE = 0.01  # at rest, of a prior shape without losses
 REST = (1.0, 0.5)  # spread of the logarithm of R, and of X, at rest, where none is stated
-LEVEL = 1.0  # standard deviation of the mean logarithm of the ratio to the prior shape
 BOUNDS = 6.0  # of all parameters of a curve: factors of 1/400 to 400
-STILL = torch.zeros(1, dtype=torch.float64)
 AROUND = 0.5  # bounds that are not stated: so much of a value, or about one that may be negative
 USUAL = {  # bounds of factors, whose neutral value says nothing of how far they go
     "vena_contracta": (0.2, 1.0),
@@ -94,13 +91,12 @@ def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) 
     pairs = {each: pair for name, pair in bounds.items() for each in liner.groups.get(name, (name,))}
     for name, number in numbers.items():
         low, high = pairs[name]
-        unit = "" if number.unit == "1" else f" {number.unit}"
-        least = "at least" if number.low_included else "above"
-        refused = low == number.low == 0 and not number.low_included
-        if not max(low, number.low) == low < high == min(high, number.high) or refused or math.isinf(high - low):
+        inside = number.low <= low < high <= number.high and -math.inf < low and high < math.inf
+        if not inside or (low == number.low and not number.low_included):
+            least = "at least" if number.low_included else "above"
             raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}{unit}; finite ones are needed, the lower first, and it is "
-                f"{least} {number.low:g} and at most {number.high:g}{unit}"
+                f"bounds of {name} are {low:g} to {high:g}; finite ones are needed, the lower first, and it is "
+                f"{least} {number.low:g} and at most {number.high:g} {number.unit.strip('1')}"
             )
     names = tuple(numbers)
     ends = torch.tensor([(*pairs[name], numbers[name].value) for name in names], dtype=torch.float64)
@@ -108,8 +104,8 @@ def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) 
     def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
-    box = ends.unbind(1)
-    return Law(", ".join(bounds), names, box[0], box[1], box[2], curve, ends.new_zeros(0, len(names)))
+    lowest, highest, values = ends.unbind(1)
+    return Law(", ".join(bounds), names, lowest, highest, values, curve, ends.new_zeros(0, len(names)))
 
 
 @dataclass(frozen=True)
@@ -158,62 +154,50 @@ class Curves:
     """A curve at each frequency, whose parameters are q_0, x_0, q, q'.
 
     Args:
-        base: liner whose law is the prior shape, which is kept where nothing is known, and says whether the reactance
-            falls or rises over |v|; another liner's curve differs by its Z at rest.
+        base: liner whose law is the prior shape, which says whether the reactance falls or rises over |v|; another
+            liner's curve differs by its Z at rest.
         frequencies, knots: Hz; of the splines.
         freedom, rest: of the walk over |v|; standard uncertainty u(R) + j u(X) at rest, None for ``REST``.
     """
 
     def __init__(
-        self,
-        base: LinerModel,
-        frequencies: Sequence[float],
-        knots: Knots,
-        freedom: float,
-        rest: complex | None = None,
+        self, base: LinerModel, frequencies: Sequence[float], knots: Knots, freedom: float, rest: complex | None = None
     ) -> None:
-        self.base, self.frequencies, self.knots, self.freedom = base, tuple(frequencies), knots, freedom
+        self.frequencies, self.knots, self.freedom = tuple(frequencies), knots, freedom
         shapes = torch.stack([impedance_at(base, f, knots.speeds) for f in frequencies])
-        steps = shapes.diff()[:, 1:]
+        steps, self.at_rest = shapes.diff()[:, 1:], self._at_rest(base)
         sign = torch.where(shapes[:, -1:].imag > shapes[:, :1].imag, 1.0, -1.0)
         self.resistance, self.reactance = shapes[:, :1].real.clamp(min=LEAST_RESISTANCE), shapes[:, :1].imag
         self.up, self.across = _above_floor(steps.real), sign * _above_floor(sign * steps.imag[:, :-1])
+        self._rising = functools.lru_cache(lambda speeds: knots.rising(torch.tensor(speeds, dtype=torch.float64)))
         blocks = []
         for resistance in self.resistance[:, 0].tolist():
             spread = REST if rest is None else (rest.real / resistance, rest.imag)
             blocks.append(torch.diag(1 / torch.tensor(spread, dtype=torch.float64)))
             for size in (self.up.shape[1], self.across.shape[1]):
                 walk = torch.eye(size, dtype=torch.float64).diff(dim=0) * (size - 1) ** 0.5 / freedom
-                blocks.append(torch.cat([walk, torch.full((1, size), 1 / (size * LEVEL), dtype=torch.float64)]))
+                blocks.append(torch.cat([walk, torch.full((1, size), 1 / size, dtype=torch.float64)]))
         self.prior = torch.block_diag(*blocks)
-        self._kept: dict[Any, Any] = {}  # of nodes and liners that are asked again and again
 
     def law(self) -> Law:
         """Whose start is the prior shape."""
         start = torch.zeros(self.prior.shape[1], dtype=torch.float64)
         names, box = tuple(f"q{i}" for i in range(len(start))), (start - BOUNDS, start + BOUNDS, start)
-        label = f"curve, freedom {self.freedom:g}"
-        return Law(label, names, *box, self, self.prior, 1e-9, self.frequencies)
+        return Law(f"curve, freedom {self.freedom:g}", names, *box, self, self.prior, 1e-9, self.frequencies)
 
     def __call__(self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         """Z, (F, V), as ``Law.curve``."""
-        key = speed.numpy().tobytes()
-        if key not in self._kept:
-            self._kept[key] = self.knots.rising(speed)
-        up, across = self._kept[key]
+        up, across = self._rising(tuple(speed.tolist()))
         sizes = [1, 1, self.up.shape[1], self.across.shape[1]]
         first, second, q, x = values.unflatten(0, (len(self.frequencies), -1)).split(sizes, -1)
         real = self.resistance * first.exp() + (self.up * q.exp()) @ up.T
         found = torch.complex(real, self.reactance + second + (self.across * x.exp()) @ across.T)
-        return (found + self._more(liner))[[place_of(self.frequencies, f) for f in frequency.tolist()]]
+        found = found + self._at_rest(liner) - self.at_rest
+        return found[[place_of(self.frequencies, f) for f in frequency.tolist()]]
 
-    def _more(self, liner: LinerModel) -> Tensor:
-        """Z at rest of a liner above that of the base, (F, 1)."""
-        if id(liner) not in self._kept:
-            both = [[each.impedance(f, STILL) for f in self.frequencies] for each in (liner, self.base)]
-            own, base = (torch.tensor([[complex(z[0])] for z in each], dtype=torch.complex128) for each in both)
-            self._kept[id(liner)] = own - base, liner  # which is kept, so that no other gets its id
-        return self._kept[id(liner)][0]
+    def _at_rest(self, liner: LinerModel) -> Tensor:
+        """Z of a liner at rest, (F, 1)."""
+        return torch.stack([impedance_at(liner, f, torch.zeros(1, dtype=torch.float64)) for f in self.frequencies])
 
 
 def place_of(known: Sequence[float], frequency: float) -> int:

@@ -10,10 +10,9 @@ from torchliner.names import resolve
 class Row(dict[str, Any]):
     """Values of one place, choice, model or run by name; ``row.impedance`` is ``row["impedance"]``.
 
-    Names that all studies share: ``impedance``, ``low`` and ``high`` (ends of its statistical interval: real part of R,
-    imaginary part of X; None without one), complex and normalised; ``frequency`` (Hz), ``height`` (m), ``level_check``
-    (dB that the velocity and Z are off the known pressure; None where none is known). No name may be that
-    of a method of ``dict``, such as ``clear`` or ``values``, which the attribute would be.
+    Shared names: ``impedance``, ``low``, ``high`` (ends of its statistical interval; None without one), complex and
+    normalised; ``frequency`` (Hz), ``height`` (m), ``level_check`` (dB off the known pressure; None where none is
+    known).
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -34,7 +33,7 @@ class Study(Row):
         return self._shown("html_of")
 
     def _shown(self, outlet: str) -> str | None:
-        """By the report, which knows the kinds of studies; None of another kind."""
+        """By the report; None of a kind that it does not know."""
         try:
             found: str = resolve(f"torchliner.report.answer:{outlet}")(self)
         except TypeError:

@@ -1,4 +1,4 @@
-"""Many ways of asking one plane for its impedance: each is a variant, and all share the readings of the data.
+"""Many ways of asking one plane for its impedance: a study is a list of variants, which one function evaluates.
 
 Moments of |v| serve every liner, frequency and phase rule, half of the record and half of the sampling rate. Other
 |v|, which are another drive, mean or averaging length, share one more reading.
@@ -7,194 +7,130 @@ Moments of |v| serve every liner, frequency and phase rule, half of the record a
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.conversions import mean_impedance
-from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes
-from torchliner.engine.sums import Job, reduce
+from torchliner.engine.sums import reduce
 from torchliner.engine.survey import Membership
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
-from torchliner.records.boxes import Windows
+from torchliner.records.cells import sort_into_cells
 from torchliner.studies.rows import Row
-from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import KnownPressure, known_pressure
+from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
-from torchliner.velocity.reading import SURVEY, Progress, Reading, reading_of, take_moments
+from torchliner.velocity.reading import Progress, Reading, reading_of, take_moments
 
 Records = VelocityPlane | Moments
 
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One way of asking for Z.
+    """One way of asking for Z of the whole liner.
 
     Args:
         labels: of its row.
-        averaging: of the value.
-        chosen: all choices.
-        liner: default that of the plane.
-        moments: that are asked; default those of the plane, with the drive and mean of ``chosen``.
+        moments, liner, averaging, chosen: what is asked, for which liner, with all choices.
         psi: rad, phase of the incident sound at all probes, for phase ``given``.
-        windows: over which v is averaged in place of the cells, with averaging ``velocity``.
+        pitch: L_c, m, of cells other than the liner's.
     """
 
     labels: dict[str, Any]
+    moments: Moments
+    liner: LinerModel
     averaging: str
     chosen: Choices
-    liner: LinerModel | None = None
-    moments: Moments | None = None
     psi: float | None = None
-    windows: Windows | None = None
-
-    def averages(self, known: Moments, liner: LinerModel, frequency: Tensor) -> Averages:
-        """R of cells and liner, from moments."""
-        phase = None if self.psi is None else torch.full((known.plane.probes, 1), self.psi, dtype=torch.float64)
-        with torch.no_grad():
-            return average(known, Asked.of(known, self.liner or liner, frequency, self.chosen, phase), self.averaging)
+    pitch: float | None = None
 
     @property
     def speed(self) -> tuple[Any, ...]:
         """What makes its |v|."""
-        return self.chosen.drive, self.chosen.mean, self.chosen.running_window, self.windows
+        return self.chosen.drive, self.chosen.mean, self.chosen.running_window, self.pitch
+
+    def averages(self, frequency: Tensor) -> Averages:
+        """R of cells and liner; ``frequency`` in Hz, (F,)."""
+        known, phase = self.moments, None
+        if self.psi is not None:
+            phase = torch.full((known.plane.probes, 1), self.psi, dtype=torch.float64)
+        with torch.no_grad():
+            return average(known, Asked.of(known, self.liner, frequency, self.chosen, phase), self.averaging)
 
 
-class Source:
-    """A plane that is read for many variants, or the moments of one.
+def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> list[Row]:
+    """Z of each variant; ``base`` has the velocity at the tone, for the level check.
+
+    Returns:
+        A row a variant and frequency: its labels, averaging, frequency, impedance, low, high, level_check.
+    """
+    pressure, rows = known_pressure(base, frequency), list[Row]()
+    ratio = None if isinstance(pressure, str) else ratio_of_pressures(pressure)
+    for variant in variants:
+        found = variant.averages(frequency).liner
+        z = found.impedance.cpu()
+        levels = [math.nan] * len(z) if ratio is None else (20 * ratio(z).abs().log10()).tolist()
+        for i, level in enumerate(levels):
+            low, high = (None, None) if found.interval is None else found.interval.bounds(i)
+            row = Row(variant.labels, averaging=variant.averaging, frequency=float(frequency[i]), low=low, high=high)
+            rows.append(Row(row, impedance=complex(z[i]), level_check=level if math.isfinite(level) else None))
+    return rows
+
+
+def read_for(
+    plane: VelocityPlane,
+    liners: Sequence[LinerModel],
+    frequency: Tensor,
+    chosen: Choices,
+    turns: Sequence[float] = (),
+    progress: Progress | None = None,
+) -> tuple[Moments, Reading]:
+    """Moments of a plane for several liners, the first one's cells, and how it was read.
 
     Args:
-        record: wall-normal velocity, or moments.
-        liners: that will be asked for; the first is the plane's own, whose cells are averaged over.
-        frequency: Hz, one or several; default the tone.
-        chosen: all choices of the base.
-        more_turns: of the frequencies (F,), waves in Hz that the sums are weighed with beside those of the phase rule.
-        progress: called with numbers of samples read.
-    Raises:
-        ValueError: as ``educe``.
+        plane, liners, frequency, chosen, progress: as for ``educe``.
+        turns: Hz, of waves that the sums are weighed with beside those of the phase rule.
     """
+    nodes = choose_nodes(liners, frequency, chosen.tolerance(plane.velocity.dtype))
+    reading = reading_of(plane, [], frequency, chosen, cell_pitch=liners[0].cell_pitch, nodes=nodes)
+    reading = dataclasses.replace(reading, turns=torch.cat([reading.turns, reading.turns.new_tensor([*turns])]))
+    known = take_moments(reading, progress=progress)
+    reading = dataclasses.replace(reading, nodes=nodes)
+    return known, reading if bool(known.used.all()) else reading.without(~known.used)
 
-    def __init__(
-        self,
-        record: Records,
-        liners: Sequence[LinerModel],
-        frequency: Tensor | float | None,
-        chosen: Choices,
-        *,
-        more_turns: Callable[[Tensor], Iterable[float]] = lambda _: (),
-        progress: Progress | None = None,
-    ) -> None:
-        self.plane, self.liner, self.chosen = plane_of(record), liners[0], chosen
-        self.frequency = self.plane.asked(frequency)
-        self.progress, self.readings = progress, 0
-        self.reading: Reading | None = None
-        if isinstance(record, Moments):
-            require_fitting(record, self.liner, self.frequency, chosen)
-            self.known = record
-            return
-        self.nodes = choose_nodes(liners, self.frequency, chosen.tolerance(record.velocity.dtype))
-        reading = reading_of(record, [], self.frequency, chosen, cell_pitch=self.liner.cell_pitch, nodes=self.nodes)
-        turns = torch.cat([reading.turns, torch.tensor([*more_turns(self.frequency)], dtype=torch.float64)])
-        reading = dataclasses.replace(reading, turns=turns)
-        self.known = take_moments(reading, self._reduce, progress)
-        used = self.known.used
-        self.reading = reading if bool(used.all()) else reading.without(~used)
 
-    def samples(self) -> Reading:
-        """How another |v| is read; ValueError if the samples are not there."""
-        if self.reading is None:
-            raise ValueError("the time samples are gone: the plane was reduced to moments")
-        return self.reading
-
-    def evaluate(self, variants: Sequence[Variant]) -> list[Row]:
-        """Z of the whole liner for each variant; those of another |v| share one more reading.
-
-        Returns:
-            A row a variant and frequency: its labels, averaging, frequency, impedance (over windows 1/<Y> of those that
-            hold a probe), low, high, level_check.
-        Raises:
-            ValueError: another |v| is asked of moments.
-        """
-        groups: dict[Any, list[Variant]] = {}
-        for each in variants:
-            if each.moments is None and not self._is_known(each):
-                groups.setdefault(each.speed, []).append(each)
-        ways = {speed: self._way(each) for speed, each in groups.items()}
-        jobs = [job for _, each, _ in ways.values() for job in each.values()]
-        how = (self.samples().record(self.progress), self.samples().blocks, jobs) if jobs or ways else ()
-        found = iter(self._reduce(*how) if jobs else [])
-        made = {
-            speed: reading.moments(self.known.survey, locked, {name: next(found) for name in each})
-            for speed, (reading, each, locked) in ways.items()
-        }
-        asked = [each.moments or made.get(each.speed, self.known) for each in variants]
-        return [row for pair in zip(variants, asked, strict=True) for row in self._rows(*pair)]
-
-    def level_of(self, impedance: Tensor) -> list[float | None]:
-        """dB by which Z of the whole liner, (F,), and the velocity are off the stated pressure; None if none is."""
-        pressure = self._pressure
-        if isinstance(pressure, str):
-            return [None] * len(impedance)
-        ratio = ratio_of_pressures(pressure)(impedance)
-        return [level if math.isfinite(level) else None for level in (20 * ratio.abs().log10()).tolist()]
-
-    @functools.cached_property
-    def _pressure(self) -> KnownPressure | str:
-        return known_pressure(self.known, self.frequency)
-
-    def _is_known(self, variant: Variant) -> bool:
-        own = Variant({}, variant.averaging, self.chosen)
-        return variant.windows is None and (variant.chosen.drive == "rms" or variant.speed == own.speed)
-
-    def _rows(self, variant: Variant, known: Moments) -> list[Row]:
-        found = variant.averages(known, self.liner, self.frequency)
-        z, ends = found.liner.impedance.cpu(), found.liner.interval
-        if variant.windows is not None:
-            over_windows = found.cells.admittance.cpu()
-            z = mean_impedance(over_windows[torch.isfinite(over_windows.real).all(1)])
-        return [
-            Row(
-                variant.labels,
-                averaging=variant.averaging,
-                frequency=float(self.frequency[i]),
-                impedance=complex(z[i]),
-                **dict(zip(("low", "high"), (None, None) if ends is None else ends.bounds(i), strict=True)),
-                level_check=level,
-            )
-            for i, level in enumerate(self.level_of(z))
-        ]
-
-    def _reduce(self, *how: Any) -> list[Tensor]:
-        self.readings += 1
-        return reduce(*how)
-
-    def _way(self, variants: Sequence[Variant]) -> tuple[Reading, dict[str, Job], Drive | None]:
-        """How variants of one |v| are read, what is summed, and the drive of phase-locked averaging."""
-        chosen, windows, reading = variants[0].chosen, variants[0].windows, self.samples()
-        locked = self.known.locked if "phase-locked" in chosen.averagings else None
-        averaged = all(each.chosen.phase == "averaged" for each in variants)
-        turns = self.frequency[:0] if averaged else 2 * self.frequency
-        reading = dataclasses.replace(reading, chosen=chosen, nodes=self.nodes, turns=turns)
-        left_out = {SURVEY} if chosen.drive == "rms" else {SURVEY, "square of cells"}
-        if chosen.drive == "rms":
-            reading = dataclasses.replace(reading, nodes=None)
-        if windows is not None:
-            left_out.add("admittance")
-            # They have the means and sums of a Membership, which is all that averaging ``velocity`` asks for.
-            membership, cells = cast(Membership, windows), dataclasses.replace(reading.cells, weight=None)
-            reading = dataclasses.replace(reading, membership=membership, cells=cells)
-        jobs = reading.first_jobs() | reading.second_jobs(self.known.survey, locked)
-        return reading, {name: job for name, job in jobs.items() if name not in left_out}, locked
+def read_again(reading: Reading, variants: Sequence[Variant], progress: Progress | None = None) -> list[Variant]:
+    """Variants of other |v|, with their moments, all from one more reading; their ``moments`` are those of the base."""
+    groups: dict[Any, list[Variant]] = {}
+    for each in variants:
+        groups.setdefault(each.speed, []).append(each)
+    ways, jobs = [], []
+    for group in groups.values():
+        chosen, pitch, known = group[0].chosen, group[0].pitch, group[0].moments
+        turns = 2 * reading.frequency if any(each.chosen.phase != "averaged" for each in group) else reading.turns[:0]
+        nodes = None if chosen.drive == "rms" else reading.nodes
+        way = dataclasses.replace(reading, chosen=chosen, nodes=nodes, turns=turns)
+        if pitch is not None:
+            cells = sort_into_cells(reading.plane, pitch).kept(reading.used)
+            members = Membership.of(cells.labels, cells.count, reading.device)
+            way = dataclasses.replace(way, cell_pitch=pitch, cells=cells, membership=members)
+        wanted = {"square of cells", *(each.averaging for each in group)}
+        locked = known.locked if "phase-locked" in wanted else None
+        possible = way.first_jobs() | way.second_jobs(known.survey, locked)
+        names = [name for name in possible if name in wanted]
+        jobs += [possible[name] for name in names]
+        ways.append((way, known, locked, names))
+    sums = iter(reduce(reading.record(progress), reading.blocks, jobs))
+    found = [way.moments(known.survey, locked, {n: next(sums) for n in names}) for way, known, locked, names in ways]
+    made = dict(zip(groups, found, strict=True))
+    return [dataclasses.replace(each, moments=made[each.speed]) for each in variants]
 
 
 def plane_of(record: Records) -> VelocityPlane:

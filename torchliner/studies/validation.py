@@ -1,0 +1,219 @@
+"""Where the impedance is known: every rule beside it, and the shipped case that is nearest to a map."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import itertools
+import math
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib import resources
+from typing import Any
+
+import torch
+
+from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import Liner, as_liner
+from torchliner.names import PHASES
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.studies.rows import Row
+from torchliner.studies.variants import Variant, evaluate, read_again, read_for
+from torchliner.velocity.answer import answer
+from torchliner.velocity.choices import Choices
+
+DRIVES = (("instantaneous", "kept"), ("instantaneous", "removed"), ("rms", "kept"), ("running-rms", "kept"))
+DEFAULT = ("instantaneous", "kept", "averaged")
+NOWHERE = complex(math.nan, math.nan)
+UNKNOWN = dict.fromkeys(("in_situ", "low", "high"), NOWHERE) | dict.fromkeys(
+    ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods"), math.nan
+)
+TABLE = "reference_cases.csv"  # the default rules of docs/truth.md, by scripts/truth_page.py --write
+WORDS = ("case", "hole", "averaging")  # columns of the table that are no numbers
+MACH = 0.1  # that counts as much as a factor e in |v|, or as another kind of hole
+HEIGHT = 0.1  # weight of a factor e in the height over the hole
+
+
+def validation_row(rule: tuple[str, str, str], educed: complex, true: complex, **about: Any) -> Row:
+    """One educed value beside the reference impedance ``true``, all normalised.
+
+    Args:
+        rule: drive, mean and phase.
+        educed, true: Z, and the reference impedance.
+        about: case, height (m) and averaging; where known in_situ (Z), low, high (of the statistical interval),
+            level_check (dB), speed (rms of the plane's mean velocity at the tone, m/s), velocity_rms (v'_rms, m/s),
+            mach, incident_level (dB), periods (of the tone in the record).
+    Returns:
+        These, nan where unknown, and drive, mean, phase, miss (dR + j dX) and error (its size).
+    """
+    names, miss = dict(zip(("drive", "mean", "phase"), rule, strict=True)), educed - true
+    known = {name: value for name, value in about.items() if value is not None}
+    return Row(UNKNOWN | names | known, rule=rule, educed=educed, true=true, miss=miss, error=abs(miss))
+
+
+def reference_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
+    """Phase of the incident wave (rad) from the plane-mean velocity at f and the reference impedance, which only a
+    resolved case knows."""
+    reflection = reflection_from_impedance(torch.tensor(plane.reference["true"]))
+    return float((seen.velocity_amplitude[..., 0].mean() / (1 - reflection)).angle())
+
+
+def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
+    """All drives x phase rules x averagings of one plane with a known impedance, in two readings, short records too.
+
+    Returns:
+        Rows as of ``validation_row``.
+    Raises:
+        ValueError: the plane states no reference impedance or no tone.
+    """
+    if "true" not in plane.reference:
+        raise ValueError(f"{plane.name} states no reference impedance (reference 'true')")
+    chosen, model, asked = Choices(phase="given", allow_short=True), as_liner(liner), plane.asked(None)
+    # The rms of the record is known after one reading, which finds what the other drives need.
+    known, reading = read_for(plane, [model], asked, replace(chosen, drive="rms"))
+    with torch.no_grad():
+        seen = answer(known, model, asked, replace(chosen, drive="rms", phase="averaged"))
+    psi, variants = reference_wave_phase(plane, seen), list[Variant]()
+    for drive, phase, averaging in itertools.product(DRIVES, PHASES, seen.averagings):
+        own = replace(chosen, drive=drive[0], mean=drive[1], phase=phase)
+        rule, stated = {"rule": (*drive, phase)}, psi if phase == "given" else None
+        variants.append(Variant(rule, known, model, averaging, own, stated))
+    again = iter(read_again(reading, [each for each in variants if each.chosen.drive != "rms"]))
+    variants = [each if each.chosen.drive == "rms" else next(again) for each in variants]
+    about = {
+        "case": str(plane.provenance.get("case", plane.title)),
+        "height": plane.height or 0.0,
+        "in_situ": complex(plane.reference.get("in situ", NOWHERE)),
+        "speed": tone_speed(seen),
+        "velocity_rms": float(seen.velocity_rms.square().nanmean().sqrt()),
+        "mach": plane.mach,
+        "incident_level": plane.incident_level,
+        "periods": float(plane.duration * (plane.frequency or math.nan)),
+    }
+    names, true = ("averaging", "low", "high", "level_check"), complex(plane.reference["true"])
+    return [
+        validation_row(row.rule, row.impedance, true, **about, **{name: row[name] for name in names})
+        for row in evaluate(variants, asked, known)
+    ]
+
+
+def validation_table(
+    planes: Sequence[VelocityPlane],
+    liner_of: Callable[[VelocityPlane], Liner],
+    progress: Callable[[int], None] | None = None,
+) -> list[Row]:
+    """``validate`` of several planes, by case and height; ``progress`` per plane."""
+    rows: list[Row] = []
+    for plane in planes:
+        rows += validate(plane, liner_of(plane))
+        if progress is not None:
+            progress(1)
+    return rows
+
+
+def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
+    """Medians and largest of |dR| (real part) and |dX| of every rule and averaging in the rows, over ``planes``."""
+    groups: dict[tuple[tuple[str, str, str], str], list[complex]] = {}
+    for row in rows:
+        groups.setdefault((row.rule, row.averaging), []).append(row.miss)
+    found = []
+    for (rule, averaging), misses in groups.items():
+        parts = [abs(miss.real) for miss in misses], [abs(miss.imag) for miss in misses]
+        names = dict(zip(("drive", "mean", "phase"), rule, strict=True))
+        median, largest = complex(*map(statistics.median, parts)), complex(*map(max, parts))
+        found.append(Row(names, averaging=averaging, planes=len(misses), median=median, largest=largest))
+    return found
+
+
+@functools.cache
+def reference_cases() -> tuple[Row, ...]:
+    """The shipped table, a row a plane: case, incident_level (dB), reference (Z), educed (Z by averaging), and what
+    ``setting_of`` says of a map."""
+    text = (resources.files("torchliner.studies") / TABLE).read_text(encoding="utf-8")
+    found: dict[tuple[str, str], Row] = {}
+    for line in csv.DictReader(text.splitlines()):
+        row: Any = Row({key: value if key in WORDS else float(value) for key, value in line.items()})
+        reference = complex(row.true_resistance, row.true_reactance)
+        plane = found.setdefault((line["case"], line["height"]), Row(row, reference=reference, educed={}))
+        plane.educed[row.averaging] = complex(row.resistance, row.reactance)
+    return tuple(found.values())
+
+
+def hole_kind(name: str) -> str:
+    """By the name of a liner: the models are of round holes, unless one is called a slit."""
+    return "slit" if "slit" in name.lower() else "round hole"
+
+
+def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
+    """rms of the velocity at the tone, m/s: of its mean over the plane, of all probes if it grazes.
+
+    A grazing wave changes its phase along the plane, so that its mean over it says nothing.
+    """
+    amplitude = found.velocity_amplitude[..., index].reshape(-1)
+    amplitude = amplitude[torch.isfinite(amplitude.abs())]
+    if found.source_side in ("upstream", "downstream"):
+        coherent = found.coherence[..., index].reshape(-1).nan_to_num()[: len(amplitude)]
+        return float((amplitude.abs().square() * coherent).mean().sqrt()) / 2**0.5
+    return float(amplitude.mean().abs()) / 2**0.5
+
+
+def setting_of(found: ImpedanceMap, index: int = 0) -> Row | None:
+    """What decides how well a rule does; None where the liner of a map states no holes.
+
+    Returns:
+        hole (``slit`` or ``round hole``), hole_diameter (m), porosity (of the surface), mach (None where it is not
+        stated), speed (see ``tone_speed``), velocity_rms (v'_rms over the probes, m/s), height (m).
+    """
+    liner = found.choices.get("liner", {})
+    liner = {**liner, **next(iter(liner.get("layers") or [{}]))}  # the sheet that faces the flow
+    if not {"porosity", "orifice_diameter"} <= set(liner):
+        return None
+    return Row(
+        hole=hole_kind(str(liner.get("name", ""))),
+        hole_diameter=liner["orifice_diameter"],
+        porosity=liner["porosity"] * liner.get("open_area_fraction", 1.0),
+        mach=found.mach,
+        speed=tone_speed(found, index),
+        velocity_rms=float(found.velocity_rms.square().nanmean().sqrt()),
+        height=found.height,
+    )
+
+
+def factors_of(here: Row, there: Row) -> list[float]:
+    """|v| over porosity here over that there: in step with the tone, and of all."""
+    share = there.porosity / here.porosity
+    return [share * max(here[name], 1e-6) / max(there[name], 1e-6) for name in ("speed", "velocity_rms")]
+
+
+def distance_of(here: Row, there: Row) -> float:
+    """0 for the same; 1 for a factor e in |v| over porosity, M 0.1, another kind of hole."""
+    far = sum(abs(math.log(factor)) for factor in factors_of(here, there))
+    far += abs((here.mach or 0.0) - (there.mach or 0.0)) / MACH + (here.hole != there.hole)
+    if here.height and there.height:
+        far += HEIGHT * abs(math.log(here.height / here.hole_diameter * there.hole_diameter / there.height))
+    return far
+
+
+def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
+    """One line: the shipped case most like this one, what came out there and what it is.
+
+    "" for a hard wall, a liner without holes, and where no case is near: |v| over porosity within a factor of 2, M
+    within 0.05, the same kind of hole. ``index``: of the frequency.
+    """
+    here = setting_of(found, index)
+    if here is None or found.choices.get("surface") == "hard wall" or not math.isfinite(here.speed + here.velocity_rms):
+        return ""
+    there = min(reference_cases(), key=lambda each: distance_of(here, each))
+    near = all(0.5 <= factor <= 2 for factor in factors_of(here, there)) and here.hole == there.hole
+    if not near or here.mach is None or abs(here.mach - there.mach) > MACH / 2:
+        return ""
+    educed, known = there.educed.values(), there.reference
+    r = f"{', '.join(f'{z.real:.2f}' for z in educed)} for {known.real:.2f}"
+    x = f"{', '.join(f'{z.imag:.2f}' for z in educed)} for {known.imag:.2f}"
+    return (
+        f"model error seen in the nearest reference case, {there.case} "
+        f"({there.speed:.2f} m/s at the tone, v' {there.velocity_rms:.2f} m/s at {1e3 * there.height:g} mm, "
+        f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {there.incident_level:g} dB) "
+        f"R came out {r}, X {x} ({', '.join(there.educed)})"
+    )
