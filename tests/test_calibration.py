@@ -17,9 +17,10 @@ from torchliner.cli.main import CHECK_FAILED, DONE, main
 from torchliner.names import AVERAGINGS
 from torchliner.report.of_fits import parameter_table
 from torchliner.studies.calibrate import calibrate
-from torchliner.studies.fit import fit_law, impedances, residuals_of
+from torchliner.studies.fit import fit_law
 from torchliner.studies.laws import Knots, parameter_law
 from torchliner.studies.runs import held, read_run
+from torchliner.studies.solve import impedances, residuals_of
 from torchliner.velocity.choices import Choices
 
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 import torchliner as tl
 from torchliner.cli.main import CHECK_FAILED, DONE, main
 from torchliner.liners.model import LinerModel
-from torchliner.studies.fit import fit_law, residuals_of
+from torchliner.studies.fit import fit_law
 from torchliner.studies.laws import BOUNDS, Curves, Knots
+from torchliner.studies.solve import residuals_of
 
 FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
 

@@ -13,9 +13,10 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
 from torchliner.liners.sdof import EndLossSDoFLiner, SDoFLiner
 from torchliner.records import VelocityPlane
-from torchliner.studies.fit import Fit, fit_law, knots_for
+from torchliner.studies.fit import Fit, fit_law
 from torchliner.studies.laws import parameter_law
 from torchliner.studies.runs import choices_of_fit, held, read_runs
+from torchliner.studies.solve import knots_for
 from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.educe import moments
 

@@ -16,10 +16,11 @@ from torchliner.checks import SAME_FREQUENCY, require_choice, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
-from torchliner.studies.fit import fit_law, knots_for, with_flow
+from torchliner.studies.fit import fit_law, with_flow
 from torchliner.studies.laws import Curves, Knots, Law, bounds_for, parameter_law, place_of
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, one_each, read_runs
+from torchliner.studies.solve import knots_for
 from torchliner.velocity.choices import Choices
 
 CURVE = "curve"
