@@ -24,7 +24,19 @@ from torchliner.duct.presets import load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import FieldFit, WallEduction
 from torchliner.report.fields import draw_levels
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, SPL, Figure, entry, finish, legend_below, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    SPL,
+    Figure,
+    entry,
+    finish,
+    frame,
+    legend_below,
+    styled,
+    subplots,
+)
 from torchliner.report.planes import draw_cloud
 
 SIDES = ("upstream", "downstream")
@@ -103,6 +115,7 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     levels.set_ylabel(SPL)
     entry(plane, "pressures", "o", markerfacecolor="none")
     entry(plane, "KT, range of the draws")
+    frame(plane, "xy")
     legend_below(figure, plane, 4)
     one = next(iter(sides.values()))
     count = one.by_modes.choices["draws"]

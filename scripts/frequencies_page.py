@@ -16,7 +16,7 @@ from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import impedance_from_reflection
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.report.curves import draw_spectrum
-from torchliner.report.figure import COLOURS, LINES, finish, label_axes, panels_of, styled
+from torchliner.report.figure import COLOURS, LINES, finish, panels_of, styled
 
 LINERS = ("polito", "onera")
 TOTAL, OTHER = 3.0, 2000.0  # rms of v, m/s; Hz
@@ -56,7 +56,7 @@ def draw_shares(path: Path) -> list[tuple[str, ...]]:
         axis.plot([100 * s for s in shares], [100 * c for c in change], color=colour, linestyle=line, label=name)
     axis.axhline(5, color="0.6", linewidth=0.8, label="limit of the note")
     across = "share of the variance of $v$ that is in step with the tone (%)"
-    label_axes(axis, across, f"change of $Z$ at {OTHER / 1e3:g} kHz without it (%)")
+    axis.set(xlabel=across, ylabel=f"change of $Z$ at {OTHER / 1e3:g} kHz without it (%)")
     finish(figure, path, f"v of {TOTAL:g} m/s rms in all", legend=3)
     for share in SHARES:
         beside, alone = with_and_without(tl.load_liner(LINERS[0]), share)

@@ -17,7 +17,7 @@ from typing import Any
 
 import torchliner as tl
 from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from torchliner.report.trends import draw_identification
+from torchliner.report.studies import draw_identification
 from torchliner.studies.rows import Row
 from truth_page import page_table, write_tables
 

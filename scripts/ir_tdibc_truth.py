@@ -187,7 +187,7 @@ def draw(curves: dict[str, Any], rows: Sequence[dict[str, Any]], path: Any) -> N
                 linestyle="",
                 label=f"{kind}: true",
             )
-    finish(figure, path, None, 3)
+    finish(figure, path, legend=3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

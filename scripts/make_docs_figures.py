@@ -28,7 +28,7 @@ from torchliner.pressure.dean import in_situ
 from torchliner.report.curves import draw_along_x, draw_spectrum, draw_velocity
 from torchliner.report.maps import draw_map
 from torchliner.report.planes import draw_against_height
-from torchliner.report.trends import draw_heights, draw_modulation
+from torchliner.report.studies import draw_heights, draw_modulation
 from torchliner.studies.heights import study_heights
 from torchliner.velocity.educe import educe
 

@@ -30,7 +30,7 @@ from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.records import ImpedanceMap
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, place_legend, styled, subplots
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, styled, subplots
 
 FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane
@@ -391,10 +391,7 @@ def draw(
         for i in range(len(methods) - 1):
             dots.axhline(-i - 0.5, color="0.9", linewidth=0.5, zorder=0)
         dots.set_ylim(-len(methods) + 0.5, 0.5)
-    unique = {
-        label: handle for axis in axes[:, 0] for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
-    place_legend(figure, list(unique.values()), list(unique), 2)
+    legend_below(figure, axes[:, 0], 2)
     words = (
         f"SIMULATED, truth known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
         "\n(c), (d): averages along x, lines: truth; bars: 95 % of what the record or the draws "

@@ -18,7 +18,7 @@ from conftest import DATA, load_script, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.files import DEMO_PLANES
 from torchliner.cli.main import DONE, main
-from torchliner.report.maps import mesh_of, over_surface
+from torchliner.report.maps import over_surface
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PLACES = {
@@ -76,7 +76,7 @@ def test_notebooks_get_a_table_whose_titles_are_text(maps):
 
 
 def test_scattered_probes_make_a_map(maps):
-    """Triangles between probes; a line, also a slanted one, stays a line."""
+    """A dot a probe; a line, also a slanted one, stays a line."""
     assert [over_surface(maps[place]) for place in PLACES] == [True, False, False, True]
     figure = maps["scattered"].plot(frequency=1400.0)
     assert figure._repr_png_().startswith(b"\x89PNG")
@@ -84,20 +84,6 @@ def test_scattered_probes_make_a_map(maps):
     low, high = drawn.get_clim()
     assert low < float(maps["scattered"].resistance[4, 0]) < high
     assert drawn.get_array().shape[0] == 5
-
-
-def test_a_gap_between_probes_is_not_painted_over():
-    """Two patches of probes far apart: no triangle joins them; excluded probes are left out."""
-    here = torch.cartesian_prod(torch.arange(4.0), torch.arange(4.0)).double() * 1e-3
-    places = torch.cat([here, here + torch.tensor([0.05, 0.0])])
-    plane = plane_of(turbulence((32, 450)), x=places[:, 0], z=places[:, 1])
-    found = tl.educe(plane, tl.load_liner("polito"), interval=None)
-    mesh = mesh_of(found, 0)
-    joined = [(mesh.x[corner] > 25).any() and (mesh.x[corner] < 25).any() for corner in mesh.triangles[~mesh.mask]]
-    assert not any(joined)
-    assert len(joined) >= 2 * 18
-    found.probes["admittance"].reflection[0] = complex(torch.nan, torch.nan)
-    assert len(mesh_of(found, 0).x) == 31
 
 
 def test_plots_go_into_given_axes_at_a_given_frequency(maps, tmp_path):

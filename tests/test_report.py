@@ -15,12 +15,12 @@ from torchliner.names import AVERAGINGS
 from torchliner.records.notes import Note
 from torchliner.report import curves, maps, numbers, planes
 from torchliner.report.answer import answer_of, ordered
-from torchliner.report.fields import unwrapped
+from torchliner.report.fields import level_and_phase
 from torchliner.report.figure import AVERAGINGS as COLOUR_OF
-from torchliner.report.figure import RC, break_at_poles, subplots
+from torchliner.report.figure import RC
 from torchliner.report.pictures import draw_pictures
+from torchliner.report.studies import draw_level_check
 from torchliner.report.table import table_of
-from torchliner.report.trends import draw_level_check
 from torchliner.studies.heights import recommend_height, study_heights
 from torchliner.studies.validation import DEFAULT, reference_wave_phase, validation_table
 
@@ -235,14 +235,12 @@ def test_two_runs_in_one_pair_of_axes(found):
     assert all(low <= value <= high for line in drawn for value in line.get_ydata())
 
 
-def test_a_curve_breaks_at_a_pole_and_a_phase_does_not_jump():
-    axis = subplots(1, 1, 2.0)[1][0, 0]
-    axis.plot([0, 1, 2, 3], [1.0, 50.0, -50.0, -1.0])
-    axis.set_ylim(-6, 6)
-    break_at_poles(axis)
-    assert np.isnan(axis.lines[0].get_ydata()).any()
-    assert np.abs(np.diff(unwrapped(np.array([170.0, -170.0, -150.0])))).max() == pytest.approx(20)
-    assert unwrapped(np.array([-170.0]), np.array([185.0])) == pytest.approx(190)
+def test_a_phase_does_not_jump():
+    """Along a line, and beside a curve."""
+    level, phase = level_and_phase(20e-6 * 2**0.5 * np.exp(1j * np.radians([170.0, -170.0, -150.0])))
+    assert level == pytest.approx(0)
+    assert np.diff(phase) == pytest.approx(20)
+    assert level_and_phase(np.exp(1j * np.radians([-170.0])), np.array([185.0]))[1] == pytest.approx(190)
 
 
 def test_the_level_check_is_drawn_where_a_pressure_is_known(liner, tmp_path):

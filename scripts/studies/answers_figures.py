@@ -13,8 +13,6 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
-    label_axes,
-    plain_log_ticks,
     styled,
     subplots,
 )
@@ -60,12 +58,12 @@ def draw_parity(rows: Sequence[dict[str, Any]], path: str | Path | None = None) 
                 markerfacecolor=COLOURS[k] if passes else "white",
             )
         name = label if sign > 0 else f"−{label}"
-        label_axes(axis, f"reference {name}", f"educed {name}")
+        axis.set(xlabel=f"reference {name}", ylabel=f"educed {name}")
         if part == "resistance":
             axis.set_xscale("log")
             axis.set_yscale("log")
-            plain_log_ticks(axis.xaxis)
-            plain_log_ticks(axis.yaxis)
+            axis.xaxis.set_major_formatter("{x:g}")
+            axis.yaxis.set_major_formatter("{x:g}")
         axis.set_xlim(*ends)
         axis.set_ylim(*ends)
     first = axes[0, 0]
@@ -91,5 +89,5 @@ def draw_background(rows: Sequence[dict[str, Any]], path: str | Path | None = No
         axis.plot(*zip(*quiet, strict=True), "-", color=COLOURS[k], linewidth=1.4)
     axis.axvline(0.5, color="0.8", linewidth=0.8, zorder=0)
     axis.set_ylim(0, 22)
-    label_axes(axis, "height over hole diameter", "rms over Mach number (m/s)")
+    axis.set(xlabel="height over hole diameter", ylabel="rms over Mach number (m/s)")
     return finish(figure, path, legend=3)

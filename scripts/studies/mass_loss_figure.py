@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, label_axes, styled, subplots
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
 
 WITHIN = 0.1  # in X, that a law is asked for
 
@@ -74,7 +74,7 @@ def draw_mass_loss(rows: Sequence[LossRow], laws: Sequence[str], path: str | Pat
             color="0.3",
             bbox={"color": "w", "alpha": 0.7, "linewidth": 0, "pad": 0.5},
         )
-    label_axes(axis, r"true reactance, $\mathrm{Im}\,Z$", r"$\mathrm{Im}\,Z$ of a fit without the case")
+    axis.set(xlabel=r"true reactance, $\mathrm{Im}\,Z$", ylabel=r"$\mathrm{Im}\,Z$ of a fit without the case")
     axis.set_xlim(*ends)
     axis.set_ylim(*ends)
     return finish(figure, path, legend=3)

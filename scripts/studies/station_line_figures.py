@@ -15,8 +15,7 @@ from torchliner.report.figure import (
     V_RMS,
     Figure,
     finish,
-    label_axes,
-    place_legend,
+    legend_below,
     styled,
     subplots,
 )
@@ -41,7 +40,7 @@ def draw_line_velocity(
             x, _ = place_along(line)
             values = getattr(line, key).numpy()
             axis.plot(x, values, color=COLOURS[i], linewidth=0.9, linestyle=LINES[i], label=names[i])
-        label_axes(axis, place_along(lines[0])[1], text)
+        axis.set(xlabel=place_along(lines[0])[1], ylabel=text)
     axes[0, 1].set_ylim(bottom=0)
     return finish(figure, path, title, legend=3 if len(lines) > 1 else 0)
 
@@ -79,10 +78,8 @@ def draw_averages(
                 )
         axis.set_xticks(range(len(lines)), names, fontsize=7)
         axis.set_xlim(-0.5, len(lines) - 0.5)
-        label_axes(axis, "configuration", text)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    place_legend(figure, list(unique.values()), list(unique), 3)
+        axis.set(xlabel="configuration", ylabel=text)
+    legend_below(figure, axes[0, 0], 3)
     return finish(figure, path, title)
 
 

@@ -12,7 +12,6 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
-    plain_log_ticks,
     styled,
     subplots,
 )
@@ -46,7 +45,7 @@ def draw_without_flow(rows: Sequence[Row], path: str | Path | None = None) -> Fi
         axis.set_xticks(range(len(cases)), cases, rotation=40, ha="right")
         axis.set_ylabel(label)
     axes[0, 0].set_yscale("log")
-    plain_log_ticks(axes[0, 0].yaxis)
+    axes[0, 0].yaxis.set_major_formatter("{x:g}")
     first = axes[0, 0]
     for k, averaging in enumerate(AVERAGINGS):
         first.plot([], [], MARKERS[k] + "-", color=COLOURS[k], markerfacecolor="white", label=averaging)

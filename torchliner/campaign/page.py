@@ -15,8 +15,8 @@ from torchliner.campaign.index import COLUMNS, DONE, impedance, interval, read_i
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture
-from torchliner.report.bars import draw_cases
 from torchliner.report.page import ENDING, report_file, require_report, shown, write_page
+from torchliner.report.studies import draw_cases
 from torchliner.report.table import Column, Table, format_bounds, format_complex
 
 Rows = Sequence[Mapping[str, Any]]

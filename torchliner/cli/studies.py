@@ -43,11 +43,11 @@ def height(options: argparse.Namespace) -> None:
 def compare(options: argparse.Namespace) -> None:
     """Print by how much the second differs from the first, for the liner and each cell."""
     from torchliner.report.answer import answer_of
-    from torchliner.report.curves import draw_difference
+    from torchliner.report.curves import draw_comparison
 
     maps = tl.read_map(options.first), tl.read_map(options.second)
     found = tl.compare(*maps, options.averaging)
-    show(options, answer_of(found), draw=lambda _, path: draw_difference(maps, found.rows, path))
+    show(options, answer_of(found), draw=lambda _, path: draw_comparison(found, path))
 
 
 def compare_models(options: argparse.Namespace) -> None:

@@ -1,11 +1,11 @@
-"""The one way to make a figure."""
+"""The one style of all figures: colours, panels, curves with their intervals, legend, caption, file."""
 
 from __future__ import annotations
 
 import functools
 import io
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -15,36 +15,62 @@ from typing import Any
 import numpy as np
 
 from torchliner.io.whole_file import PICTURES, printable, written_whole
-from torchliner.report.numbers import Curves
+from torchliner.report.numbers import Curves, part_of
 from torchliner.report.typesetting import typeset, typeset_label
 
-PARTS = (
-    ("resistance", r"resistance, $\mathrm{Re}\,Z$"),
-    ("reactance", r"reactance, $\mathrm{Im}\,Z$"),
-)
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
+PARTS = (("resistance", r"resistance, $\mathrm{Re}\,Z$"), ("reactance", r"reactance, $\mathrm{Im}\,Z$"))
 SPL, INCIDENT = "SPL (dB re 20 µPa)", "incident level (dB re 20 µPa)"
 V_RMS, U_RMS = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
+X_MM, Y_MM, KHZ = "$x$ (mm)", "$y$ (mm)", "$f$ (kHz)"
+SCALES = {"x (m)": 1e3, "frequency (Hz)": 1e-3}  # of variables: their factor on an axis
 WIDTHS = {"one": 3.4, "page": 5.3, "two": 7.0}  # in: a column, a text block, two columns
 STACKED = 4.5  # in, below which panels that stand beside each other stand one above the other
-LEGEND_ROOM = 0.4  # in, of a figure's height; a higher legend makes the figure higher
+CHARACTER, HANDLE, ROW = 0.053, 0.5, 0.15  # in, of a legend at 8 pt
 MOST_POINTS = 4000  # of a curve that is drawn as lines and not as a picture
-PEAK = 8  # medians of a positive quantity, above which its axis is logarithmic
 DESCRIPTION = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}  # in the file
 
-
-_style: ContextVar[tuple[float, bool]] = ContextVar("style", default=(WIDTHS["page"], False))  # width, title
+AVERAGINGS = {"admittance": "#0072B2", "velocity": "#D55E00", "phase-locked": "#009E73"}  # colours, everywhere
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000") * 99
+MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
+LINES: tuple[Any, ...] = ("-", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1))) * 99  # of curves
+REFERENCES: tuple[dict[str, Any], ...] = (
+    {"color": "0.6", "linewidth": 2.4, "linestyle": "-", "zorder": 1},  # others stay visible on it
+    *({"color": "k", "linewidth": 0.9, "linestyle": each} for each in ("--", ":", "-.")),
+)
+BAND: Any = {"linewidth": 5, "solid_capstyle": "butt"}  # of a legend's row for a band
+TEXT = ("font.size", "axes.titlesize", "axes.labelsize", "figure.titlesize", "legend.fontsize")
+RC: Any = {
+    **dict.fromkeys((*TEXT, "xtick.labelsize", "ytick.labelsize"), 8.0),
+    "font.family": "serif",
+    "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    "mathtext.fontset": "stix",
+    "legend.frameon": False,
+    "legend.columnspacing": 1.4,
+    "legend.handletextpad": 0.6,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.6,
+    "axes.linewidth": 0.6,
+    "figure.dpi": 120,
+    "savefig.dpi": 250,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "figure.constrained_layout.use": True,
+}
+_width: ContextVar[float] = ContextVar("width", default=WIDTHS["page"])
 
 
 @contextmanager
-def figure_style(width: str | float = "page", *, title: bool = False) -> Iterator[None]:
+def figure_style(width: str | float = "page") -> Iterator[None]:
     """All figures within the block have this width; text is 8 pt at that size.
 
     Args:
-        width: in, or "one" (3.4, a column; panels one above the other), "page" (5.3, the text
-            block of a page, default) or "two" (7, two columns).
-        title: the caption above the panels too; it is always ``figure.caption`` and stands in a
-            PNG, SVG or PDF as its description.
+        width: in, or "one" (3.4, a column; panels one above the other), "page" (5.3, the text block of a page,
+            default) or "two" (7, two columns).
     Raises:
         ValueError: another word, or below 2 or above 20 in.
 
@@ -59,16 +85,11 @@ def figure_style(width: str | float = "page", *, title: bool = False) -> Iterato
         inches = math.nan
     if not 2 <= inches <= 20:
         raise ValueError(f"a figure's width is {width!r}; it must be {', '.join(WIDTHS)}, or 2 to 20 (in)")
-    token = _style.set((inches, title))
+    token = _width.set(inches)
     try:
         yield
     finally:
-        _style.reset(token)
-
-
-def style_width() -> float:
-    """Of a figure drawn now, in."""
-    return _style.get()[0]
+        _width.reset(token)
 
 
 def require_matplotlib() -> Any:
@@ -81,7 +102,7 @@ def require_matplotlib() -> Any:
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Draw and save under the style sheet without touching the caller's settings."""
+    """Draw and save in this style without touching the caller's settings."""
 
     @functools.wraps(draw)
     def inner(*arguments: Any, **options: Any) -> Figure:
@@ -98,18 +119,29 @@ def _shown() -> Any:
 
     class Shown(Figure):
         caption = ""
-
-        def savefig(self, *arguments: Any, **options: Any) -> None:
-            # Fonts are looked up when drawn, which may be long after ``styled``.
-            kept = {key: value for key, value in RC.items() if key != "svg.fonttype"}
-            with require_matplotlib().rc_context(kept):
-                super().savefig(*arguments, **options)
+        savefig = styled(Figure.savefig)  # fonts are looked up when a figure is saved
 
         def _repr_png_(self) -> bytes:
             self.savefig(picture := io.BytesIO(), format="png")
             return picture.getvalue()
 
     return Shown
+
+
+def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tuple[Figure, Any]:
+    """A figure and its axes (rows, columns), lettered where there are several.
+
+    Panels of one row stand one above the other in a narrow figure, but for those that share what stands at their left,
+    ``beside``.
+    """
+    width = _width.get()
+    narrow = width < STACKED and rows == 1 < columns and not beside
+    shape = (columns, 1) if narrow else (rows, columns)
+    figure = _shown()(figsize=(width, height * (0.8 * columns if narrow else 1)))
+    axes = figure.subplots(*shape, squeeze=False).reshape(rows, columns)
+    for letter, axis in zip(ascii_lowercase, axes.flat, strict=False):
+        axis.set_title(f"({letter})" * (axes.size > 1), loc="left")
+    return figure, axes
 
 
 def panels_of(columns: int, height: float, given: Any = None) -> tuple[Figure, list[Any]]:
@@ -123,21 +155,12 @@ def panels_of(columns: int, height: float, given: Any = None) -> tuple[Figure, l
     return found[0].figure, found
 
 
-def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tuple[Figure, Any]:
-    """A figure and its axes (rows, columns), lettered where there are several.
-
-    Panels of one row stand one above the other in a narrow figure, but for those that share what
-    stands at their left, ``beside``.
-    """
-    width = _style.get()[0]
-    narrow = width < STACKED and rows == 1 < columns and not beside
-    shape = (columns, 1) if narrow else (rows, columns)
-    figure = _shown()(figsize=(width, height * (0.8 * columns if narrow else 1)))
-    axes = figure.subplots(*shape, squeeze=False).reshape(rows, columns)
-    if axes.size > 1:
-        for letter, axis in zip(ascii_lowercase, axes.flat, strict=False):
-            axis.set_title(f"({letter})", loc="left")
-    return figure, axes
+def impedance_panels(height: float, across: str, given: Any = None) -> tuple[Figure, list[tuple[Any, str]]]:
+    """Resistance and reactance beside each other over ``across``: each axis with its part."""
+    figure, axes = panels_of(2, height, given)
+    for axis, (_, label) in zip(axes, PARTS, strict=False):
+        axis.set(xlabel=across, ylabel=label)
+    return figure, [(axis, part) for axis, (part, _) in zip(axes, PARTS, strict=False)]
 
 
 def head_panel(axis: Any, words: str) -> None:
@@ -145,12 +168,9 @@ def head_panel(axis: Any, words: str) -> None:
     axis.set_title(f"{axis.get_title(loc='left')} {words}".strip(), loc="left")
 
 
-def impedance_panels(height: float, across: str, given: Any = None) -> tuple[Figure, list[tuple[Any, str]]]:
-    """Resistance and reactance beside each other over ``across``: each axis with its part."""
-    figure, axes = panels_of(2, height, given)
-    for axis, (_, label) in zip(axes, PARTS, strict=False):
-        label_axes(axis, across, label)
-    return figure, [(axis, part) for axis, (part, _) in zip(axes, PARTS, strict=False)]
+def colour_of(i: int, label: str = "", **style: Any) -> dict[str, Any]:
+    """Colour, line and label of the i-th curve."""
+    return {"color": COLOURS[i], "linestyle": LINES[i], "label": plain_label(label)} | style
 
 
 def drawn_before(axes: Sequence[Any], more: int) -> int:
@@ -161,40 +181,61 @@ def drawn_before(axes: Sequence[Any], more: int) -> int:
     return count
 
 
-def label_axes(axis: Any, across: str, up: str) -> None:
-    """Symbols and units."""
-    axis.set_xlabel(across)
-    axis.set_ylabel(up)
+def draw_values(axis: Any, x: Any, y: Any, bounds: Any = None, bars: bool = False, **style: Any) -> None:
+    """Values along x with their interval as a band, or as bars."""
+    axis.plot(x, y, **{"rasterized": len(x) > MOST_POINTS} | style)
+    if bounds is not None and bars:
+        axis.vlines(x, *bounds, color=style["color"], linewidth=1.2, zorder=2)
+    elif bounds is not None:
+        axis.fill_between(x, *bounds, color=style["color"], alpha=0.2, linewidth=0)
 
 
-def draw_curve(axis: Any, curves: Curves, name: str, colour: str, scale: float = 1.0, **style: Any) -> None:
-    """A column over ``scale`` times the variable; "{name} low" and "{name} high" are its band."""
-    x = scale * curves.at
-    style |= {"rasterized": len(x) > MOST_POINTS}
-    if f"{name} low" in curves.values:
-        draw_band(axis, x, curves.values[f"{name} low"], curves.values[f"{name} high"], colour)
-    axis.plot(x, curves.values[name], color=colour, **{"label": curves.label} | style)
+def draw_impedance(panels: Any, x: Any, z: Any, bounds: Any = None, bars: bool = False, **style: Any) -> None:
+    """Both parts of complex values along x in their panels, with the interval between two complex ``bounds``."""
+    z, bounds = np.asarray(z), None if bounds is None else [np.asarray(end) for end in bounds]
+    for axis, part in panels:
+        ends = None if bounds is None else [part_of(end, part) for end in bounds]
+        draw_values(axis, x, part_of(z, part), ends, bars, **style)
 
 
-def break_at_poles(axis: Any) -> None:
-    """Take out the segments of curves that would join both sides of a pole: longer than the axis is high."""
+def draw_curve(axis: Any, curves: Curves, name: str, **style: Any) -> None:
+    """A column with its interval over the variable, in mm or kHz."""
+    low, high = (curves.values.get(f"{name} {end}") for end in ("low", "high"))
+    x = SCALES.get(curves.variable, 1.0) * curves.at
+    draw_values(axis, x, curves.values[name], None if low is None else (low, high), **style)
+
+
+def draw_references(panels: Any, references: Mapping[str, complex], along: str = "x") -> None:
+    """Lines of impedances known from elsewhere, all along x or y."""
+    for i, (name, value) in enumerate(references.items()):
+        for axis, part in panels:
+            draw = axis.axhline if along == "x" else axis.axvline
+            draw(part_of(value, part), label=plain_label(name), **REFERENCES[i % 4])
+
+
+def frame(axis: Any, sides: str = "y", poles: bool = False) -> None:
+    """Limits that show all lines, but not all of wider intervals. Near ``poles`` they show the middle 90 % of the
+    values, and a curve breaks where it leaps farther than the axis is high."""
+    shares, margin = ((5, 95), 0.5) if poles else ((0, 100), 0.1)
+    for i, side in enumerate("xy"):
+        ends: list[float] = []
+        for line in axis.lines if side in sides else ():
+            values = np.asarray(line.get_data()[i], dtype=float)
+            values = values[np.isfinite(values)]
+            if len(values) and line.get_transform().contains_branch_seperately(axis.transData)[i]:
+                ends += np.percentile(values, shares).tolist()
+        if ends:
+            wide = margin * (max(ends) - min(ends)) or 0.05
+            axis.set(**{f"{side}lim": (min(ends) - wide, max(ends) + wide)})
     low, high = axis.get_ylim()
-    for line in axis.lines:
-        x, y = np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
-        far = np.flatnonzero(np.abs(np.diff(y)) > high - low)
-        if line.get_transform().contains_branch(axis.transData) and len(far):
-            line.set_data(np.insert(x, far + 1, np.nan), np.insert(y, far + 1, np.nan))
-
-
-def draw_band(axis: Any, x: Any, low: Any, high: Any, colour: str, alpha: float = 0.2) -> None:
-    """An interval along a curve, shaded."""
-    axis.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
+    for line in axis.lines if poles else ():
+        x, y = (np.asarray(each, dtype=float) for each in line.get_data())
+        far = np.flatnonzero(np.abs(np.diff(y)) > high - low) + 1
+        line.set_data(np.insert(x, far, np.nan), np.insert(y, far, np.nan))
 
 
 def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
-    """A row of the legend without data: a marker, a line, or, of a ``width``, a band."""
-    if "width" in style:
-        style = {"linewidth": style.pop("width"), "solid_capstyle": "butt"} | style
+    """A row of the legend without data: a marker or a line."""
     usual = {"color": "k", "label": label, "marker": marker, "linestyle": "none" if marker else "-"}
     axis.plot([], [], scalex=False, scaley=False, **usual | style)
 
@@ -204,60 +245,18 @@ def plain_label(text: str) -> str:
     return " ".join(printable(text).split()).replace("$", r"\$")
 
 
-def frame(axis: Any, values: Any, *bands: Any) -> bool:
-    """Limits that show all ``values``, and of bands what lies within one span of them; a logarithmic axis where a peak
-    of positive values would squash the rest. Whether bands go on beyond."""
-    before = getattr(axis, "torchliner_values", np.zeros(0))
-    shown = axis.torchliner_values = np.concatenate([before, _finite(values)])
-    reach = np.concatenate([shown, *map(_finite, bands)])
-    if not shown.size:
-        return False
-    low, high = shown.min(), shown.max()
-    if low > 0 and high > PEAK * np.median(shown):
-        axis.set_yscale("log")
-        plain_log_ticks(axis.yaxis)
-        axis.set_ylim(low / 1.3, high * 1.3)
-    else:
-        span = high - low or abs(high) or 1.0
-        ends = max(low - span, reach.min()), min(high + span, reach.max())
-        axis.set_ylim(ends[0] - 0.06 * span, ends[1] + 0.06 * span)
-    bottom, top = axis.get_ylim()
-    return bool(reach.min() < bottom or reach.max() > top)
-
-
-def _finite(values: Any) -> Any:
-    flat = np.ravel(np.asarray(values, dtype=float))
-    return flat[np.isfinite(flat)]
-
-
-def plain_log_ticks(side: Any) -> None:
-    """0.1, 0.2, 0.5, 1 ... on a logarithmic axis."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    side.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    side.set_minor_formatter(NullFormatter())
-
-
-def legend_below(figure: Figure, axis: Any, columns: int) -> None:
-    """The names in one panel, in so many columns at most, below all panels."""
-    handles, labels = axis.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    place_legend(figure, list(unique.values()), list(unique), columns)
-
-
-def place_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str], columns: int) -> None:
-    """Below all panels, in so many columns as the figure is wide for."""
-    names = [typeset_label(label) for label in labels]
-    for count in range(min(columns, len(names)), 0, -1):
-        legend = figure.legend(handles, names, loc="outside lower center", ncols=count)
-        size = legend.get_window_extent()
-        if count == 1 or size.width <= figure.bbox.width:
-            width, height = figure.get_size_inches()
-            more = size.height / figure.dpi - LEGEND_ROOM
-            figure.set_size_inches(width, height + max(0, more))
-            return
-        legend.remove()
+def legend_below(figure: Figure, axes: Any, columns: int = 4) -> None:
+    """The names in the axes, each once, below all panels, in as many columns as the figure is wide for."""
+    rows: dict[str, Any] = {}
+    for axis in np.ravel(axes):
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            rows.setdefault(typeset_label(label), handle)
+    if rows:
+        width, height = figure.get_size_inches()
+        fitting = int(width / (HANDLE + CHARACTER * max(map(len, rows))))
+        columns = max(1, min(columns, fitting, len(rows)))
+        figure.set_size_inches(width, height + ROW * (math.ceil(len(rows) / columns) - 1))
+        figure.legend(rows.values(), rows, loc="outside lower center", ncols=columns)
 
 
 def finish(
@@ -276,53 +275,11 @@ def finish(
     if given is not None:
         return given
     if legend:
-        legend_below(figure, figure.axes[0], legend)
-    for one in filter(None, (axis.get_legend() for axis in figure.axes)):
-        for text in one.get_texts():
-            text.set_text(typeset_label(text.get_text()))
+        legend_below(figure, figure.axes[:1], legend)
     figure.caption = typeset(" ".join((caption or "").split()))
-    if _style.get()[1] and figure.caption:
-        figure.suptitle(figure.caption.replace("$", r"\$"), wrap=True)
     if path is not None:
         suffix = Path(path).suffix.lower()
         facts = {DESCRIPTION[suffix]: figure.caption} if suffix in DESCRIPTION else None
         with written_whole(path, *PICTURES) as temporary:
             figure.savefig(temporary, format=suffix[1:], metadata=facts)
     return figure
-
-
-ONE_ROW = 99  # of a legend
-AVERAGINGS = {"admittance": "#0072B2", "velocity": "#D55E00", "phase-locked": "#009E73"}  # colours, everywhere
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000") * 99
-MARKERS = ("o", "s", "^", "D", "v", "P") * 99  # both recur
-LINES: tuple[Any, ...] = ("-", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1))) * 99  # of curves
-REFERENCES: tuple[dict[str, Any], ...] = (
-    {"color": "0.6", "linewidth": 2.4, "linestyle": "-", "zorder": 1},  # others stay visible on it
-    *({"color": "k", "linewidth": 0.9, "linestyle": each} for each in ("--", ":", "-.")),
-)
-
-RC: Any = {
-    "font.size": 8.0,
-    "font.family": "serif",
-    "font.serif": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix",
-    **dict.fromkeys(("axes.titlesize", "axes.labelsize", "figure.titlesize", "legend.fontsize"), 8.0),
-    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8.0),
-    "legend.frameon": False,
-    "legend.columnspacing": 1.4,
-    "legend.handletextpad": 0.6,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.top": True,
-    "ytick.right": True,
-    "lines.linewidth": 1.1,
-    "lines.markersize": 3.6,
-    "axes.linewidth": 0.6,
-    "axes.unicode_minus": True,
-    "figure.dpi": 120,
-    "savefig.dpi": 250,
-    "pdf.fonttype": 42,
-    "ps.fonttype": 42,
-    "svg.fonttype": "none",
-    "figure.constrained_layout.use": True,
-}

@@ -10,8 +10,8 @@ from typing import Any
 from torchliner.bursts.stations import Station, zero_shares
 from torchliner.report.answer import Answer, Picture
 from torchliner.report.bursts import draw_stations, intervals_of, moment_of
+from torchliner.report.studies import draw_levels
 from torchliner.report.table import if_known, table_of
-from torchliner.report.trends import draw_levels
 from torchliner.velocity.level_curve import LevelCurve
 
 COMPONENTS = {"v": "wall_normal", "u": "streamwise"}

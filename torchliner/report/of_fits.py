@@ -12,8 +12,8 @@ import torch
 from torchliner.names import AVERAGINGS, PHASES
 from torchliner.report.answer import Answer, Grid, Picture
 from torchliner.report.planes import draw_predictions
+from torchliner.report.studies import draw_identification
 from torchliner.report.table import Column, Table, format_complex, format_pair, if_known, table_of
-from torchliner.report.trends import draw_identification
 from torchliner.studies.fit import Fit
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.validation import DEFAULT, errors_by_rule

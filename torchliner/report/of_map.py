@@ -296,7 +296,7 @@ def _pictures(result: ImpedanceMap, index: int) -> list[Picture]:
         )
         curves = impedance_over_frequency(result)
         found.append(Picture("spectrum", caption, partial(draw_spectrum, [result]), lambda: curves.table))
-    if over_surface(result, index):
+    if over_surface(result):
         caption = f"Resistance and reactance over ρc at each probe, {at}; colours from the 1st to the 99th percentile."
         draw: Any = partial(draw_map, result, frequency_index=index)
         found.append(Picture("map", caption, draw, lambda: probes_table(result, index)))

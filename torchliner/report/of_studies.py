@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, plain_of
-from torchliner.report.bars import draw_audit, draw_contributions, draw_models
 from torchliner.report.curves import draw_comparison
+from torchliner.report.studies import draw_audit, draw_contributions, draw_heights, draw_models, draw_modulation
 from torchliner.report.table import bounds_of, format_complex, if_known, table_of
-from torchliner.report.trends import draw_heights, draw_modulation
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
 
