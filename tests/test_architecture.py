@@ -117,7 +117,7 @@ def test_every_outlet_leads_somewhere():
             ["matplotlib", "dask", "xarray", "sympy", "torch._dynamo"],
         ),
         (
-            "from torchliner.cli.main import build_parser; build_parser()",
+            "from torchliner.cli.main import overview; overview()",
             ["torch", "numpy", "h5py"],
         ),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import json
 import re
@@ -25,17 +24,6 @@ PAGE = Path(__file__).resolve().parent.parent / "CONTRIBUTING.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 FILES = {text.splitlines()[0][2:]: text for text in BLOCKS if text.startswith("# torchliner/")}
 ROWS = [text for text in BLOCKS if not text.startswith("# torchliner/")]
-COMMANDS = (
-    "kinds",
-    "options",
-    "velocity",
-    "studies",
-    "fits",
-    "pressure",
-    "models",
-    "bursts",
-    "files",
-)  # made of the rows
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +42,6 @@ def added(tmp_path_factory):
         spec.loader.exec_module(sys.modules[module])
     for row in ROWS:
         exec(compile(row, "CONTRIBUTING.md", "exec"), vars(names))
-    reload_commands()
     yield
     for name, value in tables.items():
         getattr(names, name).clear()
@@ -64,12 +51,6 @@ def added(tmp_path_factory):
     for place in FILES:
         if not (PAGE.parent / place).exists():
             del sys.modules[place.removesuffix(".py").replace("/", ".")]
-    reload_commands()
-
-
-def reload_commands() -> None:
-    for command in COMMANDS:
-        importlib.reload(importlib.import_module(f"torchliner.cli.{command}"))
 
 
 def test_each_addition_is_one_file_and_one_row():

@@ -178,10 +178,9 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
     [
         (["solve", "b2"], "unknown duct 'b2'"),
         (["solve", "b2a", "--bulk-mach", "1"], "bulk_mach = 1.0: input should be less than 1"),
-        (["solve", "b2a", "-o", "x.txt"], "--output x.txt ends in '.txt'"),
+        (["solve", "b2a", "-o", "x.txt"], "x.txt ends in '.txt'"),
         (["solve", "b2a", "--frequency", "-5"], "frequency.0 = -5.0: input should be greater than 0"),
         (["solve", "b2a", "--liner", "polito", "--impedance", "1"], "--impedance and --liner both state the wall"),
-        (["solve", "b2a", "--speed", "1"], "--speed is |v| at the liner that --liner names"),
         (["solve", "b2a", "--mesh", "0"], "mesh column (m) is 0"),
     ],
 )

@@ -23,7 +23,6 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat, wavfile
 from test_burst_files import write_burst_csv
-from test_cli import parsers
 from test_liner_files import table_rows
 from test_microphone_line import write_microphone_csv
 from test_stations import station
@@ -31,6 +30,8 @@ from test_two_wave_fit import both_ways
 from test_wall_pressure import line_of
 
 import torchliner as tl
+from torchliner.cli.parser import Parser
+from torchliner.cli.table import COMMANDS as TABLE
 from torchliner.duct.presets import duct_text
 
 pytestmark = pytest.mark.slow
@@ -99,13 +100,13 @@ def make(name: str, folder: Path) -> Case:
     kind = name.partition(" ")[2]
     if kind in ("educe", "info", "validate", "height"):
         plane_file(path)
-        words = [kind, *told, "--no-intervals"] if kind == "educe" else [kind, *told]
+        words = [kind, *told, "--interval", "none"] if kind == "educe" else [kind, *told]
         if kind == "validate":
             words, tail = [*words, "-o", str(folder / "rows.csv")], ["--json", "--quiet"]
     elif kind == "educe moments":
         plane, liner = tl.read_plane(plane_file(path, tone=5.0)), tl.load_liner("polito")
         tl.moments(plane, liner, phase="self-consistent").write(path)
-        words = ["educe", *told, "--no-intervals", "--phase", "self-consistent"]
+        words = ["educe", *told, "--interval", "none", "--phase", "self-consistent"]
     elif kind == "kt":
         line = line_of(both_ways("upstream")[0], "upstream", title="fuzz")
         line.write(path) if path.suffix == ".h5" else write_microphone_csv(line, path)
@@ -278,7 +279,7 @@ VALUES = (
     ".",
 )
 COMMANDS = {
-    "educe": ["plane.h5", "--no-intervals"],
+    "educe": ["plane.h5", "--interval", "none"],
     "info": ["plane.h5"],
     "validate": ["plane.h5"],
     "sensitivity": ["plane.h5"],
@@ -304,17 +305,17 @@ def test_mutated_options(tmp_path, monkeypatch, set_threads):
     write_burst_csv(station(0, seconds=0.2), Path("bursts.csv"))
     np.save("v.npy", np.random.default_rng(0).normal(size=(60, 4)))
     Path("record.h5").write_bytes((DATA / "pressure_n130.h5").read_bytes())
-    known, counts, faults = dict(parsers()), {}, []
+    counts, faults = {}, []
 
     def one(draw):
         name = draw.choice(list(COMMANDS))
         words = [*name.split(), *COMMANDS[name]]
         given_now = [
             a
-            for a in known[name]._actions
+            for a in Parser(name, TABLE[name])._actions
             if a.option_strings
             and a.metavar not in ("FILE", "PICTURE", "FOLDER")
-            and a.dest not in ("help", "help_all", "debug")  # which asks for a traceback
+            and a.dest not in ("help", "debug")  # which asks for a traceback
         ]
         said = []
         for action in draw.sample(given_now, draw.choice((1, 1, 2))):

@@ -40,10 +40,6 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
         ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
         ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")], "is an input"),
         ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
-        (
-            [str(DATA / "pressure_n130.h5"), "--interval", "0.9", "--no-intervals"],
-            "--no-intervals leaves out what --interval is of",
-        ),
     ],
 )
 def test_command_refuses(arguments, match, capsys):

@@ -39,7 +39,7 @@ def test_a_mat_file_of_images_gives_a_map(images, tmp_path, capsys):
     assert known.height == pytest.approx(1.0e-3)
     assert known.x.tolist() == pytest.approx(np.linspace(0, 0.018, 10).tolist())
     assert torch.equal(known.velocity, torch.from_numpy(velocity[2]))
-    words = ["educe", str(plane), "--liner", "onera", "-o", str(out), "--quiet", "--no-intervals"]
+    words = ["educe", str(plane), "--liner", "onera", "-o", str(out), "--quiet", "--interval", "none"]
     assert main(words) == 0
     by_hand = tl.VelocityPlane(velocity[2], sampling_rate=RATE, frequency=FREQUENCY, x=known.x)
     wanted = tl.educe(by_hand, tl.load_liner("onera"), interval=None)

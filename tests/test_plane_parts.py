@@ -346,7 +346,6 @@ def test_convert_takes_any_format(tmp_path, capsys):
         "2",
         "--region",
         "0.0005:0.0025",
-        "--compress",
         "--quiet",
     ]
     assert main(words) == 0

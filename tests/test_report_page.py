@@ -415,15 +415,12 @@ def folder(tmp_path_factory):
 
 
 def test_a_campaign(capsys, folder, tmp_path):
-    """All rows, links to the pages beside, what failed on top of the warnings."""
-    code, out, err = report(capsys, folder, "-o", tmp_path / "all.html", "--cases")
+    """All rows, what failed on top of the warnings."""
+    code, out, err = report(capsys, folder, "-o", tmp_path / "all.html")
     assert (code, err) == (DONE, "")
     assert "3 cases, 2 done and 1 failed" in out
     page = Page(tmp_path / "all.html")
     assert "<b>all</b>" in page.text["h1"]
-    links = {attrs["href"] for attrs in page.all("a") if attrs["href"].startswith("all_cases/")}
-    assert len(links) == 2
-    assert all((tmp_path / link).is_file() for link in links)
     found = tl.read_map(sorted((folder / "maps").iterdir())[0])
     rows = page.csv("answer-table")
     assert len(rows) == 5
@@ -444,7 +441,6 @@ def test_what_is_no_result_is_told_what_it_is(capsys, files, tmp_path):
     whole = (files / "map.h5").read_bytes()
     (tmp_path / "half.h5").write_bytes(whole[: len(whole) // 2])
     assert "half.h5 is truncated" in refused(capsys, tmp_path / "half.h5", *out)
-    assert "--cases is for the folder of a campaign" in refused(capsys, files / "map.h5", *out, "--cases")
     (tmp_path / "index.csv").write_text("a,b\n")
     assert "is no index of this version" in refused(capsys, tmp_path, *out)
     assert not (tmp_path / "page.html").exists()

@@ -16,7 +16,7 @@ from test_moments_file import same_bits
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, main
-from torchliner.cli.options import RESULT
+from torchliner.cli.shared import SHARED
 from torchliner.names import RESULT_WRITERS
 from torchliner.records import Gap, LevelCheck
 from torchliner.records.educed import Educed
@@ -220,7 +220,7 @@ def test_intervals_of_a_level_check_of_any_width_come_back(tmp_path):
 
 def test_every_ending_is_written_and_others_are_refused(tmp_path):
     for ending in (".h5", ".hdf5", ".nc", *RESULT_WRITERS):
-        assert ending in RESULT
+        assert ending in SHARED["map"][0].kind.endings
         made().write(tmp_path / f"m{ending.upper()}")
         assert (tmp_path / f"m{ending.upper()}").stat().st_size > 0
     with pytest.raises(ValueError, match=r"m.vtk ends in '.vtk'; .*\.csv, \.vtp, \.vtkhdf, .*\.txt$"):

@@ -93,45 +93,31 @@ class CampaignTable(Strict):
 
 @dataclass(frozen=True)
 class Case:
-    """One plane of a campaign.
+    """One plane of a campaign."""
 
-    Args:
-        path: absolute.
-        name: in files and tables; no other case has it.
-        shown: the path as seen from the campaign's file.
-        facts: of ``VelocityPlane``, stated in the place of the file's.
-        request: of ``PlaneRequest``.
-        liners: presets or paths; none: the one that the file names.
-        in_situ: pressure record of the same run.
-    """
+    path: Path  # absolute
+    name: str  # in files and tables; no other case has it
+    shown: str  # the path as seen from the campaign's file
+    facts: Mapping[str, Any]  # of ``VelocityPlane``, in the place of the file's
+    request: Mapping[str, Any]  # of ``PlaneRequest``
+    liners: tuple[str, ...]  # presets or paths; none: the one that the file names
+    in_situ: Path | None  # pressure record of the same run
 
-    path: Path
-    name: str
-    shown: str
-    facts: Mapping[str, Any]
-    request: Mapping[str, Any]
-    liners: tuple[str, ...]
-    in_situ: Path | None
+    def files(self) -> list[Path]:
+        """Of the plane: its own, and those that the request names."""
+        named = (Path(each) for key in NAMED for each in _file_names(self.request.get(key, "")))
+        return [self.path, *(each for each in named if each.is_file())]
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What ``read_campaign`` finds.
+    """What ``read_campaign`` finds."""
 
-    Args:
-        path: of the file.
-        output: folder for the results.
-        cases: the planes.
-        frequencies: Hz; none: the tone of each plane.
-        choices: sets of them, each with what varies between the sets.
-        title, figures: as stated.
-    """
-
-    path: Path
-    output: Path
+    path: Path  # of the file
+    output: Path  # folder for the results
     cases: tuple[Case, ...]
-    frequencies: tuple[float, ...]
-    choices: tuple[tuple[dict[str, Any], dict[str, Any]], ...]
+    frequencies: tuple[float, ...]  # Hz; none: the tone of each plane
+    choices: tuple[tuple[dict[str, Any], dict[str, Any]], ...]  # sets of them, each with what varies between the sets
     title: str
     figures: bool
 
@@ -159,10 +145,7 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
     folder = path.absolute().parent
     target = Path(output) if output else folder / (table.output or f"{path.stem}_results")
     if not output and not target.resolve().is_relative_to(folder.resolve()):
-        raise ValueError(
-            f"{path}: output = {table.output!r} leads out of {folder}; if that is meant, name it on the command line: "
-            f"--output {target}"
-        )
+        raise ValueError(f"{path}: output = {table.output!r} leads out of {folder}; if meant, give --output {target}")
     found: dict[Path, PlanesTable] = {}
     for each in table.planes:
         for match in (one for pattern in each.files for one in _matches(folder, pattern, path, target)):
@@ -182,28 +165,19 @@ def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]
 
     Raises:
         FileNotFoundError: none.
-        ValueError: all of them lie in the folder of the results.
     """
     found = [folder / pattern]
     if not found[0].exists():
-        matched = glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True)
-        found = [*map(Path, sorted(matched))]
-    if not found:
-        place = (folder / pattern).parent
-        there = f"{', '.join(sorted(os.listdir(place))[:4])} ..." if place.is_dir() else f"no folder {place}"
-        raise FileNotFoundError(f"{path}: planes.files = {pattern!r} matches nothing in {folder}; there is {there}")
-    planes = [each for each in found if not each.absolute().is_relative_to(output.absolute())]
-    if not planes:
-        raise ValueError(
-            f"{path}: planes.files = {pattern!r}: all that it matches, {found[0]} first, lies in the folder of the "
-            f"results, {output}; name another --output"
-        )
+        found = [*map(Path, sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True)))]
     kept: list[Path] = []
     covered: set[Path] = set()
-    for each in planes:
-        if each not in covered:
+    for each in found:
+        if each not in covered and not each.absolute().is_relative_to(output.absolute()):
             kept.append(each)
             covered |= set(series_of(each))
+    if not kept:
+        but = f" but results in {output}; name another --output" if found else ""
+        raise FileNotFoundError(f"{path}: planes.files = {pattern!r} matches nothing in {folder}{but}")
     return kept
 
 
@@ -230,8 +204,3 @@ def _case(path: Path, table: PlanesTable, name: str, liners: list[str], folder: 
 def _file_names(name: str) -> list[str]:
     """FILE of FILE or FILE:VARIABLE."""
     return [each for each in (name, name.rpartition(":")[0]) if each]
-
-
-def files_of(request: Mapping[str, Any]) -> list[Path]:
-    """Files that a request names."""
-    return [Path(each) for key in NAMED for each in _file_names(request.get(key, "")) if Path(each).is_file()]

@@ -24,18 +24,18 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
         wait: s, for the scheduler and, once there is work for it, for the first worker; default 30.
     Raises:
         ImportError: dask.distributed is not there.
-        ValueError: none of these; a wait without a cluster.
+        ValueError: none of these.
         OSError: no scheduler answers.
     """
     if where is None:
-        if wait is not None:
-            raise ValueError(f"wait is {wait:g} s, for workers, and there is no cluster; name one, or leave it out")
         yield None
         return
     kind, _, count = where.partition(":")
     local, by_file = kind == "local" and count.isdecimal() and 0 < int(count) <= 1024, where.endswith(".json")
     if not (local or by_file or kind in ("tcp", "tls")):
         raise ValueError(f"cluster is {where!r}; write local:4, tcp://host:8786, or the .json file of a scheduler")
+    if by_file and not Path(where).exists():
+        raise FileNotFoundError(f"{where}: no such file; the scheduler writes it when it starts")
     try:
         import dask
         import distributed
@@ -52,8 +52,6 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
             about = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
             own = distributed.LocalCluster(n_workers=int(count), silence_logs="ERROR", **about)
             address = {"address": stack.enter_context(own)}
-        if by_file and not Path(where).exists():
-            raise FileNotFoundError(f"{where}: no such file; the scheduler writes it when it starts")
         try:
             client = distributed.Client(**address, timeout=f"{wait}s")
         except (OSError, TimeoutError, ValueError, KeyError) as error:

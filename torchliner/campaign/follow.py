@@ -15,36 +15,25 @@ from torch import Tensor
 from torchliner.campaign.growing import GrowingMoments
 from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.moments import Moments
-from torchliner.file_checks import DAMAGE, Unwritten
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
-SETTLED = 5.0  # s without a change, after which nobody is in the middle of one
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What is known at a moment.
+    """What is known at a moment."""
 
-    Args:
-        samples, duration: of the whole blocks so far; s of the record.
-        frequency: Hz.
-        impedance: of the whole liner.
-        half_width: of its statistical interval, the wider of resistance and reactance; nan with too few blocks.
-        needed: duration at which that is as small as wished, s: it falls as 1/sqrt(duration).
-        remaining: s of waiting until then, at the rate at which samples have come; nan where unknown.
-    """
-
-    samples: int
-    duration: float
-    frequency: float
-    impedance: complex
-    half_width: float
-    needed: float
-    remaining: float
+    samples: int  # of the whole blocks so far
+    duration: float  # s of the record
+    frequency: float  # Hz
+    impedance: complex  # of the whole liner
+    half_width: float  # of its statistical interval, the wider of resistance and reactance; nan with too few blocks
+    needed: float  # duration at which that is as small as wished, s: it falls as 1/sqrt(duration)
+    remaining: float  # s of waiting until then, at the rate at which samples have come; nan where unknown
 
 
 class Frames:
@@ -57,7 +46,7 @@ class Frames:
 
     def __init__(self, path: Path, request: Mapping[str, Any] | None = None) -> None:
         self.path, self.request = path, dict(request or {})
-        self.error: Exception | None = None  # of the last file, which may be in the middle of a change
+        self.error: Exception | None = None  # of the last file, which somebody may still write
         self._seen: list[Any] = []  # names, sizes and times of change at the last look
         self._done = 0
         self._head: Tensor | None = None
@@ -71,8 +60,8 @@ class Frames:
         """What has come since, piece by piece, with all that is stated of the plane.
 
         Raises:
-            OSError, ValueError: a file cannot be read that others follow, or is no plane; files do not join; what was
-                read before has become shorter or other.
+            OSError, ValueError: a file cannot be read that others follow; files do not join; what was read before has
+                become shorter or other.
         Warns:
             DataWarning: samples stand in two files.
         """
@@ -98,7 +87,7 @@ class Frames:
             yield replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1), streamwise=None)
 
     def _whole(self, files: list[Path]) -> VelocityPlane | None:
-        """All that can be read; without the last file, which is tried again, while somebody still writes it."""
+        """All that can be read; without the last file, which is tried again, while that cannot be read by itself."""
         self.error = None
         try:
             return read_plane(files, lazy=True, **self.request)
@@ -107,20 +96,9 @@ class Frames:
             try:
                 read_plane(files[-1], lazy=True, **self.request)
             except (OSError, ValueError) as own:
-                if not (self._done or may_heal(files[-1], own)):
-                    raise
                 self.error = own
                 return before
             raise error
-
-
-def may_heal(path: Path, error: Exception) -> bool:
-    """Whether a file may be one that somebody still writes: it cannot be opened, lacks samples, ends too early, or has
-    just changed. What a check refuses stays so."""
-    if isinstance(error, OSError | Unwritten) or isinstance(error.__cause__, DAMAGE) or not path.is_file():
-        return True
-    status = path.stat()
-    return time.time() - max(status.st_mtime, status.st_ctime) < SETTLED
 
 
 def _natural(path: Path) -> list[Any]:
@@ -159,8 +137,8 @@ class Following:
         count = 0
         for piece in self.frames.new():
             if self.going is None:
-                pitch, choices = self.liner.cell_pitch, self.choices
-                self.going = GrowingMoments(piece, cell_pitch=pitch, frequency=self.frequency, **choices)
+                about = {"cell_pitch": self.liner.cell_pitch, "frequency": self.frequency} | self.choices
+                self.going = GrowingMoments(piece, **about)
             else:
                 self.going.update(piece.velocity)
             count += piece.samples
@@ -179,10 +157,8 @@ class Following:
         coming = (self._last[1] - first) / (self._last[0] - begun) if self._last[0] > begun else math.nan
         rows = []
         for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-            bounds, width = found.bounds_of_liner(found.averaging, i), math.nan
-            if bounds is not None:
-                low, high = bounds
-                width = max(high.real - low.real, high.imag - low.imag) / 2
+            low, high = found.bounds_of_liner(found.averaging, i) or (complex(math.nan), complex(math.nan))
+            width = max(high.real - low.real, high.imag - low.imag) / 2
             needed = samples / rate * (width / self.until) ** 2 if self.until else math.nan
             left = max(0.0, needed * rate - samples) / coming
             rows.append(Standing(samples, samples / rate, f, z, width, needed, left))

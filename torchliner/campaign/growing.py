@@ -72,8 +72,7 @@ class GrowingMoments:
     def update(self, samples: Any) -> None:
         """Add what comes next, v in m/s, (..., t), as the first samples."""
         v = torch.as_tensor(samples, dtype=self._about.velocity.dtype)
-        shape = self._about.probe_shape
-        if tuple(v.shape[:-1]) != shape:
+        if tuple(v.shape[:-1]) != (shape := self._about.probe_shape):
             raise ValueError(f"samples have shape {tuple(v.shape)}; they are of probes {shape}, time last")
         new = v.movedim(-1, 0).reshape(v.shape[-1], self._about.probes)
         wrong = ~torch.isfinite(new.sum(0))
@@ -82,17 +81,20 @@ class GrowingMoments:
                 f"{int(wrong.sum())} of {len(wrong)} probes hold nan or inf among the new samples, the first is probe "
                 f"{int(wrong.nonzero()[0])}; nothing of them was added: repair them"
             )
-        done = self.borders[-1]
-        rows = torch.cat([self._waiting, new])
+        done, rows = self.borders[-1], torch.cat([self._waiting, new])
         while True:
-            count = len(self.borders)  # of the borders that are to come, by that of their period
+            count = len(self.borders)
             ahead = (round((count + i) * self.each * self.period) for i in range(MOST + 1 - count))
             borders = [self.borders[-1], *(border for border in ahead if border <= done + len(rows))]
             if len(borders) == 1:
                 break
             self._add(rows, done, borders)
-            if len(self.borders) > MOST:
-                self._halve()
+            if len(self.borders) > MOST:  # neighbours become one block
+                for name, sums in self._rows.items():
+                    found, later = sums.unflatten(0, (-1, 2)).unbind(1)
+                    self._jobs[name].join(found, later)
+                    self._rows[name] = found.clone()
+                self.each, self.borders = 2 * self.each, self.borders[::2]
         self._waiting = rows[self.borders[-1] - done :].clone()
 
     def _add(self, rows: Tensor, first: int, borders: list[int]) -> None:
@@ -109,14 +111,6 @@ class GrowingMoments:
         for name, new in zip(self._jobs, found, strict=True):
             self._rows[name] = torch.cat([self._rows[name], new]) if name in self._rows else new
         self.borders += borders[1:]
-
-    def _halve(self) -> None:
-        """Neighbours become one block."""
-        for name, rows in self._rows.items():
-            found, later = rows.unflatten(0, (-1, 2)).unbind(1)
-            self._jobs[name].join(found, later)
-            self._rows[name] = found.clone()
-        self.each, self.borders = 2 * self.each, self.borders[::2]
 
     def _plane(self, samples: int) -> VelocityPlane:
         about = self._about

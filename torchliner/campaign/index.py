@@ -23,7 +23,7 @@ Row = Mapping[str, Any]
 
 
 def impedance(row: Row, end: str = "") -> complex | None:
-    """Z of a row, or the lower or upper ends of its interval (``_low``, ``_high``); None of one that failed."""
+    """Z of a row, or the lower or upper ends of its interval (``_low``, ``_high``); None where there is none."""
     found = complex(row[f"resistance{end}"], row[f"reactance{end}"])
     return None if math.isnan(found.real) else found
 
@@ -35,25 +35,23 @@ def interval(row: Row) -> tuple[complex, complex] | None:
 
 
 def full_row(**known: Any) -> dict[str, Any]:
-    """All columns, those not known as nan or an empty text; another one is a KeyError."""
-    usual = {name: math.nan if name in NUMBERS else "" for name in COLUMNS}
-    if strange := {*known} - {*usual}:
-        raise KeyError(f"{strange} are no columns of an index")
-    return usual | known
+    """All columns, those not known as nan or an empty text."""
+    return {name: known.get(name, math.nan if name in NUMBERS else "") for name in COLUMNS}
 
 
-def index_text(rows: Sequence[Row]) -> str:
-    """For the terminal."""
+def index_table(rows: Sequence[Row], *more: Column) -> Table:
+    """The chief columns, and more of them."""
     columns = [
-        Column("", "unit", "unit"),
-        Column("", "frequency", "f Hz", ".1f"),
+        Column("", "unit", "case"),
+        Column("", "height", "y (mm)", ".2f", 1e3),
+        Column("", "frequency", "f (Hz)", ".1f"),
         Column("", impedance, "Z", format_complex),
         Column("", interval, "interval", format_bounds),
         Column("", "level_check", "level check"),
-        Column("", "notes", "notes", ".0f"),
+        Column("", "notes", "warnings", ".0f"),
         Column("", lambda row: row["error"] or row["status"], "status"),
     ]
-    return Table(rows, columns).as_text()
+    return Table(rows, [*columns, *more])
 
 
 def write_index(rows: Sequence[Row], folder: Path, title: str, version: str) -> None:
@@ -64,35 +62,22 @@ def write_index(rows: Sequence[Row], folder: Path, title: str, version: str) -> 
 
 
 def read_index(folder: Path) -> list[dict[str, Any]]:
-    """Rows of ``index.csv`` in a folder.
+    """Rows of ``index.csv`` in a folder; none where there is none.
 
     Raises:
-        ValueError: the folder has no index; that of another version; a damaged one.
+        ValueError: that of another version of this package, or a damaged one.
     """
     path = folder / "index.csv"
     if not path.exists():
-        raise ValueError(f"{folder} holds no index.csv; it is the folder of no campaign (torchliner run writes one)")
-    require_readable_index(folder)
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file, strict=True))
-        return [{name: float(row[name] or "nan") if name in NUMBERS else row[name] for name in COLUMNS} for row in rows]
-    except (ValueError, TypeError, csv.Error) as error:
-        raise ValueError(f"{path} is damaged: {error}; run the campaign again") from error
-
-
-def require_readable_index(folder: Path) -> None:
-    """Refuse a folder whose index is that of another version of this package, or none.
-
-    Raises:
-        ValueError: it is.
-    """
-    path = folder / "index.csv"
-    if path.exists():
-        with path.open(newline="", encoding="utf-8", errors="replace") as file:
-            names = next(csv.reader(file), [])
-        if names != [*COLUMNS]:
+        return []
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+        reader = csv.DictReader(file)
+        if reader.fieldnames != [*COLUMNS]:
             raise ValueError(
-                f"{path} is no index of this version: its columns are {', '.join(names)[:200]}; name another --output, "
-                "or take the torchliner that wrote it"
+                f"{path} is no index of this version: its columns are {', '.join(reader.fieldnames or ())[:200]}; name "
+                "another --output, or take the torchliner that wrote it"
             )
+        try:
+            return [{k: float(row[k] or "nan") if k in NUMBERS else row[k] for k in COLUMNS} for row in reader]
+        except (ValueError, TypeError, csv.Error) as error:
+            raise ValueError(f"{path} is damaged: {error}; run the campaign again") from error

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.campaign.campaign_file import Campaign
-from torchliner.campaign.index import DONE, FAILED, full_row, require_readable_index, write_index
+from torchliner.campaign.index import DONE, FAILED, full_row, read_index, write_index
 from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.whole_file import locked, printable, writable_folder, written_whole
 from torchliner.pressure.dean import with_in_situ
-from torchliner.records import ImpedanceMap
 from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x
 from torchliner.report.pictures import draw_pictures
@@ -34,17 +33,11 @@ Rows = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done.
+    """What is to be done."""
 
-    Args:
-        units: all that could be made out.
-        failed: rows of planes that could not be opened.
-        current: units whose results stand.
-    """
-
-    units: tuple[Unit, ...]
-    failed: tuple[dict[str, Any], ...]
-    current: frozenset[str]
+    units: tuple[Unit, ...]  # all that could be made out
+    failed: tuple[dict[str, Any], ...]  # rows of planes that could not be opened
+    current: frozenset[str]  # units whose results stand
 
     def state(self, unit: Unit) -> str:
         """In words."""
@@ -68,7 +61,7 @@ def plan(campaign: Campaign) -> Plan:
     for folder in (output / name for name in FOLDERS):
         if not folder.resolve().is_relative_to(output.resolve()):
             raise ValueError(f"{folder} leads out of {output}, to {folder.resolve()}; remove the link")
-    require_readable_index(output)
+    read_index(output)
     units: dict[str, Unit] = {}
     failed: Rows = []
     for case in campaign.cases:
@@ -104,9 +97,10 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
         found = plan(campaign)
         rows: Rows = []
         pool = ThreadPoolExecutor(min(MOST_PLANES, sum(client.nthreads().values()) or 1) if client else 1)
-        under_way: dict[Path, Future[None]] = {}
-        if client is not None:
-            under_way = {path: pool.submit(_reduce, unit, progress, client) for path, unit in found.to_read.items()}
+        ahead = found.to_read if client is not None else {}
+        under_way: dict[Path, Future[None]] = {
+            path: pool.submit(_reduce, unit, progress, client) for path, unit in ahead.items()
+        }
         try:
             for unit in found.units:
                 try:
@@ -158,8 +152,7 @@ def _educed(unit: Unit) -> Rows:
     start = time.perf_counter()
     output, case, known = unit.campaign.output, unit.case, unit.known()
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
-    frequency = list(unit.campaign.frequencies) or None
-    found: ImpedanceMap = educe(known, unit.model, frequency, pressure=pressure, **unit.choices)
+    found = educe(known, unit.model, [*unit.campaign.frequencies] or None, pressure=pressure, **unit.choices)
     if pressure is not None:
         (found,) = with_in_situ([found], [known.plane], pressure)
     what = "moments" if case.path == unit.moments else "velocity"
@@ -168,34 +161,28 @@ def _educed(unit: Unit) -> Rows:
     for folder in ("maps", "lines", "units"):
         (output / folder).mkdir(exist_ok=True)
     found.write(_result(unit, "maps", ".h5"))
-    for i, f in enumerate(found.frequency.tolist()):
-        impedance_along_x(found, i).write_csv(_result(unit, "lines", f"_{f:.10g}Hz.csv"))
-    if unit.campaign.figures:
-        draw_pictures([found], [known.plane], output / "figures" / unit.name)
-    rows = _map_rows(unit, found, time.perf_counter() - start)
-    with written_whole(_result(unit, "units", ".json")) as temporary:
-        temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")
-    return rows
-
-
-def _map_rows(unit: Unit, found: ImpedanceMap, seconds: float) -> Rows:
-    """A row a frequency."""
     about = {"height": found.height, "source_side": found.source_side, "averaging": found.averaging}
-    about |= {"notes": len(found.notes), "status": DONE, "seconds": round(seconds, 3)}
+    about |= {"notes": len(found.notes), "status": DONE}
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
+        impedance_along_x(found, i).write_csv(_result(unit, "lines", f"_{f:.10g}Hz.csv"))
         values = {"": z} | dict(zip(("_low", "_high"), found.bounds_of_liner(found.averaging, i) or (), strict=False))
         parts = {f"resistance{end}": value.real for end, value in values.items()}
         parts |= {f"reactance{end}": value.imag for end, value in values.items()}
         check = "" if found.level_check is None else found.level_check.words(found.averaging, i).removesuffix("-")
         rows.append(_row(unit, frequency=f, level_check=check, **parts, **about))
+    if unit.campaign.figures:
+        draw_pictures([found], [known.plane], output / "figures" / unit.name)
+    rows = [row | {"seconds": round(time.perf_counter() - start, 3)} for row in rows]
+    with written_whole(_result(unit, "units", ".json")) as temporary:
+        temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return rows
 
 
 def _row(unit: Unit, **known: Any) -> dict[str, Any]:
     about = {"unit": unit.name, "file": unit.case.shown, "liner": Path(unit.liner).stem, "hash": unit.hash}
-    choices = json.dumps(unit.choices, sort_keys=True)
-    return full_row(choices=choices, **about, **{key: v for key, v in known.items() if v is not None})
+    about["choices"] = json.dumps(unit.choices, sort_keys=True)
+    return full_row(**about, **{key: value for key, value in known.items() if value is not None})
 
 
 def _words(error: Exception) -> str:

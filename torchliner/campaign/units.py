@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torchliner.campaign.campaign_file import Campaign, Case, files_of
+from torchliner.campaign.campaign_file import Campaign, Case
 from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
@@ -27,32 +27,19 @@ REDUCED = (*SETTINGS, "device", "dtype")
 
 @dataclass(frozen=True)
 class Unit:
-    """What is educed by itself.
+    """What is educed by itself."""
 
-    Args:
-        name: of its files.
-        case, campaign: that it is of.
-        liner: preset or path.
-        model: it.
-        choices: of ``educe``.
-        hash: of everything that its results depend on.
-        request: arguments of ``torchliner.moments`` for those that it is educed from, which other units may share;
-            None where moments are what the case names.
-        moments: their file.
-        samples, bytes: of the plane's velocity.
-    """
-
-    name: str
+    name: str  # of its files
     case: Case
     campaign: Campaign
-    liner: str
+    liner: str  # preset or path
     model: LinerModel
-    choices: Mapping[str, Any]
-    hash: str
-    request: Mapping[str, Any] | None
-    moments: Path
-    samples: int
-    bytes: int
+    choices: Mapping[str, Any]  # of ``educe``
+    hash: str  # of everything that its results depend on
+    request: Mapping[str, Any] | None  # of ``torchliner.moments``; None where moments are what the case names
+    moments: Path  # their file, which other units may share
+    samples: int  # of the plane
+    bytes: int  # of its velocity
 
     def plane(self) -> VelocityPlane:
         """Its velocity still in the file, with its tone alone stated: moments outlive a change of other facts."""
@@ -76,13 +63,10 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
     plane = _moments_of(case, case.path).plane if reduced else _plane_of(case)
     if not case.liners and plane.liner not in preset_names():
         fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
-        raise ValueError(
-            f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}, or a .toml or "
-            ".csv file"
-        )
-    data = [input_file("", path)["hash"] for path in (case.path, *files_of(case.request))]
+        raise ValueError(f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}")
+    data = [input_file("", path)["hash"] for path in case.files()]
     beside = None if case.in_situ is None else input_file("", case.in_situ)["hash"]
-    facts, asked = sorted(case.facts.items()), campaign.frequencies
+    asked = campaign.frequencies
     locked = any(Choices(**one).averaging == "phase-locked" for one, _ in campaign.choices)
     found = []
     for liner in case.liners or (plane.liner,):
@@ -93,6 +77,7 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
             plain = request and sorted((name, value) for name, value in request.items() if name != "liner")
             of_liner = content if request and request["liner"] else ""
             sums = (data, sorted(case.request.items()), plane.frequency, plain, of_liner, __version__)
+            facts = (sorted(case.facts.items()), sorted(choices.items()))
             words = [case.name, Path(liner).stem, *(f"{k}={v}" for k, v in varied.items())]
             unit = Unit(
                 name="__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words),
@@ -101,7 +86,7 @@ def units_of(case: Case, campaign: Campaign) -> list[Unit]:
                 liner=liner,
                 model=model,
                 choices=choices,
-                hash=_digest(sums, facts, content, asked, sorted(choices.items()), beside, campaign.figures),
+                hash=_digest(sums, facts, content, asked, beside, campaign.figures),
                 request=request,
                 moments=case.path if reduced else campaign.output / "moments" / f"{case.name}-{_digest(*sums)}.h5",
                 samples=plane.samples,
@@ -126,10 +111,9 @@ def _moments_of(case: Case, path: Path) -> Moments:
     known = read_moments(path)
     tone, made = case.facts.get("frequency"), known.plane.frequency
     if tone is not None and tone != made:
-        at = "no tone" if made is None else f"{made:g} Hz"
         raise ValueError(
-            f"{case.shown} holds moments that were reduced with {at}, and frequency = {tone:g} is stated: leave it "
-            "out, or name the plane that was reduced"
+            f"{case.shown} holds moments that were reduced with {made or 0:g} Hz, and frequency = {tone:g} is stated: "
+            "leave it out, or name the plane that was reduced"
         )
     return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
 

@@ -6,16 +6,17 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torchliner as tl
 from torchliner.cli.options import spelled
+from torchliner.engine.moments import Moments
+from torchliner.io.moments_file import holds_moments
+from torchliner.io.whole_file import written_whole
+from torchliner.records import VelocityPlane
+from torchliner.records.velocity_plane import restated
 
-if TYPE_CHECKING:
-    from torchliner.engine.moments import Moments
-    from torchliner.records import VelocityPlane
-
-    Record = VelocityPlane | Moments
+Record = VelocityPlane | Moments
 
 
 def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: bool = True) -> list[VelocityPlane]:
@@ -24,38 +25,50 @@ def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: boo
 
 
 def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Record]:
-    """Planes, or the moments that planes were reduced to; by paths that workers in other folders can open.
+    """Planes, or the moments that planes were reduced to; those of ``background`` too.
 
     Raises:
         ValueError: a part of moments is asked for.
     """
-    from torchliner.io.moments_file import holds_moments
-
-    said = dict(options.reading)
-    facts = {"holes": tl.read_holes(said.pop("holes"))} if "holes" in said else {}
+    stated = set(options.reading) - {"holes"}
+    holes = {"holes": tl.read_holes(options.reading["holes"])} if "holes" in options.reading else {}
     found: list[Record] = []
     for path in paths if getattr(options, "cluster", None) is None else [path.absolute() for path in paths]:
         if not holds_moments(path):
             found += read_planes([path], options)
-        elif said:
-            raise ValueError(f"{path} holds moments, of which there is no part: leave out {spelled(said)}")
+        elif stated:
+            raise ValueError(f"{path} holds moments, of which there is no part: leave out {spelled(sorted(stated))}")
         else:
-            found.append(with_facts(tl.read_moments(path), facts))
+            found.append(with_facts(tl.read_moments(path), holes))
+    if "background" in options.chosen:
+        options.chosen["background"] = background_of(options.chosen["background"])
     return found
+
+
+def background_of(words: Sequence[str]) -> Any:
+    """A number in m/s, or planes or moments without sound."""
+    try:
+        (word,) = words
+        return float(word)
+    except ValueError:
+        return [tl.read_moments(each) if holds_moments(each) else tl.read_plane(each, lazy=True) for each in words]
 
 
 def planes_of(records: Sequence[Record]) -> list[VelocityPlane]:
     """What is stated of the planes; those that were reduced have no velocity."""
-    found: list[Any] = [getattr(each, "plane", each) for each in list[Any](records)]
-    return found
+    return [each.plane if isinstance(each, Moments) else each for each in records]
 
 
-def with_facts(record: Any, facts: dict[str, Any]) -> Any:
+def samples_of(records: Sequence[Record]) -> int:
+    """Of all planes, for a progress bar: each is read twice."""
+    return 2 * sum(plane.samples for plane in planes_of(records))
+
+
+def with_facts(record: Record, facts: dict[str, Any]) -> Record:
     """A plane, or moments of one, with other facts about the case."""
-    from torchliner.records.velocity_plane import restated
-
-    (plane,) = planes_of([record])
-    return restated(record, facts) if plane is record else replace(record, plane=restated(plane, facts))
+    if isinstance(record, Moments):
+        return replace(record, plane=restated(record.plane, facts))
+    return restated(record, facts)
 
 
 def liners_of(options: argparse.Namespace, records: Sequence[Record], paths: Sequence[Path]) -> list[Any]:
@@ -74,10 +87,7 @@ def only_liner(options: argparse.Namespace, records: Sequence[Record], paths: Se
     first, *others = liners_of(options, records, paths)
     if any(each is not first for each in others):
         named = ", ".join(sorted({plane.liner for plane in planes_of(records)}))
-        raise ValueError(
-            f"the planes name different liners, {named}; give those of one liner, or state with --liner which one all "
-            "of them have"
-        )
+        raise ValueError(f"the planes name different liners, {named}; state with --liner which one all of them have")
     return first
 
 
@@ -94,18 +104,13 @@ def preset_named(name: str, path: Path) -> str:
 
 
 def incident_signal(options: argparse.Namespace) -> Any:
-    """The signal of --incident and --incident-rate: a recording, or the text of a generated one."""
-    if options.incident is not None and Path(options.incident).suffix in (".wav", ".npy"):
-        return tl.read_signal(options.incident, options.incident_rate)
-    if options.incident_rate is not None:
-        raise ValueError("--incident-rate is the rate of an --incident file; name the file, or leave it out")
-    return options.incident
+    """The signal of --incident: a recording, or the text of a generated one; None if there is none."""
+    wave = options.incident
+    return tl.read_signal(wave) if wave is not None and Path(wave).suffix == ".wav" else wave
 
 
 def write_text(text: str, path: Path) -> None:
     """Write a whole TOML file, or leave the old one."""
-    from torchliner.io.whole_file import written_whole
-
     with written_whole(path, ".toml") as temporary:
         temporary.write_text(text, encoding="utf-8")
 

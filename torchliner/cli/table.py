@@ -1,0 +1,228 @@
+"""All commands: the function of each, the options that it shares with others, and its own."""
+
+from __future__ import annotations
+
+from torchliner import names
+from torchliner.cli.options import COMPLEX, COUNT, FILE, FOLDER, NAME, NUMBER, PICTURE, TEXT, Command, Kind, Of, Option
+from torchliner.cli.shared import SHARED, choices, fact, frequency, output
+from torchliner.io.whole_file import HDF5
+
+FREE = "parameter to fit and its bounds, SI, or usual ones; 'offset' is both parts. Without, for runs without flow: "
+FREE += "contraction coefficient, with two levels or more the offset, and the law of lost mass that predicts best"
+LAWS = "a model: 'curve', a free curve over |v|; or parameters of the liner's law, with commas between, each with its "
+LAWS += "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: curve"
+TOLERANCE = 'half-width with its unit, e.g. orifice_diameter="0.02 mm", porosity="2 %", temperature="1 K"; without, '
+TOLERANCE += "the change of Z for 1 % of each parameter"
+METHODS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METHODS.items())
+KT = "pressure.kumaresan_tufts:kumaresan_tufts"
+
+
+def row(home: str, shared: str = "", *own: Option | Of) -> Command:
+    """A command: module and function, names of shared options, further options."""
+    return Command(home, [*own, *(each for name in shared.split() for each in SHARED[name])])
+
+
+GROUPS = {
+    "educe an impedance from velocity above the liner": {
+        "educe": row(
+            "velocity:educe",
+            "planes liner tone map figures strict cluster seen educed",
+            Option("--in-situ", "pressure record, whose impedance is added to the results", FILE),
+            Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", FILE),
+        ),
+        "replay": row(
+            "velocity:replay",
+            "plane liner incident map figures strict",
+            frequency("the tone of the file, or the lines of --incident"),
+            output("write the reflected signals", *HDF5, flag="--reflected"),
+            Of("velocity.replay:replay", "averaging mean missing interval device dtype"),
+            Of("velocity.replay:replay", "kernel levels spacing interpolation velocity_max window segment"),
+        ),
+        "ldv info": row("bursts:info", "bursts rows figure filters seen case place below"),
+        "ldv convert": row("bursts:convert", "bursts plane-file seen case place below"),
+        "ldv educe": row(
+            "bursts:educe",
+            "bursts liner map figure strict filters seen case place",
+            frequency("the tone", "--educe-at"),
+            Option("--reference", "recording of loudspeaker or microphone, or a folder with one a station", FILE),
+            Option("--reference-rate", "of the recording, Hz; default: that of a .wav", NUMBER),
+            Option("--reference-start", "of it, s, on the clock of the arrivals; default 0", NUMBER, default=0.0),
+            Of(
+                "bursts.choices:StationChoices",
+                "method grid_rate band_limit correction segment overlap window flagged monte_carlo",
+                "from bursts to segments",
+                {"method": names.GRID_METHODS, "overlap": NUMBER, "window": names.STATION_WINDOWS},
+            ),
+            choices("phase drive running_window mean wall_filter minimum_coherence interval level_limit"),
+            choices("level_uncertainty level_matched device dtype"),
+            Of("bursts.line:educe_bursts", "reference_phase", "choices"),
+        ),
+        "audit": row(
+            "studies:audit", "planes liner one-tone rows figure base", Of("studies.audit:audit", "averaging", "choices")
+        ),
+        "height": row(
+            "studies:height",
+            "planes liner one-tone rows figures",
+            Option("--limits", "of modulation, averagings, change; default 0.1 0.1 0.1", NUMBER, 3),
+            Of("studies.heights:study_heights", "cell_pitch"),
+            choices("averaging phase drive mean missing allow_short wall_filter"),
+        ),
+        "compare": row(
+            "studies:compare",
+            "rows figure",
+            Option("first", "map of torchliner educe", FILE),
+            Option("second", "map of the same cells", FILE),
+            Of("studies.compare:compare", "averaging"),
+        ),
+        "compare-models": row(
+            "studies:compare_models",
+            "plane tone rows figure educed",
+            Option("--liner", "preset, .toml, .csv or .py file; twice or more", NAME, many=True, required=True),
+            Of("studies.compare_models:compare_models", "cell_pitch"),
+        ),
+        "validate": row("studies:validate", "planes liner rows"),
+    },
+    "measure an impedance from pressure": {
+        "insitu": row(
+            "pressure:insitu",
+            "tone figure",
+            Option("record", "pressure record", FILE),
+            output("write the rows as .csv, or points, cells and surface,", ".csv", *HDF5),
+            Option("--microphones", "two of the row, from 0; default: the best conditioned pair", COUNT, 2),
+            Of("pressure.dean:in_situ", "losses start window segment", kinds={"window": TEXT}),
+            choices("allow_short interval"),
+        ),
+        "kt": row(
+            "pressure:kt",
+            "figure",
+            Option("lines", "microphone lines: .csv, .h5 or .nc", FILE, "+"),
+            Option("--method", f"{METHODS}; default kt", names.WALL_METHODS, default="kt"),
+            frequency("those of the file"),
+            output("write the rows as .csv, or all of the result, for torchliner report,", ".csv", *HDF5),
+            Option("--segment", "of time signals, s; default: the whole record", NUMBER),
+            fact("--source-side", "side that the sound comes from", names.SOURCES),
+            fact("--mach", "bulk Mach number, 0 for no flow; of --method field the duct's"),
+            Option("--seed", "of the draws; default 0", COUNT, default=0, group="error bars"),
+            Of(KT, "draws level_error phase_error", "error bars"),
+            Of(KT, "rank order condition margin", "kt and fits of two waves"),
+            Of("pressure.two_waves:two_wave_fit", "weights", "kt and fits of two waves"),
+            Option("--duct", "preset or .toml file, of --method field", NAME, group="--method field", to="chosen"),
+            Of("pressure.fit_field:fit_field", "far_end start", "--method field"),
+        ),
+    },
+    "model a liner or a duct": {
+        "liner": row(
+            "models:liner",
+            "figure copy",
+            Option("liner", "preset, .toml, .csv or .py file (which is run); without: list the presets", NAME, "?"),
+            frequency("500 to 3000 Hz"),
+            Option("--speed", "|v|, m/s; default 0 1 3 5", NUMBER, "+", [0.0, 1.0, 3.0, 5.0]),
+        ),
+        "duct solve": row(
+            "models:solve",
+            "duct figure copy",
+            Option("duct", "preset or .toml file; without: list the presets", NAME, "?"),
+            output("write the microphones, for torchliner kt and report,", ".csv", *HDF5),
+            Option("--field", "draw |p| and |v| in the duct there, a picture a frequency", PICTURE),
+            Option(
+                "--mesh",
+                "largest cell, and that at walls, m; default: checked on a finer mesh, to 0.05 dB",
+                NUMBER,
+                "+",
+            ),
+            Option("--level", "of the incident wave, dB re 20 uPa rms; default: the duct's", NUMBER, to="chosen"),
+            Option("--source-side", "of the sound; default: the duct's", names.SOURCES, to="chosen"),
+            Option("--end-reflection", "of the far end; default: the duct's", COMPLEX, to="chosen"),
+        ),
+        "duct modes": row(
+            "models:modes",
+            "duct figure rows",
+            Option("duct", "preset or .toml file", NAME),
+            Option("--count", "modes in each direction; default 4", COUNT, default=4),
+        ),
+        "sensitivity": row(
+            "fits:sensitivity",
+            "plane liner tone rows figure fixed",
+            Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
+            Option("--tolerance", TOLERANCE, Kind("NAME=VALUE"), many=True),
+            Option("--parameters", "of the liner, e.g. porosity; default: all", TEXT, "+"),
+            Option("--limits", "half-widths are limits, or u; default rectangular", names.LIMITS, None, "rectangular"),
+        ),
+        "ir-tdibc": row(
+            "models:ir_tdibc",
+            "incident rows figure",
+            Option("liner", "preset, .toml, .csv or .py file", NAME),
+            Option("--level", "of the whole incident wave, dB re 20 uPa rms", NUMBER, "+", required=True),
+            frequency("none; with --incident its tones, or eight in its band"),
+            Of(
+                "velocity.ir_tdibc:ir_tdibc",
+                "kernel drive realisations sampling_rate duration velocity_max band after",
+                kinds={"kernel": names.STEP_KERNELS, "drive": names.STEP_DRIVES},
+            ),
+        ),
+        "calibrate": row(
+            "fits:calibrate",
+            "planes liner law figure fit fixed",
+            Option("--free", FREE, Kind("NAME[=LOW:HIGH]"), many=True),
+            Option("--averaging", "over cells; default velocity, without --free phase-locked", names.AVERAGINGS),
+            Of("studies.calibrate:calibrate", "draws seed"),
+        ),
+        "identify": row(
+            "fits:identify",
+            "planes liner tone law figure fit fixed",
+            Option("--free", LAWS, Kind("NAMES"), many=True),
+            Option("--pressure", "records for --reference in-situ or level-check, one a plane", FILE, "+"),
+            Of("studies.identify:identify", "averaging rest freedom"),
+        ),
+    },
+    "files": {
+        "demo": row("files:demo", "", Option("--folder", "write maps and, with matplotlib, pictures here", FOLDER)),
+        "info": row("files:info", "plane figure"),
+        "convert": row(
+            "files:convert",
+            "plane plane-file seen case below",
+            fact("--height", "above the liner, m"),
+            Option("--scale-length", "of lengths, and of times; default 1", NUMBER, default=1.0),
+            Option("--scale-velocity", "of velocities, and of rates; default 1", NUMBER, default=1.0),
+        ),
+        "reduce": row(
+            "files:reduce",
+            "plane plane-file tone",
+            Option("--liner", "model that the moments are for, and whose cells count; default: any liner", NAME),
+            Option("--cell-pitch", "m, without --liner; default: that of the file's preset", NUMBER),
+            choices("averaging phase drive running_window mean missing background allow_short device dtype"),
+        ),
+        "export": row(
+            "models:export",
+            "",
+            Option("map", "map of torchliner educe, of several frequencies", FILE),
+            Of("records.impedance_map:ImpedanceMap.time_domain", "poles band averaging"),
+            output("write poles and residues, or the coefficient lists of solvers as .txt,", ".json", ".txt"),
+        ),
+        "run": row(
+            "campaign:run",
+            "cluster",
+            Option("campaign", "TOML file of a campaign", FILE),
+            Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
+            Option("--dry-run", "say what would be done, and write nothing"),
+        ),
+        "follow": row(
+            "campaign:follow",
+            "liner tone stated",
+            Option("plane", "file that grows, or folder that files come into, in the order of names", FILE),
+            output("write the moments so far, however it ends,", *HDF5),
+            Option("--until", "half-width of the interval of Z, over rho c, that ends it; default: none", NUMBER),
+            Option("--every", "between two looks, s; default 5", NUMBER, default=5.0),
+            Option("--idle", "without new samples, after which it ends, s; default 600", NUMBER, default=600.0),
+            Of("velocity.replay:replay", "averaging"),
+            choices("phase interval dtype"),
+        ),
+        "report": row(
+            "campaign:report",
+            "",
+            Option("result", "file that another command wrote, or the folder of a campaign", FILE),
+            output("write the page", ".html", required=True),
+        ),
+    },
+}
+COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
