@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import subprocess
@@ -210,61 +209,6 @@ def test_a_terminated_command_leaves_its_moments(tmp_path, velocity):
     assert found.x.tolist() == pytest.approx([0, 2e-3, 4e-3, 6e-3])
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"x": 3e-3 * torch.arange(PROBES)}, "apart in x by up to"),
-        ({"sampling_rate": RATE / 2}, "files of one plane share their rate"),
-        ({"height": 2e-3}, "height is .* and 0.002"),
-        ({"incident_level": 150.0}, "incident_level is .* and 150.0"),
-        ({"start": 1400 / RATE}, "samples are missing between"),
-        ({"start": 0.0}, "share 800 samples but not their values"),
-    ],
-)
-def test_files_of_something_else_are_not_joined(tmp_path, velocity, change, words):
-    """Other probes, rate, height or level, a gap, the same samples again."""
-    piece(velocity, 0, 1000).write(tmp_path / "v1.h5")
-    frames = Frames(tmp_path)
-    assert sum(each.samples for each in frames.new()) == 1000
-    other = dataclasses.replace(piece(velocity, 1000, 1800), **change)
-    other.write(tmp_path / "v2.h5")
-    with pytest.raises(ValueError, match=words):
-        list(frames.new())
-
-
-def dated(plane, path, epoch=0.0):
-    """A plane in a file whose times count from so many s after a date."""
-    plane.write(path)
-    with h5py.File(path, "r+") as file:
-        file["time"][()] -= epoch
-        file["time"].attrs["units"] = f"seconds since 2024-01-01 00:00:{epoch:09.6f}"
-
-
-def test_files_are_joined_as_restarts_are(tmp_path, velocity):
-    """By dates and not numbers, within 0.1 of a sample; an overlap has one value."""
-    frames = Frames(tmp_path)
-    dated(piece(velocity, 0, 900), tmp_path / "v1.h5")
-    dated(piece(velocity, 900, 1700), tmp_path / "v2.h5", epoch=0.02)
-    assert sum(each.samples for each in frames.new()) == 1700
-    early, late = velocity.clone(), velocity.clone()
-    early[:, 800:900] += 1
-    late[:, 1650:1700] += 1
-    for plane, words in (
-        (dataclasses.replace(piece(velocity, 1700, 2000), start=1700.45 / RATE), "1700.45 samplin"),
-        (piece(velocity, 1742, 2000), "42 samples are missing between .*v2.h5.* and .*v3.h5"),
-        (piece(early, 800, 2000), "share 100 samples but not their values"),
-        (piece(late, 800, 2000), "share 800 samples but not their values"),
-        (piece(late, 1600, 2000), "share 100 samples but not their values"),
-    ):
-        dated(plane, tmp_path / "v3.h5", epoch=0.01)
-        with pytest.raises(ValueError, match=words):
-            list(frames.new())
-    dated(piece(velocity, 800, 2000), tmp_path / "v3.h5", epoch=0.01)
-    with pytest.warns(tl.DataWarning, match="samples of .*v3.h5.* count once"):
-        (last,) = frames.new()
-    assert torch.equal(last.velocity, velocity[:, 1700:2000])
-
-
 BEGUN = {
     "words": b"one\ntwo\nthree\n",
     "empty": b"",
@@ -290,18 +234,6 @@ def test_what_may_become_a_plane_is_waited_for(tmp_path, name):
     with pytest.raises((OSError, ValueError), match=r"plane.h5"):
         follow(Following(Frames(path), tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep)
     assert sleep.looks == 3
-
-
-def test_files_that_did_not_change_are_left_alone(tmp_path, velocity, monkeypatch):
-    """A look at a folder of thousands costs no opening of them."""
-    piece(velocity, 0, 1000).write(tmp_path / "v1.h5")
-    frames = Frames(tmp_path)
-    assert sum(each.samples for each in frames.new()) == 1000
-    with monkeypatch.context() as patch:
-        patch.setattr("torchliner.campaign.follow.read_plane", None)
-        assert [*frames.new()] == []
-    piece(velocity, 1000, 1800).write(tmp_path / "v2.h5")
-    assert sum(each.samples for each in frames.new()) == 800
 
 
 def test_what_is_there_twice_counts_once(tmp_path, velocity):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import stat
 import subprocess
@@ -11,7 +10,6 @@ import sys
 import time
 import warnings
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -299,33 +297,6 @@ def test_signals_end_a_command_quietly(folder, number):
         running.send_signal(number)
         _, err = running.communicate(timeout=60)
     assert (running.returncode, err.splitlines()[-1]) == (INTERRUPTED, "torchliner: interrupted")
-
-
-def test_info_tells_what_educe_refuses(capsys, folder):
-    """Too few periods; a Mach number of 0 is stated, and said once."""
-    plane = plane_of(turbulence((2, 119)), mach=0.0, incident_level=0.0, liner="polito")
-    plane.write("short.h5")
-    code, out, _ = run(capsys, "info", "short.h5")
-    assert (code, "3.97 periods of the tone, fewer than 4: educe refuses" in out) == (1, True)
-    assert len(re.findall(r"\bmach\b", out)) == 1
-    assert run(capsys, "educe", "short.h5")[0] == BAD_INPUT
-
-
-def test_arrays_in_groups_are_found(capsys, folder):
-    """By their path; where there is none, that is said."""
-    with h5py.File("groups.h5", "w") as file:
-        file["run/velocity"] = np.zeros((50, 4))
-        file["run/pressure"] = np.zeros((50, 4))
-    words = [*ARRAY.replace("v.npy", "groups.h5").split(), "-o", "p.h5"]
-    code, _, err = run(capsys, *words)
-    assert (code, "run/velocity (50x4); name it: --variable" in err) == (BAD_INPUT, True), err
-    assert run(capsys, *words, "--variable", "run/velocity")[0] == DONE
-
-
-def test_a_file_held_open_with_locks_can_be_read(folder):
-    """HDF5 wants equal locking flags within a process."""
-    with h5py.File("plane.h5", "r"):
-        assert tl.read_plane("plane.h5").samples > 0
 
 
 def test_damage_that_hides_attributes_is_no_absence(capsys, folder):

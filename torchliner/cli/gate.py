@@ -87,12 +87,7 @@ def _matching(name: str) -> list[str]:
 
 
 def require_input(path: Path) -> None:
-    """Refuse what is not there, and what is neither a file nor a folder.
-
-    Raises:
-        FileNotFoundError: the nearest name in its folder is told.
-        OSError: a device, a pipe, a link that leads to itself.
-    """
+    """Refuse what is not there, with the nearest name, and what is neither a file nor a folder."""
     try:
         path.stat()
     except FileNotFoundError:

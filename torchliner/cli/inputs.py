@@ -25,11 +25,7 @@ def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: boo
 
 
 def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Record]:
-    """Planes, or the moments that planes were reduced to; those of ``background`` too.
-
-    Raises:
-        ValueError: a part of moments is asked for.
-    """
+    """Planes, or the moments that planes were reduced to; those of ``background`` too."""
     stated = set(options.reading) - {"holes"}
     holes = {"holes": tl.read_holes(options.reading["holes"])} if "holes" in options.reading else {}
     found: list[Record] = []
@@ -79,11 +75,7 @@ def liners_of(options: argparse.Namespace, records: Sequence[Record], paths: Seq
 
 
 def only_liner(options: argparse.Namespace, records: Sequence[Record], paths: Sequence[Path]) -> Any:
-    """The one liner of all planes.
-
-    Raises:
-        ValueError: they name several.
-    """
+    """The one liner of all planes; ValueError where they name several."""
     first, *others = liners_of(options, records, paths)
     if any(each is not first for each in others):
         named = ", ".join(sorted({plane.liner for plane in planes_of(records)}))
@@ -92,11 +84,7 @@ def only_liner(options: argparse.Namespace, records: Sequence[Record], paths: Se
 
 
 def preset_named(name: str, path: Path) -> str:
-    """The preset a file names.
-
-    Raises:
-        ValueError: it names none.
-    """
+    """The preset a file names; ValueError where it names none."""
     if name not in tl.preset_names():
         fault = f"names {name!r}, which is no preset" if name else "names no liner"
         raise ValueError(f"{path} {fault}; choose a model with --liner ({', '.join(tl.preset_names())})")
@@ -109,14 +97,9 @@ def incident_signal(options: argparse.Namespace) -> Any:
     return tl.read_signal(wave) if wave is not None and Path(wave).suffix == ".wav" else wave
 
 
-def write_text(text: str, path: Path) -> None:
-    """Write a whole TOML file, or leave the old one."""
+def write_text(text: str, path: Path, *, anew: bool = False) -> None:
+    """Write a whole TOML file, or leave the old one; ``anew``: it may hold edits, and is not overwritten."""
+    if anew and path.exists():
+        raise ValueError(f"{path} exists; it is not overwritten")
     with written_whole(path, ".toml") as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def write_copy(text: str, path: Path) -> None:
-    """Write a preset's text to a new file: one that exists may hold edits."""
-    if path.exists():
-        raise ValueError(f"{path} exists; it is not overwritten")
-    write_text(text, path)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import sys
 
 try:
+    import io
     import signal
     import threading
     import traceback
     from argparse import Namespace
     from collections.abc import Sequence
-    from contextlib import nullcontext, redirect_stdout
 
     from torchliner.cli.gate import passed
     from torchliner.cli.parser import BAD_INPUT, Parser
-    from torchliner.cli.screen import Printable, error_text, warnings_on_stderr
+    from torchliner.cli.screen import error_text, warnings_on_stderr
     from torchliner.cli.table import COMMANDS, GROUPS
     from torchliner.io.whole_file import printable
     from torchliner.names import did_you_mean, resolve
@@ -40,18 +40,13 @@ def overview() -> str:
 
 
 def parsed(words: Sequence[str]) -> tuple[Parser, Namespace]:
-    """The parser of the command that the words begin with, and its options.
-
-    Raises:
-        SystemExit: help was asked for, or the words are wrong, which is printed.
-    """
+    """The parser of the command that the words begin with, and its options; ends the program if they are wrong."""
     name = next((name for n in (2, 1) if (name := " ".join(words[:n])) in COMMANDS), None)
     if name is None:
         first = words[0]
         tasks = [name for name in COMMANDS if name.startswith(f"{first} ")]
         near = f" ({', '.join(tasks)})" if tasks else did_you_mean(first, [*COMMANDS])
-        print(f"torchliner: unknown command {first!r}{near}", file=sys.stderr)
-        print("See torchliner --help", file=sys.stderr)
+        print(f"torchliner: unknown command {first!r}{near}\nSee torchliner --help", file=sys.stderr)
         raise SystemExit(BAD_INPUT)
     parser = Parser(name, COMMANDS[name])
     options = parser.parse([*words[len(name.split()) :]])
@@ -64,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if threading.current_thread() is threading.main_thread():  # SIGTERM leaves what Ctrl-C leaves
             signal.signal(signal.SIGTERM, signal.default_int_handler)
+        if isinstance(sys.stdout, io.TextIOWrapper):  # what cannot be encoded is written out
+            sys.stdout.reconfigure(errors="backslashreplace")
         words = list(sys.argv[1:] if arguments is None else arguments)
         if not words or words[0] in ("-h", "--help", "help", "--version"):
             print(f"torchliner {__version__}" if words[:1] == ["--version"] else overview(), flush=True)
@@ -80,18 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(parser: Parser, options: Namespace) -> int:
     """The command, between the gate and what is said of its errors."""
     inputs: list[str] = []
-    printed = nullcontext() if sys.stdout is None else redirect_stdout(Printable(sys.stdout))  # type: ignore[type-var]
     try:
-        with (
-            warnings_on_stderr(options, parser, inputs),
-            printed,
-            passed(options.command, parser.options, options) as named,
-        ):
+        with warnings_on_stderr(options, parser, inputs), passed(options.command, parser.options, options) as named:
             inputs += named
-            code = resolve(f"torchliner.cli.{COMMANDS[options.command].home}")(options) or DONE
-            if sys.stdout is not None:
-                sys.stdout.flush()  # here, where a broken pipe is no error
-            return int(code)
+            return int(resolve(f"torchliner.cli.{COMMANDS[options.command].home}")(options) or DONE)
     except BrokenPipeError:
         raise
     except Exception as error:

@@ -11,7 +11,7 @@ from typing import Any
 import torchliner as tl
 from torchliner import names
 from torchliner.checks import tell
-from torchliner.cli.inputs import incident_signal, write_copy
+from torchliner.cli.inputs import incident_signal, write_text
 from torchliner.cli.show import facts_text, progress_bar, show, told
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import DuctSetup, duct_names, duct_text
@@ -35,7 +35,7 @@ def liner(options: argparse.Namespace) -> None:
         show(options, told(f"presets: {', '.join(tl.preset_names())}", tl.preset_names()))
         return
     if options.copy is not None:
-        write_copy(preset_text(options.liner), options.copy)
+        write_text(preset_text(options.liner), options.copy, anew=True)
     model, speeds = tl.load_liner(options.liner), options.speed
     facts: dict[str, Any] = model.describe()
     with suppress(ValueError, AttributeError):
@@ -66,7 +66,7 @@ def solve(options: argparse.Namespace) -> None:
         show(options, told(f"presets: {', '.join(duct_names())}", duct_names()))
         return
     if options.copy is not None:
-        write_copy(duct_text(options.duct), options.copy)
+        write_text(duct_text(options.duct), options.copy, anew=True)
         return
     setup = _setup(options)
     about: dict[str, Any] = {"places": setup.places, "wall": setup.wall}

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import ast
 import cmath
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -50,9 +49,8 @@ def finite(text: str) -> complex:
 
 def number(text: str) -> float:
     """A finite one."""
-    if not math.isfinite(value := float(text)):
-        raise ValueError(text)
-    return value
+    finite(text)
+    return float(text)
 
 
 TEXT, NUMBER, COMPLEX, COUNT = Kind("TEXT"), Kind("X", number), Kind("R+XJ", finite), Kind("N", int)
@@ -115,7 +113,7 @@ class Of:
 
     def _option(self, name: str, annotation: str, default: Any, text: str) -> Option:
         if text.startswith(("as for", "as of", "one of")) or not text:
-            text = parameters(CHOICES)[name].text
+            text = parameters(CHOICES)[name][2]
         if default is not None and default is not False and not re.search(r"\bdefault\b", text):
             text += f"; default {default:g}" if isinstance(default, float) else f"; default {default}"
         # What it can be stands in ``names``, in the plural: phase, PHASES; weights, WEIGHTS.
@@ -129,9 +127,7 @@ class Of:
 class Command(NamedTuple):
     """A command."""
 
-    home: (
-        str  # module of this folder and function, which takes the parsed options and returns the exit code, None for 0
-    )
+    home: str  # module of this folder and function, which takes the parsed options and returns the exit code
     options: Sequence[Option | Of]
 
     @property
@@ -144,14 +140,6 @@ BY_TYPE: dict[str, tuple[Kind | None, Any]] = {"float": (NUMBER, None), "int": (
 BY_TYPE |= {"complex": (COMPLEX, None), "Sequence[float]": (NUMBER, "+"), "tuple[float, float]": (NUMBER, 2)}
 BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "holes": FILE, "points": FILE, "interval": LEVEL}
 BY_NAME["reference_phase"] = NUMBER
-
-
-class Parameter(NamedTuple):
-    """Of a function, or a field of a dataclass."""
-
-    annotation: str
-    default: Any
-    text: str
 
 
 @cache
@@ -170,8 +158,8 @@ def definition(home: str) -> Any:
 
 
 @cache
-def parameters(home: str) -> dict[str, Parameter]:
-    """Of a function, method or dataclass, by name."""
+def parameters(home: str) -> dict[str, tuple[str, Any, str]]:
+    """Annotation, default and text of each parameter of a function or method, or field of a dataclass."""
     node, body = definition(home), parsed(home.partition(":")[0]).body
     constants = {ast.unparse(n.targets[0]): n.value for n in body if isinstance(n, ast.Assign)}
     pairs: dict[str, tuple[Any, Any]] = {}
@@ -183,7 +171,7 @@ def parameters(home: str) -> dict[str, Parameter]:
         pairs = {a.arg: (a.annotation, v) for a, v in zip([*usual, *keywords], values, strict=True) if a.annotation}
     texts = _texts(ast.get_docstring(node) or "")
     return {
-        name: Parameter(ast.unparse(annotation), _value(default, constants), texts.get(name, ""))
+        name: (ast.unparse(annotation), _value(default, constants), texts.get(name, ""))
         for name, (annotation, default) in pairs.items()
     }
 

@@ -32,21 +32,6 @@ def error_text(error: Exception, inputs: Sequence[str]) -> str:
     )
 
 
-class Printable:
-    """A stream on which nothing moves the cursor or cannot be encoded."""
-
-    def __init__(self, stream: Any) -> None:
-        self.stream = stream
-
-    def write(self, text: str) -> int:
-        """With control characters written out."""
-        coding = self.stream.encoding or "utf-8"
-        return int(self.stream.write(printable(text).encode(coding, "backslashreplace").decode(coding)))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)
-
-
 @contextmanager
 def warnings_on_stderr(options: argparse.Namespace, parser: Parser, inputs: Sequence[str]) -> Iterator[None]:
     """Each warning once, on one line, what moves Z most first: three, all with --verbose, none with --quiet.

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from torchliner.io.whole_file import printable
 from torchliner.report.answer import Answer, answer_of
 from torchliner.report.table import parts_of, table_of
 
@@ -25,10 +26,8 @@ def show(
     """The rule of every command: write --output, draw --figure, print the answer as text or, with --json, its values.
 
     Args:
-        found: a result, or its ``Answer``.
-        write: takes the path of --output; default the rows as CSV.
-        draw: takes the path of --figure; default the pictures, one a frequency.
-        about: what ``answer_of`` wants to know besides.
+        found: a result, or its ``Answer``; ``about``: what ``answer_of`` wants to know besides.
+        write, draw: take the path; default the rows as CSV, and the pictures, one a frequency.
     """
     answer = found if isinstance(found, Answer) else answer_of(found, **about)
     if (path := getattr(options, "output", None)) is not None:
@@ -37,9 +36,9 @@ def show(
         (draw or answer.draw)(path)
     options.notes = answer.notes
     if options.json:
-        print(json.dumps(_plain(answer.plain), indent=2, allow_nan=False))
+        print(json.dumps(_plain(answer.plain), indent=2, allow_nan=False), flush=True)
     else:
-        print(answer.screen(options.verbose, warnings=False))
+        print(printable(answer.screen(options.verbose, warnings=False)), flush=True)
 
 
 def told(title: str, plain: Any, *lines: str) -> Answer:
