@@ -10,8 +10,8 @@ from torchliner.campaign.index import COLUMNS, DONE, impedance, index_table, int
 from torchliner.io.whole_file import writable
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture
-from torchliner.report.bars import draw_cases
 from torchliner.report.page import ENDING, shown, write_page
+from torchliner.report.studies import draw_cases
 from torchliner.report.table import Column
 
 MOST_DRAWN = 60  # cases

@@ -10,11 +10,11 @@ import torchliner as tl
 from torchliner.cli.inputs import only_liner, read_records, samples_of, write_text
 from torchliner.cli.show import progress_bar, show
 from torchliner.liners.catalogue import liner_text
+from torchliner.studies.calibrate import AVERAGING, calibrate_without_flow
 from torchliner.studies.fit import OUTSIDE, with_flow
 from torchliner.studies.laws import bounds_for
 from torchliner.studies.rows import Row
 from torchliner.studies.runs import LEVEL_CHECK
-from torchliner.studies.without_flow import AVERAGING, calibrate_without_flow
 
 CURVE = "curve"
 
@@ -61,8 +61,7 @@ def identify(options: argparse.Namespace) -> int:
     """
     known, predicted, liner = _planes(options)
     models = [text if text == CURVE else _bounds(text.split(","), with_flow(liner)) for text in options.free]
-    pressure = [tl.read_pressure(path) for path in options.pressure or ()] or None
-    about = {"models": models or [CURVE], "pressure": pressure, "noise": options.noise, "frequency": options.frequency}
+    about = {"models": models or [CURVE], "noise": options.noise, "frequency": options.frequency}
     found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
     fit = found.fit
     rows = _predicted(fit, predicted, liner, options, 0.0)

@@ -53,7 +53,7 @@ WORKERS = "that read the data: local:N, N processes here; tcp://HOST:PORT of a d
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
 BASE = "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
 BASE += "level_uncertainty level_matched allow_short device dtype"
-KNOWN = "name of an impedance in the files, 'in-situ' (Dean's method), 'level-check' (the stated level alone), or one "
+KNOWN = "name of an impedance in the files, 'level-check' (the stated level alone), or one "
 SHARED: dict[str, tuple[Option | Of, ...]] = {
     "plane": (Option("plane", f"file of a plane, {ANY}", FILE), *READING),
     "planes": (Option("planes", f"files of planes, {ANY}", FILE, "+"), *READING),

@@ -9,9 +9,9 @@ import torchliner as tl
 from torchliner.cli.inputs import liners_of, only_liner, read_planes, read_records, samples_of
 from torchliner.cli.show import progress_bar, show
 from torchliner.report.answer import answer_of
-from torchliner.report.curves import draw_difference
+from torchliner.report.curves import draw_comparison
 from torchliner.studies.heights import recommend_height, study_heights
-from torchliner.studies.validate import validation_table
+from torchliner.studies.validation import validation_table
 
 
 def audit(options: argparse.Namespace) -> None:
@@ -35,9 +35,8 @@ def height(options: argparse.Namespace) -> None:
 
 def compare(options: argparse.Namespace) -> None:
     """Difference of two maps, by cell and for the liner."""
-    maps = tl.read_map(options.first), tl.read_map(options.second)
-    found = tl.compare(*maps, **options.chosen)
-    show(options, found, draw=lambda path: draw_difference(maps, found.rows, path))
+    found = tl.compare(tl.read_map(options.first), tl.read_map(options.second), **options.chosen)
+    show(options, found, draw=lambda path: draw_comparison(found, path))
 
 
 def compare_models(options: argparse.Namespace) -> None:
