@@ -292,11 +292,6 @@ def test_a_pipe_behind_a_link_or_in_a_store_does_not_hang(tmp_path):
             other.copy("time", file)
             file["v"] = h5py.ExternalLink(target, "/v")
         refused(tmp_path / "b.h5", "pipe is a device or a pipe", OSError)
-    layout = h5py.VirtualLayout((9, 3), "f4")
-    layout[:] = h5py.VirtualSource("pipe", "v", (9, 3))
-    with h5py.File(tmp_path / "b.h5", "w") as file:
-        file.create_virtual_dataset("v", layout)
-    refused(tmp_path / "b.h5", "pipe", (OSError, ValueError), axes="time,x", velocity_units="m/s", sampling_rate=1e3)
     store, _ = made("zarr", tmp_path / "c")
     chunk = next(each for each in store.rglob("*/c/*") if each.is_file())
     chunk.unlink()
@@ -383,14 +378,13 @@ def test_what_solvers_wrote():
         assert tl.read_plane(STORED / path, **more, wall_normal_component=True).samples > 2
 
 
-@pytest.mark.parametrize("name", ["high_pressure_run", "suppressed", "fan_pressure_ratio", "pressure"])
-def test_names_of_files_that_speak_of_pressure(tmp_path, name):
-    np.save(tmp_path / f"{name}.npy", np.zeros((8, 3)))
+def test_names_of_files_that_speak_of_pressure(tmp_path):
     stated = {"axes": ["time", "x"], "velocity_units": "m/s", "sampling_rate": 1e3}
-    if name == "pressure":
-        refused(tmp_path / f"{name}.npy", "names no velocity", **stated)
-    else:
-        assert tl.read_plane(tmp_path / f"{name}.npy", **stated).samples == 8
+    for name in ("high_pressure_run", "fan_pressure_ratio", "pressure"):
+        np.save(tmp_path / f"{name}.npy", np.zeros((8, 3)))
+    refused(tmp_path / "pressure.npy", "names no velocity", **stated)
+    assert tl.read_plane([tmp_path / "high_pressure_run.npy"], **stated).samples == 8
+    assert tl.read_plane(tmp_path / "fan_pressure_ratio.npy", **stated).samples == 8
 
 
 @pytest.mark.parametrize(
@@ -417,6 +411,14 @@ def replaced(old, new, count=-1):
     return edit(lambda words: words.replace(old, new, count))
 
 
+def hdf5(change):
+    def changed(path):
+        with h5py.File(path, "r+") as file:
+            change(file["VTKHDF"])
+
+    return changed
+
+
 def restart(values, first, points=POINTS, time="3e-05"):
     return lambda path: probes(path.parent, values, points, first, time=time)
 
@@ -439,43 +441,37 @@ QUIRKS = [
         {},
         "line 1 looks like coordinates, but 11 of its 12 cells",
     ),
-    ("histories", replaced("# x, 0, 0.01", "# x, 0, 0.01x"), {}, "line 1 looks like coordinates, but 11 of"),
-    ("histories", replaced("\n0 ", "\n0x "), {}, "could not convert string '0x'"),
     ("histories", replaced("\n5e-05 ", "\n6.5e-05 "), {}, "not uniform|out of order"),
     ("histories", edit(lambda t: "".join(r for r in t.splitlines(True) if r[:5] != "5e-05")), {}, "lacks 1 frames"),
     ("histories", replaced("p3 [m/s]", "p3 [mm/s]"), {}, "columns are in m/s, mm/s; one unit"),
-    ("histories", replaced("time [s]", "time [fortnight]"), {}, "time has units 'fortnight'"),
     ("histories", replaced("# time [s]", "# time"), {}, r"no unit; write 'time \[s\]'"),
     ("histories", edit(lambda t: t.replace("# z", "# a").replace("# y", "# a")), {}, "states x of the points, not y"),
     ("histories", replaced("\n3e-05 ", "\n3e-05 1.5 "), {}, "changed from 13 to 14 at row 4; 13 numbers a row"),
     ("histories", replaced("# x, ", "# x, 7, "), {}, "13 of its 13 cells are numbers, and there are 12 col"),
-    ("histories", replaced("[m/s]", "[s]"), {}, "units 's'.*a velocity"),
     ("histories", None, {"length_units": None}, "states no unit of length.*--length-units"),
     ("histories", None, {"sampling_rate": 5e3}, "its times are at .* states 5000 Hz"),
     ("listed histories", None, {"normal": "x"}, "is the velocity along y, but normal is 'x'"),
     ("listed histories", replaced(";p11 [m/s]", ""), {}, "names 12 columns, .* first row holds 13 numbers"),
     ("listed histories", replaced("p3 [m/s]", "iter [m/s]"), {}, "'iter .*' is a counter or"),
-    ("listed histories", replaced("p3 [m/s]", "U:1"), {}, "'U:1' is a .*component of a vector"),
     ("listed histories", replaced("p3 [m/s]", "pressure_3 [m/s]"), {}, "'pressure' names no velocity"),
     ("probes", replaced("(0.02 0.001 0)", "(0.02 0.001)"), IN_U, "numbers no probes"),
     ("probes", edit(lambda t: t.rpartition(")   (")[0] + ")\n"), IN_U, "changed from 37 to 34 at row 9; 37 numbers"),
     ("probes", edit(lambda t: t.split("\n        ")[0] + "\n"), IN_U, "no row of numbers"),
-    ("probes", replaced("\n        4e-05", "\n        end"), IN_U, "could not convert string 'end'"),
     ("probes", None, {"normal": "up"}, "normal is 'up'; x, y or z"),
-    ("probes", None, {"normal": "x"}, r"9 of 12 stand above others, x = 0 to 0\.03 m"),
+    ("probes", None, {"normal": "x"}, r"9 of 12 points stand above others, x = 0 to 0\.03 m"),
     ("probes", None, {"variable": "T"}, "no 'T' in the folders of its times; there are: U"),
     ("probes", restart(OTHER, 3), {}, r"share 6 samples .* up to 0\.25 m/s.* 4e-05 s.*--overlap"),
-    ("probes", restart(VALUES, 11), {}, "2 samples are missing between"),
-    ("probes", restart(VALUES[:, :8], 9, POINTS[:8]), {}, r"probes have shapes \(3, 4\) and \(2, 4\)"),
+    ("probes", restart(VALUES, 11), {}, "2 samples of .* are missing between"),
     ("vtp", lambda p: save(fewer(), p.with_stem("plane_05")), {}, "plane_05.vtp has 8 values"),
     ("vtp", lambda p: p.with_stem("plane_05").write_text("<VTKFile>"), {}, "VTK cannot read all|nothing that VTK"),
-    ("vtp", None, {"variable": "T"}, "no variable 'T'.*it holds U"),
     ("vtp", None, {"normal": None, "length_units": None}, "no unit of length.*--length-units m"),
     ("vtp", lambda p: save(surface(VALUES[0]), p.with_name("one_0.vtp")), {"file": ".."}, "series one_, plane_; n"),
     ("pvd", lambda p: (p.parent / "p3.vtp").unlink(), {}, "p3.vtp' is invalid or does not exist"),
-    ("pvd", edit(lambda t: t[:-40]), {}, "all.pvd is nothing that VTK reads"),
     ("pvd", replaced("2e-05", "1e-05"), {}, "all.pvd has 2 blocks"),
     ("series", replaced("3e-05", "3.3e-05"), {}, "times is not uniform"),
+    ("vtkhdf", hdf5(lambda g: g.__delitem__("Steps")), {}, "no Steps: it is one frame"),
+    ("vtkhdf", hdf5(lambda g: g["Steps/PointDataOffsets/U"].__setitem__(8, 100)), {}, "VTK cannot read all of"),
+    ("vtkhdf", hdf5(lambda g: g["Steps/Values"].__setitem__(4, 7e-5)), {}, "out of order|not uniform"),
     ("foam vtp", lambda p: shutil.rmtree(p / "4e-05"), {}, "lacks 1 frames.*after sample 3"),
     (
         "foam vtp",
@@ -491,14 +487,10 @@ QUIRKS = [
     ),
     ("foam raw", lambda p: text(p / "4e-05/U_top.raw", "# U  POINT_DATA 12", "# x", "1 2 3 4 5 6"), {}, "1 rows; 12"),
     ("netcdf4", None, {"variable": "vv"}, r"has no variable 'vv' \(did you mean 'v'\?\)"),
-    ("netcdf4", None, {"row": 2}, "no axis of heights has a row 2"),
     ("npy", None, {"sampling_rate": None}, "give sampling_rate=..., in Hz"),
     ("npy", None, {"axes": "z,x"}, "2 axes are named: z,x"),
-    ("npy", None, {"axes": "time,u,x"}, "axes time, u, x; which runs along"),
     ("npy", None, {"axes": "time,y,x"}, "a plane has one height .*row=0 or so"),
     ("npy", None, {"x": [0, 1]}, "x has 2 values; .* need 4"),
-    ("npy", None, {"length_units": "mn"}, "units 'mn' .*one of m, mm"),
-    ("matlab5", None, {"variable": "u"}, "has no variable 'u'"),
 ]
 
 
@@ -750,24 +742,6 @@ def test_values_of_faces_stand_behind_those_of_other_cells(tmp_path):
     assert len(read_frame(tmp_path / "b.vtm", "b").points) == 12
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda g: g.__delitem__("Steps"), "no Steps: it is one frame"),
-        (lambda g: g["Steps/PointDataOffsets/U"].__setitem__(8, 100), "VTK cannot read all of"),
-        (lambda g: g.__delitem__("Points"), "VTK cannot read all of"),
-        (lambda g: g["Steps/Values"].__setitem__(4, 7e-5), "out of order|not uniform"),
-        (lambda g: g.move("PointData/U", "PointData/p"), "VTK cannot|holds p; name the velocity"),
-    ],
-)
-def test_faults_of_vtkhdf(tmp_path, change, message):
-    """Also frames that reach beyond their array, which HDF5 would fill with zeros."""
-    path, stated = made("vtkhdf", tmp_path)
-    with h5py.File(path, "r+") as file:
-        change(file["VTKHDF"])
-    refused(path, message, **stated)
-
-
 # PowerFLOW
 
 
@@ -809,18 +783,15 @@ def test_surfels_say_where_they_face_and_of_which_face_they_are(tmp_path):
         (lambda v: v.pop("lx_scales"), "KeyError: 'lx_scales'"),
         (lambda v: v.update(lx_scales=(np.zeros(5), ("scales",))), "lx_scales is .*above 0"),
         (lambda v: v["end_time"][0].__setitem__(3, 50), "frame 3 is a mean over 16 time steps"),
-        (lambda v: [v[n][0].__iadd__(10 * (np.arange(9) > 3)) for n in ("start_time", "end_time")], "lacks 1 frames"),
         (lambda v: v["face"][0].__setitem__(2, 7), "2 face_names; it is damaged"),
         (lambda v: v.update(variable_short_names=(texts(NAMES[:4]), ("s",))), "names 4 variables"),
-        (lambda v: v.update(variable_short_names=(texts("abcde"), ("s",))), "no variable 'y_velocity'"),
         (lambda v: v["vertex_refs"][0].__setitem__(0, 99), "there are 12"),
         (lambda v: v["first_vertex_refs"][0].__setitem__(2, 1), "does not increase"),
     ],
 )
-@pytest.mark.parametrize("classic", [True, False])
-def test_faults_of_powerflow(tmp_path, change, message, classic):
+def test_faults_of_powerflow(tmp_path, change, message):
     variables = {name: (each.copy(), dims) for name, (each, dims) in measurement(VALUES[:, :6]).items()}
     change(variables)
-    path = store(tmp_path / "a.fnc", variables, classic)
+    path = store(tmp_path / "a.fnc", variables)
     assert format_of(path).name == "PowerFLOW"
     refused(path, rf"a.fnc.*({message})", **UP)

@@ -141,17 +141,8 @@ def test_layouts_of_others_are_read_as_they_are(tmp_path, velocity, wanted, dims
 
 
 def test_units_are_converted(tmp_path):
-    path = raw_file(
-        tmp_path / "a.h5",
-        1e3 * WAVE,
-        1e3 * TIMES,
-        (),
-        "mm/s",
-        "ms",
-        x=(np.arange(6.0), "mm"),
-        frequency=([1.4], "kHz"),
-    )
-    found = tl.read_plane(path)
+    more = {"x": (np.arange(6.0), "mm"), "frequency": ([1.4], "kHz")}
+    found = tl.read_plane(raw_file(tmp_path / "a.h5", 1e3 * WAVE, 1e3 * TIMES, (), "mm/s", "ms", **more))
     assert np.allclose(found.velocity, WAVE.T, rtol=1e-14)
     assert found.sampling_rate == pytest.approx(RATE)
     assert found.x.tolist() == pytest.approx([0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
@@ -159,9 +150,7 @@ def test_units_are_converted(tmp_path):
 
 
 def shifted(intervals):
-    time = TIMES.copy()
-    time[10] += intervals / RATE
-    return time
+    return np.where(np.arange(20) == 10, TIMES + intervals / RATE, TIMES)
 
 
 def test_small_jitter_of_time_is_accepted(tmp_path):
@@ -173,26 +162,22 @@ V, T = "a.h5:/wall_normal_velocity", "a.h5:/time"
 BAD = {
     "no velocity": ({"velocity": None}, r"a.h5 holds no velocity above a wall.*it holds: time"),
     "no time": ({"time": None}, rf"{V} has shape .* one axis is time: name all .*and give sampling_ra"),
-    "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\); \(time, z, x\) or"),
-    "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\), but there are 20 times; time is its"),
-    "short": ({"velocity": SQUARE[:19], "dims": ("time", "p")}, r"\(19, 20\) with time on axis 0"),
+    "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\).*; \(time, z, x\) or"),
+    "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\).* but there are 20 times; .*time first or last"),
+    "short": ({"velocity": SQUARE[:19], "dims": ("time", "p")}, r"\(19, 20\) .* but there are 20 times"),
     "square": ({"velocity": SQUARE}, r"\(20, 20\): first and last axis both fit the 20 .* Attach"),
     "integers": ({"velocity": WAVE.astype(np.int16)}, f"{V} is int16; floating-point m/s"),
     "complex": ({"velocity": WAVE + 0j}, f"{V} is complex128; floating-point m/s"),
     "no units": ({"units": None}, f"{V} has no units attribute; set it to one of m/s, "),
-    "mistyped units": ({"units": "M/s"}, rf"{V} has units 'M/s' \(did you mean 'm/s'\?\)"),
     "wrong units": ({"units": "Pa"}, f"{V} has units 'Pa'.*a velocity is needed in one of m/s"),
     "no time units": ({"time_units": None}, f"{T} has no units attribute; set it to one of s, ms"),
-    "time units": ({"time_units": "m"}, f"{T} has units 'm'.*a time is needed in one of s, ms"),
     "uneven": ({"time": shifted(0.3)}, f"{T} is not uniform.* 0.3 sampling .*limit 0.01.*resample"),
     "lost frames": (
         {"time": np.r_[TIMES[:9], TIMES[9:] + 2 / RATE]},
         "lacks 2 frames, the fir",
     ),
     "two runs": ({"time": np.r_[TIMES[:9], TIMES[3:14]]}, r"out of order: sample 9 is at 6e-05 s"),
-    "backward": ({"time": TIMES[::-1]}, f"{T} is out of order: sample . is at .* s, the one before it"),
     "one time": ({"time": np.zeros(1)}, rf"{T} has shape \(1,\); a list of at least two times"),
-    "text time": ({"time": [b"0"] * 20}, f"{T} is |S1; numbers are needed"),
     "nan time": ({"time": shifted(np.nan)}, f"{T} holds 1 values not finite"),
     "x": ({"x": (np.zeros(5), "m")}, "a.h5:/x has 5 values; the probes need 6"),
     "x units": ({"x": (np.zeros(6), None)}, "a.h5:/x has no units attribute"),
@@ -212,18 +197,11 @@ def test_bad_file_is_refused_with_its_place(tmp_path, kind):
         tl.read_plane(path)
 
 
-@pytest.mark.parametrize(
-    ("attribute", "value", "message"),
-    [
-        ("provenance", "by hand", "a.h5: attribute 'provenance' is not JSON.*repair or remove it"),
-        ("source_side", "left", f"{V}: source_side 'left'; choose one of: upstream, downstream"),
-    ],
-)
-def test_bad_attribute_is_refused(tmp_path, attribute, value, message):
+def test_bad_attribute_is_refused(tmp_path):
     path = raw_file(tmp_path / "a.h5", WAVE)
     with h5py.File(path, "a") as file:
-        file.attrs[attribute] = value
-    with pytest.raises(ValueError, match=message):
+        file.attrs["source_side"] = "left"
+    with pytest.raises(ValueError, match=f"{V}: source_side 'left'; choose one of: upstream, downstream"):
         tl.read_plane(path)
 
 

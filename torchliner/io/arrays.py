@@ -5,16 +5,15 @@ MATLAB files may hold X_unique, Y_unique, Z_unique, the coordinates of the axes 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from scipy.io import loadmat, whosmat
+from scipy.io import loadmat
 
 from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import hold_open, open_file
@@ -26,30 +25,7 @@ from torchliner.names import ARRAY_ENDINGS, did_you_mean
 from torchliner.records import VelocityPlane
 
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
-NUMBERS = {"double": "f8", "single": "f4"} | {f"{sign}int{n}": "i8" for sign in ("", "u") for n in (8, 16, 32, 64)}
-
-
-@dataclass
-class MatlabArray:
-    """An array of a MATLAB file before v7.3: read whole when a part of it is asked for, and kept."""
-
-    path: Path
-    name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    _whole: np.ndarray | None = field(default=None, repr=False)
-
-    def __getitem__(self, part: Any) -> np.ndarray:
-        if self._whole is None:
-            require_memory(self.dtype.itemsize * math.prod(self.shape), f"{self.path}: {self.name}, {self.shape},")
-            found = np.asarray(_whole_file(self.path, "MATLAB", loadmat, variable_names=[self.name])[self.name])
-            if found.dtype.kind not in "fiu" or found.shape != self.shape:
-                raise ValueError(f"{self.path}: {self.name} is {found.dtype}, {found.shape}, not real numbers")
-            self._whole = found
-        return self._whole[part]
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_whole": None}
+Arrays = Callable[[Path], Mapping[str, np.ndarray]]
 
 
 def _whole_file(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> Any:
@@ -59,10 +35,11 @@ def _whole_file(path: Path, kind: str, read: Callable[..., Any], **options: Any)
         raise ValueError(f"{path} is not a whole {kind} file: {error}") from error
 
 
-def matlab_arrays(path: Path) -> dict[str, MatlabArray]:
-    """The arrays of a MATLAB file before v7.3."""
-    listed = _whole_file(path, "MATLAB", whosmat)
-    return {name: MatlabArray(path, name, tuple(n), np.dtype(NUMBERS.get(kind, "O"))) for name, n, kind in listed}
+def matlab_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a MATLAB file before v7.3, read whole."""
+    require_memory(path.stat().st_size, f"{path}")
+    found = _whole_file(path, "MATLAB", loadmat)
+    return {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
 
 
 def npy_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -91,7 +68,7 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
         if ending == ".npy":
             values = npy_arrays(path)[""]
         elif ending == ".mat" and not h5py.is_hdf5(path):
-            values = _pick(matlab_arrays(path), variable, path)[()]
+            values = _pick(matlab_arrays(path), variable, path)
         else:
             with open_file(path) as file:
                 fields = {name[1:]: each for name, each in fields_of_hdf5(file, path).items()}
@@ -104,23 +81,22 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
 
 def _pick(arrays: Mapping[str, Any], variable: str | None, path: Path) -> Any:
     held = ", ".join(arrays) or "no array"
-    if variable is None and len(arrays) == 1:
-        return next(iter(arrays.values()))
     if variable is None:
-        raise ValueError(f"{path} holds {held}; name the one meant")
+        if len(arrays) != 1:
+            raise ValueError(f"{path} holds {held}; name the one meant")
+        (variable,) = arrays
     if variable not in arrays:
         raise ValueError(f"{path} has no variable {variable!r}{did_you_mean(variable, [*arrays])}; it holds {held}")
     return arrays[variable]
 
 
-def open_arrays(path: Path, request: PlaneRequest, arrays: Callable[[Path], Mapping[str, Any]]) -> VelocityPlane:
+def open_arrays(path: Path, request: PlaneRequest, arrays: Arrays) -> VelocityPlane:
     """The plane of arrays that have no names of axes."""
-    fields = {
-        f"/{name}": Field(each, path, name and f"/{name}", {})
-        for name, each in arrays(path).items()
-        if math.prod(each.shape) > 1
-    }
-    return to_plane(Source(path, fields, {}, partial(arrays, path)), request)
+    held = arrays(path)
+    fields = {f"/{name}": Field(each, path, name and f"/{name}", {}) for name, each in held.items() if each.size > 1}
+    plane = to_plane(Source(path, fields, {}, partial(arrays, path)), request)
+    plane.velocity.held = held  # what was read is not read again
+    return plane
 
 
 def open_matlab(path: Path, request: PlaneRequest) -> VelocityPlane:

@@ -164,9 +164,8 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
     wanted = math.prod(-(-n // c) for n, c in zip(array.shape, array.shards or array.chunks, strict=True))
     if there < wanted:
         raise ValueError(
-            f"{path}:/{name}: {wanted - there} of {wanted} chunks were never written and would read as {fill}, as "
-            "after a run that was broken off. Cut the record to what is there, or write the rest; if they are "
-            f"{fill} indeed, which zarr leaves out, write them with write_empty_chunks=True"
+            f"{path}:/{name}: {wanted - there} of {wanted} chunks were never written and would read as {fill}: cut the "
+            f"record or write the rest; zarr leaves out chunks of {fill} unless written with write_empty_chunks=True"
         )
 
 

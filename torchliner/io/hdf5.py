@@ -78,9 +78,10 @@ def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
 def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
     """A dataset by name; a ValueError lists what is there instead."""
     if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
-        there = ", ".join(sorted(group)) or "nothing"
         where = "the file" if group.name == "/" else "the group"
-        raise ValueError(f"{place(group, key, path)} is missing; {where} holds: {there}")
+        raise ValueError(
+            f"{place(group, key, path)} is missing; {where} holds: {', '.join(sorted(group)) or 'nothing'}"
+        )
     return group[key]
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
 from fractions import Fraction
+from itertools import zip_longest
 
 import torch
 from torch import Tensor
@@ -21,7 +19,6 @@ from torchliner.records.slabs import slab_bounds
 
 JOINED = "joined"  # in the provenance
 OFF = 0.1  # of a sampling interval, by which restarts may miss the clock of the first
-CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 
 
@@ -95,11 +92,10 @@ def join_planes(
     end, (at, owner) = first.samples, pieces[0]
     for low, piece in pieces[1:]:
         if low > end:
-            ends = owner.start + (owner.samples - 1) / owner.sampling_rate
             raise ValueError(
-                f"{low - end} samples are missing between {owner.name}, which ends at {ends:.9g} s, and {piece.name}, "
-                f"which begins at {piece.start:.9g} s (one sample is {1 / rate:.6g} s); give the file between them, or "
-                "each side on its own"
+                f"{low - end} samples of {1 / rate:.6g} s are missing between {owner.name}, which ends at "
+                f"{owner.start + (owner.samples - 1) / rate:.9g} s, and {piece.name}, which begins at "
+                f"{piece.start:.9g} s; give the file between them, or each side on its own"
             )
         if low < end:
             notes.append(_compared(owner, piece, low - at, overlap))
@@ -147,36 +143,14 @@ def _on_one_clock(
 
 
 def _moments(planes: Sequence[VelocityPlane], clocks: Sequence[Clock | None]) -> list[Fraction]:
-    """Times of the first samples on one clock, s."""
-    known = [clock for clock in clocks if clock is not None]
-    if not known:
-        return [Fraction(plane.start) for plane in planes]
-    if len(known) < len(planes):
+    """Times of the first samples on one clock, s; the same words are the same clock, whatever they mean."""
+    epochs = {clock[0] if clock else "no date" for clock in clocks}
+    if len(epochs) > 1:
         raise ValueError(
-            f"{planes[clocks.index(None)].name} cannot be joined with {planes[clocks.index(known[0])].name}, whose "
-            f"times are since {known[0][0]}: its own are since no date; write it into their units"
+            f"{planes[0].name} and {len(planes) - 1} more cannot be joined: their times are since "
+            f"{', '.join(sorted(epochs))}; write one epoch into the units of all"
         )
-    # The same words are the same clock, whatever they mean.
-    one = len({epoch for epoch, _ in known}) == 1
-    return [
-        since if one else since + _seconds(epoch, plane.name)
-        for plane, (epoch, since) in zip(planes, known, strict=True)
-    ]
-
-
-def _seconds(epoch: str, name: str) -> Fraction:
-    """An epoch on a common clock."""
-    words, calendar = epoch.rsplit(" ", 1)
-    text = re.sub(r"\s*(Z|UTC|GMT)$", "+00:00", re.sub(r"\b(\d)\b", r"0\1", words))
-    with suppress(ValueError):
-        moment = datetime.fromisoformat(re.sub(r"(:\d\d(?:\.\d+)?)\s+([+-])", r"\1\2", text))
-        if calendar in CALENDARS:
-            moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-            return Fraction((moment - datetime(1, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 10**6)
-    raise ValueError(
-        f"{name} cannot be joined with files of another epoch: its times are since {epoch!r}; a "
-        "date YYYY-MM-DD hh:mm:ss of the standard calendar is needed"
-    )
+    return [clock[1] if clock else Fraction(plane.start) for plane, clock in zip_longest(planes, clocks)]
 
 
 def _compared(before: VelocityPlane, after: VelocityPlane, shift: int, overlap: str) -> str:

@@ -64,13 +64,11 @@ class Layout:
         order: axes of the variable, time first, then z and x, or probe; of those left out one value is taken.
         across: coordinate that plays z: "z", or "y" where z is normal to the wall.
         taken: axis of the heights or components of which one is taken; None without one.
-        height: coordinate along that axis, "y" or "z"; None of components.
     """
 
     order: tuple[int, ...]
     across: str
     taken: int | None = None
-    height: str | None = None
 
 
 def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples: int | None) -> Layout:
@@ -99,6 +97,8 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
     why = ""
     if roles.count("time") != 1:
         why = "one axis is time: name all (axes='time,z,x', --axes), and give sampling_rate=..., in Hz, without times"
+    elif samples not in (None, shape[roles.index("time")]):
+        why = f"but there are {samples} times"
     elif request.row is not None and taken is None:
         why = f"no axis of heights has a row {request.row}"
     elif set(kept) & set(tall):
@@ -110,19 +110,15 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
         why = "which runs along the duct and which across is not said: name all in order: axes='time,z,x' (--axes)"
     if why:
         raise ValueError(f"{label} has shape {shape} with the axes {', '.join(role or '?' for role in roles)}; {why}")
-    time = roles.index("time")
-    if samples not in (None, shape[time]):
-        raise ValueError(f"{label} has shape {shape} with time on axis {time}, but there are {samples} times")
     if names[:1] == ["x"]:
         kept.reverse()
-    along = taken is not None and not re.fullmatch(COMPONENT, roles[taken], re.IGNORECASE)
-    return Layout((time, *kept), across, taken, height if along else None)
+    return Layout((roles.index("time"), *kept), across, taken)
 
 
 def find_places(
     velocity: Field, layout: Layout, fields: Fields, request: PlaneRequest, *, strict: bool
 ) -> dict[str, Any]:
-    """x and z of the probes, m, None where the file does not say, and of several heights the one that is taken.
+    """x and z of the probes, m, where the file says them, and of several heights the one that is taken.
 
     Args:
         velocity, layout, fields, request: as found before.
@@ -130,10 +126,10 @@ def find_places(
     Raises:
         ValueError: as ``coordinate``; a value for each probe of a plane.
     """
-    probes = layout.order[1:]
+    probes, taken = layout.order[1:], layout.taken
     grid = tuple(velocity.shape[i] for i in probes)
     wanted = [("x", "x", probes[-1] if probes else None), ("z", layout.across, probes[0] if probes else None)]
-    wanted += [("height", layout.height, layout.taken)] if layout.height is not None else []
+    wanted += [] if taken is None else [("height", "y" if layout.across == "z" else "z", taken)]
     found: dict[str, Any] = {}
     for name, word, axis in wanted:
         count = 1 if axis is None else velocity.shape[axis]
@@ -144,12 +140,13 @@ def find_places(
                 f"{bad[0].label} has a value for each probe, {grid}; a plane has one for each row or column: flatten "
                 "velocity and coordinates to (time, probe)"
             )
-        scale = velocity.axes[axis] if axis is not None and velocity.axes else ""
-        if scale in fields and (len(grid) == 2 or name == "height" or role_of(scale, fields) == word):
-            choices.insert(0, fields[scale])
+        scale = fields.get(velocity.axes[axis]) if axis is not None and velocity.axes else None
+        if scale is not None and (len(grid) == 2 or axis == taken or role_of(scale.name, fields) == word):
+            choices.insert(0, scale)
         for each in choices:
-            if found.get(name) is None and (each.size == count or (strict and name != "height")):
-                found[name] = coordinate(each, count, request.length_units)
+            if found.get(name) is None and (each.size == count or (strict and axis != taken)):
+                component = axis == taken and each.array.dtype.kind not in "fiu"  # names of them
+                found[name] = None if component else coordinate(each, count, request.length_units)
     if found.get("height") is not None and request.row is not None:
         found["height"] = float(found["height"][request.row])
     return found

@@ -54,12 +54,10 @@ def read_plane(
             variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
             wall_normal_component, x, z, points, holes, overlap.
     Raises:
-        FileNotFoundError, OSError: missing, truncated, unreadable, of no format that is known; a
-            glob that matches nothing.
+        OSError: missing, truncated, unreadable, of no format that is known; a glob that matches nothing.
         TypeError: an option of another name.
-        ValueError: something is missing, has a wrong shape or no or
-            wrong units; times are not uniform; files do not join; nothing is selected. The
-            message names FILE:/variable.
+        ValueError: something is missing, has a wrong shape or no or wrong units; times are not uniform; files do not
+            join; nothing is selected. The message names FILE:/variable.
     Warns:
         DataWarning: values stand in another file; samples of several files overlap.
     """
@@ -80,12 +78,7 @@ def read_plane(
 
 
 def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
-    """The files that a path, a list or a glob names.
-
-    Raises:
-        FileNotFoundError: a glob matches nothing.
-        ValueError: an empty list.
-    """
+    """The files that a path, a list or a glob names; a FileNotFoundError where a glob matches nothing."""
     if not isinstance(path, str | os.PathLike):
         found = [one for each in path for one in paths_of(each)]
         if not found:
@@ -103,12 +96,7 @@ def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
 
 
 def format_of(path: str | Path) -> PlaneFormat:
-    """The first format that recognises a file or folder.
-
-    Raises:
-        FileNotFoundError, OSError: no such file, a device; it cannot be read; no format recognises
-            it: what it looks like and the formats are listed.
-    """
+    """The first format that recognises a file or folder; an OSError where there is none, or the file is none."""
     path, head = Path(path), b""
     if not path.is_dir():
         require_regular(path)
@@ -125,12 +113,8 @@ def format_of(path: str | Path) -> PlaneFormat:
 
 
 def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of one file or folder, its velocity left there; every error names the path.
-
-    Raises:
-        As ``format_of`` and the format; ValueError: something is stated that the format does not
-        take.
-    """
+    """The plane of one file or folder, its velocity left there; every error names the path, and is as of the format,
+    or a ValueError where something is stated that it does not take."""
     found = format_of(path)
     given = {each.name: value for each in fields(request) if (value := getattr(request, each.name)) is not None}
     for name in given:

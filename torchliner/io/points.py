@@ -41,12 +41,7 @@ def component_of(name: str | None) -> int | None:
 
 
 def require_velocity(label: str, request: PlaneRequest) -> None:
-    """Refuse what is named as another quantity: a pressure gives an impedance as any numbers do.
-
-    Args:
-        label: FILE:/VARIABLE, or FILE alone where the format names no variable.
-        request: its ``wall_normal_component`` says that it is the velocity all the same.
-    """
+    """Refuse what is named as another quantity, FILE:/VARIABLE or FILE: a pressure gives an impedance as any do."""
     path, _, name = label.rpartition(":/")
     name = name.rpartition("/")[2] if path else Path(label).stem
     if not request.wall_normal_component and (PRESSURE.fullmatch(name) or (path and OTHERS.fullmatch(name))):
@@ -100,8 +95,7 @@ class Placed:
         axis, sign: of the wall normal, and 1, or -1 where it points towards lower coordinates.
         order: point that each probe is, (P,).
         shape: of the probes, (z, x) or (P,).
-        x, z: m, of columns and rows of a grid, or of each probe.
-        area: m2, of each probe, or None.
+        about: x, z (m, of columns and rows of a grid, or of each probe), area (m2, or None).
         height: m, where the points lie along the normal.
     """
 
@@ -110,38 +104,22 @@ class Placed:
     sign: float
     order: np.ndarray
     shape: tuple[int, ...]
-    x: np.ndarray
-    z: np.ndarray
-    area: np.ndarray | None
+    about: dict[str, Any]
     height: float
 
-    def plane(
-        self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **about: Any
-    ) -> VelocityPlane:
-        """The plane.
+    def plane(self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **told: Any) -> VelocityPlane:
+        """The plane of velocities along the normal, m/s: values (T, P) in the order of the probes, or what is stored.
 
         Args:
-            velocity: m/s along the normal: values (T, P) in the order of the probes, or what is stored.
-            rate, start: Hz, s.
+            velocity, rate, start: m/s, Hz, s.
             path: of the file, for the title.
-            about: for the provenance.
+            told: for the provenance.
         """
         if isinstance(velocity, np.ndarray):
             velocity = Imported(velocity, (*self.shape, len(velocity)), self.label)
-        if velocity.shape[-1] < 2:
-            raise Unwritten(f"{self.label} has {velocity.shape[-1]} samples; at least two are needed")
-        where = {"normal": ("-" if self.sign < 0 else "") + AXES[self.axis], "normal_coordinate": self.height}
-        return VelocityPlane(
-            velocity,
-            sampling_rate=rate,
-            start=start,
-            x=self.x,
-            z=self.z,
-            area=self.area,
-            name=self.label,
-            title=path.stem,
-            provenance={**where, **about},
-        )
+        told |= {"normal": ("-" if self.sign < 0 else "") + AXES[self.axis], "normal_coordinate": self.height}
+        about = {**self.about, "name": self.label, "title": path.stem, "provenance": told}
+        return VelocityPlane(velocity, sampling_rate=rate, start=start, **about)
 
 
 def place(
@@ -176,24 +154,22 @@ def place(
     near = SAME * max(np.abs(x).max(), np.abs(z).max())
     (columns, column), (rows, row) = (_levels(values, near) for values in (x, z))
     spot = row * len(columns) + column
-    order = np.lexsort((height, spot))
-    if np.ptp(height) > (apart := SAME * np.abs(points).max()):
-        above = (np.diff(spot[order]) == 0) & (np.diff(height[order]) > apart)
+    order = np.argsort(spot, kind="stable")
+    shape: tuple[int, ...] = (len(rows), len(columns))
+    if np.ptp(height) > SAME * np.abs(points).max():
         span = f"{AXES[axis]} = {height.min():.6g} to {height.max():.6g} m along the wall normal"
-        if above.any():
+        if above := len(spot) - len(np.unique(spot)):
             raise ValueError(
-                f"{label}: the points: {int(above.sum())} of {len(spot)} stand above others, {span}; a plane has one "
-                "height: write the points of one height alone"
+                f"{label}: {above} of {len(spot)} points stand above others, {span}; a plane has one height: write the "
+                "points of one height alone"
             )
         tell(f"{label}: the points stand at {span}, of which a plane has one")
-    shape: tuple[int, ...] = (len(rows), len(columns))
     if min(shape) > 1 and np.array_equal(spot[order], np.arange(math.prod(shape))):
         x, z = columns, rows
     else:
         order, shape = np.arange(len(points)), (len(points),)
-    return Placed(
-        label, axis, sign, order, shape, x, z, None if area is None else area[order], float(np.median(height))
-    )
+    about = {"x": x, "z": z, "area": None if area is None else area[order]}
+    return Placed(label, axis, sign, order, shape, about, float(np.median(height)))
 
 
 def _wall_normal(
@@ -213,12 +189,12 @@ def _wall_normal(
         )
     axis = int(flat[0]) if component is None else component
     sign = -1.0 if facing is not None and facing[axis] < 0 else 1.0
-    side, other = ("-", "") if sign < 0 else ("", "-")
+    side, other = (f"-{AXES[axis]}", f"+{AXES[axis]}")[:: int(-sign)]
     why = "the variable is named so" if component is not None else "the points lie in a plane"
     faces = "" if facing is None else " and the surface faces that way"
     tell(
-        f"{label}: the wall normal is taken as {side or '+'}{AXES[axis]}, since {why}{faces}; state "
-        f"normal='{side}{AXES[axis]}' if so, '{other}{AXES[axis]}' if the liner lies on the other side"
+        f"{label}: the wall normal is taken as {side}, since {why}{faces}; state normal='{side}' if so, '{other}' if "
+        "the liner lies on the other side"
     )
     return axis, sign
 

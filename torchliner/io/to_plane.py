@@ -9,6 +9,7 @@ or attributes with CF units (docs/formats.md).
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -116,19 +117,18 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
 
 def _velocity(source: Source, request: PlaneRequest) -> Field:
     """The wall-normal velocity: named so, or by the user; else by standard_name, component or as the only one."""
-    fields, path = source.fields, source.path
     lead = f"/{(request.group or '').strip('/')}/".replace("//", "/")
-    there = {name.removeprefix(lead): each for name, each in fields.items() if name.startswith(lead)}
+    there = {name.removeprefix(lead): each for name, each in source.fields.items() if name.startswith(lead)}
     wanted = (request.variable or VELOCITY).lstrip("/")
     if wanted in there:
         return there[wanted]
     if request.variable is not None or (request.group is not None and not there):
         raise ValueError(
-            f"{path}:{lead} has no variable {wanted!r}{did_you_mean(wanted, list(there))}; it holds "
-            f"{', '.join(there or fields) or 'nothing'}"
+            f"{source.path}:{lead} has no variable {wanted!r}{did_you_mean(wanted, list(there))}; it holds "
+            f"{', '.join(there or source.fields) or 'nothing'}"
         )
     found = [each for each in there.values() if _may_be(each, request, len(there) == 1)]
-    timed = [each for each in found if "time" in (role_of(axis, fields) for axis in each.axes)] or found
+    timed = [each for each in found if "time" in (role_of(axis, source.fields) for axis in each.axes)] or found
     best = [each for each in timed if says(each, NORMAL)]
     if not best and request.normal:
         best = [each for each in timed if says(each, _component(request.normal.strip("+-")))]
@@ -139,13 +139,14 @@ def _velocity(source: Source, request: PlaneRequest) -> Field:
         f"{each.name.removeprefix(lead)} ({'x'.join(map(str, each.shape)) or 'a number'}, {each.text('units')})"
         for each in best or found or there.values()
     )
-    if not found:
-        raise (ValueError if there else Unwritten)(
-            f"{path} holds no velocity above a wall, {VELOCITY} or one with units of a velocity; "
-            f"it holds: {listed or 'nothing'}. Name it: variable=..., and if it has no units velocity_units=..."
+    if found:
+        raise ValueError(
+            f"{source.path}: {len(best) or 'none'} of its velocities may be normal to the wall: {listed}; name it: "
+            "variable=..."
         )
-    raise ValueError(
-        f"{path}: {len(best) or 'none'} of its velocities may be normal to the wall: {listed}; name it: variable=..."
+    raise (ValueError if there else Unwritten)(
+        f"{source.path} holds no velocity above a wall, {VELOCITY} or one with units of a velocity; it holds: "
+        f"{listed or 'nothing'}. Name it: variable=..., and if it has no units velocity_units=..."
     )
 
 
@@ -155,10 +156,9 @@ def _may_be(field: Field, request: PlaneRequest, alone: bool) -> bool:
     line = unit is None and len(field.shape) < 2 and not alone
     if field.array.dtype.kind not in "fiu" or field.size < 2 or line or role_of(field.short, {}) in ROLES:
         return False
-    try:
+    with suppress(ValueError):
         return bool(si_factor("velocity", request.velocity_units if unit is None else unit, ""))
-    except ValueError:
-        return False
+    return False
 
 
 def _component(axis: str) -> str:
@@ -167,28 +167,18 @@ def _component(axis: str) -> str:
 
 
 def _sign(velocity: Field, request: PlaneRequest, ours: bool) -> float:
-    """-1 where the data are positive into the liner: what ``positive`` says of it counts before the user's normal.
-
-    Args:
-        velocity: its ``positive`` says "away from the liner", "into the liner", "up" or "down".
-        request: its ``normal`` counts for an axis.
-        ours: the file is of our schema: positive away.
-    Raises:
-        ValueError: ``positive`` says something else; a normal that would turn data which are positive away, or of
-            another component.
-    """
+    """-1 where the data are positive into the liner: what the attribute ``positive`` says of it, or the schema of
+    ``ours``, counts before the user's normal, and against it is a ValueError."""
     require_direction(velocity.label, component_of(velocity.short), request.normal)
     words = (velocity.text("positive") or ("away" if ours else "")).strip().lower()
     turned = (request.normal or "").startswith("-")
-    if re.fullmatch(INTO, words):
-        return -1.0
-    if re.fullmatch(AWAY, words):
-        if turned:
-            raise ValueError(
-                f"{velocity.label} is positive {words}{' by its schema' if ours else ''}, and normal="
-                f"{request.normal!r} would turn it; leave the sign out, or correct the file"
-            )
-        return 1.0
+    if re.fullmatch(AWAY, words) and turned:
+        raise ValueError(
+            f"{velocity.label} is positive {words}{' by its schema' if ours else ''}, and normal="
+            f"{request.normal!r} would turn it; leave the sign out, or correct the file"
+        )
+    if re.fullmatch(f"{AWAY}|{INTO}", words):
+        return -1.0 if re.fullmatch(INTO, words) else 1.0
     if not re.fullmatch("((up|down)(wards?)?)?", words):
         raise ValueError(
             f"{velocity.label}: positive is {words!r}; write 'away from the liner', 'into the liner', 'up' or 'down'"

@@ -30,6 +30,7 @@ class VariableVelocity(Stored):
         factor: to m/s.
         packing: how the values are stored.
         size: bytes of the file when it was opened; 0 of what is no file.
+        held: what ``opens`` gave.
     """
 
     path: Path
@@ -46,14 +47,14 @@ class VariableVelocity(Stored):
     tile_rows: int = 1
     tile_bytes: int = 0
     clock: Clock | None = None
-    _held: Any = field(default=None, repr=False)
+    held: Any = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.files = (self.path,) if self.path.exists() else ()
 
     def __getstate__(self) -> dict[str, Any]:
         """Handles do not travel to other processes; each opens its own."""
-        return {**self.__dict__, "_held": None}
+        return {**self.__dict__, "held": None}
 
     def fill(self, begin: int, end: int, out: Tensor) -> None:
         """As ``Stored.fill``; an OSError where the file has become shorter since it was opened."""
@@ -70,8 +71,8 @@ class VariableVelocity(Stored):
 
     def _fill(self, begin: int, end: int, out: np.ndarray) -> None:
         with naming(self.path):
-            self._held = self._held or self.opens()
-            array = self._held[self.key]
+            self.held = self.held or self.opens()
+            array = self.held[self.key]
         time, plain = self.order[0], self.packing == PLAIN and [*self.order] == sorted(self.order) and not self.part
         if plain and time == 0 and isinstance(array, h5py.Dataset):
             array.read_direct(out.reshape(-1, *array.shape[1:]), source_sel=np.s_[begin:end])

@@ -137,21 +137,15 @@ def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
 
 
 def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
-    """All datasets of a file by name, but those that stand for the length of a dimension alone.
-
-    Raises:
-        ValueError: a link leads nowhere.
-    """
+    """All datasets of a file by name, but those that stand for the length of a dimension alone; a ValueError where a
+    link leads nowhere."""
     found: dict[str, Field] = {}
     groups, seen = [file], {file}  # a function that calls itself would keep the file open
     for group in groups:
-        for key in group:
-            if not is_there(group, key, path):
-                continue
+        for key in filter(lambda key: is_there(group, key, path), group):
             if isinstance(group[key], h5py.Dataset):
                 each = field_of(group, key, path)
-                if not each.bare:
-                    found[each.name] = each
+                found |= {} if each.bare else {each.name: each}
             elif isinstance(group[key], h5py.Group) and group[key] not in seen:
                 seen.add(group[key])
                 groups.append(group[key])
@@ -160,17 +154,19 @@ def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
 
 def references_of(fields: Fields) -> dict[str, complex]:
     """Impedances known from elsewhere, by name."""
-    found = {}
+    parts: dict[str, dict[str, Field]] = {}
     for name, each in fields.items():
-        if named := re.fullmatch(r"(/reference_(.*)_)(resistance|reactance)", name):
-            other = fields.get(named[1] + ("reactance" if named[3] == "resistance" else "resistance"))
-            if other is None:
-                raise ValueError(f"{each.label} stands without the other part of its impedance; restore or remove it")
-            if named[3] == "resistance":
-                value = complex(each.number("1"), other.number("1"))
-                if not np.isfinite(value):
-                    raise ValueError(f"{each.label} and its reactance are {value}; repair or remove them")
-                found[each.text("label") or named[2].replace("_", " ")] = value
+        if named := re.fullmatch(r"/reference_(.*)_(resistance|reactance)", name):
+            parts.setdefault(named[1], {})[named[2]] = each
+    found = {}
+    for name, both in parts.items():
+        one = next(iter(both.values()))
+        if len(both) < 2:
+            raise ValueError(f"{one.label} stands without the other part of its impedance; restore or remove it")
+        value = complex(both["resistance"].number("1"), both["reactance"].number("1"))
+        if not np.isfinite(value):
+            raise ValueError(f"{one.label} and its other part are {value}; repair or remove them")
+        found[one.text("label") or name.replace("_", " ")] = value
     return found
 
 
@@ -190,21 +186,15 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
         raise Unwritten(f"{name} has shape {shape}; a list of at least two times is needed")
     unit, _, epoch = (field.text("units") or "").partition(" since ")
     counted = stated is not None and not unit  # whatever they count, evenly
-    counts = field.values()
+    counts, kind = field.values(), field.array.dtype
     factor = 1.0 if counted else si_factor("time", unit or field.text("units"), name)
     if not epoch and not counted:
         require_plausible(factor * counts, "time", name)
     # Dates are far from their epoch; what counts is how far they are from each other.
     time = factor * (counts - (counts[0] if epoch or counted else 0)).astype(np.float64)
     # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
-    kind, first = field.array.dtype, factor * float(counts[0])
     exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
-    rate, length = uniform_rate(time, name, exact), time[-1] - time[0]
-    if stated is None and exact * rate > UNIFORMITY:
-        tell(
-            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, {rate:.9g} Hz, is "
-            f"known to {exact / length:.1g} of itself; write them in float64, or state sampling_rate=..."
-        )
+    rate, length, first = uniform_rate(time, name, exact), time[-1] - time[0], factor * float(counts[0])
     clock = None
     if epoch:
         since = Fraction(counts[0].item()) * Fraction(str(factor))
@@ -214,45 +204,41 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     require_same_rate(rate, stated, name, unit)
     if stated is not None and abs(stated / rate - 1) * length <= 2 * exact:
         rate = stated  # the stamps cannot tell the two apart
+    if stated is None and exact * rate > UNIFORMITY:
+        tell(
+            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, {rate:.9g} Hz, is "
+            f"known to {exact / length:.1g} of itself; write them in float64, or state sampling_rate=..."
+        )
     return rate, len(time), first, clock
 
 
 def time_axis(field: Field, samples: int) -> int:
     """0 or -1, from the dimension 'time' or from the lengths; a ValueError where neither or both fit."""
-    name, shape = field.label, field.shape
-    if len(shape) not in (1, 2, 3):
-        raise ValueError(f"{name} has shape {shape}; (time, z, x) or (time, probe) is needed")
-    axes = [axis.rpartition("/")[2] for axis in field.axes]
-    if axes.count("time") == 1:
-        axis = axes.index("time")
-    elif len(shape) > 1 and shape[0] == shape[-1] == samples:
+    shape, axes = field.shape, [axis.rpartition("/")[2] for axis in field.axes]
+    fits = [i for i in (0, -1) if shape and shape[i] == samples and ("time" not in axes or axes[i] == "time")]
+    if len(shape) > 1 and len(fits) == 2:
         raise ValueError(
-            f"{name} has shape {shape}: first and last axis both fit the {samples} times. Attach the "
+            f"{field.label} has shape {shape}: first and last axis both fit the {samples} times. Attach the "
             "dimension scale 'time' to the right one"
         )
-    else:
-        axis = 0 if shape[0] == samples else len(shape) - 1
-    if shape[axis] != samples or axis not in (0, len(shape) - 1):
-        raise ValueError(f"{name} has shape {shape}, but there are {samples} times; time is its first or last axis")
-    if [each for each in axes if each in ("z", "x")] == ["x", "z"]:
-        raise ValueError(f"{name} has dimensions {tuple(axes)}; z comes before x: transpose it")
-    return 0 if axis == 0 else -1
+    if len(shape) not in (1, 2, 3) or not fits or [each for each in axes if each in ("z", "x")] == ["x", "z"]:
+        raise ValueError(
+            f"{field.label} has shape {shape} and dimensions {tuple(axes)}, but there are {samples} times; (time, z, x)"
+            " or (time, probe) is needed, time first or last"
+        )
+    return fits[0]
 
 
 def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
     """Places of ``count`` probes, m, in units of the file or ``stated``; None where they number them alone.
 
     Raises:
-        ValueError: another number of values; values that are not finite; no unit of length; units of 1 for what is no
-            index.
+        ValueError: another number of values; values that are not finite; no unit of length.
     """
     if field.bare:
         return None
-    if field.text("units") == "1":
-        index = field.values()
-        if np.array_equal(index, np.arange(index.size)):
-            return None
-        raise ValueError(f"{field.label} has units '1', but is no index 0, 1, 2, ...; state its unit, as 'mm'")
+    if field.text("units") == "1" and np.array_equal(field.values(), np.arange(field.size)):
+        return None
     values = field.si("m", stated).reshape(-1)
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}, all finite")
