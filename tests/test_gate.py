@@ -113,7 +113,7 @@ def test_devices_links_in_circles_and_protected_files_are_refused(folder):
         "kept.csv": "write-protected",
         "folder.csv": "is a folder",
         "none/a.csv": "the folder none does not exist",
-        "n" * 260 + ".csv": "more than 255 bytes",
+        "n" * 260 + ".csv": "File name too long",
     }
     for name, message in wanted.items():
         with pytest.raises(OSError, match=message):

@@ -87,8 +87,7 @@ def test_selection():
         ({"pressure": np.ones((2, 1)) + 0j}, "pressure has shape (2, 1); (draws, 3 microphone, 1 frequency)"),
         ({"pressure": np.array([1, 0, 1j])}, "pressure is 0 Pa at 1, 0"),
         ({"pressure": np.array([1, math.inf, 1j])}, "pressure is inf Pa at 1, 0"),
-        ({"pressure": np.array([1, 1e200, 1j])}, "at 900 Hz has 4091 dB, not within -126 and 194 dB"),
-        ({"pressure": np.full(3, 1e-30j)}, "at 900 Hz has -509 dB"),
+        ({"pressure": np.array([1, 1e200, 1j])}, "pressure is 1e+200 Pa at 1, 0 and 0 more; (0, 1.5e5] Pa"),
         ({"frequency": 0.0}, "frequency (Hz) is 0"),
         ({"duct_height": 0.0}, "duct_height is 0 m; (0, inf) m"),
         ({"duct_width": -1.0}, "duct_width is -1 m"),
@@ -117,12 +116,8 @@ def test_levels_are_no_pressures():
     with pytest.warns(tl.DataWarning, match=r"b2a.csv: the highest level is 2 dB; are these pasc"):
         found = MicrophoneLine.from_levels(line.x, line.pressure.abs(), line.phase, line.frequency, **about)
     assert "are these pascals" in found.notes[0]
-    with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, .* 208 degrees, .*are these radians"):
+    with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, .* 208 degrees; are these radians"):
         MicrophoneLine.from_levels(line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about)
-    long = line_of(frequency=(900.0, 3000.0))
-    unwrapped = torch.deg2rad(torch.as_tensor(np.unwrap(long.phase.numpy(), axis=0, period=360))) - 4
-    with pytest.warns(tl.DataWarning, match=r"415 degrees, 7\.25 rad; are these radians"):
-        MicrophoneLine.from_levels(long.x, long.level, unwrapped, long.frequency, **about)
     for level, phase, words in (
         ([1e5, 1.0], [0.0, 0.0], "a level is 100000 dB"),
         ([90.0, 0.0], [0.0, 0.0], "a level is 0 dB; .*within 1 and 194 dB"),

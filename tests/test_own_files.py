@@ -21,6 +21,7 @@ from test_results_out import hand_map, line, made, points
 from test_wall_file import field_fit, noisy
 
 import torchliner as tl
+from torchliner.records.declared import flat
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
 
@@ -202,10 +203,11 @@ UNTOLD = ("wall_normal_velocity", "backplate_pressure", "cell_x", "cell_z")
 
 
 def test_another_shape_is_refused_with_its_place(written):
-    """Of every variable, those that follow from others as well."""
-    _, path, read = written
+    """Of every variable that is read: those that follow from others are not."""
+    made, path, read = written
     whole = path.read_bytes()
-    for name in some(path):
+    own, every = ({name for row, _ in flat(made, derived=which) for name in row.names} for which in (False, True))
+    for name in [each for each in some(path) if each.rpartition("/")[2] not in every - own]:
         path.write_bytes(whole)
         with h5py.File(path, "r+") as file:
             cut(file, name)
@@ -268,25 +270,17 @@ def named(*names):
 @pytest.mark.parametrize(
     ("kind", "change", "words"),
     [
-        ("map, plane", raised("liner_resistance", 1e-3), "liner_resistance is not what follows"),
         ("map, plane", raised("liner_resistance_low", 1e3), "liner_resistance_low or its other part is above"),
         ("map, plane", raised("reflection_real", np.inf), "reflection_real or its other part is infinite"),
         ("map, plane", raised("frequency", -2000.0), "a.h5:/frequency"),
         ("map, plane", raised("phase_rule_used", 1), "phase_rule_used holds other values than 0 and 1"),
-        ("map, plane", lambda file: file.pop("reactance_high"), "reactance_high is missing"),
         ("map, plane", lambda file: file.pop("coherence"), "coherence is missing; the file holds: absorp"),
         ("map, plane", lambda file: file.attrs.pop("title") and file.attrs.update(notes="{"), "'notes' is not JSON"),
-        ("map, plane", lambda file: file.pop("known_pressure_level"), "known_pressure_level is mi"),
         ("map, plane", lambda file: file.attrs.pop("level_check_limit"), "'level_check_limit'"),
-        ("map, plane", named("velocity"), "has 3 averagings"),
         ("map, plane", named("probes first", "admittance", "velocity"), "averaging holds"),
         ("points", lambda file: file.attrs.update(choices="[]"), "'choices' is .*; an object is needed"),
-        ("line of stations", raised("segment_spread_resistance", 1.0), "segment_spread_resistance is not what follows"),
         ("line of stations", lambda file: file.attrs.update(flags="[]"), "flags has 0 values for 2 stations"),
-        ("waves", raised("eduction_0/energy_share", 0.5), "eduction_0/energy_share is not what follows"),
-        ("waves", raised("eduction_0/resistance_low", -0.5), "eduction_0/resistance_low is not what follows"),
         ("waves", lambda file: file.pop("eduction_0/microphones"), "microphones are missing"),
-        ("waves", lambda file: file.pop("eduction_0/microphones/duct_height"), "microphones/duct_height is missing"),
         ("waves", raised("eduction_0/order", -1), "order is 5 of 6 singular values"),
         ("waves", raised("eduction_0/frequency", 3.0), "of other frequencies"),
         ("bursts", raised("transit_time", -1.0), "transit_time is .*finite|transit_time is"),

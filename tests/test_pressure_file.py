@@ -80,7 +80,7 @@ def faulty(label, value):
         ({"cavity_porosity": 80.0}, ValueError, "cavity_porosity is 80; (0, 1] is needed (share of"),
         ({"sampling_rate": float("nan")}, ValueError, "sampling_rate (Hz) is nan"),
         ({"microphone_mach": float("nan")}, ValueError, "microphone_mach is nan; (-1, 1)"),
-        ({"microphone_y": None}, ValueError, "microphone_y is missing, the 3 distances"),
+        ({"microphone_y": None}, ValueError, "microphone_y is missing, the distances"),
         ({"microphone_y": [0.1]}, ValueError, "microphone_y has shape (1,); (3 microphone)"),
         ({"microphones": None}, ValueError, "microphones have no pressure"),
         ({"microphone_velocity": turbulence((2, SAMPLES))}, ValueError, "microphone_velocity has shape (2, 300)"),

@@ -19,7 +19,7 @@ from torchliner.engine.drives import Drive
 from torchliner.engine.kernels import build_kernels, interpolate
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held, Job, linear, reduce
-from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, parse_signal
+from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, as_incident
 
 GRIDS = {"ours": ("sqrt", "cubic"), "paper": ("uniform", "linear")}
 SHORT = {"before": 5e-4, "after": 1.5e-3, "levels": 12, "regularisation": 1e-2}  # 21 taps before zero, 63 after
@@ -217,7 +217,7 @@ REFUSALS = [
         "noise 500-900.*3000 Hz.*60 dB",
     ),
     (lambda k: transfer(held(velocity(420, 1)), Tones(500.0), LINES[:1], RATE, segment=421), "421 samples.*even.*420"),
-    (lambda k: parse_signal("sweep:300"), "'sweep:300'.*sweep:300:6000"),
+    (lambda k: as_incident("sweep:300", Tones), "'sweep:300'.*sweep:300:6000"),
 ]
 
 
@@ -225,4 +225,3 @@ REFUSALS = [
 def test_what_is_wrong_is_named(kernels, call, words):
     with pytest.raises(ValueError, match=words):
         call(kernels)
-    assert parse_signal("bell.wav") is None

@@ -349,7 +349,7 @@ def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, m
 def test_a_line_of_stations_shows_itself():
     found = line()
     text = repr(found)
-    assert text.startswith("ImpedanceLine: 2 stations, 8000 bursts, 1500 Hz\n  1500 Hz: Z = ")
+    assert text.startswith("ImpedanceLine: 2 stations, 1500 Hz\n  1500 Hz: Z = ")
     assert f"Z = {complex(found.answer[0]):.3f}" in found._repr_html_()
     alone = dataclasses.replace(found, average=None)
-    assert len(repr(alone).splitlines()) == 1
+    assert "Z = " not in repr(alone)

@@ -29,12 +29,7 @@ class Unwritten(ValueError):
 
 @contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """A block that reads a file: whatever fails there is an error that names the file.
-
-    Raises:
-        OSError, FileNotFoundError: the file cannot be read.
-        ValueError: all else: it is damaged, of another layout, or larger than memory.
-    """
+    """A block that reads a file: whatever fails there is an OSError or a ValueError that names the file."""
     try:
         yield
     except (OSError, ValueError, TypeError) as error:
@@ -44,8 +39,6 @@ def naming(path: str | Path) -> Iterator[None]:
         raise kind(f"{path}: {error}") from error
     except MemoryError as error:
         raise ValueError(f"{path} does not fit into memory ({error})") from error
-    except RecursionError as error:
-        raise ValueError(f"{path} is nested too deep to be read") from error
     except DAMAGE as error:
         raise ValueError(
             f"{path} is damaged, or of another layout than it says: {type(error).__name__}: {error}"
@@ -85,13 +78,7 @@ def machine_memory() -> float:
 
 
 def require_memory(size: float, label: str, remedy: str = "cut it, or use a larger machine") -> None:
-    """Refuse before it is read what cannot fit into this machine.
-
-    Args:
-        size: bytes.
-        label: of what takes them.
-        remedy: what to do.
-    """
+    """Refuse before it is read what cannot fit into this machine: ``size`` bytes of what ``label`` names."""
     if size > machine_memory():
         raise ValueError(
             f"{label} takes {size / 1e9:.4g} GB; this machine has {machine_memory() / 1e9:.4g} GB: {remedy}"
@@ -102,8 +89,7 @@ def read_bytes(path: str | Path, head: int | None = None) -> bytes:
     """A text file as it is stored, or its first ``head`` bytes.
 
     Raises:
-        FileNotFoundError: no such file.
-        OSError: a folder, a device, a pipe; it cannot be read.
+        FileNotFoundError, OSError: as ``require_regular``; it cannot be read.
         ValueError: a line above ``LONGEST_LINE``; zero bytes; more than fits into memory as cells.
     """
     path = Path(path)

@@ -65,11 +65,10 @@ def preset_names(package: str) -> list[str]:
 
 
 def preset_text(package: str, name: str, kind: str, endings: str) -> str:
-    """The TOML text of a preset.
+    """The TOML text of a preset of a package.
 
     Args:
-        package: whose ``presets`` it is one of.
-        name: without ending.
+        package, name: whose preset it is, without ending.
         kind, endings: what it is and how a user's own files end, for the message.
     Raises:
         ValueError: no such preset; the nearest is named.
@@ -87,8 +86,7 @@ def read_text(path: Path) -> str:
     """A UTF-8 file.
 
     Raises:
-        FileNotFoundError, OSError: missing; no regular file.
-        ValueError: not UTF-8; a line that is no line.
+        FileNotFoundError, OSError, ValueError: as ``read_bytes``; not UTF-8.
     """
     try:
         return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -97,11 +95,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """The content of a TOML text.
-
-    Raises:
-        ValueError: it is none, is nested too deep, or longer than ``LONGEST``.
-    """
+    """The content of a TOML text; a ValueError where it is none, is nested too deep, or longer than ``LONGEST``."""
     if len(text) > LONGEST:
         raise ValueError(f"{path} has {len(text)} letters; a TOML file of ours has {LONGEST} at most")
     try:
@@ -111,12 +105,7 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
 
 
 def preset_or_file(package: str, name: str | Path, kind: str, endings: str) -> tuple[dict[str, Any], Path]:
-    """Content of a preset, or of a file of the user's own, which ends in .toml; and its path.
-
-    Raises:
-        ValueError: no such preset, or no valid TOML.
-        FileNotFoundError: no such file.
-    """
+    """Content of a preset, or of a file of the user's own, which ends in .toml; and its path. As ``preset_text``."""
     own = Path(name).suffix.lower() == ".toml"
     path = Path(name) if own else Path(f"{name}.toml")
     return parse_toml(read_text(path) if own else preset_text(package, str(name), kind, endings), path), path
@@ -138,8 +127,7 @@ def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables
     except ValidationError as error:
         found = error.errors()
         mistakes = [_explain(mistake, model, tables) for mistake in found[:MISTAKES]]
-        more = [f"and {len(found) - MISTAKES} more"] if len(found) > MISTAKES else []
-        raise ValueError(f"{path} has {len(found)} mistake(s):\n  " + "\n  ".join([*mistakes, *more])) from None
+        raise ValueError(f"{path} has {len(found)} mistake(s):\n  " + "\n  ".join(mistakes)) from None
 
 
 def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict]]) -> str:

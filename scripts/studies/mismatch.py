@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.records import MicrophoneLine, WallEduction
+from torchliner.records.drawn_impedance import deviation as deviation_of
 from torchliner.report.figure import (
     COLOURS,
     PARTS,
@@ -77,7 +78,7 @@ class MeasuredWave:
         )
         if mode is None:
             low, high = found.interval(LEVEL) if found.draws is not None else (None, None)
-            deviation = None if found.draws is None else found.wavenumber_deviation
+            deviation = None if found.draws is None else deviation_of(found.draws.wavenumber)  # type: ignore[attr-defined]
             return cls(*head, found.wavenumber, found.impedance, found.residual, low, high, deviation)
         wave = found.modes[..., mode, :]
         # In coordinates of the flow the relation holds for either direction.

@@ -24,7 +24,7 @@ from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.notes import Note
-from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
+from torchliner.records.summaries import Summarised
 
 ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the error that is stated
 # Choices that the moments contain: they cannot be made again.
@@ -168,11 +168,3 @@ class Moments(Layout, Summarised):
     def size(self) -> int:
         """Bytes of the sums."""
         return sum(value.nbytes for value in (*self.sums.values(), self.survey.sums))
-
-    def _heading(self) -> str:
-        return heading_of(self, *record_words(self.plane), f"{self.size / 1e6:.3g} MB")
-
-    def _facts(self) -> Facts:
-        known = {} if self.nodes is None else self.nodes.describe()
-        settings = [("averaging", str(self.settings["averaging"])), *case_facts(self.plane)]
-        return [*settings, *((name, str(value)) for name, value in known.items())]

@@ -89,11 +89,8 @@ def write_solver_table(record: Any, path: str | Path) -> None:
 
 
 def _over_frequency(record: Any, path: str | Path) -> np.ndarray:
-    """f, R and X of a result's ``answer`` in the order of f, (F, 3).
-
-    Raises:
-        ValueError: Z is not finite somewhere: a solver would interpolate over it.
-    """
+    """f, R and X of a result's ``answer`` in the order of f, (F, 3); a ValueError where Z is not finite somewhere: a
+    solver would interpolate over it."""
     value = record.answer.detach().cpu().numpy()
     table = np.stack([record.frequency.numpy(), value.real, value.imag], 1)
     bad = ~np.isfinite(table).all(1)

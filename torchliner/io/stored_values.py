@@ -38,12 +38,8 @@ class Packing:
     unsigned: bool = False
 
     def unpack(self, stored: np.ndarray, kind: Any = None) -> np.ndarray:
-        """The values meant, nan where there is none.
-
-        Args:
-            stored: numbers.
-            kind: dtype of the result; default that of ``stored``, float64 of integers that are packed or missing.
-        """
+        """The values meant, nan where there is none; of the dtype ``kind``, default that of ``stored``, float64 of
+        integers that are packed or missing."""
         stored = stored.view(_unsigned(stored.dtype)) if self.unsigned else stored
         lost = np.zeros(stored.shape, bool)
         for mark in self.marks:
@@ -119,69 +115,36 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
         label: FILE:/dataset, for messages.
         path: of the file that was opened.
     Raises:
-        ValueError: an empty dataset; chunks or values that were never written; raw storage outside the file; a
-            source of a virtual dataset that is not there or not whole.
+        ValueError: an empty or a virtual dataset; chunks or values that were never written; raw storage outside the
+            file.
     Warns:
-        DataWarning: the values stand in another file: an external link, a virtual dataset.
+        DataWarning: the values stand in another file, by an external link.
     """
     if dataset.shape is None:
         raise ValueError(f"{label} is empty: it has neither shape nor values")
-    if dataset.external:
-        raise ValueError(f"{label} keeps its values outside the file; copy the dataset into one file (h5repack)")
-    home = dataset.file.filename
-    if dataset.file.driver != "core" and not os.path.samefile(home, path):  # core: in memory
-        tell(f"{label} is a link; its values stand in {home}")
-    if dataset.is_virtual:
-        _require_sources(dataset, label, Path(home).parent)
-        return
+    if dataset.external or dataset.is_virtual:
+        raise ValueError(f"{label} keeps its values outside the file; copy them into one file (h5repack -l CONTI)")
+    if dataset.file.driver != "core" and not os.path.samefile(dataset.file.filename, path):  # core: in memory
+        tell(f"{label} is a link; its values stand in {dataset.file.filename}")
     if dataset.chunks is None:
         # Space is made when the first value is written, for all of them at once.
-        if dataset.size and dataset.id.get_storage_size() == 0:
-            raise Unwritten(
-                f"{label} holds no values: none of its {dataset.size} was ever written, and they "
-                f"would read as {dataset.fillvalue}"
-            )
-        return
-    wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
-    written = dataset.id.get_num_chunks()
+        wanted, written, what = int(dataset.size > 0), int(dataset.id.get_storage_size() > 0), "blocks"
+    else:
+        wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
+        written, what = dataset.id.get_num_chunks(), "chunks"
     if written < wanted:
         raise Unwritten(
-            f"{label}: {wanted - written} of {wanted} chunks were never written and would read as "
-            f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is "
-            "there, or write the rest"
+            f"{label}: {wanted - written} of {wanted} {what} were never written and would read as "
+            f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is there, or write the rest"
         )
-
-
-def _require_sources(dataset: h5py.Dataset, label: str, folder: Path) -> None:
-    """Each source of a virtual dataset is there, whole and long enough, and together they may cover it."""
-    sources = dataset.virtual_sources()
-    mapped = sum(part.vspace.get_select_npoints() for part in sources)
-    if mapped < dataset.size:
-        raise ValueError(
-            f"{label} is a virtual dataset that has sources for {mapped} of its {dataset.size} values; the others "
-            f"would read as {dataset.fillvalue}"
-        )
-    for part in sources:
-        source = Path(dataset.file.filename if part.file_name == "." else folder / part.file_name)
-        if not source.is_file():
-            raise ValueError(f"{label} is a virtual dataset whose source {source} is not there")
-        with h5py.File(source, "r", locking=False) as file:
-            there = file.get(part.dset_name)
-            if there is None or math.prod(there.shape or (0,)) < part.vspace.get_select_npoints():
-                raise ValueError(f"{label}: its source {source}:{part.dset_name} is not there, or holds too few values")
-            require_stored(there, f"{source}:{part.dset_name}", source)
-    names = ", ".join(sorted({part.file_name for part in sources}))
-    tell(f"{label} is a virtual dataset; its values stand in {names}")
 
 
 def read_values(dataset: h5py.Dataset, label: str, path: str | Path, part: Any = ()) -> np.ndarray:
-    """Numbers of a dataset, or a part of it, as they are meant.
+    """Numbers of a dataset, or a part of it, as they are meant: as ``Packing.unpack``.
 
     Args:
         dataset, label, path: as for ``require_stored``.
         part: as h5py takes it; () for all.
-    Returns:
-        As ``Packing.unpack``.
     Raises:
         ValueError: as ``require_stored`` and ``packing_of``; no real numbers; more than the machine's memory.
     """

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import re
 import socket
-import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +15,6 @@ from typing import Any
 
 HDF5 = (".h5", ".hdf5", ".nc")
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".eps", ".ps", ".tif", ".tiff", ".webp")
-LONGEST_NAME = 255  # bytes, on all file systems in use
 PART = f".torchliner-{re.sub(r'[^A-Za-z0-9]', '', socket.gethostname())[:40]}-"  # and who writes it
 STEERING = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -26,11 +23,8 @@ _inputs: ContextVar[frozenset[Any]] = ContextVar("inputs", default=frozenset())
 
 
 def printable(text: str) -> str:
-    """Text from a file for a terminal or a table: what would steer either is written out.
-
-    Control characters, marks that turn the direction of writing, and halves of characters become
-    ``\\x1b`` and the like; ends of lines and tabs stay.
-    """
+    """Text from a file for a terminal or a table: control characters, marks that turn the direction of writing and
+    halves of characters become ``\\x1b`` and the like; ends of lines and tabs stay."""
     return re.sub(STEERING, lambda found: ascii(found[0])[1:-1], text)
 
 
@@ -54,11 +48,7 @@ def identity(path: str | Path) -> Any:
 
 
 def require_ending(path: str | Path, endings: Sequence[str], option: str = "") -> None:
-    """Refuse a file name whose ending says something else than what is written.
-
-    Raises:
-        ValueError: it does.
-    """
+    """Refuse a file name whose ending says something else than what is written, by a ValueError."""
     suffix = Path(path).suffix
     if suffix.lower() not in endings:
         what = f"{option} {path}".strip()
@@ -73,25 +63,25 @@ def writable(path: str | Path, *endings: str) -> Path:
         endings: that it may have; any if none is named.
     Raises:
         ValueError: another ending; an input of the command.
-        OSError: no folder, a folder, a device, a link that leads to itself, write-protected, a name
-            longer than 255 bytes.
+        OSError: no folder, a folder, a device, a link that leads to itself, write-protected.
     """
     if endings:
         require_ending(path, endings)
     path, target = Path(path), Path(os.path.realpath(path))
-    if len(os.fsencode(target.name)) > LONGEST_NAME:
-        raise OSError(f"{path}: the name has more than {LONGEST_NAME} bytes; shorten it")
     folder = target.parent if path.is_symlink() else path.parent  # as the user knows it
     if identity(target) in _inputs.get():
         raise ValueError(f"the output {path} is an input; name another file")
+    there = target.exists()
     # The mode as well: root may write to what is marked read-only.
     for wrong, why in (
         (target.is_symlink(), "it is a link that leads to itself; name a file"),
         (not folder.is_dir(), f"the folder {folder} does not exist"),
         (target.is_dir(), "it is a folder; name a file"),
-        (target.exists() and not target.is_file(), "it is a device or a pipe, which is not written to; name a file"),
-        (target.exists() and not target.stat().st_mode & 0o222, "it is write-protected; name another file"),
-        (target.exists() and not os.access(target, os.W_OK), "it is write-protected; name another file"),
+        (there and not target.is_file(), "it is a device or a pipe, which is not written to; name a file"),
+        (
+            there and not (target.stat().st_mode & 0o222 and os.access(target, os.W_OK)),
+            "it is write-protected; name another file",
+        ),
         (not os.access(folder, os.W_OK | os.X_OK), f"the folder {folder} is write-protected"),
     ):
         if wrong:
@@ -105,9 +95,8 @@ def writable_folder(path: str | Path) -> None:
     Raises:
         OSError: it, or what it would be made in, is no folder or is write-protected.
     """
-    there = Path(path).absolute()
-    while not there.exists() and not there.is_symlink() and there != there.parent:
-        there = there.parent
+    whole = Path(path).absolute()
+    there = next(each for each in (whole, *whole.parents) if each.exists() or each.is_symlink())
     if not there.is_dir():
         raise OSError(f"{path}: {there} is there and no folder; name a folder")
     if not os.access(there, os.W_OK | os.X_OK):
@@ -131,13 +120,12 @@ def locked(folder: Path) -> Iterator[None]:
         yield
         return
     except Timeout:
-        said = holder.read_text("utf-8", errors="replace").strip() if holder.exists() else "unknown"
+        said = holder.read_text("utf-8").strip() if holder.exists() else "unknown"
         raise OSError(
             f"{folder} is in use by another run ({said}); wait for its end, or name another --output"
         ) from None
     with lock:
-        with contextlib.suppress(OSError):  # the disk is full; the words are for the message alone
-            holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", "utf-8")
+        holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", "utf-8")
         yield
 
 
@@ -145,8 +133,8 @@ def locked(folder: Path) -> Iterator[None]:
 def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     """A temporary path beside the file, renamed onto it when the block ends well.
 
-    A crash or an interrupt leaves the old file as it was; what killed runs have left beside it is
-    deleted. A link is followed, and a file that is replaced keeps its mode and owner.
+    A crash or an interrupt leaves the old file as it was, and the next file there deletes what killed runs have left
+    beside it. A link is followed, and a file that is replaced keeps its mode.
 
     Args:
         path, endings: as for ``writable``.
@@ -163,7 +151,7 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        _dress(temporary, target)
+        os.chmod(temporary, target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~_umask())
         os.replace(temporary, target)
     except (OSError, RuntimeError) as error:
         full = isinstance(error, OSError) and (error.errno in FULL or name in str(error))
@@ -176,26 +164,17 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)  # gone already where all went well
 
 
-def _dress(temporary: Path, target: Path) -> None:
-    """Mode and owner of the file that is replaced; a new one has the usual mode."""
-    if not target.exists():
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        return
-    old = target.stat()
-    if hasattr(os, "chown"):
-        with contextlib.suppress(OSError):  # another's file, in a folder of ours
-            os.chown(temporary, old.st_uid, old.st_gid)
-    os.chmod(temporary, stat.S_IMODE(old.st_mode))
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
 
 
 def _clean(folder: Path) -> None:
     """Delete parts of runs on this machine that are no more; on Windows to ask after a process would end it."""
     for part in [] if os.name == "nt" else folder.glob(f"{PART}*.part"):
-        number = part.name.removeprefix(PART).partition("-")[0]
         try:
-            os.kill(int(number), 0)
+            os.kill(int(part.name.removeprefix(PART).partition("-")[0]), 0)
         except ProcessLookupError:
             part.unlink(missing_ok=True)
         except (OSError, ValueError, OverflowError):  # alive and another's; no part of ours

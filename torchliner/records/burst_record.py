@@ -1,4 +1,4 @@
-"""Velocity in, one burst at a time: what a laser Doppler system records at one station."""
+"""Velocity in, one burst at a time: what a laser Doppler system records at one station, and a signal beside it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ class BurstRecord(Written, OfOneTone):
         notes: warnings, with numbers.
     Raises:
         TypeError: an array is not real floating point.
-        ValueError: no burst, no component, unequal lengths, values that are not finite, a negative
-            transit time, a scalar out of range.
+        ValueError: no burst, no component, unequal lengths, a value out of range.
     """
 
     arrival_time: Any = var("burst", unit="s", range=ANY, text="arrival of the particle")
@@ -121,9 +120,8 @@ UNITS = {row.field: row.unit for row in table_of(BurstRecord, "arrival_time", "t
 
 @record
 class ReferenceChannel:
-    """Loudspeaker voltage or microphone, uniformly sampled on the clock of the arrivals.
-
-    Only its phase and its coherence with v count, so its unit is free.
+    """Loudspeaker voltage or microphone, uniformly sampled on the clock of the arrivals, in any unit: its phase and
+    its coherence with v count.
 
     Args:
         sampling_rate: Hz.
@@ -146,24 +144,17 @@ class ReferenceChannel:
         if len(values) < 2 or float(values.min()) == float(values.max()):
             raise ValueError(f"{self.name} is constant, {float(values[0]):g}; it holds no tone")
 
-    @property
-    def end(self) -> float:
-        """Time of the last sample, s."""
-        return self.start + (len(self.values) - 1) / self.sampling_rate
-
     def at(self, times: Tensor) -> Tensor:
-        """Values at times on the clock of the arrivals, between the samples linearly.
+        """Values at times on the clock of the arrivals, s, (t,), between the samples linearly.
 
-        Args:
-            times: s, (t,).
         Raises:
             ValueError: the channel does not cover them.
         """
-        first, last = float(times[0]), float(times[-1])
+        first, last, end = float(times[0]), float(times[-1]), self.start + (len(self.values) - 1) / self.sampling_rate
         slack = 1e-9 * max(1.0, abs(last))
-        if first < self.start - slack or last > self.end + slack:
+        if first < self.start - slack or last > end + slack:
             raise ValueError(
-                f"{self.name} runs from {self.start:.6g} to {self.end:.6g} s, the velocity from {first:.6g} to "
+                f"{self.name} runs from {self.start:.6g} to {end:.6g} s, the velocity from {first:.6g} to "
                 f"{last:.6g} s; record the whole of it, or state start, the time of its first sample on the clock of "
                 "the arrivals"
             )

@@ -12,7 +12,7 @@ from torchliner.checks import require_choice
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.declared import check, part, record, var
-from torchliner.records.level_check import LevelCheck, words_of
+from torchliner.records.level_check import UNKNOWN, LevelCheck
 from torchliner.records.notes import Note
 
 LOUDEST = 194.0  # dB: one atmosphere rms
@@ -93,5 +93,8 @@ class Found(Stated):
 
     @property
     def level_check_words(self) -> str:
-        """What the whole is compared with, or why it is not."""
-        return words_of(self.level_check, self.choices)
+        """What the whole is compared with, or why it is not, which the choices say."""
+        check = self.level_check
+        if check is None:
+            return str(self.choices.get("level_check", UNKNOWN))
+        return f"off {check.known}, limit {check.limit:.2g} dB"

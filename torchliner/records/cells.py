@@ -48,13 +48,6 @@ class Cells:
         alike = bool((weight == weight[:1]).all())
         return Cells(labels, self.x[there], self.z[there], None if alike else weight)
 
-    def membership(self, used: Tensor) -> Tensor:
-        """Averaging matrix (P, C), float64: columns sum to 1 over the probes ``used``."""
-        matrix = torch.zeros(len(self.labels), self.count, dtype=torch.float64)
-        inside = (self.labels >= 0) & used
-        matrix[inside, self.labels[inside]] = 1.0
-        return matrix / matrix.sum(0).clamp(min=1)
-
     def average(self, values: Tensor, used: Tensor, axis: int = -2) -> Tensor:
         """Means over the probes ``used`` of each cell: P becomes C on that axis of ``values``."""
         inside = ((self.labels >= 0) & used.cpu()).to(values.device)

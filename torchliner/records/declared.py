@@ -17,6 +17,7 @@ SEVERAL = ("probes", "columns", "rows", "draws", "facesheet", "backplate")  # ma
 OF_TWO = {"part": (2,), "with_part": (2,)}  # dimensions of real and imaginary part
 PARTS = {"impedance": ("resistance", "reactance"), "complex": ("real", "imaginary")}
 LONG_NAMES = {"impedance": "normalised {}, {}", "complex": "{} part of the {}"}
+ANY = "(-inf, inf)"  # the range of what is finite
 Kind = TypeVar("Kind", bound=type)
 
 
@@ -58,9 +59,9 @@ class Variable:
     def names(self) -> tuple[str, ...]:
         """Of the variable, or of its two parts."""
         name = self.name or self.field
-        if self.kind not in PARTS:
-            return (name,)
-        return tuple(name.format(part) if "{}" in name else f"{name}_{part}" for part in PARTS[self.kind])
+        return tuple(name.format(part) if "{}" in name else f"{name}_{part}" for part in PARTS.get(self.kind, ())) or (
+            name,
+        )
 
     @property
     def long_names(self) -> tuple[str, ...]:
@@ -138,7 +139,7 @@ def part(
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(var, part, field))
 def record(cls: Kind) -> Kind:
     """A frozen dataclass whose documentation lists what its fields say of themselves."""
-    made: Any = dataclass(frozen=True, eq=False, repr=not hasattr(cls, "_heading"))(cls)
+    made: Any = dataclass(frozen=True, eq=False, repr=not hasattr(cls, "_facts"))(cls)
     head, _, rest = textwrap.dedent(f"    {cls.__doc__}").partition("\nArgs:\n")
     written = list(takewhile(lambda line: line.startswith(" "), rest.splitlines()))
     own = [f"    {row.field}: {_words(row)}." for row in variables_of(made) if row.field in cls.__annotations__]
@@ -188,14 +189,8 @@ def flat(record: Any, part: Part | None = None, *, derived: bool = True) -> Iter
         elif inner.by == "names":
             for key, one in value.items():
                 yield from flat(one, inner.named(key), derived=derived)
-        elif inner.by == "" and dataclasses.is_dataclass(value):
+        elif inner.by == "" and value is not None:
             yield from flat(value, inner, derived=derived)
-
-
-# Checks
-
-
-ANY = "(-inf, inf)"  # the range of what is finite
 
 
 def check(record: Any, *, tensors: bool = False) -> None:
@@ -219,9 +214,11 @@ def check(record: Any, *, tensors: bool = False) -> None:
 def _require_range(row: Variable, values: torch.Tensor, name: str) -> None:
     low, high = (float(end) for end in row.range[1:-1].split(","))
     real = values.abs() if values.is_complex() else values
-    good = ((real >= low) if row.range[0] == "[" else (real > low)) & (
-        (real <= high) if row.range[-1] == "]" else (real < high)
+    above, below = (
+        real >= low if row.range[0] == "[" else real > low,
+        real <= high if row.range[-1] == "]" else real < high,
     )
+    good = above & below
     if bool(good.all()):
         return
     place = tuple((~good).nonzero()[0].tolist())
@@ -244,7 +241,7 @@ def require_shapes(record: Any, name: str) -> None:
         if row.dims:
             if row.kind in PARTS:
                 require_complex(f"{name}: {row.field}", value)
-            shape = (len(value),) if row.kind == "text" or isinstance(value, tuple | list) else tuple(value.shape)
+            shape = (len(value),) if isinstance(value, tuple | list) else tuple(value.shape)
             require_shape(row, shape, sizes, f"{name}: {row.field}")
 
 

@@ -17,7 +17,7 @@ from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Reported, Written
-from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
+from torchliner.records.summaries import Summarised
 
 FINE = 201  # places of a level along the microphones
 LEVEL = 0.95  # of the interval in the file
@@ -92,11 +92,8 @@ class DrawnImpedance(Written, Reported, Summarised):
         return self.line
 
     def write(self, path: str | Path, *others: DrawnImpedance) -> None:
-        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take.
+        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take, ``others`` behind it.
 
-        Args:
-            path: of the file.
-            others: eductions that go along, as of the source on the other side, in this order.
         Raises:
             ValueError: another ending; an eduction without its line, or of several lines.
         """
@@ -107,12 +104,8 @@ class DrawnImpedance(Written, Reported, Summarised):
         """Write one self-contained HTML page, ``others`` beside it; as ``Reported.report``."""
         resolve(self.PAGE)(self, path, *others)
 
-    def _heading(self) -> str:
-        count = shape_words((len(self.x),), "microphone")
-        return heading_of(self, self.method, f"source {self.source_side}", count, frequency_words(self.frequency))
-
-    def _facts(self) -> Facts:
-        return impedance_facts(self.frequency, self.impedance) if self.impedance.ndim == 1 else []
+    def _answer(self) -> Any:
+        return (self.impedance, None, None) if self.impedance.ndim == 1 else None
 
     def fitted_along(self) -> tuple[Tensor, Tensor]:
         """Places along the microphones, m, (X,), and the fitted pressure, Pa, (..., X, F)."""
@@ -143,19 +136,27 @@ class DrawnImpedance(Written, Reported, Summarised):
         return torch.ones_like(self.impedance.real, dtype=torch.bool)
 
     @property
+    def drawn(self) -> Tensor:
+        """Impedances of the draws, (D, ..., F), nan where there is none; a ValueError without draws."""
+        if self.draws is None:
+            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
+        found = self.draws.impedance
+        return torch.where(torch.isfinite(found), found, complex(torch.nan, torch.nan))
+
+    @property
     def mean(self) -> Tensor:
         """Mean impedance of the draws that have one, (..., F)."""
-        return _mean(self._drawn())
+        return torch.complex(self.drawn.real.nanmean(0), self.drawn.imag.nanmean(0))
 
     @property
     def standard_deviation(self) -> Tensor:
         """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
-        return deviation(self._drawn())
+        return deviation(self.drawn)
 
     @property
     def failed(self) -> Tensor:
         """How many draws have no impedance, (..., F)."""
-        return (~torch.isfinite(self._drawn())).sum(0)
+        return torch.isnan(self.drawn.real).sum(0)
 
     @property
     def standard_error(self) -> Tensor:
@@ -182,9 +183,8 @@ class DrawnImpedance(Written, Reported, Summarised):
             student = float(ndtri(share) if self.freedom is None else stdtrit(self.freedom, share))
             away = torch.where(self.estimated, student, float(ndtri(share))) * self.standard_error
             return self.impedance - away, self.impedance + away
-        drawn = torch.where(torch.isfinite(self._drawn()), self._drawn(), complex(torch.nan, torch.nan))
-        ends = (1 - share, share)
-        low, high = (torch.complex(*(part.nanquantile(q, 0) for part in (drawn.real, drawn.imag))) for q in ends)
+        parts = (self.drawn.real, self.drawn.imag)
+        low, high = (torch.complex(*(part.nanquantile(end, 0) for part in parts)) for end in (1 - share, share))
         return low, high
 
     @property
@@ -208,22 +208,12 @@ class DrawnImpedance(Written, Reported, Summarised):
     def _known(self) -> bool:
         return self.impedance.ndim == 1 and (self.draws is not None or self.covariance is not None)
 
-    def _drawn(self) -> Tensor:
-        if self.draws is None:
-            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
-        return self.draws.impedance
-
-
-def _mean(values: Tensor) -> Tensor:
-    good = torch.isfinite(values)
-    return torch.where(good, values, 0).sum(0) / good.sum(0)
-
 
 def deviation(values: Tensor) -> Tensor:
     """Standard deviation over the first axis, real and imaginary parts each by itself; what is not
     finite is left out, and of fewer than two there is none (nan)."""
     good = torch.isfinite(values)
-    off = torch.where(good, values - _mean(values), 0)
+    off = torch.where(good, values - torch.where(good, values, 0).sum(0) / good.sum(0), 0)
     count = torch.where(good.sum(0) > 1, good.sum(0) - 1, torch.nan)
     return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))
 

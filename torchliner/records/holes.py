@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from torch import Tensor
 
 from torchliner.records.declared import var
@@ -48,34 +49,28 @@ class Holes:
 
     @property
     def words(self) -> str:
-        """'2 slits of 0.68 mm, x = 6.2 to 18.7 mm'."""
-        size, x = (
-            " to ".join(f"{1e3 * end:.4g}" for end in sorted({min(own), max(own)})) for own in (self.diameter, self.x)
-        )
+        """'2 slits, x = 6.2 to 18.7 mm'."""
         kind = ("hole" if self.z is not None else "slit") + "s" * (len(self) > 1)
-        return f"{len(self)} {kind} of {size} mm, x = {x} mm"
+        return f"{len(self)} {kind}, x = {1e3 * min(self.x):.4g} to {1e3 * max(self.x):.4g} mm"
 
     def __repr__(self) -> str:
         return f"Holes: {self.words}"
 
     def __mul__(self, factor: float) -> Holes:
         """All lengths times a factor."""
-        own = (self.x, self.diameter, self.z)
-        return Holes(*(each and tuple(factor * one for one in each) for each in own))  # type: ignore[arg-type]
+        return Holes(*(each and tuple(factor * one for one in each) for each in vars(self).values()))
 
     def within(self, x: Tensor | None, z: Tensor | None) -> Holes | None:
         """Those that touch the range of coordinates, m, of probes (None where unknown); None if none is left."""
-        kept = self._inside(x, z)
-        parts = (each and tuple(each[i] for i in kept) for each in (self.x, self.diameter, self.z))
-        return Holes(*parts) if kept else None  # type: ignore[arg-type]
+        kept = self._inside(x, z).nonzero()[0].tolist()
+        return Holes(*(each and tuple(each[i] for i in kept) for each in vars(self).values())) if kept else None
 
-    def _inside(self, x: Tensor | None, z: Tensor | None) -> list[int]:
-        found = [*range(len(self))]
+    def _inside(self, x: Tensor | None, z: Tensor | None) -> np.ndarray:
+        """Which of them touch these ranges, (H,)."""
+        found, half = np.ones(len(self), bool), np.array(self.diameter) / 2
         for own, at in ((self.x, x), (self.z, z)):
             if own is not None and at is not None:
-                low, high = float(at.min()), float(at.max())
-                half = [size / 2 for size in self.diameter]
-                found = [i for i in found if own[i] + half[i] >= low and own[i] - half[i] <= high]
+                found &= (own + half >= float(at.min())) & (own - half <= float(at.max()))
         return found
 
 
@@ -95,21 +90,16 @@ def require_holes_on_plane(holes: Any, x: Tensor | None, z: Tensor | None, name:
 
     Raises:
         TypeError: no ``Holes``.
-        ValueError: there are some; the first and the probes' ranges are named.
+        ValueError: there are some; the first is named.
     """
     if not isinstance(holes, Holes):
         raise TypeError(
             f"{name}: holes is {type(holes).__name__}; give Holes(x, diameter, z), in m, or read_holes(FILE)"
         )
-    inside = holes._inside(x, z)
-    if len(inside) < len(holes):
-        first = next(i for i in range(len(holes)) if i not in inside)
-        at = ", ".join(
-            f"{label} = {1e3 * own[first]:.6g} mm, of probes {1e3 * float(of.min()):.6g} to {1e3 * float(of.max()):.6g}"
-            for label, own, of in (("x", holes.x, x), ("z", holes.z, z))
-            if own is not None and of is not None
-        )
+    outside = (~holes._inside(x, z)).nonzero()[0]
+    if len(outside):
         raise ValueError(
-            f"{name}: {len(holes) - len(inside)} of {len(holes)} holes lie outside the plane, number {first + 1} "
-            f"first, at {at} mm: give the holes in the coordinates of the plane, without those beyond it"
+            f"{name}: {len(outside)} of {len(holes)} holes lie outside the plane, number {outside[0] + 1} first, at "
+            f"x = {1e3 * holes.x[outside[0]]:.6g} mm: give the holes in the coordinates of the plane, without those "
+            "beyond it"
         )

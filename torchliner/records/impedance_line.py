@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -20,7 +20,7 @@ from torchliner.records.declared import Variable, part, record, require_shapes, 
 from torchliner.records.educed import Interval
 from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
-from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
+from torchliner.records.summaries import Summarised
 
 
 def mean_over_segments(values: Tensor, counts: Tensor) -> Tensor:
@@ -56,9 +56,9 @@ SEGMENT, STATION = ("station", "segment", "frequency"), ("station", "frequency")
 class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
     """Impedance of every segment of every station, with averages and all choices.
 
-    All impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S
-    segments at most, F frequencies; nan beyond a station's segments. Phases are those at time 0 of the arrivals, or
-    relative to the reference channel.
+    Impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S segments at most, F
+    frequencies; nan beyond a station's segments. Phases are those at time 0 of the arrivals, or relative to the
+    reference channel.
 
     Args:
         interval: statistical, of the mean over segments (5.1), (N, F); None without any.
@@ -155,10 +155,8 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
 
     @property
     def segment_spread(self) -> Tensor:
-        """Standard deviation of resistance and reactance over the segments, (N, F).
-
-        The paper's coloured areas are three of these. It does not shrink with a longer record.
-        """
+        """Standard deviation of resistance and reactance over the segments, (N, F): the paper's coloured areas are
+        three of these."""
         away = self.segment_impedance - self.impedance[:, None]
         unbiased = self.segments / (self.segments - 1).clamp(min=1)
         parts = [(self.over_segments(part.square()) * unbiased[:, None]).sqrt() for part in (away.real, away.imag)]
@@ -180,13 +178,5 @@ class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
         wave = self.fluid.characteristic_impedance * self.velocity_amplitude / (1 - reflected)
         return spl_from_pressure_amplitude(wave)
 
-    def _heading(self) -> str:
-        bursts = f"{int(self.bursts.sum())} bursts"
-        words = (shape_words((self.stations,), "station"), bursts, frequency_words(self.frequency))
-        return heading_of(self, *words)
-
-    def _facts(self) -> Facts:
-        if self.average is None:
-            return []
-        level = self.choices.get("interval")
-        return impedance_facts(self.frequency, self.answer, self.average.interval, level)
+    def _answer(self) -> Any:
+        return None if (own := self.average) is None else (own.impedance, own.interval, self.choices.get("interval"))

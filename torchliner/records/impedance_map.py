@@ -20,7 +20,7 @@ from torchliner.records.level_check import LevelCheck, LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.probes import probe_axes
-from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
+from torchliner.records.summaries import Summarised
 
 FULL = ("probes", "frequency")
 
@@ -147,10 +147,8 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
 
     @property
     def incident_pressure(self) -> Tensor:
-        """Complex peak amplitude, Pa, (..., F), of the wave that gives the measured v at f.
-
-        X = V/(1 - R): it means something only where v is coherent with the tone.
-        """
+        """Complex peak amplitude, Pa, (..., F), of the wave that gives the measured v at f where v is coherent with
+        the tone, rho c V/(1 - R)."""
         scale = self.fluid.characteristic_impedance
         return scale * self.velocity_amplitude / (1 - self.probes["admittance"].reflection)
 
@@ -161,10 +159,8 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
 
     @property
     def liner_spread(self) -> Tensor:
-        """Standard deviation of resistance and of reactance (imaginary part) over the probes as measured, (F,).
-
-        How Z differs from place to place; it does not shrink with the length of the record.
-        """
+        """Standard deviation of resistance and of reactance (imaginary part) over the probes as measured, (F,): how Z
+        differs from place to place."""
         flat = self.impedance.reshape(-1, len(self.frequency))
         flat = flat[torch.isfinite(flat.real).all(1)]
         if len(flat) < 2:
@@ -174,14 +170,12 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
     def time_domain(
         self, poles: int = 8, *, band: tuple[float, float] | None = None, averaging: str | None = None
     ) -> Any:
-        """The liner's R as poles and residues, stable and passive, for solvers in the time domain.
+        """The liner's R as poles and residues (``Multipole``), stable and passive, for solvers in the time domain.
 
         Args:
             poles: how many, fewer than frequencies of the map.
             band: lowest and highest frequency to fit, Hz; default all.
             averaging: default that of the answer.
-        Returns:
-            ``Multipole``.
         Raises:
             ValueError: as ``fit_multipole``.
         """
@@ -196,11 +190,5 @@ class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
         """The same map with the results of other methods beside it, for files and figures."""
         return replace(self, alongside=(*self.alongside, *others))
 
-    def _heading(self) -> str:
-        probes = shape_words(tuple(self.mean_velocity.shape), "probe")
-        cells = shape_words((len(self.cell_x),), "cell")
-        words = (probes, cells, frequency_words(self.frequency), f"liner {self.averaging}")
-        return heading_of(self, *words)
-
-    def _facts(self) -> Facts:
-        return impedance_facts(self.frequency, self.answer, self.liner[self.averaging].interval, self.level)
+    def _answer(self) -> Any:
+        return self.answer, self.liner[self.averaging].interval, self.level

@@ -56,16 +56,8 @@ class ComplexTones(Incident):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", frequency_tensor(self.frequency).cpu())
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """Frequencies."""
-        return f"complex tones {_listed(self.frequency)} Hz"
-
-    @property
-    def band(self) -> tuple[float, float]:  # type: ignore[override]
-        """Lowest and highest tone, Hz."""
-        return float(self.frequency.min()), float(self.frequency.max())
+        object.__setattr__(self, "band", (float(self.frequency.min()), float(self.frequency.max())))
+        object.__setattr__(self, "label", f"complex tones {_listed(self.frequency)} Hz")
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """complex128, (F, T)."""
@@ -109,12 +101,8 @@ class Tones(ComplexTones):
             if value.numel() not in (1, count):
                 raise ValueError(f"{name} has {value.numel()} values for {count} tones; give one, or one for each")
             object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """Frequencies, amplitudes and phases."""
         shown = (_listed(self.frequency), _listed(self.amplitude), _listed(self.phase))
-        return "tones {} Hz, amplitude {}, phase {} rad".format(*shown)
+        object.__setattr__(self, "label", "tones {} Hz, amplitude {}, phase {} rad".format(*shown))
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
@@ -123,21 +111,19 @@ class Tones(ComplexTones):
 
 @dataclass(frozen=True)
 class _Banded(Incident):
-    """A wave between two frequencies, Hz, of which the record is one period."""
+    """A wave between two frequencies, Hz, of which the record is one period; ``NAME`` is its label."""
 
+    NAME: ClassVar[str]
     low: float
     high: float
 
     def __post_init__(self) -> None:
         make_plain(self)
+        object.__setattr__(self, "label", self.NAME.format(**vars(self)))
+        object.__setattr__(self, "band", (self.low, self.high))
         frequency_tensor([self.low, self.high])
         if self.low >= self.high:
             raise ValueError(f"{self.label} must run upwards")
-
-    @property
-    def band(self) -> tuple[float, float]:  # type: ignore[override]
-        """Hz."""
-        return self.low, self.high
 
 
 @dataclass(frozen=True)
@@ -148,16 +134,12 @@ class Sweep(_Banded):
     turbulence of the whole record.
     """
 
+    NAME: ClassVar[str] = "{spacing} sweep {low:g}-{high:g} Hz"
     spacing: str = "linear"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_choice("sweep", self.spacing, SWEEPS)
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """Kind and range."""
-        return f"{self.spacing} sweep {self.low:g}-{self.high:g} Hz"
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
@@ -173,12 +155,8 @@ class Sweep(_Banded):
 class BandNoise(_Banded):
     """Noise of rms 1: the lines k fs/T of the record from ``low`` to ``high`` (Hz), of one size and random phases."""
 
+    NAME: ClassVar[str] = "band noise {low:g}-{high:g} Hz, seed {seed}"
     seed: int = 0
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """Range and seed."""
-        return f"band noise {self.low:g}-{self.high:g} Hz, seed {self.seed}"
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
@@ -229,28 +207,22 @@ def _listed(values: Tensor) -> str:
     return " ".join(f"{value + 0.0:.6g}" for value in values.tolist())  # no -0
 
 
-def parse_signal(text: str) -> Incident | None:
-    """``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or ``noise:300:6000[:seed]``; None for other text."""
-    kind, _, rest = text.partition(":")
+def as_incident(incident: Any, tones: type[ComplexTones]) -> Incident:
+    """A wave itself; one from a text, ``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or
+    ``noise:300:6000[:seed]``; or ``tones`` from their frequencies in Hz."""
+    if isinstance(incident, Incident):
+        return incident
+    if not isinstance(incident, str):
+        return tones(incident)
+    kind, _, rest = incident.partition(":")
     try:
         if kind == "tones":
             return Tones([float(f) for f in rest.split(",")])
-        if kind in ("sweep", "noise"):
-            low, high, *more = rest.split(":", 2)
-            own: list[Any] = [int(each) if kind == "noise" else each for each in more]
-            return {"sweep": Sweep, "noise": BandNoise}[kind](float(low), float(high), *own)
-    except ValueError as error:
+        low, high, *more = rest.split(":", 2)
+        own: list[Any] = [int(each) if kind == "noise" else each for each in more]
+        return {"sweep": Sweep, "noise": BandNoise}[kind](float(low), float(high), *own)
+    except (KeyError, ValueError) as error:
         raise ValueError(
-            f"incident signal {text!r} cannot be read ({error}); write {EXAMPLES} or name a .wav or .npy file"
+            f"incident signal {incident!r} cannot be read ({error}); write {EXAMPLES} or read a file with "
+            "tl.read_signal"
         ) from error
-    return None
-
-
-def as_incident(incident: Any, tones: type[ComplexTones]) -> Incident:
-    """A wave itself, from its text, or ``tones`` from their frequencies in Hz."""
-    if isinstance(incident, Incident):
-        return incident
-    wave = parse_signal(incident) if isinstance(incident, str) else tones(incident)
-    if wave is None:
-        raise ValueError(f"incident is {incident!r}, no generated wave; read a file with tl.read_signal")
-    return wave

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -98,42 +97,27 @@ class LevelCheck:
         count = len(self.pressure_level)
         return any(self.verdict(self.averaging, index) in (FAILS, INCONCLUSIVE) for index in range(count))
 
-    def beyond(self, averaging: str, index: int = 0) -> str:
-        """'+2.41 dB beyond the limit of 0.3 dB', of what is beyond it; "" where nothing is."""
-        here = self.liner.at(self.averagings.index(averaging), index)
-        limits = (("level", "dB", ".2f", 1.0), ("phase", "degrees", ".1f", DEGREES_PER_DB))
-        return " and ".join(
-            f"{value:+{digits}} {unit} beyond the limit of {self.limit * factor:.2g} {unit}"
-            for name, unit, digits, factor in limits
-            if (value := here[name]) is not None and abs(value) > self.limit * factor
-        )
-
     def words(self, averaging: str, index: int = 0) -> str:
         """'-2.61 dB (-2.62 to -2.60), +3.1 degrees fails'; '-' where nothing is compared."""
         verdict = self.verdict(averaging, index)
-        if not verdict:
-            return "-"
-        here = self.liner.at(self.averagings.index(averaging), index)
-        text = f"{here['level']:+.2f} dB"
-        if here["level_low"] is not None:
-            text += f" ({here['level_low']:+.2f} to {here['level_high']:+.2f})"
-        if here["phase"] is not None:
-            text += f", {here['phase']:+.1f} degrees"
-            if here["phase_low"] is not None:
-                text += f" ({here['phase_low']:+.1f} to {here['phase_high']:+.1f})"
-        return f"{text} {verdict}"
+        here, parts = self.liner.at(self.averagings.index(averaging), index), []
+        for name, unit, digits in (("level", "dB", ".2f"), ("phase", "degrees", ".1f")):
+            if here[name] is not None:
+                low, high = here[f"{name}_low"], here[f"{name}_high"]
+                bounds = "" if low is None else f" ({low:+{digits}} to {high:+{digits}})"
+                parts.append(f"{here[name]:+{digits}} {unit}{bounds}")
+        return f"{', '.join(parts)} {verdict}" if verdict else "-"
 
     def sentence(self, averaging: str, frequency: float, index: int = 0) -> str:
-        """Why one averaging fails or is inconclusive at a frequency, what that excludes, what to try."""
+        """Why one averaging fails or is inconclusive at a frequency, what that excludes, what to try; "" otherwise."""
         verdict = self.verdict(averaging, index)
         if verdict in ("", PASSES):
             return ""
-        here = self.liner.at(self.averagings.index(averaging), index)
-        stated, off = float(self.pressure_level[index]), here["level"] or 0.0
+        off = self.liner.at(self.averagings.index(averaging), index)["level"] or 0.0
         start = (
             f"level check at {frequency:g} Hz {'fails' if verdict == FAILS else 'is inconclusive'}, {averaging}: "
-            f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}; "
-            f"{self.beyond(averaging, index)}"
+            f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}, beyond the limit of "
+            f"{self.limit:.2g} dB or {self.limit * DEGREES_PER_DB:.2g} degrees"
         )
         if verdict == INCONCLUSIVE:
             return f"{start}, and the interval reaches back: take a longer record"
@@ -144,13 +128,12 @@ class LevelCheck:
             else "no averaging passes: give a run without sound (--background), calibrate the model, check the level, "
             "or take another height"
         )
-        if abs(off) <= self.limit:
-            excluded = "The size is right, so it is the reactance of the model that is wrong"
-        else:
-            excluded = (
-                "The velocity is not that of the cell, or the model is wrong, or the level is "
-                f"{stated + off:.1f} dB, which Z and velocity imply"
-            )
+        excluded = (
+            "The size is right, so it is the reactance of the model that is wrong"
+            if abs(off) <= self.limit
+            else "The velocity is not that of the cell, or the model is wrong, or the level is "
+            f"{float(self.pressure_level[index]) + off:.1f} dB, which Z and velocity imply"
+        )
         return f"{start}. {excluded}; {tried}"
 
     def plain(self, frequency: list[float]) -> dict[str, Any]:
@@ -167,12 +150,8 @@ class LevelCheck:
             for o, averaging in enumerate(self.averagings)
             for i, f in enumerate(frequency)
         ]
-        return {
-            **{name: getattr(self, name) for name in FACTS},
-            "pressure_level": self.pressure_level.tolist(),
-            "failed": self.failed,
-            "rows": rows,
-        }
+        facts = {name: getattr(self, name) for name in FACTS}
+        return facts | {"pressure_level": self.pressure_level.tolist(), "failed": self.failed, "rows": rows}
 
 
 def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:
@@ -185,23 +164,12 @@ def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -
         has_phase: whether its phase means anything.
     """
     nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
-    level, phase = 20 * torch.log10(ratio.abs()), torch.rad2deg(ratio.angle())
     low, high = ends or (torch.complex(nothing, nothing),) * 2
-    per_neper = 20 / math.log(10)
-    parts = [level + per_neper * end.real for end in (0 * low, low, high)]
-    if has_phase:
-        parts += [phase, *(phase + torch.rad2deg(end.imag) for end in (low, high))]
-    else:
-        parts += [nothing] * 3
-    parts[0] = level
-    return Gap(*parts)
-
-
-def words_of(level_check: LevelCheck | None, choices: Mapping[str, Any]) -> str:
-    """What a result is compared with, or why it is not, which its choices say."""
-    if level_check is None:
-        return str(choices.get("level_check", UNKNOWN))
-    return f"off {level_check.known}, limit {level_check.limit:.2g} dB"
+    level, per_neper = 20 * torch.log10(ratio.abs()), 20 / math.log(10)
+    phase = torch.rad2deg(ratio.angle()) if has_phase else nothing
+    of_level = (level + per_neper * low.real, level + per_neper * high.real)
+    of_phase = (phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag))
+    return Gap(level, *of_level, phase, *of_phase)
 
 
 @record

@@ -16,13 +16,14 @@ from torchliner.records.case import LOUDEST, Case
 from torchliner.records.declared import ANY, record, var
 from torchliner.records.outlets import Reported, Written
 from torchliner.records.probes import finite_places
-from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, shape_words
-from torchliner.records.unit_checks import require_pressures, unit_warnings
+from torchliner.records.summaries import Summarised
+from torchliner.records.unit_checks import unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
 QUIETEST = 1.0  # dB, that a microphone measures
 DRAWN = ("draws", "microphone", "frequency")
+ONE_ATMOSPHERE = "(0, 1.5e5]"  # Pa, of an amplitude: 194 dB; what is no pressure in Pa overflows in sums of squares
 
 
 @record
@@ -36,14 +37,17 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
         notes: warnings, with numbers.
     Raises:
         TypeError: the pressure is not complex, as levels in dB are not.
-        ValueError: fewer than two microphones, places that do not increase, shapes that disagree,
-            a pressure that is zero, not finite or above 194 dB, a line below -126 dB at a
-            frequency, mach outside 0 to 1, a length out of range.
+        ValueError: fewer than two microphones, places that do not increase, shapes that disagree, a value out of range.
     """
 
     x: Any = var("microphone", unit="m", text="places along the flow, increasing")
     pressure: Any = var(
-        *DRAWN, unit="Pa", kind="complex", range="(0, inf)", text="peak amplitude", amplitude="peak, exp(+j omega t)"
+        *DRAWN,
+        unit="Pa",
+        kind="complex",
+        range=ONE_ATMOSPHERE,
+        text="peak amplitude",
+        amplitude="peak, exp(+j omega t)",
     )
     frequency: Any = var("frequency", unit="Hz", text="frequency of the tone")
     _: KW_ONLY
@@ -63,8 +67,7 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
     SCHEMA: ClassVar = "torchliner microphones 1"
 
     def __post_init__(self) -> None:
-        frequency, x = frequency_tensor(self.frequency), finite_places(self.x, "x", self.name)
-        pressure = self.pressure
+        frequency, x, pressure = frequency_tensor(self.frequency), finite_places(self.x, "x", self.name), self.pressure
         if not isinstance(pressure, Tensor):
             pressure = torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
         if not pressure.is_complex():
@@ -73,11 +76,7 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
                 "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
             )
         single = len(frequency) == 1 and pressure.shape[-1:] == x.shape
-        found: dict[str, Any] = {
-            "frequency": frequency,
-            "x": x,
-            "pressure": pressure[..., None] if single else pressure,
-        }
+        found = {"frequency": frequency, "x": x, "pressure": pressure[..., None] if single else pressure}
         if self.wall_impedance is not None:
             found["wall_impedance"] = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
         if self.coherence is not None:
@@ -89,7 +88,6 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
             where = f", but {1e3 * float(x[back[0]]):g} mm is not below the next" if len(back) else ""
             raise ValueError(f"{self.name}: x has {len(x)} microphones{where}; two or more, sorted by x, make a line")
         self._check_case(tensors=True)
-        require_pressures(self.pressure, frequency, self.name)
         start, end = self.liner_start, self.liner_end
         if (start is None) != (end is None) or (start is not None and end is not None and start >= end):
             raise ValueError(f"{self.name}: liner_start is {start} m and liner_end {end} m; give both, start < end")
@@ -105,8 +103,7 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
             frequency: Hz.
             about: further fields of the record.
         Raises:
-            ValueError: shapes differ; a level is above that of one atmosphere or below 1 dB, a
-                phase beyond 1e6 degrees.
+            ValueError: shapes differ; a level beyond 1 to 194 dB, a phase beyond 1e6 degrees.
         Warns:
             DataWarning: levels that look like pascals, phases that look like radians.
         """
@@ -122,7 +119,7 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
             )
         require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
         line = cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
-        phases, span = phases.reshape(line.pressure.shape), float(line.x[-1] - line.x[0])
+        span = float(line.x[-1] - line.x[0])
         notes = unit_warnings(name, levels, phases, line.frequency / line.fluid.sound_speed, span)
         tell(notes)
         return replace(line, notes=line.notes + notes)
@@ -155,18 +152,6 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
         """Degrees, -180 to 180, (..., N, F)."""
         return torch.rad2deg(self.pressure.angle())
 
-    def _heading(self) -> str:
-        ends = f"x = {1e3 * float(self.x.min()):.4g} to {1e3 * float(self.x.max()):.4g} mm"
-        count = shape_words((self.microphones,), "microphone")
-        return heading_of(self, count, ends, frequency_words(self.frequency), f"source {self.source_side}")
-
-    def _facts(self) -> Facts:
-        level = self.level.reshape(-1, len(self.frequency))
-        return [
-            (f"{f:g} Hz", f"{float(each.min()):.1f} to {float(each.max()):.1f} dB")
-            for f, each in zip(self.frequency.tolist(), level.mT, strict=True)
-        ]
-
     def require_equal_spacing(self, method: str) -> float:
         """The mean spacing, m, for a method that needs equal ones.
 
@@ -182,13 +167,13 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
             raise ValueError(
                 f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = "
                 f"{1e3 * float(self.x[worst]):.6g} mm is {1e3 * float(off[worst]):+.3g} mm off an even grid of "
-                f"{1e3 * spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of it); leave microphones out until the rest "
-                "is even, or use the two-wave fit"
+                f"{1e3 * spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of it); leave microphones out, or use the "
+                "two-wave fit"
             )
         return spacing
 
     def select(self, microphones: Sequence[int] | Tensor) -> MicrophoneLine:
-        """The line with some of its microphones, by index."""
+        """The line with some of its microphones, by index from 0."""
         index = torch.as_tensor(microphones).reshape(-1)
         if index.is_floating_point() or not bool(((index >= 0) & (index < self.microphones)).all()):
             raise ValueError(f"{self.name} has microphones 0 to {self.microphones - 1}; {index.tolist()} asked")
@@ -197,24 +182,19 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
         return replace(self, x=self.x[index], pressure=self.pressure[..., index, :], coherence=coherence)
 
     def at(self, frequency: Any) -> MicrophoneLine:
-        """The line at some of its frequencies, Hz.
-
-        Raises:
-            ValueError: it has no such frequency.
-        """
-        index = []
-        for wanted in frequency_tensor(frequency).tolist():
-            place = index_of_frequency(self.frequency, wanted)
-            if place is None:
-                raise ValueError(f"{self.name} has no {wanted:g} Hz; it holds {self.frequency.tolist()} Hz")
-            index.append(place)
+        """The line at some of its frequencies, Hz; a ValueError where it has no such."""
+        wanted = frequency_tensor(frequency).tolist()
+        index = [index_of_frequency(self.frequency, each) for each in wanted]
+        if None in index:
+            raise ValueError(
+                f"{self.name} has no {wanted[index.index(None)]:g} Hz; it holds {self.frequency.tolist()} Hz"
+            )
         fields = {n: v[..., index] for n in ("wall_impedance", "coherence") if (v := getattr(self, n)) is not None}
         return replace(self, frequency=self.frequency[index], pressure=self.pressure[..., index], **fields)
 
     def over_liner(self, margin: float = 0.0) -> MicrophoneLine:
-        """The microphones over the liner, at least ``margin`` (m) from its ends.
-
-        A line that does not say where its liner is, is taken to lie over it.
+        """The microphones over the liner, at least ``margin`` (m) from its ends; all where the line does not say where
+        its liner is.
 
         Raises:
             ValueError: a margin below 0 or not finite; fewer than two microphones are left.

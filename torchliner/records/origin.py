@@ -6,14 +6,12 @@ of names, sizes and 32 blocks of 1 MiB: another simulation changes every block, 
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import os
 import platform
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -26,7 +24,6 @@ from torchliner.version import __version__
 BLOCK, BLOCKS = 1 << 20, 32
 NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")
 SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtr", ".vtm", ".vtk")
-MOST_FILES = 20_000  # of a folder that is looked through to see whether it is still the same
 State = tuple[tuple[str, int, int, int], ...]  # of files: name, bytes, time of change, inode
 Result = TypeVar("Result", bound=Any)
 
@@ -37,12 +34,11 @@ def series_of(path: Path) -> list[Path]:
     if path.suffix.lower() not in SERIES or not path.is_file():
         return []
     if path.suffix.lower() in (".pvd", ".series"):
-        named = [(a or b).decode() for a, b in NAMED.findall(path.read_bytes())]
-        found = {each for name in named if (each := path.parent / name).is_file()}
+        found = {path.parent / (a or b).decode() for a, b in NAMED.findall(path.read_bytes())}
     else:
         series = numbered_series(path.parent, (path.suffix,)).values()
         found = {each for files in series if path in files for each in files}
-    return sorted({path} | found)
+    return sorted({path} | {each for each in found if each.is_file()})
 
 
 def named_file(name: str) -> Path | None:
@@ -52,17 +48,6 @@ def named_file(name: str) -> Path | None:
     return Path(text) if os.path.isfile(text) or (inside and os.path.isdir(text)) else None
 
 
-def input_file(what: str, path: str | Path) -> dict[str, Any]:
-    """What is stored of an input, a file, a folder or a file that stands for a series: what it is (velocity, liner
-    ...), its name as given, bytes, fingerprint.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    state = state_of(Path(path))
-    return {"what": what, "name": str(path), "bytes": sum(size for _, size, *_ in state), "hash": _hash(state)}
-
-
 def state_of(path: Path) -> State:
     """What tells whether any of the files that a path stands for is another now."""
     files = [each for each in path.rglob("*") if each.is_file()] if path.is_dir() else series_of(path) or [path]
@@ -70,21 +55,32 @@ def state_of(path: Path) -> State:
     return tuple((name, each.st_size, each.st_mtime_ns, each.st_ino) for name, each in status)
 
 
-@functools.lru_cache(maxsize=64)
-def _hash(state: State) -> str:
-    """Of files in their present state: several maps of one file hash it once."""
-    if len(state) == 1 and state[0][1] <= BLOCKS * BLOCK:
-        with open(state[0][0], "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    names = [os.path.basename(name) if len(state) > 1 else "" for name, *_ in state]
-    found = hashlib.sha256(repr([(name, size) for name, (_, size, *_) in zip(names, state, strict=True)]).encode())
-    each = max(2, BLOCKS // max(1, len(state)))  # blocks of a file, first and last among them
-    for name, size, *_ in state[:: 1 + 2 * len(state) // BLOCKS]:
+def input_file(what: str, path: str | Path) -> dict[str, Any]:
+    """What is stored of an input, a file, a folder or a file that stands for a series: what it is (velocity, liner
+    ...), its name as given, bytes, fingerprint.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    files = [(name, size) for name, size, *_ in state_of(Path(path))]
+    total = sum(size for _, size in files)
+    if len(files) == 1 and total <= BLOCKS * BLOCK:
+        with open(files[0][0], "rb") as file:
+            return {
+                "what": what,
+                "name": str(path),
+                "bytes": total,
+                "hash": hashlib.file_digest(file, "sha256").hexdigest(),
+            }
+    names = [(os.path.basename(name) if len(files) > 1 else "", size) for name, size in files]
+    found = hashlib.sha256(repr(names).encode())
+    each = max(2, BLOCKS // max(1, len(files)))  # blocks of a file, first and last among them
+    for name, size in files[:: 1 + 2 * len(files) // BLOCKS]:
         with open(name, "rb") as file:
             for place in range(each):
                 file.seek(max(0, size - BLOCK) * place // (each - 1))
                 found.update(file.read(BLOCK))
-    return found.hexdigest()
+    return {"what": what, "name": str(path), "bytes": total, "hash": found.hexdigest()}
 
 
 def described(stored: Mapping[str, Any]) -> str:
@@ -122,18 +118,13 @@ class Standing(NamedTuple):
 
 
 def standing(stored: Mapping[str, Any]) -> Standing:
-    """Of an input that a result holds.
-
-    A result may name any file, and a page is handed on: no present hash is told, and no folder of
-    more than ``MOST_FILES`` files is searched.
-    """
+    """Of an input that a result holds. A result may name any file, and a page is handed on: no present hash is shown,
+    and no folder is searched."""
     name = str(stored["name"])
+    if not os.path.isfile(name):
+        return Standing("a folder, not compared" if os.path.isdir(name) else "not there now")
     try:
-        if not os.path.exists(name):
-            return Standing("not there now")
-        if os.path.isdir(name) and len([*islice(Path(name).rglob("*"), MOST_FILES + 1)]) > MOST_FILES:
-            return Standing(f"not compared, more than {MOST_FILES} files")
-        now = input_file(stored["what"], name) if os.path.isdir(name) or os.path.isfile(name) else stored
+        now = input_file(stored["what"], name)
     except OSError as error:
         return Standing(f"not compared: {error.strerror or error}")
     if now["bytes"] != stored["bytes"]:

@@ -24,9 +24,8 @@ class Written:
     FILE: ClassVar = "torchliner.io.own_writer:write_record"
 
     def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file (.h5, .hdf5, .nc).
-
-        A result also as .csv, .vtp, .vtkhdf, .mat, .bdf, .dat or .txt; docs/results.md says what stands in which.
+        """Write one netCDF-4 file (.h5, .hdf5, .nc); a result also as .csv, .vtp, .vtkhdf, .mat, .bdf, .dat or .txt
+        (docs/results.md).
 
         Raises:
             ValueError: another ending; what the format cannot hold.
@@ -56,21 +55,16 @@ class Result(Written, Reported):
     TOGETHER: ClassVar = False
 
     def to_xarray(self) -> Any:
-        """``xarray.Dataset`` (extra ``xarray``) with coordinates, units and long names.
-
-        Beside the complex variables it is what ``xarray.open_dataset`` shows of the file that ``write`` makes.
-        """
+        """``xarray.Dataset`` (extra ``xarray``) with coordinates, units and long names: what ``xarray.open_dataset``
+        shows of the file, and the complex values."""
         return resolve("torchliner.io.own_writer:to_xarray")(self)
 
     def to_dataframe(self, of: str | None = None) -> Any:
-        """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV.
+        """``pandas.DataFrame`` (extra ``xarray``) with one row a place and frequency; headings as in CSV.
 
         Args:
             of: ``probes`` (default) or ``cells`` of a map; ``stations`` of a line; ``points``, ``cells`` or
-                ``liners`` of ``PointImpedances`` (default: all).
-        Raises:
-            ImportError: pandas is not installed (extra ``xarray``).
-            ValueError: there are no such rows.
+                ``liners`` of ``PointImpedances`` (default: all); a ValueError for others.
         """
         return resolve("torchliner.io.csv_rows:to_dataframe")(self, of)
 
@@ -105,11 +99,7 @@ class DrawnAtFrequency(Drawn):
 
     def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
         """Draw resistance and reactance, as ``Drawn.plot``, at a frequency (Hz); of a map of several, by default, over
-        frequency.
-
-        Raises:
-            ValueError: the frequency is not among those of the record.
-        """
+        frequency. A ValueError where the frequency is not among those of the record."""
         index = None if frequency is None else index_of_frequency(self.frequency, frequency)
         if frequency is not None and index is None:
             known = ", ".join(f"{each:g}" for each in self.frequency.tolist())

@@ -13,7 +13,7 @@ from torchliner.records.declared import part, record, require_shapes, var
 from torchliner.records.educed import PointUncertainty
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
-from torchliner.records.summaries import Facts, Summarised, frequency_words, heading_of, impedance_facts, shape_words
+from torchliner.records.summaries import Summarised
 
 CELL = ("cell", "frequency")
 
@@ -89,10 +89,6 @@ class PointImpedances(Result, Summarised):
         """Index of a frequency (Hz), None if it is not among these."""
         return index_of_frequency(self.frequency, frequency)
 
-    def _heading(self) -> str:
-        return heading_of(self, self.name, shape_words((len(self.point_x),), "point"), frequency_words(self.frequency))
-
-    def _facts(self) -> Facts:
+    def _answer(self) -> Any:
         known = self.uncertainty
-        interval = (None, None) if known is None else (known.liner, known.settings.get("level"))
-        return impedance_facts(self.frequency, self.answer, *interval)
+        return (self.answer, None, None) if known is None else (self.answer, known.liner, known.settings.get("level"))

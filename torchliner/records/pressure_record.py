@@ -27,8 +27,7 @@ class PressureRecord(Written, AtProbes):
 
     Raises:
         TypeError: a signal is not real floating point.
-        ValueError: a signal is missing, has another time base, is not finite or exceeds 1e9; a
-            length, share or Mach number is out of range.
+        ValueError: a signal is missing or has another time base; a value is out of range.
     """
 
     facesheet: Any = var(
@@ -74,43 +73,42 @@ class PressureRecord(Written, AtProbes):
                 tensor = signal_tensor(value, label, self.name, unit)
                 several = label in ("microphones", "microphone_velocity") and tensor.ndim == 1
                 object.__setattr__(self, label, tensor[None] if several else tensor)
-        self._check_signals()
+                if not 0 < tensor.ndim <= 3 or 0 in tensor.shape:
+                    raise ValueError(
+                        f"{self.name}: {label} has shape {tuple(tensor.shape)}; one or more samples are needed, time "
+                        "last"
+                    )
+        face, back, sound, places = self.facesheet, self.backplate, self.microphones, self.microphone_y
+        for wrong, why in (
+            (face is None and back is not None, "facesheet pressure is missing beside that of the backplate"),
+            (face is not None and back is None, "backplate pressure is missing beside that of the facesheet"),
+            (face is None and sound is None, "no pressure is given; give facesheet and backplate, or microphones"),
+            (
+                sound is None and (places is not None or self.microphone_velocity is not None),
+                "microphones have no pressure; give microphones",
+            ),
+            (sound is not None and places is None, "microphone_y is missing, the distances in m"),
+            (
+                back is not None and back.ndim == 3 and back.shape != face.shape,
+                f"backplate has shape {tuple(getattr(back, 'shape', ()))}; (time), (cell, time) or that of the "
+                "facesheet is needed",
+            ),
+        ):
+            if wrong:
+                raise ValueError(f"{self.name}: {why}")
+        if places is not None:
+            object.__setattr__(self, "microphone_y", finite_places(places, "microphone_y", self.name))
         if self.probe_cell is not None:
             self._check_cells()
         self._check_case()
-
-    def _check_signals(self) -> None:
-        face, back, sound = self.facesheet, self.backplate, self.microphones
-        if (face is None) != (back is None):
-            there, missing = ("facesheet", "backplate") if back is None else ("backplate", "facesheet")
-            raise ValueError(
-                f"{self.name}: {missing} pressure is missing; the in situ method needs it beside the {there} pressure"
-            )
-        if face is None and sound is None:
-            raise ValueError(f"{self.name}: no pressure is given; give facesheet and backplate, or microphones")
-        for label in SIGNALS:
-            shape = (0,) if getattr(self, label) is None else tuple(getattr(self, label).shape)
-            if getattr(self, label) is not None and (not 0 < len(shape) <= 3 or 0 in shape):
-                raise ValueError(f"{self.name}: {label} has shape {shape}; one or more samples are needed, time last")
-        if back is not None and back.ndim == 3 and back.shape != face.shape:
-            raise ValueError(
-                f"{self.name}: backplate has shape {tuple(back.shape)}, facesheet {tuple(face.shape)}; it is (time), "
-                "(cell, time) or like the facesheet"
-            )
-        if sound is None and (self.microphone_y is not None or self.microphone_velocity is not None):
-            raise ValueError(f"{self.name}: microphones have no pressure; give microphones")
-        if sound is not None and self.microphone_y is None:
-            raise ValueError(f"{self.name}: microphone_y is missing, the {len(sound)} distances in m")
-        if sound is not None:
-            object.__setattr__(self, "microphone_y", finite_places(self.microphone_y, "microphone_y", self.name))
 
     def _check_cells(self) -> None:
         labels = torch.as_tensor(plain_array(self.probe_cell, f"{self.name}: probe_cell"))
         if labels.is_floating_point() or labels.is_complex():
             raise TypeError(f"{self.name}: probe_cell is {labels.dtype}; whole numbers are needed")
         labels = labels.to(torch.int64).reshape(-1)
-        inside = torch.unique(labels[labels >= 0])
-        if len(labels) != self.probes or not len(inside) or int(labels.min()) < -1 or len(inside) <= int(inside.max()):
+        known = torch.unique(labels[labels != -1])
+        if len(labels) != self.probes or not len(known) or not torch.equal(known, torch.arange(len(known))):
             raise ValueError(
                 f"{self.name}: probe_cell has {len(labels)} values, {torch.unique(labels).tolist()}; the {self.probes} "
                 "probes need one each, cells being numbered 0, 1, 2, ... without gaps and -1 standing for no cell"

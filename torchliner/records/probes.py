@@ -12,7 +12,7 @@ from torch import Tensor
 from torchliner.checks import plain_array, real_tensor, require_positive
 from torchliner.records.case import OfOneTone
 from torchliner.records.declared import record, var
-from torchliner.units import SI_QUANTITY, require_plausible, si_factor
+from torchliner.units import require_plausible
 
 
 @record
@@ -33,9 +33,10 @@ class AtProbes(OfOneTone):
 
     def _check_case(self, *, tensors: bool = False) -> None:
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        shape = self.probe_shape
         for label in ("x", "z"):
             if getattr(self, label) is not None:
-                values, shape = finite_places(getattr(self, label), label, self.name), self.probe_shape
+                values = finite_places(getattr(self, label), label, self.name)
                 wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
                 if len(values) != wanted:
                     raise ValueError(
@@ -91,59 +92,43 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     """A signal as a tensor, without a copy where possible.
 
     Args:
-        value: tensor or array; masked values become nan. Where its axes have names, as those of xarray, that called
-            ``time`` is moved to the end, x behind the others.
+        value: tensor or array, time last; masked values become nan.
         label, name: of the signal and of its record, for messages.
         unit: the unit it must be in.
     Raises:
-        TypeError: not float32 or float64; a table; names of axes without a ``time``.
-        ValueError: it states another unit.
+        TypeError: not float32 or float64; an array whose axes have names.
     """
-    name = f"{name}: {label}"
     if not isinstance(value, Tensor):
-        array = _time_last(value, name, unit)
+        _require_plain(value, f"{name}: {label}", unit)
+        array = plain_array(value, f"{name}: {label}", missing=True)
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         if array.dtype not in (np.float32, np.float64):
-            raise TypeError(f"{name} is {array.dtype}; floating-point {unit}, float32 or float64, are needed")
+            raise TypeError(f"{name}: {label} is {array.dtype}; floating-point {unit}, float32 or float64, are needed")
         # torch knows no negative strides; only such an array is copied.
         value = torch.as_tensor(array.copy() if any(stride < 0 for stride in array.strides) else array)
     if value.dtype not in (torch.float32, torch.float64) or value.layout != torch.strided or value.is_meta:
         kind = "meta" if value.is_meta else f"{value.dtype}, {value.layout}"
-        raise TypeError(f"{name} is {kind}; a dense tensor of float32 or float64 in {unit} is needed")
+        raise TypeError(f"{name}: {label} is {kind}; a dense tensor of float32 or float64 in {unit} is needed")
     return value
 
 
-def _time_last(value: Any, name: str, unit: str) -> np.ndarray:
-    """An array whose axes may have names and which may state its unit."""
-    array = plain_array(value, name, missing=True)
-    _require_unit(value, name, unit)
-    axes = getattr(value, "dims", getattr(value, "dimensions", None))
-    if not isinstance(axes, tuple) or len(axes) != array.ndim or array.ndim == 0:
-        return array
-    if axes.count("time") != 1:
-        raise TypeError(f"{name} has the axes {axes}, none of them 'time'; rename one, or give an array, time last")
-    order = sorted((axis for axis in axes if axis != "time"), key=lambda axis: axis == "x")
-    return array.transpose([axes.index(axis) for axis in (*order, "time")])
-
-
-def _require_unit(value: Any, name: str, unit: str) -> None:
-    """Refuse an array that states another unit than the SI unit it must be in."""
-    stated = getattr(value, "unit", getattr(value, "units", None)) or getattr(value, "attrs", {}).get("units")
-    if stated is not None and unit in SI_QUANTITY:
-        factor = si_factor(SI_QUANTITY[unit], str(stated), name)
-        if factor != 1:
-            raise ValueError(f"{name} is in {stated}; multiply it by {factor:g}: {unit} is needed")
+def _require_plain(value: Any, label: str, unit: str) -> None:
+    """Refuse an array whose axes, sign and unit are said beside its numbers, where they would go by unseen."""
+    if hasattr(value, "dims") or hasattr(value, "dimensions"):
+        raise TypeError(
+            f"{label} is a {type(value).__name__} whose axes have names; read a plane by VelocityPlane.from_xarray, or "
+            f"give its plain values, time last, in {unit}"
+        )
 
 
 def finite_places(value: Any, label: str, name: str) -> Tensor:
     """Coordinates as float64, (N,), a copy: the caller may fill his array again.
 
     Raises:
-        TypeError: not real numbers.
-        ValueError: values that are not finite, masked, in another unit, or beyond any duct.
+        TypeError: not real numbers; an array whose axes have names.
+        ValueError: values that are not finite, masked, or beyond any duct.
     """
-    if not isinstance(value, Tensor):
-        _require_unit(value, f"{name}: {label}", "m")
+    _require_plain(value, f"{name}: {label}", "m")
     values = real_tensor(value, name=f"{name}: {label}").cpu().reshape(-1).clone()
     if not bool(torch.isfinite(values).all()):
         raise ValueError(f"{name}: {label} holds values that are not finite")

@@ -34,21 +34,13 @@ def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str,
 
 
 def require_same_run(plane: Any, record: Any) -> None:
-    """Refuse a pressure record that states another case, tone, level or flow than the plane.
-
-    Raises:
-        ValueError: it does; what differs is named.
-    """
+    """Refuse a pressure record that states another case, tone, level or flow than the plane."""
     names = ("frequency", "incident_level", "mach")
     require_same_case(plane, record, names, "name the pressure record of the same run", where_stated=True)
 
 
 def require_same_probes(first: VelocityPlane, other: VelocityPlane) -> None:
-    """Files of one plane have the same probes and state the same case.
-
-    Raises:
-        ValueError: they do not; what differs is named.
-    """
+    """Refuse files of one plane whose probes or stated case differ, by a ValueError that names what does."""
     both = f"{first.name} and {other.name} cannot be joined"
     if other.probe_shape != first.probe_shape:
         raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")

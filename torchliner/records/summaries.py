@@ -7,20 +7,43 @@ from typing import Any
 
 from torch import Tensor
 
+from torchliner.records.declared import variables_of
+
 Facts = list[tuple[str, str]]
 MOST = 12  # rows of a notebook's table
+UNSAID = ("frequency", "columns", "rows")  # dimensions
 
 
 class Summarised:
     """A record that shows what it is and not its tensors."""
 
+    def _answer(self) -> tuple[Tensor, Any, float | None] | None:
+        """Its impedance, (F,), with a statistical interval and the level of that; None without."""
+        return None
+
     def _heading(self) -> str:
-        """What it is, in a line."""
-        raise NotImplementedError
+        """'ImpedanceMap 'title': 2 x 3 probes, 1 cell, 1400 Hz'."""
+        of: Any = getattr(self, "plane", self)
+        title = f" {of.title!r}" if getattr(of, "title", "") else ""
+        if hasattr(of, "probe_shape"):
+            words = [shape_words(of.probe_shape, "probe"), f"{of.samples} samples at {of.sampling_rate:g} Hz"]
+        else:
+            rows = [(row.dims[0], getattr(of, row.field)) for row in variables_of(type(of)) if len(row.dims) == 1]
+            sizes = {dim: tuple(each.shape) for dim, each in rows if isinstance(each, Tensor) and dim not in UNSAID}
+            words = [shape_words(shape, dim.removesuffix("s")) for dim, shape in sizes.items()]
+            words.append(frequency_words(of.frequency))
+        return f"{type(self).__name__}{title}: {', '.join(words)}"
 
     def _facts(self) -> Facts:
-        """What it holds, the most important first."""
-        raise NotImplementedError
+        """Z at each frequency, or what is stated."""
+        of: Any = getattr(self, "plane", self)
+        if (known := self._answer()) is not None:
+            return impedance_facts(of.frequency, *known)
+        stated = [(row, getattr(of, row.field)) for row in variables_of(type(of)) if not row.dims]
+        return [
+            *((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))),
+            *((row.field, f"{float(value):g} {row.unit}".removesuffix(" 1")) for row, value in stated if value is not None),
+        ]
 
     def __repr__(self) -> str:
         facts = self._facts()
@@ -33,13 +56,6 @@ class Summarised:
         rows = [*facts[:MOST], *([("...", f"{len(facts) - MOST} more")] if facts[MOST:] else [])]
         cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
         return f"<div><b>{escape(self._heading())}</b><table>{cells}</table></div>"
-
-
-def heading_of(record: Any, *words: str) -> str:
-    """'ImpedanceMap 'title': 2 x 3 probes, ...' of the words that say something."""
-    name = getattr(getattr(record, "plane", record), "title", "")
-    title = f" {name!r}" if name else ""
-    return f"{type(record).__name__}{title}: {', '.join(filter(None, words))}"
 
 
 def shape_words(shape: tuple[int, ...], noun: str) -> str:
@@ -64,27 +80,3 @@ def impedance_facts(frequency: Tensor, impedance: Tensor, interval: Any = None, 
             text += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}, X {low.imag:.3f} to {high.imag:.3f}"
         found.append((f"{f:g} Hz", text))
     return found
-
-
-def record_words(record: Any) -> tuple[str, ...]:
-    """Probes, samples and height of a plane."""
-    tone, height = record.frequency, record.height
-    return (
-        shape_words(record.probe_shape, "probe"),
-        f"{record.samples} samples at {record.sampling_rate:g} Hz ({record.duration:.3g} s)",
-        "" if height is None else f"y = {1e3 * height:.3g} mm",
-        "" if tone is None else f"tone {tone:g} Hz",
-    )
-
-
-def case_facts(plane: Any) -> Facts:
-    """What is stated of a plane: liner, source, flow, reference impedances."""
-    level, mach = plane.incident_level, plane.mach
-    found = [
-        ("liner", plane.liner),
-        ("source", plane.source_side),
-        ("incident level", "" if level is None else f"{level:g} dB"),
-        ("Mach", "" if mach is None else f"{mach:g}"),
-        *((f"Z {name}", f"{complex(value):.3f}") for name, value in plane.reference.items()),
-    ]
-    return [(name, text) for name, text in found if text]

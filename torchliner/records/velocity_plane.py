@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, field, replace
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -10,19 +9,14 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from torchliner.checks import (
-    real_tensor,
-    require_positive,
-    stated_frequency,
-    tell,
-)
+from torchliner.checks import real_tensor, require_positive, stated_frequency, tell
 from torchliner.names import resolve
 from torchliner.records.declared import part, record, var
 from torchliner.records.holes import Holes, require_holes_on_plane
 from torchliner.records.outlets import Drawn
 from torchliner.records.probes import AtProbes, signal_tensor
 from torchliner.records.slabs import Reader
-from torchliner.records.summaries import Facts, Summarised, case_facts, heading_of, record_words
+from torchliner.records.summaries import Summarised
 
 
 @runtime_checkable
@@ -52,7 +46,7 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
     velocity: Any
     _: KW_ONLY
     height: float | None = var(unit="m", range="(0, inf)", text="distance of the plane from the liner", default=None)
-    area: Any = var("probes", unit="m2", text="area of each probe, in their order", default=None)
+    area: Any = var("probes", unit="m2", range="[0, inf)", text="area of each probe, in their order", default=None)
     holes: Holes | None = part("hole_", default=None)
     streamwise: Any = field(default=None)
     name: str = "velocity"
@@ -61,7 +55,6 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
     PLOT: ClassVar = "torchliner.report.curves:draw_velocity"
 
     def __post_init__(self) -> None:
-        self._take_named(self.velocity)
         for label in ("velocity", "streamwise"):
             value = getattr(self, label)
             if value is not None and (isinstance(value, Tensor) or not isinstance(value, StoredVelocity)):
@@ -77,15 +70,12 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
                 f"{self.name}: streamwise has shape {tuple(self.streamwise.shape)}, velocity "
                 f"{tuple(self.velocity.shape)}; they share probes and times"
             )
-        self._check_case()
         if self.area is not None:
             area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
-            if len(area) != self.probes or not bool(((area >= 0) & area.isfinite()).all()):
-                raise ValueError(
-                    f"{self.name}: area has {len(area)} values from {float(area.min()):g} m2; {self.probes} of at "
-                    "least 0 are needed"
-                )
+            if len(area) != self.probes:
+                raise ValueError(f"{self.name}: area has {len(area)} values; {self.probes} are needed")
             object.__setattr__(self, "area", area)
+        self._check_case()
         if self.holes is not None:
             require_holes_on_plane(self.holes, self.x, self.z, self.name)
 
@@ -103,21 +93,6 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
         """
         plane: VelocityPlane = resolve("torchliner.io.foreign:from_xarray")(data, **stated)
         return plane
-
-    def _take_named(self, velocity: Any) -> None:
-        """Coordinates of an array whose axes have names; a sign is for ``from_xarray``."""
-        coords, about = getattr(velocity, "coords", None), getattr(velocity, "attrs", {})
-        if coords is None or not hasattr(velocity, "dims"):
-            return
-        words = str(about.get("positive", "away"))
-        if not re.search(r"\b(away|up|outwards?)", words, re.IGNORECASE):
-            raise ValueError(
-                f"{self.name}: the array says that it is positive {words!r}; read it by "
-                "VelocityPlane.from_xarray(array), which turns it"
-            )
-        for label in ("x", "z"):
-            if getattr(self, label) is None and label in coords:
-                object.__setattr__(self, label, coords[label])
 
     @property
     def samples(self) -> int:
@@ -147,12 +122,6 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
         """
         return stated_frequency(frequency, self.frequency, self.name, self.sampling_rate)
 
-    def _heading(self) -> str:
-        return heading_of(self, *record_words(self))
-
-    def _facts(self) -> Facts:
-        return case_facts(self)
-
     def read(self, begin: int, end: int) -> Tensor:
         """Samples begin .. end - 1 of every probe, (t, P); a view where the layout allows."""
         if isinstance(self.velocity, Tensor):
@@ -175,11 +144,8 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""
-        stored = {
-            name: value.load()
-            for name in ("velocity", "streamwise")
-            if (value := getattr(self, name)) is not None and not isinstance(value, Tensor)
-        }
+        both = {name: getattr(self, name) for name in ("velocity", "streamwise")}
+        stored = {name: each.load() for name, each in both.items() if not isinstance(each, Tensor | None)}
         return replace(self, **stored) if stored else self
 
 

@@ -8,9 +8,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.declared import Variable, record, require_shapes, var
-from torchliner.records.drawn_impedance import EACH, DrawnImpedance, deviation, fine_places
+from torchliner.records.drawn_impedance import EACH, DrawnImpedance, fine_places
 
 WAVES = ("draws", "wave", "frequency")
 MICROPHONES = ("draws", "microphone", "frequency")
@@ -85,13 +84,6 @@ class WallEduction(DrawnImpedance):
         share = self.energies.gather(-2, mine)[..., 0, :]
         return torch.where(torch.isnan(self.wavenumber), torch.nan, share)
 
-    @property
-    def wavenumber_deviation(self) -> Tensor:
-        """Standard deviation of Re alpha (real part) and Im alpha (imaginary part), (..., F)."""
-        self._drawn()
-        assert isinstance(self.draws, WallEduction)
-        return deviation(self.draws.wavenumber)
-
 
 @record
 class FieldFit(DrawnImpedance):
@@ -126,11 +118,6 @@ class FieldFit(DrawnImpedance):
     def estimated(self) -> Tensor:
         """Where the errors come from the misfit, not as they were stated, (..., F)."""
         return self.error_scale > 1
-
-    @property
-    def level(self) -> Tensor:
-        """SPL of the model at the microphones, dB re 20 uPa rms, (..., N, F)."""
-        return spl_from_pressure_amplitude(self.pressure)
 
     def fitted_along(self) -> tuple[Tensor, Tensor]:
         """``along`` and the pressure of the model there, peak, Pa, (..., X, F)."""
