@@ -7,7 +7,6 @@ from conftest import DATA
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.records.holes import merged_bands
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")
 MM = 1e-3
@@ -96,12 +95,6 @@ def test_words_say_how_many_and_where():
     assert tl.Holes((2 * MM,), (0.5 * MM,)).words == "1 slit, x = 2 to 2 mm"
 
 
-def test_bands_that_overlap_are_one():
-    sixty_fourths = [each / 64 for each in (5.0, 1.0, 1.5)]
-    holes = tl.Holes(sixty_fourths, (1 / 64,) * 3, (0.0, 0.0, 3.0))
-    assert merged_bands(holes) == [(0.5 / 64, 2 / 64), (4.5 / 64, 5.5 / 64)]
-
-
 def test_a_slip_of_units_is_refused():
     with pytest.raises(ValueError, match=r"is 0\.684 m; it must be positive, and at most 0\.1 m"):
         tl.Holes((6.2e-3,), (0.684,))
@@ -119,21 +112,6 @@ def test_maps_and_curves_name_them_in_the_legend():
     circles = [each for each in found.plot().axes[0].collections if hasattr(each, "get_offsets")]
     assert np.allclose(circles[-1].get_offsets(), [[2, 1], [6, 1]])
     assert found.plot().axes[0].get_xlim() == bare.plot().axes[0].get_xlim() == (-0.5, 8.5)
-
-
-def test_borders_of_cells_stand_within_curves_along_x(liner):
-    """One border between two cells; over a hard wall, and at the ends of a line, none."""
-    pytest.importorskip("matplotlib")
-    x = (np.arange(12) + 0.5) * liner.cell_pitch / 6
-    for about, wanted in (({}, 1), ({"liner": "hard wall"}, 0)):
-        plane = tl.VelocityPlane(a_plane(None, 12).velocity[:, 0], sampling_rate=20e3, x=x, frequency=1000.0, **about)
-        figure = tl.educe(plane, liner).plot()
-        upright = [
-            line for line in figure.axes[1].get_lines() if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0
-        ]
-        assert [line.get_xdata()[0] for line in upright] == pytest.approx([1e3 * liner.cell_pitch] * wanted)
-        names = [text.get_text() for text in figure.legends[0].get_texts()]
-        assert ("border of cells" in names) == bool(wanted)
 
 
 @pytest.mark.parametrize(

@@ -127,8 +127,8 @@ def test_levels_are_no_pressures():
             MicrophoneLine.from_levels([0, 1], level, phase, 900.0, **about)
 
 
-@pytest.mark.parametrize("reflection", [0.0, 0.95, 0.95j, -0.95])
-@pytest.mark.parametrize("hertz", [(200.0,), (1450.0,), (3000.0,), (500.0, 9000.0)])
+@pytest.mark.parametrize("reflection", [0.0, 0.95j])
+@pytest.mark.parametrize("hertz", [(1450.0,), (500.0, 9000.0)])
 def test_degrees_are_not_doubted(hertz, reflection):
     """Travelling and standing waves, wrapped and not, few and many wavelengths on the line."""
     x = torch.tensor(PLACES, dtype=torch.float64)[:, None]

@@ -304,21 +304,6 @@ def test_intervals_of_some_averagings_have_no_file(tmp_path):
     assert not (tmp_path / "a.nc").exists()
 
 
-def test_texts_of_any_length_come_back(tmp_path):
-    """HDF5 has 64 kB for an attribute of fixed length."""
-    found = dataclasses.replace(hand_map(), choices={"long": "x" * 70_000, "none": ""})
-    found.write(tmp_path / "a.nc")
-    assert tl.read_map(tmp_path / "a.nc").choices == found.choices
-
-
-def test_what_xarray_writes_is_read(tmp_path):
-    """All that stands in the main part."""
-    made().write(tmp_path / "map.h5")
-    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as stored:
-        stored.to_netcdf(tmp_path / "again.nc", engine="h5netcdf")
-    assert same_bits(tl.read_map(tmp_path / "again.nc").cells, tl.read_map(tmp_path / "map.h5").cells)
-
-
 def refused(error):
     def refuse(*_, **__):
         raise error

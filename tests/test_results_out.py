@@ -12,13 +12,11 @@ import pytest
 import scipy.io
 import torch
 from conftest import turbulence
-from test_moments_file import same_bits
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, main
 from torchliner.cli.shared import SHARED
 from torchliner.names import RESULT_WRITERS
-from torchliner.records import Gap, LevelCheck
 from torchliner.records.educed import Educed
 
 xarray = pytest.importorskip("xarray")
@@ -201,18 +199,6 @@ def test_without_the_extra_it_is_named(method, monkeypatch):
         monkeypatch.setitem(__import__("sys").modules, name, None)
     with pytest.raises(ImportError, match=r"pip install \"torchliner\[xarray\]\""):
         getattr(made(), method)()
-
-
-def test_intervals_of_a_level_check_of_any_width_come_back(tmp_path):
-    """Where there is no sound nothing is known of V: it may be 1e5 dB off."""
-    found = made()
-    value, wide = (torch.tensor([each], dtype=torch.float64) for each in ([1.5, torch.nan], [-1e5, torch.inf]))
-    value, wide = value.expand(3, -1), wide.expand(3, -1)
-    gap = Gap(value, wide, -wide, 2 * value, 2 * wide, -2 * wide)
-    of_cells = Gap(*(each[:, None].expand(-1, len(found.cell_x), -1) for each in vars(gap).values()))
-    check = LevelCheck(found.averagings, "velocity", "a level", "wall", 80 * value[0], 0.3, 0.0, 0.95, gap, of_cells)
-    dataclasses.replace(found, level_check=check).write(tmp_path / "c.h5")
-    assert same_bits(tl.read_map(tmp_path / "c.h5").level_check, check)
 
 
 # Files by ending.

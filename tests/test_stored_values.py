@@ -123,12 +123,6 @@ def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
         read_plane(path, lazy)
 
 
-def test_packed_numbers_are_unpacked(tmp_path):
-    """A height stored as 1000 um in units of m, by a factor."""
-    path, read = edited(tmp_path, set_attribute("height", "scale_factor", 2.0))
-    assert read(path).height == pytest.approx(2e-3)
-
-
 def test_what_a_file_fills_is_missing(tmp_path):
     """The fill value of the dataset itself, without an attribute, as netCDF has it."""
     fill = np.float32(9.96921e36)
@@ -175,7 +169,7 @@ def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, long
 def test_a_memory_limit_counts_a_compressed_tile():
     """A tile is unpacked as a whole, however few of its samples are asked for."""
     assert rows_per_slab(10, 4, 10 * WORK_BYTES, tile=4 * WORK_BYTES) == 256
-    with pytest.raises(ValueError, match=r"below twice a compressed tile of the file \(536.9 MB"):
+    with pytest.raises(ValueError, match=r"or twice a compressed tile of the file, 536.9 MB"):
         rows_per_slab(10, 4, 10 * WORK_BYTES, tile=8 * WORK_BYTES)
 
 

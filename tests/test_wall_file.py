@@ -93,17 +93,6 @@ def test_a_file_keeps_an_eduction_whole(tmp_path):
         assert torch.equal(one.level_along()[1], other.level_along()[1])
 
 
-def test_other_programs_see_the_table(files):
-    """R, X and the bounds of their intervals as variables with units and long names."""
-    xarray = pytest.importorskip("xarray")
-    found = tl.read_wall(files / "found.h5")[1]
-    seen = xarray.open_dataset(files / "found.h5", group="eduction_1", engine="h5netcdf")
-    assert seen.resistance.values == pytest.approx(found.impedance.real.numpy())
-    assert seen.reactance_high.values == pytest.approx(found.interval()[1].imag.numpy())
-    assert "95 % statistical interval" in seen.resistance_low.long_name
-    assert seen.wavenumber_real.units == "1/m"
-
-
 def test_choices_command_and_hashes_are_kept(files):
     """Of each line its own file; the seed; the command that was typed."""
     for one, side in zip(tl.read_wall(files / "found.h5"), SIDES, strict=True):

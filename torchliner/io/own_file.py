@@ -115,7 +115,7 @@ def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any
         elif each.type == REFERENCES:
             value = read_references(group, path)
         else:
-            value = _attribute(group, part.head + each.name, hint, path)
+            value = _attribute(group, part.head + each.name, each, hint, path)
         if value is not None or each.default is dataclasses.MISSING:
             found[each.name] = value
     with naming(str(path)):
@@ -136,11 +136,13 @@ def _class_of(hint: Any) -> Any:
     return inner or (hint if dataclasses.is_dataclass(hint) else None)
 
 
-def _attribute(group: h5py.Group, key: str, hint: Any, path: str | Path) -> Any:
-    origin = typing.get_origin(hint) or hint
-    empty: Any = {str: "", tuple: (), Mapping: {}}.get(origin)
-    if empty is None and text_attribute(group, key) is None:
-        raise ValueError(f"{path} lacks the attribute {key!r}: it is damaged")
+def _attribute(group: h5py.Group, key: str, field: Any, hint: Any, path: str | Path) -> Any:
+    """What an attribute holds; None where it is not there and the field has a value without."""
+    if text_attribute(group, key) is None:
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise ValueError(f"{path} lacks the attribute {key!r}: it is damaged")
+        return None
+    empty: Any = {str: "", tuple: (), Mapping: {}}.get(typing.get_origin(hint) or hint)
     return read_attribute(group, key, path, empty)
 
 

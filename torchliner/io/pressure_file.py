@@ -9,25 +9,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from torchliner.io.axes import read_case, read_clock, read_coordinate, read_signal
-from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, tiles
+from torchliner.io.axes import read_clock, read_coordinate, read_signal
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, text_attribute, tiles
+from torchliner.io.own_file import take
 from torchliner.io.own_writer import fill, write_times
 from torchliner.io.stored_values import read_values
-from torchliner.io.tables import FileKind, new_file, write_row
+from torchliner.io.tables import new_file, require_schema, write_row
 from torchliner.records import PressureRecord
-from torchliner.records.declared import table_of, variables_of
+from torchliner.records.declared import Part, table_of
 from torchliner.records.pressure_record import SIGNALS
 
 COMPRESSED_ROWS = 2048
 SIGNAL_TABLE = table_of(PressureRecord, *SIGNALS)
-FACTS = tuple(
-    row for row in variables_of(PressureRecord) if row.field == "microphone_y" or not (row.dims or row.field == "start")
-)
-KIND = FileKind(
-    PressureRecord.SCHEMA,
-    "pressure record",
-    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
-)
 
 
 def write_pressure(record: PressureRecord, path: str | Path) -> None:
@@ -58,15 +51,18 @@ def read_pressure(path: str | Path) -> PressureRecord:
     path = Path(path)
     with open_file(path) as file:
         if "schema" in file.attrs:
-            KIND.require(file, path)
+            require_schema(file, path, PressureRecord.SCHEMA)
         there = [row for row in SIGNAL_TABLE if is_there(file, row.names[0], path)]
         if not there:
             get_dataset(file, "facesheet_pressure", path)  # says what is there instead
         rate, samples, start = read_clock(file, path)
-        fields: dict[str, Any] = {row.field: read_signal(file, row.names[0], row.unit, samples, path) for row in there}
-        shape = fields["facesheet"].shape[:-1] if "facesheet" in fields else ()
-        fields |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
-        fields |= read_case(file, KIND, FACTS, path)
+        known: dict[str, Any] = dict.fromkeys(SIGNALS)
+        known |= {row.field: read_signal(file, row.names[0], row.unit, samples, path) for row in there}
+        shape = () if known["facesheet"] is None else known["facesheet"].shape[:-1]
+        known |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
+        known |= {"sampling_rate": rate, "start": start, "name": str(path)}
+        known |= {"title": text_attribute(file, "title") or path.stem, "probe_cell": None}
         if is_there(file, "probe_cell", path):
-            fields["probe_cell"] = read_values(file["probe_cell"], place(file, "probe_cell", path), path)
-        return PressureRecord(**fields, sampling_rate=rate, start=start, name=str(path))
+            known["probe_cell"] = read_values(file["probe_cell"], place(file, "probe_cell", path), path)
+        made: PressureRecord = take(file, PressureRecord, path, known, Part())
+        return made

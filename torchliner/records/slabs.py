@@ -29,11 +29,7 @@ class Reader(Protocol):
 
 
 def bytes_of(size: int | str) -> int:
-    """A number of bytes, or text such as "500MB" or "2GiB".
-
-    Raises:
-        ValueError: neither.
-    """
+    """A number of bytes, or text such as "500MB" or "2GiB"; a ValueError for what is neither."""
     found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(size).strip())
     if found is None:
         raise ValueError(f"memory is {size!r}; give bytes or a size such as '500MB' or '2GB'")
@@ -49,25 +45,18 @@ def rows_per_slab(
         probes: P.
         itemsize: bytes per velocity, of the file and of work copies together.
         memory: bytes for two buffers and the work; default two of ``SLAB_BYTES``.
-        most: no more than this.
         tile: bytes of a compressed tile of the file, which is unpacked as a whole.
     Raises:
         ValueError: the limit holds neither one sample of every probe, nor a tile twice.
     """
     row = 2 * itemsize * max(1, probes)
-    if memory is not None and tile > WORK_BYTES and memory < 2 * tile + row:
-        raise ValueError(
-            f"a memory limit of {memory / 1e6:.4g} MB is below twice a compressed tile of the file "
-            f"({tile / 1e6:.4g} MB, unpacked as a whole); raise memory, or store the file in "
-            "smaller tiles (h5repack)"
-        )
     if memory is None:
         return max(1, min(most, 2 * SLAB_BYTES // row))
-    if memory < WORK_BYTES + row:
+    least = max(WORK_BYTES, 2 * tile) + row
+    if memory < least:
         raise ValueError(
-            f"a memory limit of {memory / 1e6:.4g} MB is below one slab: one sample of {probes} "
-            f"probes, read ahead, and the work arrays take {(WORK_BYTES + row) / 1e6:.4g} MB; "
-            "raise memory"
+            f"a memory limit of {memory / 1e6:.4g} MB is below {least / 1e6:.4g} MB, for one sample of {probes} probes "
+            f"and the work arrays, or twice a compressed tile of the file, {tile / 1e6:.4g} MB; raise memory"
         )
     return max(1, min(most, (memory - WORK_BYTES) // row))
 
@@ -94,7 +83,7 @@ def read_ahead(reader: Reader, bounds: Bounds, device: torch.device, held: int =
     probes = torch.Size(reader.shape[:-1]).numel()
     on_gpu = device.type == "cuda"
     buffers = [torch.empty(rows, probes, dtype=reader.dtype, pin_memory=on_gpu) for _ in range(held + 1)]
-    copied = [torch.cuda.Event() if on_gpu else None for _ in buffers]
+    copied = [torch.cuda.Event() for _ in buffers] if on_gpu else []
 
     with ThreadPoolExecutor(1, thread_name_prefix="read-ahead") as pool:
         pending = pool.submit(reader.read, *bounds[0], buffers[0])
@@ -102,13 +91,10 @@ def read_ahead(reader: Reader, bounds: Bounds, device: torch.device, held: int =
             slab = pending.result()
             if i + 1 < len(bounds):
                 other = (i + 1) % len(buffers)
-                event = copied[other]
-                if event is not None:
-                    event.synchronize()
+                if on_gpu:
+                    copied[other].synchronize()
                 pending = pool.submit(reader.read, *bounds[i + 1], buffers[other])
             if on_gpu:
                 slab = slab.to(device, non_blocking=True)
-                event = copied[i % len(buffers)]
-                assert event is not None
-                event.record(torch.cuda.current_stream(device))
+                copied[i % len(buffers)].record(torch.cuda.current_stream(device))
             yield slab

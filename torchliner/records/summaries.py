@@ -42,7 +42,11 @@ class Summarised:
         stated = [(row, getattr(of, row.field)) for row in variables_of(type(of)) if not row.dims]
         return [
             *((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))),
-            *((row.field, f"{float(value):g} {row.unit}".removesuffix(" 1")) for row, value in stated if value is not None),
+            *(
+                (row.field, f"{float(value):g} {row.unit}".removesuffix(" 1"))
+                for row, value in stated
+                if value is not None
+            ),
         ]
 
     def __repr__(self) -> str:
