@@ -30,8 +30,7 @@ class BurstRecord(Written, OfOneTone):
         dropped: bursts left out so far, by reason; they are no longer in the arrays.
         notes: warnings, with numbers.
     Raises:
-        TypeError: an array is not real floating point.
-        ValueError: no burst, no component, unequal lengths, a value out of range.
+        TypeError, ValueError: an array, a length or a value that no record has.
     """
 
     arrival_time: Any = var("burst", unit="s", range=ANY, text="arrival of the particle")
@@ -97,14 +96,8 @@ class BurstRecord(Written, OfOneTone):
         return self.transit_time
 
     def keep(self, mask: Tensor, dropped: Mapping[str, int]) -> BurstRecord:
-        """The bursts of a mask; the others are counted.
-
-        Args:
-            mask: bool, (N,).
-            dropped: how many are left out for which reason, in words.
-        Raises:
-            ValueError: nothing would be left.
-        """
+        """The bursts of a mask, bool, (N,); the others are counted in ``dropped``, by reason. A ValueError where
+        nothing would be left."""
         counted = {reason: number for reason, number in dropped.items() if number}
         if bool(mask.all()):
             return self
@@ -127,8 +120,7 @@ class ReferenceChannel:
         sampling_rate: Hz.
         name: how messages call it.
     Raises:
-        TypeError: values are not real floating point.
-        ValueError: another shape, values that are not finite, a signal that is constant.
+        TypeError, ValueError: values that are not real and finite; a signal that is constant.
     """
 
     values: Any = var("time", range=ANY, text="any unit")

@@ -189,7 +189,7 @@ def flat(record: Any, part: Part | None = None, *, derived: bool = True) -> Iter
         elif inner.by == "names":
             for key, one in value.items():
                 yield from flat(one, inner.named(key), derived=derived)
-        elif inner.by == "" and value is not None:
+        elif inner.by == "" and dataclasses.is_dataclass(value):
             yield from flat(value, inner, derived=derived)
 
 

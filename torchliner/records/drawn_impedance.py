@@ -78,11 +78,7 @@ class DrawnImpedance(Written, Reported, Summarised):
 
     @property
     def source_line(self) -> MicrophoneLine:
-        """``line``, of one case, for files and pages.
-
-        Raises:
-            ValueError: none was kept; it has leading axes, as lines of draws do.
-        """
+        """``line``, of one case, for files and pages; a ValueError where none was kept, or several, as of draws."""
         if self.line is None:
             raise ValueError(f"{self.method}: the line of microphones was not kept; a file or a page needs it")
         if self.impedance.ndim != 1:
@@ -92,11 +88,8 @@ class DrawnImpedance(Written, Reported, Summarised):
         return self.line
 
     def write(self, path: str | Path, *others: DrawnImpedance) -> None:
-        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take, ``others`` behind it.
-
-        Raises:
-            ValueError: another ending; an eduction without its line, or of several lines.
-        """
+        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take, ``others`` behind it; errors
+        as of ``Written.write`` and ``source_line``."""
         _ = [one.source_line for one in (self, *others)]
         resolve("torchliner.io.own_writer:write_several")((self, *others), path)
 
@@ -160,11 +153,8 @@ class DrawnImpedance(Written, Reported, Summarised):
 
     @property
     def standard_error(self) -> Tensor:
-        """Of resistance (real part) and reactance (imaginary part), (..., F); without draws.
-
-        Raises:
-            ValueError: no covariance is known.
-        """
+        """Of resistance (real part) and reactance (imaginary part), (..., F); without draws. A ValueError where no
+        covariance is known."""
         if self.covariance is None:
             raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")
         spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()

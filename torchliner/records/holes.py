@@ -22,8 +22,7 @@ class Holes:
         x, z: of the centres, m, (H,); no z for slits, which go all along it.
         diameter: of round holes, or width along x of slits, m, (H,).
     Raises:
-        ValueError: other numbers of values, none, not finite; a diameter that is not positive, or
-            above 0.1 m.
+        ValueError: other numbers of values, none, not finite; a diameter beyond 0 to 0.1 m.
     """
 
     x: tuple[float, ...] = var("hole", unit="m", text="streamwise coordinate of the centre of a hole")

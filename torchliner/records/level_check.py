@@ -36,13 +36,8 @@ class Gap:
         return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
     def verdict(self, limit: float, *place: int) -> str:
-        """``passes``, ``fails``, or ``inconclusive`` where the interval reaches back into the limit.
-
-        Args:
-            limit: dB; that of the phase is as large an error of Z.
-            place: index.
-        Returns: "" where there is nothing to compare.
-        """
+        """``passes``, ``fails``, or ``inconclusive`` where the interval reaches back into the limit, dB (that of the
+        phase is as large an error of Z); "" where there is nothing to compare."""
         if not math.isfinite(float(self.level[place])):
             return ""
         words = [_verdict(*self._ends("level", place), limit)]

@@ -37,7 +37,7 @@ class MicrophoneLine(Written, Reported, Summarised, Case):
         notes: warnings, with numbers.
     Raises:
         TypeError: the pressure is not complex, as levels in dB are not.
-        ValueError: fewer than two microphones, places that do not increase, shapes that disagree, a value out of range.
+        ValueError: fewer than two microphones, places that do not increase, a shape or a value that no line has.
     """
 
     x: Any = var("microphone", unit="m", text="places along the flow, increasing")

@@ -29,9 +29,6 @@ class PointImpedances(Result, Summarised):
         choices: every option.
         notes: warnings, with numbers.
         uncertainty: statistical intervals, because the record is finite; None without any.
-    Raises:
-        TypeError: an impedance is not complex.
-        ValueError: shapes disagree.
     """
 
     name: str
@@ -71,12 +68,8 @@ class PointImpedances(Result, Summarised):
         return self.liner_impedance
 
     def bounds_of_liner(self, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
-        """Of the whole surface's statistical interval at one frequency; None without any.
-
-        Args:
-            order: "" for the admittance over points, "_pressure_first".
-            index: of the frequency.
-        """
+        """Of the whole surface's statistical interval at one frequency; None without any. ``order``: "" for the
+        admittance averaged over points, "_pressure_first"."""
         known = self.uncertainty
         return None if known is None else getattr(known, f"liner{order}").bounds(index)
 

@@ -26,8 +26,7 @@ class PressureRecord(Written, AtProbes):
     ``probe_cell``, else in rising z, then x, or of the facesheet's shape, one per probe.
 
     Raises:
-        TypeError: a signal is not real floating point.
-        ValueError: a signal is missing or has another time base; a value is out of range.
+        TypeError, ValueError: a signal is missing or not real floating point; a shape or a value that no record has.
     """
 
     facesheet: Any = var(

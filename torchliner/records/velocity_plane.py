@@ -38,9 +38,7 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
         streamwise: streamwise velocity, m/s, on the same probes and times.
         holes: where those of the liner below are, for figures; None: unknown.
     Raises:
-        TypeError: velocity is not real floating point.
-        ValueError: shapes disagree, the plane is empty, a scalar is out of range, a hole lies
-            outside the plane.
+        TypeError, ValueError: velocity is not real floating point; a shape or a value that no plane has.
     """
 
     velocity: Any
@@ -88,8 +86,7 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
             stated: what it does not say, as for ``read_plane`` (variable, velocity_units,
                 length_units, sampling_rate, axes, normal), and fields of this record.
         Raises:
-            TypeError: neither a DataArray nor a Dataset.
-            ValueError: as ``read_plane``; no velocity fits, or several do.
+            TypeError, ValueError: as ``read_plane``; neither a DataArray nor a Dataset.
         """
         plane: VelocityPlane = resolve("torchliner.io.foreign:from_xarray")(data, **stated)
         return plane
@@ -130,14 +127,8 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
         return self.velocity.read(begin, end)
 
     def scaled(self, length: float, velocity: float) -> VelocityPlane:
-        """The same flow in other units of length and velocity; time scales by length/velocity.
-
-        Args:
-            length: factor on x, z, height, displacement thickness, holes and, squared, areas.
-            velocity: factor on the velocities.
-        Warns:
-            DataWarning: incident_level, of the velocities as they were, is left out.
-        """
+        """The same flow with lengths and velocities times a factor each; time scales by length/velocity, and
+        incident_level, of the velocities as they were, is left out, with a ``DataWarning``."""
         loaded, numbers = self.load(), scaled_numbers(self, length, velocity)
         streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity
         return replace(loaded, velocity=loaded.velocity * velocity, streamwise=streamwise, **numbers)

@@ -23,10 +23,6 @@ class WallEduction(DrawnImpedance):
 
     The covariance is to first order, for errors as large as what the waves leave; None without a degree of freedom, or
     for lines with leading axes.
-
-    Raises:
-        TypeError: wavenumber or impedance is not complex.
-        ValueError: shapes disagree.
     """
 
     _: KW_ONLY
