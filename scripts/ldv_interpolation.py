@@ -73,7 +73,7 @@ def attenuation_tables() -> tuple[Curves, Curves]:
     for seed, rate in enumerate(RATES):
         times = Flow(LONG, seed).arrivals(rate)
         for method in GRID_METHODS:
-            factor = tone_attenuation(times, FREQUENCY, method=method).factor
+            factor = tone_attenuation(onto_grid(times, times, method=method, frequency=FREQUENCY), FREQUENCY).factor
             found[method].append(float(factor.abs().squeeze()))
     fine = np.geomspace(RATES[0], RATES[-1], 101)
     closed = {method: poisson_attenuation(FREQUENCY, fine, method).abs().numpy() for method in CLOSED_FORMS}
@@ -105,7 +105,7 @@ def amplitude_errors(draws: int) -> Curves:
             signal = onto_grid(times, values, GRID)
             factors = tone_attenuation(signal, FREQUENCY, window="boxcar")
             line = factors.line(signal)
-            turn = np.exp(-2j * np.pi * FREQUENCY * signal.grid.start)
+            turn = np.exp(-2j * np.pi * FREQUENCY * signal.start)
             lines = [complex(each[0]) * turn for each in (line, factors.true_amplitude(line))]
             found.append([*lines, fit_at_arrivals(times, values)])
         errors = np.array(found) / (PEAK / 2) - 1
@@ -126,7 +126,7 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
         values = flow.velocity(times)
         signals = {method: onto_grid(times, values, GRID, method) for method in GRID_METHODS}
         signals |= _corrections(signals["linear"])
-        true = flow.velocity(signals["linear"].grid.times)
+        true = flow.velocity(signals["linear"].times)
         rows.append(_effects_of({"true": true} | {n: s.values for n, s in signals.items()}))
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     parts = ("rms (m/s)", *(f"{p} {rule}" for rule in RULES for p in ("resistance", "reactance")))

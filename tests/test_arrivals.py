@@ -39,16 +39,6 @@ def tone(times: torch.Tensor, amplitude: complex, frequency: float = FREQUENCY) 
     return 2 * (amplitude.real * turns.cos() - amplitude.imag * turns.sin())
 
 
-@pytest.mark.parametrize("method", ["linear", "hold"])
-@pytest.mark.parametrize("count", [2, 3, 1000])
-def test_arrivals_on_the_grid_are_kept(method, count):
-    """Values at grid points come back to the last bit, though k/rate is not a machine number."""
-    times = 0.1 + torch.arange(count, dtype=torch.float64) / 7e3
-    found = onto_grid(times, normal(count), 7e3, method)
-    assert torch.equal(found.values, normal(count))
-    assert found.grid.samples == count
-
-
 def test_band_limited_fit_keeps_what_lies_in_its_band():
     """A tone at a quarter of the band: to the penalty's 5e-4 from uniform arrivals, and ten times
     better than linear interpolation from random ones."""
@@ -57,40 +47,24 @@ def test_band_limited_fit_keeps_what_lies_in_its_band():
     for kind, times in (("uniform", uniform), ("random", poisson(RATE, 0.2))):
         for method in GRID_METHODS:
             found = onto_grid(times, tone(times, 0.5, RATE / 16), 40e3, method)
-            miss = found.values - tone(found.grid.times, 0.5, RATE / 16)
+            miss = found.values - tone(found.times, 0.5, RATE / 16)
             errors[kind, method] = float(miss[200:-200].square().mean().sqrt())
     assert errors["uniform", "band-limited"] < 5e-4
     assert errors["random", "band-limited"] < 0.1 * errors["random", "linear"]
     assert errors["random", "linear"] < errors["random", "hold"]
 
 
-def test_by_hand():
-    """Arrivals at 0, 1, 3 s with 0, 2, -2: halfway points and held values."""
-    times, values = [0.0, 1.0, 3.0], [0.0, 2.0, -2.0]
-    linear = onto_grid(times, values, 2.0).values.tolist()
-    assert linear == [0.0, 1.0, 2.0, 1.0, 0.0, -1.0, -2.0]
-    hold = onto_grid(times, values, 2.0, "hold").values.tolist()
-    assert hold == [0.0, 0.0, 2.0, 2.0, 2.0, 2.0, -2.0]
-
-
-@pytest.mark.parametrize("method", GRID_METHODS)
-def test_constants_are_kept(method):
-    times = poisson(RATE, 0.05)
-    found = onto_grid(times, torch.full_like(times, -1.7), 31e3, method).values
-    assert float((found + 1.7).abs().max()) < 1e-11
-
-
 @pytest.mark.parametrize("method", ["linear", "band-limited"])
 def test_straight_lines_are_kept(method):
     times = poisson(RATE, 0.05)
     found = onto_grid(times, 3.0 - 40.0 * times, 31e3, method)
-    assert float((found.values - 3.0 + 40.0 * found.grid.times).abs().max()) < 1e-10
+    assert float((found.values - 3.0 + 40.0 * found.times).abs().max()) < 1e-10
 
 
 def test_linear_is_numpys():
     times = poisson(RATE, 0.05)
     found = onto_grid(times, normal(len(times)), 31e3)
-    wanted = np.interp(found.grid.times.numpy(), times.numpy(), normal(len(times)).numpy())
+    wanted = np.interp(found.times.numpy(), times.numpy(), normal(len(times)).numpy())
     assert found.values.numpy() == pytest.approx(wanted, abs=1e-9)
 
 
@@ -120,7 +94,7 @@ def test_actual_arrivals_average_to_the_closed_form(method, rate):
     factors = []
     for seed in range(80):
         times = poisson(rate, 0.05, seed)
-        found = tone_attenuation(times, FREQUENCY, 60e3, method, "boxcar")
+        found = tone_attenuation(onto_grid(times, times, 60e3, method), FREQUENCY, "boxcar")
         factors.append(complex(found.factor[0]))
     closed = complex(poisson_attenuation(FREQUENCY, rate, method))
     for drawn, wanted in (
@@ -133,17 +107,6 @@ def test_actual_arrivals_average_to_the_closed_form(method, rate):
 
 
 @pytest.mark.parametrize("method", GRID_METHODS)
-def test_many_arrivals_leave_the_tone_alone(method):
-    """1 - G falls at least like 1/rate (hold) or its square (linear: x^2/2)."""
-    misses = []
-    for rate in (100e3, 400e3):
-        factor = tone_attenuation(poisson(rate, 0.1), FREQUENCY, method=method).factor
-        misses.append(float((1 - factor).abs().max()))
-    assert misses[1] < misses[0] / (3.5 if method == "hold" else 12)
-    assert misses[1] < (0.03 if method == "hold" else 5e-4)
-
-
-@pytest.mark.parametrize("method", GRID_METHODS)
 @pytest.mark.parametrize("window", ["hann", "boxcar"])
 @quiet
 def test_factor_and_image_say_what_becomes_of_any_tone(method, window):
@@ -152,13 +115,13 @@ def test_factor_and_image_say_what_becomes_of_any_tone(method, window):
     amplitude = 0.8 - 0.3j
     found = onto_grid(times, 2.5 + tone(times, amplitude), 47e3, method)
     factors = tone_attenuation(found, FREQUENCY, window=window)
-    phase = np.exp(2j * np.pi * FREQUENCY * found.grid.start)
+    phase = np.exp(2j * np.pi * FREQUENCY * found.start)
     line = factors.line(found)
     assert complex(factors.true_amplitude(line)[0]) == pytest.approx(amplitude * phase, abs=1e-12)
     again = factors.line(corrected_coherent_part(found, factors))
     assert complex(again[0]) == pytest.approx(amplitude * phase, abs=1e-12)
     back = corrected_coherent_part(found, factors, noise=True)
-    wanted = 2.5 + tone(found.grid.times, amplitude)
+    wanted = 2.5 + tone(found.times, amplitude)
     assert float((back.values - wanted).abs().max()) < 1e-10
     limit = 0.1 if method != GRID_METHODS[2] else 1e-3
     assert abs(complex(line[0]) - amplitude * phase) > limit
@@ -174,7 +137,7 @@ def test_corrected_tone_has_no_bias(method):
         found = onto_grid(times, tone(times, amplitude) + normal(len(times), seed), 30e3, method)
         factors = tone_attenuation(found, FREQUENCY)
         line = factors.line(found)
-        turn = np.exp(-2j * np.pi * FREQUENCY * found.grid.start)
+        turn = np.exp(-2j * np.pi * FREQUENCY * found.start)
         drawn.append(complex(factors.true_amplitude(line)[0]) * turn)
         raw.append(complex(line[0]) * turn)
     for values, biased in ((np.array(drawn), False), (np.array(raw), method != "band-limited")):
@@ -210,7 +173,7 @@ def test_long_gaps_are_warned_of():
     times = gapped()
     with pytest.warns(tl.DataWarning, match=r"longest gap between arrivals is 30.1 ms at 0.0399 s"):
         found = onto_grid(times, torch.zeros(1000), 10e3)
-    assert found.grid.longest_gap == pytest.approx((0.0301, 0.0399))
+    assert found.longest_gap == pytest.approx((0.0301, 0.0399))
 
 
 TIMES = torch.arange(100, dtype=torch.float64) / 10e3
@@ -233,20 +196,12 @@ ZEROS = torch.zeros(100)
         (lambda: onto_grid(TIMES, ZEROS[1:]), r"\(100,\), values \(99,\)"),
         (lambda: onto_grid(TIMES, ZEROS, method="lineal"), "did you mean 'linear'"),
         (lambda: onto_grid(TIMES, ZEROS, method="band-limited", band=-1.0), "band .* is -1"),
-        (lambda: tone_attenuation(TIMES, 5001.0), "fewer than two a period of 5001 Hz"),
-        (lambda: tone_attenuation(TIMES, 3000.0, 30e3, "band-limited"), "band of the fit, 2500"),
-        (lambda: tone_attenuation(TIMES, 1500.0, 2e3), "at or above Nyquist, 1000 Hz"),
+        (lambda: tone_attenuation(onto_grid(TIMES, ZEROS), 5001.0), "fewer than two a period of 5001 Hz"),
+        (lambda: tone_attenuation(onto_grid(TIMES, ZEROS, 30e3, "band-limited"), 3000.0), "band of the fit, 2500"),
+        (lambda: tone_attenuation(onto_grid(TIMES, ZEROS, 2e3), 1500.0), "at or above Nyquist, 1000 Hz"),
         (lambda: poisson_attenuation(1.0, 10.0, "band-limited"), "closed form"),
     ],
 )
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def test_times_in_other_units_do_not_fill_the_memory():
-    """Microseconds taken for seconds: 1e9 points of a grid for 1000 arrivals."""
-    times = poisson(1e3, 1.0)
-    with pytest.raises(ValueError, match=r"points for \d+ arrivals; .* 1000 for each .* times in s"):
-        onto_grid(1e6 * times, torch.ones_like(times), 1e3)
-    assert onto_grid(times, torch.ones_like(times), 2e5).grid.samples > 1e5

@@ -17,13 +17,10 @@ from torchliner.bursts.stations import (
     BACKWARDS,
     OUTLIER,
     REPEATED,
-    ZERO_RUN,
     BurstFilters,
     Station,
     burst_moments,
-    run_lengths,
     validate_bursts,
-    weighted_median,
 )
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
@@ -62,27 +59,6 @@ def test_transit_times_undo_the_velocity_bias():
     assert found.weighted_rms == pytest.approx(1.0, abs=0.01)
 
 
-def test_equal_transit_times_weigh_nothing():
-    """With one transit time for all, and without any, both weightings agree, and with numpy's."""
-    values = np.random.default_rng(3).normal(size=500)
-    for transit in (None, np.full(500, 3e-5), np.zeros(500)):
-        record = tl.BurstRecord(poisson_times(500), values, transit_time=transit)
-        found = burst_moments(record).components["wall_normal"]
-        assert found.velocity_bias == pytest.approx(0, abs=1e-15)
-        assert found.weighted_rms == pytest.approx(values.std(), rel=1e-12)
-
-
-def test_weights_are_repetitions():
-    """A burst of twice the transit time counts as two bursts: moments and median."""
-    values, weights = torch.tensor([3.0, -1.0, 2.0, 7.0]).double(), torch.tensor([1, 2, 4, 1])
-    record = tl.BurstRecord(np.arange(4.0), values, transit_time=weights.double())
-    repeated = values.repeat_interleave(weights).numpy()
-    found = burst_moments(record).components["wall_normal"]
-    assert found.weighted_mean == pytest.approx(repeated.mean(), rel=1e-14)
-    assert found.weighted_rms == pytest.approx(repeated.std(), rel=1e-14)
-    assert float(weighted_median(values, weights.double())) == np.median(repeated)
-
-
 def test_intervals_of_a_poisson_process_follow_the_exponential_law():
     record = gaussian_record(40_000, wall_normal=np.zeros(40_000))
     curves = intervals_of([Station.of(record, BurstFilters(zero_runs=None))])
@@ -98,14 +74,6 @@ def test_intervals_of_a_poisson_process_follow_the_exponential_law():
     seen = burst_moments(record)
     assert seen.irregularity == pytest.approx(1, abs=0.02)
     assert seen.rate == pytest.approx(1000, rel=0.02)
-
-
-def test_arrival_statistics_by_hand():
-    record = tl.BurstRecord(np.array([1.0, 2.0, 5.0, 6.0]), np.ones(4))
-    found = burst_moments(record)
-    assert (found.duration, found.rate, found.longest_gap) == (5.0, 3 / 5, 3.0)
-    alone = burst_moments(tl.BurstRecord(np.array([1.0]), np.ones(1)))
-    assert np.isnan(alone.rate)
 
 
 # Validation
@@ -131,18 +99,6 @@ def test_times_that_run_backwards_are_refused():
         validate_bursts(tl.BurstRecord(np.zeros(10), np.ones(10)))
 
 
-def test_runs_of_zeros_are_dropped_and_single_zeros_stay():
-    values = np.array([1.0, 0, 2, 0, 0, 0, 3, 0, 0])
-    record = tl.BurstRecord(np.arange(9.0), values, streamwise=np.ones(9))
-    assert run_lengths(torch.as_tensor(values) == 0).tolist() == [0, 1, 0, 3, 3, 3, 0, 2, 2]
-    kept = validate_bursts(record, BurstFilters(zero_runs=3, outliers=None))
-    assert kept.wall_normal.tolist() == [1, 0, 2, 3, 0, 0]
-    assert len(kept.streamwise) == 6
-    assert kept.dropped == {ZERO_RUN: 3}
-    off = validate_bursts(record, BurstFilters(zero_runs=None, outliers=None))
-    assert off.dropped == {}
-
-
 def test_outliers_of_either_component_are_dropped():
     record = gaussian_record(3000)
     v = record.wall_normal.clone()
@@ -154,32 +110,6 @@ def test_outliers_of_either_component_are_dropped():
     assert kept.dropped == {OUTLIER: 3}
     assert float(kept.wall_normal.abs().max()) < 4
     assert validate_bursts(dirty, BurstFilters(outliers=None)).bursts == 3000
-
-
-def test_outliers_are_judged_by_the_time_and_not_by_the_number_of_bursts():
-    """Many fast bursts of short transit do not draw the median to themselves."""
-    v = torch.cat([torch.full((60,), 20.0), torch.linspace(0.9, 1.1, 40)]).double()
-    transit = torch.cat([torch.full((60,), 1e-6), torch.full((40,), 5e-5)]).double()
-    record = tl.BurstRecord(np.arange(100.0), v, transit_time=transit)
-    assert torch.equal(validate_bursts(record).wall_normal, v[60:])
-    plain = tl.BurstRecord(np.arange(100.0), v)
-    assert validate_bursts(plain).wall_normal[:60].tolist() == [20.0] * 60
-
-
-def test_a_median_deviation_of_zero_does_not_drop_neighbours():
-    """More than half equal: deviations up to the limit times the resolution stay."""
-    values = np.array([0.0] * 70 + [0.01, -0.01] * 14 + [5.0, 5.02])
-    kept = validate_bursts(tl.BurstRecord(np.arange(100.0), values), BurstFilters(zero_runs=None))
-    assert kept.dropped == {OUTLIER: 2}
-
-
-def test_filters_run_in_their_order_and_each_sees_what_is_left():
-    """A repeated burst that breaks a run of zeros is gone before runs are counted."""
-    time = np.array([0.0, 1, 2, 2, 3, 4, 5])
-    values = np.array([1.0, 0, 0, 7, 0, 1, 1])
-    kept = validate_bursts(tl.BurstRecord(time, values, dropped={"before": 4}), BurstFilters(True, 3, None))
-    assert kept.dropped == {"before": 4, REPEATED: 1, ZERO_RUN: 3}
-    assert kept.received == 11
 
 
 def test_coincident_bursts_are_paired_once_and_mutually():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import pytest
@@ -68,14 +67,3 @@ def test_a_wall_near_a_rigid_one_is_told_of():
     stated = found.standard_error.real / found.impedance.abs() ** 2
     assert torch.allclose(scatter, stated, rtol=0.25)
     assert float(found.standard_deviation.real) > 1.3 * float(found.standard_error.real)
-
-
-def test_doubts_are_each_case_s_own():
-    """A rigid wall in a batch hides no negative resistance."""
-    lines = [solved(impedance=z, frequency=(1500.0,)) for z in (math.inf, -0.5 + 1j)]
-    pressure = torch.stack([line.pressure for line, _ in lines])
-    both = dataclasses.replace(lines[0][0], pressure=pressure)
-    notes = fit_field(both, lines[0][1]).notes
-    told = {note.code: note.text for note in notes}
-    assert "at 1 of 2 values" in told["rigid-wall"]
-    assert "the resistance is -0.5, below 0" in told["active-wall"]

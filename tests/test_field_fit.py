@@ -123,32 +123,6 @@ def test_walls_at_the_ends_of_the_range(wall):
     assert abs(complex(found.impedance[0]) - wall) < 1e-6 * (1 + abs(wall))
 
 
-@pytest.mark.parametrize(
-    ("side", "frequency", "wall"),
-    [
-        ("upstream", 1500.0, 0.0523 - 0.0002j),
-        ("upstream", 1500.0, 0.3106 + 0.2664j),
-        ("upstream", 2400.0, 0.0122 - 0.0199j),
-        ("downstream", 2400.0, 0.0241 - 0.0249j),
-    ],
-)
-def test_walls_beside_false_minima(side, frequency, wall):
-    """Walls of which a search by relative errors from a coarse grid alone finds another minimum."""
-    line, solver = of_preset(side, frequency, wall)
-    assert complex(fit_field(line, solver).impedance[0]) == pytest.approx(wall, abs=1e-6)
-
-
-def test_reflections_stated_for_a_source_elsewhere_are_not_believed():
-    """The ends of a duct do not change places with its source."""
-    line, _ = solved("downstream")
-    _, other = solved("upstream", end_reflection=(0.1, 0.0))
-    with pytest.raises(ValueError, match=r"reflections of the duct are stated for a source upstream, the line has its"):
-        fit_field(line, other, far_end="stated")
-    assert float((fit_field(line, other).impedance - TRUE).abs().max()) < 1e-6
-    _, plain = solved("upstream")
-    assert float((fit_field(line, plain, far_end="stated").impedance - TRUE).abs().max()) < 1e-6
-
-
 def test_the_duct_of_a_line(tmp_path):
     """From a file: the frequencies are the line's, the wall of the microphones the file's."""
     setup = solved_setup(900.0, 1500.0, wall="lined")

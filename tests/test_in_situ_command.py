@@ -7,7 +7,6 @@ import json
 import pytest
 import torch
 from conftest import DATA
-from test_in_situ import file_of
 
 import torchliner as tl
 from torchliner.cli.main import main
@@ -79,23 +78,3 @@ def test_another_case_is_refused(capsys):
     assert "are not one case: incident_level is 130.0 and 115.0" in capsys.readouterr().err
     assert main([*arguments, str(DATA / "no.h5")]) == 2
     assert "no.h5: no such file" in capsys.readouterr().err
-
-
-def test_legend_names_the_method():
-    """Black symbols at the cells with an entry of their own."""
-    from torchliner.report.curves import draw_along_x
-    from torchliner.report.planes import draw_against_height
-
-    planes = [tl.read_plane(DATA / f"slit_n130_y{y}mm.h5") for y in ("1.0", "2.5")]
-    beside = tl.in_situ(file_of("n130"))
-    liner = tl.load_liner("lbm_slit")
-    maps = [tl.educe(plane, liner).with_alongside(beside) for plane in planes]
-    for draw in (draw_along_x, draw_against_height):
-        figure = draw(maps)
-        legend = figure.legends[0] if figure.legends else figure.axes[0].get_legend()
-        names = [text.get_text() for text in legend.get_texts()]
-        assert "in situ (Dean), admittance over points" in names
-        assert len(names) == len(set(names))
-    assert known_of(maps, 0)["in situ (Dean), pressure first"] == pytest.approx(
-        complex(beside.liner_impedance_pressure_first[0])
-    )

@@ -40,14 +40,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say(options):
     assert found.uncertainty.settings["blocks"] == (20 if not options else 9)
 
 
-def test_a_steady_tone_has_none_to_speak_of():
-    """Nothing fluctuates, whatever the window leaves over of the last period."""
-    found = tl.in_situ(record_of([standing_wave(1.0, 1.0)], 1.0))
-    for order in AVERAGINGS:
-        low, high = found.bounds_of_liner(order)
-        assert abs(high - low) < 1e-9
-
-
 def test_too_few_blocks_are_said():
     """Three periods tell nothing of their scatter; without intervals nothing is said."""
     record = record_of([1.0], 1.0, samples=round(3.2 * RATE / FREQUENCY))

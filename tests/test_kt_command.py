@@ -108,7 +108,6 @@ def test_fit_of_the_field(solved_files, capsys):
     [
         (["{}", "--far-end", "stated"], "--far-end is no option of --method kt"),
         (["{}", "--frequency", "700"], "has no 700 Hz; it holds [600.0, 1000.0, 1500.0] Hz"),
-        (["{}", "--weights", "relative"], "--weights is no option of --method kt"),
         (["{}", "--method", "two-waves", "--rank", "2"], "--rank is no option of --method two-wav"),
         (["{}", "--source-side", "downstream", "--rank", "1"], "runs away from a source downstream"),
     ],

@@ -150,16 +150,6 @@ def test_references_from_a_folder(tmp_path, capsys):
     assert "name the recording" in capsys.readouterr().err
 
 
-def test_a_table_that_changed_is_another_liner(folder, tmp_path, monkeypatch):
-    """The numbers of a table count, not its name."""
-    path, parts, seen = tmp_path / "table.csv", tmp_path / "parts", counted(monkeypatch)
-    for factor, made in ((1.0, 3), (1.0, 3), (2.0, 6)):
-        rows = [f"{f},{v},{factor * (0.5 + v)},0.1" for f in (500, 3000) for v in (0, 10, 20)]
-        path.write_text("frequency,speed,resistance,reactance\n" + "\n".join(rows))
-        tl.educe_bursts(folder, tl.load_liner(path), parts=parts, segment=0.04)
-        assert len(seen) == made
-
-
 def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
     """Cut off, under the name of another, or without a variable: the station is educed again, the others are not."""
     folder, parts, liner = write_folder(tmp_path / "line", 2), tmp_path / "parts", tl.load_liner("onera")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -16,7 +15,6 @@ from torchliner.bursts.averages import (
     segment_admittances,
     station_intervals,
 )
-from torchliner.conversions import admittance_from_reflection
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 REPLAYED = 5e-5  # in R: the kernels of the replay end
@@ -51,22 +49,6 @@ def test_monte_carlo_is_the_closed_form_and_its_spread_too(line):
     assert abs(off.imag) < 4 * wide.imag / math.sqrt(draws)
     assert float(drawn.real.std()) == pytest.approx(wide.real, rel=0.04)
     assert float(drawn.imag.std()) == pytest.approx(wide.imag, rel=0.04)
-
-
-def test_the_spread_of_the_draws_shrinks_with_stations_and_the_others_do_not():
-    """4 times the stations halve it; spread over segments and along the line stay."""
-    generator = torch.Generator().manual_seed(4)
-    values = torch.randn(64, 20, 1, 2, generator=generator, dtype=torch.float64)
-    admittance = torch.view_as_complex(values) * 0.1 + 0.5
-    counts = torch.full((64,), 20)
-    few, many = (deviation_of_draws(admittance[:n], counts[:n]) for n in (16, 64))
-    assert many.real / few.real == pytest.approx(0.5, rel=0.08)
-    assert monte_carlo(admittance, counts, 10, 0).shape == (10, 1)
-    # Shorter stations are drawn from their own segments alone.
-    padded = admittance.clone()
-    padded[3, 5:] = torch.nan
-    counts[3] = 5
-    assert torch.isfinite(monte_carlo(padded, counts, 2000, 0).real).all()
 
 
 def deviation_of_draws(admittance: torch.Tensor, counts: torch.Tensor) -> complex:
@@ -112,47 +94,6 @@ def test_the_bias_of_short_segments_is_taken_off_the_bounds():
     second_order = 0.5 * 4 / (1 - 0.5) ** 3 * 0.15**2
     assert off == pytest.approx(second_order, rel=0.5)  # and higher orders
     assert abs(middle - true) < 0.5 * off
-
-
-def test_no_interval_from_three_segments(onera):
-    found = educed([station(0, seconds=0.085)], onera)
-    assert int(found.segments[0]) == 3
-    assert found.interval is None
-    assert found.average.interval is None
-    assert any("no error bars: a station has 3 segments" in note.text for note in found.notes)
-
-
-@pytest.mark.slow
-def test_the_interval_of_the_line_is_that_of_independent_stations(onera):
-    """Alike stations: the standard error of the mean is a station's over the root of their number,
-    within a third (each is itself estimated from 13 segments)."""
-    found = educed([station(seed, seconds=0.3) for seed in range(9)], onera)
-    single = found.interval.standard_error[:, 0].real.square().mean().sqrt()
-    whole = float(found.average.interval.standard_error[0].real)
-    assert whole == pytest.approx(float(single) / 3, rel=0.33)
-    assert float(found.average.interval.runs[0]) > 3 * float(found.interval.runs[:, 0].mean())
-
-
-def test_equal_records_are_drawn_apart(onera):
-    """Two stations with the same bursts are two measurements: errors add as if independent."""
-    record = station(0)
-    again = dataclasses.replace(record, x=0.3, title="again")
-    found = educed([record, again], onera)
-    ratio = found.average.interval.standard_error[0].real
-    ratio = float(ratio / found.interval.standard_error[0, 0].real)
-    assert ratio == pytest.approx(2**-0.5, rel=0.12)  # Student's factor differs a little
-
-
-def test_admittance_at_walls_is_zero_in_the_draws(line):
-    wall = torch.tensor([[False], [True], [False]])
-    found = segment_admittances(dataclasses.replace(line, wall=wall))
-    assert bool((found[1] == 0).all())
-    plain = admittance_from_reflection(line.reflection)
-    assert torch.equal(torch.nan_to_num(found[0]), torch.nan_to_num(plain[0]))
-
-
-def test_one_station_has_no_spread_along_the_line(onera):
-    assert torch.isnan(educed([station(0)], onera).average.spatial_spread.real).all()
 
 
 def test_the_paper_is_one_call(onera):

@@ -78,7 +78,7 @@ def test_a_file_keeps_an_eduction_whole(tmp_path):
     wave[1] = complex(math.nan, math.nan)
     found = [
         dataclasses.replace(lost, wavenumber=wave),
-        tl.two_wave_fit(line, weights="relative"),
+        tl.two_wave_fit(line, condition="continuous-velocity"),
         tl.two_wave_fit(line, tied=False),
         field_fit(dataclasses.replace(line, title="")),
     ]

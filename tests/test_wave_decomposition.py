@@ -70,14 +70,6 @@ def test_known_waves_come_back(mach, reflection, options):
         assert float(found.residual[0]) < 1e-9
 
 
-def test_forgotten_flow_is_an_error():
-    """The case with flow is not blind to the Mach number, nor to its sign."""
-    record = record_of(0.5 - 0.4j, [0.05, 0.1], mach=0.3)
-    for wrong in (0.0, -0.3):
-        found = tl.decompose_waves(dataclasses.replace(record, microphone_mach=wrong))
-        assert abs(complex(found.reflection[0]) - (0.5 - 0.4j)) > 0.05
-
-
 def test_least_squares_average_noise():
     """Many microphones err less than two; the residual says how noisy they were."""
     places = [0.01 + 0.004 * i for i in range(12)]
@@ -134,7 +126,7 @@ def test_half_a_wavelength_is_singular():
 @pytest.mark.parametrize(
     ("places", "options", "match"),
     [
-        ([0.01], {}, "1 microphone is given; two waves need at least two"),
+        ([0.01], {}, "microphones: 1 given; two waves need at least two"),
         ([0.01, 0.01], {}, "0 mm apart are singular at 1400 Hz"),
         ([0.01, 0.02], {"microphones": [0, 5]}, "has microphones 0 to 1, not 5"),
         ([0.01, 0.02], {"frequency": 20000.0}, "at or above Nyquist"),

@@ -60,7 +60,6 @@ SOURCES = ("upstream", "downstream")
 DIRECTIONS = ("downstream", "upstream")  # of waves, along the flow first
 WALLS = ("opposite", "lined")
 CONDITIONS = ("ingard-myers", "continuous-velocity")
-WEIGHTS = ("absolute", "relative")
 FAR_ENDS = ("fitted", "stated")
 LOSSES = ("none", "viscothermal")
 _HERE = "torchliner.pressure"
@@ -69,9 +68,9 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
     "two-waves": (
         f"{_HERE}.two_waves:two_wave_fit",
         "two waves tied by one impedance",
-        ("condition", "margin", "weights"),
+        ("condition", "margin"),
     ),
-    "free-waves": (f"{_HERE}.two_waves:free_wave_fit", "two free waves", ("condition", "margin", "weights")),
+    "free-waves": (f"{_HERE}.two_waves:free_wave_fit", "two free waves", ("condition", "margin")),
     "field": (
         f"{_HERE}.fit_field:fit_line",
         "the field of the linearised Euler equations",

@@ -14,4 +14,4 @@ assert torch.equal(tl.read_map("map.h5").answer, found.answer)
 print(tl.VelocityGrid(5.0, levels=100).speeds[:3])  # |v| of the tables of kernels
 arrivals = torch.rand(3000, dtype=torch.float64).sort().values  # s; random samples to a grid
 signal = tl.onto_grid(arrivals, torch.sin(300 * arrivals), rate=10e3)
-print(signal.values.shape, signal.grid.mean_rate)
+print(signal.values.shape, signal.mean_rate)

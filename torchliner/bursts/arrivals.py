@@ -10,7 +10,7 @@ normal equations are banded, so that the cost is that of a filter, and a gap spo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,43 +31,22 @@ SMOOTHING = 1e-3  # second differences over the mean diagonal; 1e-4 gave turbule
 
 
 @dataclass(frozen=True, eq=False)
-class ArrivalGrid:
-    """A uniform grid from the first arrival to the last one, and the way of values onto it; nothing is extrapolated.
+class GridSignal:
+    """A signal on a uniform grid from the first arrival to the last one; nothing is extrapolated.
 
     Args:
+        values: on the grid, (T,), in the unit given.
         arrival_times: s, increasing, float64, (N,).  rate: of the grid, Hz.
         method: ``linear``, ``hold`` or ``band-limited``.  band: B of ``band-limited``, Hz.
         name: how messages call the data.
     """
 
+    values: Tensor
     arrival_times: Tensor
     rate: float
     method: str
     band: float
     name: str
-
-    @classmethod
-    def of(
-        cls, times: Tensor, rate: float | None, method: str, frequency: float | None, band: float | None, name: str
-    ) -> ArrivalGrid:
-        """The grid of checked arrivals; arguments and errors as of ``onto_grid``."""
-        require_choice("method", method, GRID_METHODS)
-        seconds = float(times[-1] - times[0])
-        own = (len(times) - 1) / seconds
-        if rate is None:
-            rate = STEPS_AN_ARRIVAL * own
-            if frequency is not None:
-                require_positive("frequency (Hz)", frequency)
-                rate = frequency * max(STEPS_A_PERIOD, math.ceil(rate / frequency))
-        band = BAND_SHARE * own if band is None else band
-        require_positive("rate of the grid (Hz)", rate)
-        require_positive("band (Hz)", band)
-        if not 1 <= seconds * rate + ROUNDING <= MOST_POINTS * max(len(times), FEWEST):
-            raise ValueError(
-                f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {1 + seconds * rate:.3g} points for "
-                f"{len(times)} arrivals; 2 to {MOST_POINTS} for each are possible: are the times in s?"
-            )
-        return cls(times, float(rate), method, float(band), name)
 
     @property
     def start(self) -> float:
@@ -100,8 +79,8 @@ class ArrivalGrid:
         length, place = self.arrival_times.diff().max(0)
         return float(length), float(self.arrival_times[place])
 
-    def __call__(self, values: Tensor) -> Tensor:
-        """Values at the arrivals on the grid: (..., N) to (..., T)."""
+    def rebuilt(self, values: Tensor) -> Tensor:
+        """Other values at the same arrivals on the same grid: (..., N) to (..., T)."""
         points, times = self.times, self.arrival_times
         if self.method == "band-limited":
             return _spline_fit(times, values, points, self.band)
@@ -111,14 +90,6 @@ class ArrivalGrid:
         before = before.clamp(max=len(times) - 2)
         share = ((points - times[before]) / (times[before + 1] - times[before])).clamp(0, 1)
         return torch.lerp(values[..., before], values[..., before + 1], share)
-
-
-@dataclass(frozen=True, eq=False)
-class GridSignal:
-    """Values (T,), in the unit given, on a grid."""
-
-    values: Tensor
-    grid: ArrivalGrid
 
 
 def onto_grid(
@@ -148,19 +119,35 @@ def onto_grid(
         DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
     """
-    times, numbers = checked_bursts(arrival_times, values, name)
-    grid = ArrivalGrid.of(times, rate, method, frequency, band, name)
-    length, begin = grid.longest_gap
-    if length * grid.mean_rate > LONG_GAP:
+    require_choice("method", method, GRID_METHODS)
+    times, numbers = _checked(arrival_times, values, name)
+    seconds = float(times[-1] - times[0])
+    own = (len(times) - 1) / seconds
+    if rate is None:
+        rate = STEPS_AN_ARRIVAL * own
+        if frequency is not None:
+            require_positive("frequency (Hz)", frequency)
+            rate = frequency * max(STEPS_A_PERIOD, math.ceil(rate / frequency))
+    band = BAND_SHARE * own if band is None else band
+    require_positive("rate of the grid (Hz)", rate)
+    require_positive("band (Hz)", band)
+    if not 1 <= seconds * rate + ROUNDING <= MOST_POINTS * max(len(times), FEWEST):
+        raise ValueError(
+            f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {1 + seconds * rate:.3g} points for {len(times)} "
+            f"arrivals; 2 to {MOST_POINTS} for each are possible: are the times in s?"
+        )
+    empty = GridSignal(times.new_empty(0), times, float(rate), method, float(band), name)
+    length, begin = empty.longest_gap
+    if length * own > LONG_GAP:
         tell(
             f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
-            f"{length * grid.mean_rate:.3g} mean intervals (limit {LONG_GAP:g}); what lies in it is made up"
+            f"{length * own:.3g} mean intervals (limit {LONG_GAP:g}); what lies in it is made up"
         )
-    return GridSignal(grid(numbers), grid)
+    return replace(empty, values=empty.rebuilt(numbers))
 
 
-def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor]:
-    """Times and values as ``onto_grid`` needs them, float64, (N,)."""
+def _checked(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor]:
+    """Times and values, float64, (N,)."""
     times, numbers = real_tensor(arrival_times).cpu(), real_tensor(values).cpu()
     if times.ndim != 1 or times.shape != numbers.shape or len(times) < 2:
         shapes = f"times have shape {tuple(times.shape)}, values {tuple(numbers.shape)}"
@@ -171,8 +158,7 @@ def checked_bursts(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, 
     if len(back):
         here, after = times[int(back[0]) : int(back[0]) + 2].tolist()
         raise ValueError(
-            f"{name}: {len(back)} times do not increase, first {here:.9g} s, then {after:.9g} s (sample "
-            f"{int(back[0]) + 1}); sort them and keep one sample of each"
+            f"{name}: {len(back)} times do not increase, first {here:.9g} s, then {after:.9g} s; sort them"
         )
     return times, numbers
 

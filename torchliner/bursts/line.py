@@ -214,7 +214,7 @@ def notes_of(line: ImpedanceLine) -> Iterator[Note]:
         text = f"{len(flagged)} of {count} stations are flagged and {counted}: {shown}; the first: "
         yield Note("flagged-stations", text + line.flags[flagged[0]][0])
     for i, f in enumerate(line.frequency.tolist()):
-        sizes, share = line.attenuation[:, i].abs(), float(line.phase_held[:, i].mean())
+        sizes = line.attenuation[:, i].abs()
         if float(sizes.min()) < DAMPED:
             text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the "
             mended = "corrected, the turbulence is not" if bool(line.corrected[:, i].all()) else "not corrected"
@@ -226,9 +226,6 @@ def notes_of(line: ImpedanceLine) -> Iterator[Note]:
             text = f"wall filter: {int(line.wall[:, i].sum())} of {count} stations have a squared coherence below"
             text = f"{text} {choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0, in the averages"
             yield Note("wall-filter", text)
-        if share < 1:
-            text = f"self-consistent phase: at {f:g} Hz it held in {100 * share:.3g} % of the segments; the others,"
-            yield Note("phase-fell-back", f"{text} with too little coherence, are 'averaged' instead")
         if line.level_check is not None and (sentence := line.level_check.sentence("stations", f, i)):
             yield Note("level-check", sentence)
     noted = [i for i, notes in enumerate(line.station_notes) if notes]

@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import ArrivalGrid, GridSignal, checked_bursts
+from torchliner.bursts.arrivals import GridSignal, onto_grid
 from torchliner.bursts.choices import StationChoices
 from torchliner.bursts.stations import Station
 from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
@@ -41,7 +41,6 @@ WINDOWS = {"whole-periods": ("boxcar", {0: 1.0}), "hann": ("hann", {0: 0.5, 1: -
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 FEWEST_PIECES = 8  # of a record, over which coherence is found
 NO_TONE = 0.05  # squared coherence with v below which a reference knows no phase
-WANDERS = 0.9  # of the segments' mean amplitude that is left over the whole record
 
 
 def educe_station(
@@ -62,32 +61,20 @@ def educe_station(
     if choices.phase == "given" and reference is None and reference_phase is None:
         raise ValueError("phase='given' needs a reference channel, or reference_phase in rad")
     cut = cut_into_segments(station.kept, wanted, own)
-    grid, known = cut.signal.grid, segment_means(cut.plane, liner, wanted, choices, own.window)
+    grid, known = cut.signal, segment_means(cut.plane, liner, wanted, choices, own.window)
     seen, clock = known.moments.survey, 2 * torch.pi * torch.outer(cut.start, wanted)
-    own_coherence, phases, velocity = seen.coherence(wanted).cpu(), clock, known.velocity
-    coherence = steady = own_coherence.mean(0)
-    held = own_coherence
+    phases, velocity, each = clock, known.velocity, seen.coherence(wanted).cpu()
     if reference is not None:
-        phases, velocity, coherence = follow_reference(cut, reference, wanted, known)
-        held = coherence
-    held = ((held >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
+        phases, velocity, each = follow_reference(cut, reference, wanted, known)
+    coherence = each if reference is not None else each.mean(0)
+    held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     sound = Sound(velocity, held, phases + (reference_phase or 0.0))
-    # Over the whole record a tone that wanders has less amplitude than in its segments.
-    left = (known.velocity * torch.exp(-1j * clock)).mean(0).abs() / known.velocity.abs().mean(0).clamp(min=1e-300)
-    wanders = cut.corrected & (left < WANDERS) & (steady > choices.minimum_coherence / 2)
     reviewed = (*known.moments.notes, *review_rule(held, seen.blocks.count, choices))
     notes = [*station.kept.notes, *(note.text for note in reviewed), *cut.notes]
-    for f, share, away, follows in zip(*(x.tolist() for x in (wanted, left, wanders, coherence)), strict=True):
-        if away:
-            notes.append(
-                f"the tone of {f:g} Hz wanders: over the whole record {share:.2f} of its amplitude in the segments is "
-                "left, and the correction, made over the record, misses the rest"
-            )
+    for f, follows in zip(wanted.tolist(), coherence.tolist(), strict=True):
         if reference is not None and follows < NO_TONE:
-            notes.append(
-                f"the squared coherence of v with the reference is {follows:.2g} at {f:g} Hz (limit {NO_TONE:g}): it "
-                "tells nothing of the phase of the sound there"
-            )
+            text = f"the squared coherence of v with the reference is {follows:.2g} at {f:g} Hz (limit {NO_TONE:g})"
+            notes.append(f"{text}: it tells nothing of the phase of the sound there")
     vertical, nodes = station.moments.components["wall_normal"], known.moments.nodes
     numbers = {axis: math.nan if (value := getattr(record, axis)) is None else value for axis in "xyz"}
     numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
@@ -158,39 +145,38 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     name, tone = record.name, record.frequency
     if record.wall_normal is None:
         raise ValueError(f"{name} holds no wall-normal velocity; say which channel it is, components=-wall_normal")
-    times, values = checked_bursts(record.arrival_time, record.wall_normal, name)
-    asked = tone or float(frequency.max())
-    grid = ArrivalGrid.of(times, choices.grid_rate, choices.method, asked, choices.band_limit, name)
-    length = round(choices.segment * grid.rate)
+    about: dict[str, Any] = {"frequency": tone or float(frequency.max()), "band": choices.band_limit, "name": name}
+    signal = onto_grid(record.arrival_time, record.wall_normal, choices.grid_rate, choices.method, **about)
+    length = round(choices.segment * signal.rate)
     hop = max(1, int((1 - choices.overlap) * length + 1e-9))
-    count, (gap, begin) = 1 + (grid.samples - length) // hop, grid.longest_gap
+    count, (gap, begin) = 1 + (signal.samples - length) // hop, signal.longest_gap
     if not 2 <= count <= MOST_SEGMENTS:
         raise ValueError(
-            f"{name}: {len(times)} bursts over {grid.seconds:.4g} s hold {count} segments of {choices.segment:g} s "
-            f"with an overlap of {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Change segment and overlap"
+            f"{name}: {record.bursts} bursts over {signal.seconds:.4g} s hold {count} segments of {choices.segment:g} s"
+            f" that overlap by {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Change segment and overlap"
         )
     if gap > choices.segment:
         raise ValueError(
             f"{name}: no burst for {gap:.4g} s from {begin:.6g} s on, longer than a segment of {choices.segment:g} s, "
             "which would be made up; cut the record there"
         )
-    signal, notes = GridSignal(grid(values), grid), tuple[str, ...]()
+    notes = tuple[str, ...]()
     tone = None if choices.correction == "none" else tone or (float(frequency) if len(frequency) == 1 else None)
     corrected = (frequency / (tone or torch.inf) - 1).abs() < SAME_FREQUENCY
     damping = tone_attenuation(signal, frequency)
     if tone is not None:
         alone = damping if corrected.tolist() == [True] else tone_attenuation(signal, tone)
         if not bool(corrected.any()):
-            text = f"the stated tone of {tone:g} Hz, of which {grid.method} reconstruction leaves "
+            text = f"the stated tone of {tone:g} Hz, of which {signal.method} reconstruction leaves "
             notes = (f"{text}{float(alone.factor.abs()):.3f}, is corrected: it drives |v| at all frequencies",)
         signal = corrected_coherent_part(signal, alone, noise=choices.correction == "tone-and-noise")
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop),
-        sampling_rate=grid.rate,
+        sampling_rate=signal.rate,
         height=record.y if record.y is not None and record.y > 0 else None,
         **{key: getattr(record, key) for key in STATED},
     )
-    start = grid.start + hop * torch.arange(count, dtype=torch.float64) / grid.rate
+    start = signal.start + hop * torch.arange(count, dtype=torch.float64) / signal.rate
     return Segments(plane, signal, start, hop, damping.factor, corrected, notes)
 
 
@@ -256,7 +242,7 @@ def follow_reference(
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
     """
-    grid, highest, tone = cut.signal.grid, float(frequency.max()), cut.plane.frequency
+    grid, highest, tone = cut.signal, float(frequency.max()), cut.plane.frequency
     if reference.sampling_rate < COARSE * highest:
         raise ValueError(
             f"{reference.name} is sampled at {reference.sampling_rate:g} Hz, less than {COARSE:g} times a period of "

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import BAND_SHARE, ArrivalGrid, GridSignal, checked_bursts
+from torchliner.bursts.arrivals import BAND_SHARE, GridSignal
 from torchliner.checks import frequency_tensor
 from torchliner.tones import tone_amplitudes, window_weights
 
@@ -24,22 +24,20 @@ LEAST_FACTOR = 0.3  # below, a correction would raise noise by more than a facto
 
 @dataclass(frozen=True, eq=False)
 class ToneAttenuation:
-    """The factors of a tone's line for given arrivals: line = factor A + image A*.
+    """The factors of a tone's line for the arrivals of a signal: line = factor A + image A*.
 
     Args:
-        factor, image: G and H, complex128, (F,).  frequency: Hz, (F,).
-        grid: with the arrivals and the method that they hold for.  weights: of the window, (T,).
+        factor, image: G and H, complex128, (F,).  frequency: Hz, (F,).  weights: of the window, (T,).
     """
 
     factor: Tensor
     image: Tensor
     frequency: Tensor
-    grid: ArrivalGrid
     weights: Tensor
 
     def line(self, signal: GridSignal) -> Tensor:
         """Of the tones as they are in a gridded signal, phase at the grid's start, complex128, (F,)."""
-        return tone_amplitudes(signal.values, self.frequency, self.grid.rate, self.weights)
+        return tone_amplitudes(signal.values, self.frequency, signal.rate, self.weights)
 
     def true_amplitude(self, line: Tensor) -> Tensor:
         """A from the windowed lines GA + HA* of the gridded signal, (F,), exactly."""
@@ -47,33 +45,18 @@ class ToneAttenuation:
         return (self.factor.conj() * line - self.image * line.conj()) / determinant
 
 
-def tone_attenuation(
-    arrivals: Any,
-    frequency: Any,
-    rate: float | None = None,
-    method: str = "linear",
-    window: Any = "hann",
-    *,
-    band: float | None = None,
-    name: str = "arrivals",
-) -> ToneAttenuation:
-    """The complex factors on a tone's windowed line for these very arrivals.
+def tone_attenuation(signal: GridSignal, frequency: Any, window: Any = "hann") -> ToneAttenuation:
+    """The complex factors on a tone's windowed line for the arrivals, grid and method of a signal.
 
     Args:
-        arrivals: times, s, (N,); or a ``GridSignal``, whose arrivals, grid, method and name are meant.
+        signal: from ``onto_grid``; its values do not count.
         frequency: Hz, one or several.
-        rate, method, band, name: of the grid, as for ``onto_grid``.
         window: any window of scipy, over the record.
     Raises:
-        ValueError: a frequency above half the mean rate, outside ``band`` or not below half the grid's rate, or as
-            ``onto_grid``.
+        ValueError: a frequency above half the mean rate, outside the band of the fit or not below half the grid's rate.
     """
-    wanted = frequency_tensor(frequency)
+    wanted, grid = frequency_tensor(frequency), signal
     highest = float(wanted.max())
-    if isinstance(arrivals, GridSignal):
-        grid = arrivals.grid
-    else:
-        grid = ArrivalGrid.of(checked_bursts(arrivals, arrivals, name)[0], rate, method, highest, band, name)
     if grid.mean_rate < 2 * highest:
         raise ValueError(
             f"{grid.name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of "
@@ -88,12 +71,12 @@ def tone_attenuation(
     weights, lines = window_weights(window, grid.samples), []
     for f in wanted:
         turns = 2 * torch.pi * f * (grid.arrival_times - grid.start)
-        both = grid(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
+        both = grid.rebuilt(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
         lines.append(tone_amplitudes(both, f[None], grid.rate, weights)[:, 0])
     # The line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line 2aC - 2bS is GA + HA* for all
     # a, b with G = C + jS, H = C - jS.
     cosine, sine = torch.stack(lines, 1)
-    return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, wanted, grid, weights)
+    return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, wanted, weights)
 
 
 def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *, noise: bool = False) -> GridSignal:
@@ -107,18 +90,18 @@ def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *,
     Raises:
         ValueError: a factor below 0.3 (the correction would raise noise by more than 3).
     """
-    grid, frequency, smallest = signal.grid, attenuation.frequency, float(attenuation.factor.abs().min())
+    frequency, smallest = attenuation.frequency, float(attenuation.factor.abs().min())
     if smallest < LEAST_FACTOR:
         raise ValueError(
-            f"{grid.name}: {grid.method} reconstruction leaves {smallest:.3g} of the tone, and a correction would "
+            f"{signal.name}: {signal.method} reconstruction leaves {smallest:.3g} of the tone, and a correction would "
             f"raise noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}); take more arrivals, or no "
             "correction (correction='none')"
         )
-    line, seconds = attenuation.line(signal), grid.times - grid.start
+    line, seconds = attenuation.line(signal), signal.times - signal.start
     amplitude = attenuation.true_amplitude(line)
     made = _tones(line, frequency, seconds)
     if noise:
-        made = grid(_tones(amplitude, frequency, grid.arrival_times - grid.start))
+        made = signal.rebuilt(_tones(amplitude, frequency, signal.arrival_times - signal.start))
     return replace(signal, values=signal.values + _tones(amplitude, frequency, seconds) - made)
 
 

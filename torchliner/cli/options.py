@@ -116,7 +116,7 @@ class Of:
             text = parameters(CHOICES)[name][2]
         if default is not None and default is not False and not re.search(r"\bdefault\b", text):
             text += f"; default {default:g}" if isinstance(default, float) else f"; default {default}"
-        # What it can be stands in ``names``, in the plural: phase, PHASES; weights, WEIGHTS.
+        # What it can be stands in ``names``, in the plural: phase, PHASES.
         listed = getattr(names, f"{name}s".upper(), None) or getattr(names, name.upper(), None)
         by_type, nargs = BY_TYPE.get(annotation.split(" | ")[0], (TEXT, None))
         kind = (self.kinds or {}).get(name) or BY_NAME.get(name) or listed or by_type

@@ -18,14 +18,8 @@ CHANCE = 0.01  # of so high a coherence without any sound
 
 @dataclass(frozen=True)
 class RejectedFlow:
-    """Amplitudes of the sound alone, and what was taken away for them.
-
-    Args:
-        amplitude: complex peak amplitude, phase relative to the reference, (..., F).
-        coherence: squared, (..., F).
-        relative_error: standard deviation of the amplitude over itself, and of its phase in radians, (..., F).
-        segments: how many, overlapping by half.  notes: what was warned of.
-    """
+    """Complex peak amplitudes of the sound alone, phase relative to the reference, their squared coherence, and the
+    standard deviation over themselves (of the phase in radians), (..., F) each; S segments; what was warned of."""
 
     amplitude: Tensor
     coherence: Tensor
@@ -71,10 +65,7 @@ def reject_flow_noise(
     """
     samples = pressure.shape[-1]
     if samples != reference.shape[-1]:
-        raise ValueError(
-            f"{name}: the reference has {reference.shape[-1]} samples, the microphones {samples}; they share one time "
-            "base"
-        )
+        raise ValueError(f"{name}: the reference has {reference.shape[-1]} samples, the microphones {samples}")
     length = (samples / sampling_rate - start) / 8 if segment is None else segment
     driver = reference.reshape(*[1] * (pressure.ndim - 1), -1)
     found = transfer_function(driver, pressure, frequency, sampling_rate, window=window, segment=length, start=start)
@@ -87,8 +78,7 @@ def reject_flow_noise(
     absent = power <= NO_TONE * reference.to(torch.float64).square().max()
     if bool(absent.any()):
         raise ValueError(
-            f"{name}: the reference has no tone at {float(frequency[absent][0]):g} Hz; name the frequencies that were "
-            "played"
+            f"{name}: the reference has no tone at {float(frequency[absent][0]):g} Hz; name those that were played"
         )
     weights = window_weights(window, round(length * sampling_rate))
     half = len(weights) // 2
@@ -103,8 +93,7 @@ def reject_flow_noise(
         notes = [
             f"{name}: the coherence with the reference is {float(worst.min()):.2g} at "
             f"{float(frequency[worst.argmin()]):g} Hz, below {limit:.2g} in {int((coherence < limit).sum())} of "
-            f"{coherence.numel()} values: flow noise alone reaches that once in a hundred times; record longer or "
-            "leave those out"
+            f"{coherence.numel()} values: flow noise alone reaches that once in a hundred times; record longer"
         ]
     tell(notes)
     return RejectedFlow(2 * found.response * power.sqrt(), coherence, error, found.segments, tuple(notes))

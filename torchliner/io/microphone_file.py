@@ -63,9 +63,8 @@ def read_microphones(
         about: fields of the record instead of those of the file, e.g. ``source_side``.
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
-        ValueError: another schema, a dataset missing, of a wrong shape or unit; a frequency that is
-            not there; ``segment`` or ``start`` for a file without signals. The message names
-            FILE:/dataset or FILE: line.
+        ValueError: another schema, a dataset missing, of a wrong shape or unit; a frequency that is not there;
+            ``segment`` or ``start`` for a file without signals. The message names FILE:/dataset or FILE: line.
     Warns:
         DataWarning: units that look wrong, coherences that are low.
     """
@@ -77,10 +76,10 @@ def read_microphones(
             if "schema" in file.attrs:
                 KIND.require(file, path)
             amplitudes = is_there(file, "pressure_real", path)
-            unread = () if amplitudes else ("pressure", "coherence", "wall_impedance")
+            unread = set() if amplitudes else {"pressure", "coherence", "wall_impedance"}
             if not (amplitudes or is_there(file, "frequency", path)):
-                unread = (*unread, "frequency")
-            table = [row for row in variables_of(MicrophoneLine) if row.field not in (*about, *unread)]
+                unread.add("frequency")
+            table = [row for row in variables_of(MicrophoneLine) if row.field not in {*about, *unread}]
             head = {**read_case(file, KIND, table, path), "name": str(path), **about}
             if not amplitudes:
                 head |= {} if frequency is None else {"frequency": frequency}
@@ -93,11 +92,7 @@ def read_microphones(
 
 
 def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
-    """Microphones along the wall of a duct, or a pressure record: what has no duct is the latter.
-
-    Raises:
-        As ``read_microphones`` and ``read_pressure``.
-    """
+    """Microphones along the wall of a duct, or a pressure record: what has no duct is the latter."""
     if Path(path).suffix.lower() in TEXT_ENDINGS:
         return read_microphones(path)
     with open_file(path) as file:
@@ -107,13 +102,12 @@ def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
 
 def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Pressure, coherence, provenance and notes from signals."""
-    dataset = get_dataset(file, "pressure", path)
-    reference = read_values(get_dataset(file, "reference", path), place(file, "reference", path), path)
-    rate, samples = read_times(file, path)
     if "frequency" not in head:
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
-    axis = find_time_axis(dataset, samples, path)
+    rate, samples = read_times(file, path)
+    axis = find_time_axis(get_dataset(file, "pressure", path), samples, path)
     signals = np.moveaxis(read_si(file, "pressure", "Pa", path), axis, -1).astype(np.float64)
+    reference = read_values(get_dataset(file, "reference", path), place(file, "reference", path), path)
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),
         torch.from_numpy(reference.astype(np.float64).reshape(-1)),

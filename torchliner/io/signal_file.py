@@ -19,8 +19,7 @@ def read_signal(path: str | Path, sampling_rate: float | None = None, channel: i
     """A recorded incident signal.
 
     Args:
-        path: .wav (integers become fractions of full scale; only ratios matter), or .npy, .mat, .h5
-            holding one array.
+        path: .wav (integers become fractions of full scale; only ratios matter), or .npy, .mat, .h5 of one array.
         sampling_rate: Hz; a .wav states its own, other files do not.
         channel: of several; may be left out if there is one.
     Raises:
@@ -45,6 +44,7 @@ def read_signal(path: str | Path, sampling_rate: float | None = None, channel: i
 
 
 def _read_wav(path: Path) -> tuple[float, np.ndarray]:
+    """Rate and samples by scipy, which believes a header whose bits do not fill its bytes."""
     from scipy.io import wavfile
 
     try:

@@ -25,7 +25,7 @@ from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.intervals import ITSELF, Conversion
 from torchliner.liners.cavity import cavity_propagation
 from torchliner.names import LOSSES
-from torchliner.pressure.tones import LEVEL, Parts, Tones
+from torchliner.pressure.tones import Parts, Tones
 from torchliner.records import ImpedanceMap, PointImpedances, PointUncertainty, PressureRecord, VelocityPlane
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
@@ -40,6 +40,7 @@ LOW_COHERENCE = 0.5
 NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 SAME_DURATION = 0.01  # relative, of record and plane; warned of beyond
+ENDS = ("", "_pressure_first")  # of the names of impedances
 
 
 def in_situ(
@@ -47,28 +48,18 @@ def in_situ(
     frequency: Any = None,
     *,
     losses: str = "none",
-    window: Any = "hann",
-    segment: float | None = None,
-    start: float = 0.0,
-    allow_short: bool = False,
-    interval: float | None = LEVEL,
+    **cut: Any,
 ) -> PointImpedances:
-    r"""Impedance at every facesheet point, per cell and over the whole surface, after Dean.
+    """Impedance at every facesheet point, per cell and over the whole surface, after Dean.
 
     Args:
         record: facesheet and backplate pressure, cavity depth and porosity.
         frequency: Hz, one or several; default the record's own tone.
         losses: of the wave in the cavity, ``none`` or ``viscothermal`` (needs the cavity's hydraulic radius).
-        window: any window of scipy.
-        segment: s of a segment of the H1 estimate, overlapping by half; default one segment, the whole record: tones
-            are then exact.
-        start: s at the beginning that are left out.
-        allow_short: accept fewer than four periods.
-        interval: level of the statistical intervals, 0 to 1; None for no intervals.
+        cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``Tones``.
     Returns:
-        Impedances in both orders of averaging (see the module), with the coherence of the two pressures. It comes from
-        the segments, or from segments of two periods if there is only one. The intervals come from blocks of whole
-        periods, or from the segments.
+        Impedances in both orders of averaging (see the module), with the coherence of the two pressures over the
+        segments, or of two periods each if there is only one; intervals from blocks of whole periods, or segments.
     Raises:
         ValueError: a pressure is missing or has no tone; the record is too short; a frequency is at or above Nyquist,
             or sin(kH) is zero there, by which Dean's formula divides.
@@ -78,11 +69,10 @@ def in_situ(
         Roncen et al. (2026); H1 with the backplate as input, since the turbulence on the facesheet is then the output's
         noise and leaves no bias.
     """
-    tones = Tones.of(record, frequency, window, segment, start, allow_short, interval)
+    tones = Tones(record, frequency, **cut)
     require_choice("losses", losses, LOSSES)
     if record.facesheet is None or record.cavity_depth is None:
-        missing = "cavity_depth" if record.facesheet is not None else "facesheet pressure"
-        raise ValueError(f"{record.name}: {missing} is missing; the in situ method needs it")
+        raise ValueError(f"{record.name}: the in situ method needs facesheet pressure and cavity_depth")
     ratio, notes = mouth_velocity_ratio(record, tones.frequency, losses)
     cells, rows = _cells_of(record)
     used = rows >= 0
@@ -106,39 +96,25 @@ def in_situ(
         coherence, segments = _coherence(tones, hertz, rows, parts)
         coherences.append(cells.average(torch.where(used[:, None], coherence, 0.0), used))
         counts.append(segments)
-    found = {
-        name: torch.cat([way.impedance(each[name][0][0]) for _, each in made], -1)
-        for name, (_, way) in made[0][1].items()
-    }
+    found = {n: torch.cat([way.impedance(each[n][0][0]) for _, each in made], -1) for n, (_, way) in ways.items()}
     coherence, segments = torch.cat(coherences, -1), min(filter(None, counts), default=0)
     known, uncertainty = tones.intervals(made), None
     if known is not None:
-        settings = {"level": interval, "resampled": "time", "blocks": known[1]}
+        settings = {"level": tones.interval, "resampled": "time", "blocks": known[1]}
         uncertainty = PointUncertainty(**known[0], settings=settings)
     notes += _notes(record, tones.frequency, coherence, segments)
     notes += tones.few_blocks_notes("in situ", None if uncertainty is None else uncertainty.liner)
     tell([str(note) for note in notes])
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     x, z = (unknown if values is None else values for values in record.probe_coordinates())
-    choices = {
-        "method": "in situ",
-        "losses": losses,
-        **tones.choices,
-        "source": record.name,
-        "cavity_depth": record.cavity_depth,
-        "cavity_porosity": record.cavity_porosity,
-        "coherence_segments": segments,
-        **origin_of([("in situ", record.name)]),
-    }
+    choices = {"method": "in situ", "losses": losses, **tones.choices, "source": record.name}
+    choices |= {key: getattr(record, key) for key in ("cavity_depth", "cavity_porosity")}
+    choices |= {"coherence_segments": segments, **origin_of([("in situ", record.name)])}
     return PointImpedances(
         name="in situ (Dean)",
         frequency=tones.frequency,
         cell_x=cells.x,
         cell_z=cells.z,
-        cell_impedance=found["cells"],
-        cell_impedance_pressure_first=found["cells_pressure_first"],
-        liner_impedance=found["liner"],
-        liner_impedance_pressure_first=found["liner_pressure_first"],
         coherence=coherence,
         point_x=x,
         point_z=z,
@@ -146,30 +122,29 @@ def in_situ(
         choices=choices,
         notes=tuple(notes),
         uncertainty=uncertainty,
+        **{f"cell_impedance{end}": found[f"cells{end}"] for end in ENDS},
+        **{f"liner_impedance{end}": found[f"liner{end}"] for end in ENDS},
     )
 
 
 def with_in_situ(
     maps: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], record: PressureRecord
 ) -> list[ImpedanceMap]:
-    """Maps with the in situ impedances at their frequencies beside them, with intervals of the maps' own level.
+    """Maps, one a plane, with the in situ impedances of a record of the same case beside them.
 
-    Args:
-        maps: one a plane.  planes: what they were educed from.  record: of the same case.
     Raises:
         ValueError: the record states another case, tone, level or flow.
     Warns:
         DataWarning: record and plane differ in duration by more than ``SAME_DURATION``.
     """
-    made: dict[tuple[float | None, ...], PointImpedances] = {}
+    beside = []
     for result, plane in zip(maps, planes, strict=True):
         require_same_run(plane, record)
-        if (key := (*result.frequency.tolist(), result.level)) not in made:
-            made[key] = in_situ(record, result.frequency, interval=result.level)
         if abs(record.duration / plane.duration - 1) > SAME_DURATION:
             own, other = (f"{each.name} lasts {1e3 * each.duration:.4g} ms" for each in (record, plane))
             tell(f"{own}, {other}: the two impedances are of different times")
-    return [result.with_alongside(made[(*result.frequency.tolist(), result.level)]) for result in maps]
+        beside.append(result.with_alongside(in_situ(record, result.frequency, interval=result.level)))
+    return beside
 
 
 def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[Note]]:
@@ -192,10 +167,8 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
         order = round(turn)
         node = f"a velocity node of the cavity's mouth, {f * max(order, 1) / turn:.6g} Hz"
         if order and abs(value) < NODE:
-            raise ValueError(
-                f"{record.name}: sin(kH), by which Dean's formula divides, is {abs(value):.2g} at {f:g} Hz: a cavity "
-                f"of {1e3 * record.cavity_depth:g} mm has {node}; take a frequency further off"
-            )
+            divisor = f"sin(kH), by which Dean's formula divides, is {abs(value):.2g} at {f:g} Hz"
+            raise ValueError(f"{record.name}: {divisor}, near {node}; take a frequency further off")
         gain = abs(math.pi * turn / math.tan(math.pi * turn))
         if gain > LARGE_GAIN:
             text = f"{f:g} Hz lies near {node}; 1 % in depth or sound speed is {gain:.3g} % in Z"
@@ -205,10 +178,10 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
 
 def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
     """At one frequency (1,) on the facesheet and at the bottom behind each point, (S, P, 1) both."""
-    record = tones.record
-    signals = {name: getattr(record, name).reshape(-1, record.samples) for name in ("facesheet", "backplate")}
-    parts = tones.parts(list(signals.values()), frequency)
-    for (label, signal), amplitude in zip(signals.items(), parts.segments, strict=True):
+    labels, samples = ("facesheet", "backplate"), tones.record.samples
+    signals = [getattr(tones.record, label).reshape(-1, samples) for label in labels]
+    parts = tones.parts(signals, frequency)
+    for label, signal, amplitude in zip(labels, signals, parts.segments, strict=True):
         tones.require_tone(label, signal, amplitude, frequency)
     face, back = parts.amplitudes
     return replace(parts, amplitudes=(face, back[:, rows.clamp(min=0)]))
@@ -227,35 +200,31 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
         cells = Cells(labels, *centres)
     row_of = {record.probes: torch.arange(record.probes), cells.count: cells.labels, 1: torch.zeros_like(cells.labels)}
     if rows not in row_of:
-        raise ValueError(
-            f"{record.name}: backplate has {rows} rows, but there are {cells.count} cells (cell_pitch, probe_cell) and "
-            f"{record.probes} facesheet probes; give one row for all, one per cell or one per probe"
-        )
+        there = f"{cells.count} cells (cell_pitch, probe_cell), {record.probes} facesheet probes"
+        raise ValueError(f"{record.name}: backplate has {rows} rows, for {there}; give one for all, or one for each")
     return cells, torch.where(none, -1, row_of[rows])
 
 
 def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> tuple[Tensor, int]:
-    """Of the two pressures of each point, (P, 1), and the number of segments; a single one says nothing of it, shorter
-    ones do."""
+    """Of the two pressures of each point, (P, 1), and the segments it is from: shorter ones where there is one."""
     if parts.single:
         segment, record = COHERENCE_PERIODS / float(frequency), tones.record
         if record.duration - tones.start < 1.5 * segment or segment * record.sampling_rate < FEWEST_SAMPLES:
             return torch.full((len(rows), 1), torch.nan, dtype=torch.float64), 0
         parts = _pressures(replace(tones, segment=segment), frequency, rows)
-    face, back = parts.segments
-    found = transfer_from_amplitudes(back, face)
+    found = transfer_from_amplitudes(*parts.segments[::-1])
     return found.coherence, found.segments
 
 
 def _notes(record: PressureRecord, frequency: Tensor, coherence: Tensor, segments: int) -> list[Note]:
     """Pressures that do not belong together; above c/(2 pitch) a cavity that carries more than the plane wave."""
-    found, low = {}, coherence < LOW_COHERENCE
+    notes, low = [], coherence < LOW_COHERENCE
     if bool(low.any()):
-        found["low-coherence"] = (
-            f"the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at worst, below "
-            f"{LOW_COHERENCE:g} in {int(low.sum())} of {low.numel()} values ({segments} segments): turbulence, no sound"
-        )
+        text = f"the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at worst, below"
+        count = f"{int(low.sum())} of {low.numel()} values ({segments} segments): turbulence, no sound"
+        notes.append(Note("low-coherence", f"{record.name}: {text} {LOW_COHERENCE:g} in {count}"))
     if record.cell_pitch and float(frequency.max()) >= (limit := record.fluid.sound_speed / (2 * record.cell_pitch)):
         wide = f"a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, carries transverse waves"
-        found["cavity-modes"] = f"above {limit:.4g} Hz {wide}; Dean's formula knows the plane one alone"
-    return [Note(code, f"{record.name}: {text}") for code, text in found.items()]
+        text = f"above {limit:.4g} Hz {wide}; Dean's formula knows the plane one alone"
+        notes.append(Note("cavity-modes", f"{record.name}: {text}"))
+    return notes

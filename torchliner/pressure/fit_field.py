@@ -35,13 +35,7 @@ from torchliner.pressure.field_model import (
     like_rigid,
     search,
 )
-from torchliner.pressure.microphone_errors import (
-    CONTRADICTED,
-    LEVEL_ERROR,
-    PHASE_ERROR,
-    MicrophoneErrors,
-    largest_misfit,
-)
+from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
@@ -60,10 +54,7 @@ def fit_field(
     wall: str = "opposite",
     far_end: str = "fitted",
     start: complex | None = None,
-    draws: int = 0,
-    level_error: float = LEVEL_ERROR,
-    phase_error: float = PHASE_ERROR,
-    generator: torch.Generator | None = None,
+    **errors: Any,
 ) -> FieldFit:
     """Impedance of the liner of a duct that fits a line of microphones best.
 
@@ -74,11 +65,8 @@ def fit_field(
         far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
         start: impedance where the search begins; default the best of those from a grid. Soft walls, and those near the
             greatest attenuation, have minima beside the true one.
-        draws: of the microphones' errors, 0 for none, else at least 2; the paper takes 500 for its method. Those whose
-            fit does not settle have no impedance (nan).
-        level_error, phase_error: standard deviations that are assumed, dB and degrees; they weight the fit. Covariance
-            and draws take errors that are larger by the root of the misfit where 1 right model in 20 has a larger one.
-        generator: of random numbers; default one with seed 0.
+        errors: ``draws``, ``level_error``, ``phase_error`` and ``generator``, as of ``MicrophoneErrors``; they weight
+            the fit. Draws whose fit does not settle have no impedance (nan).
     Returns:
         The fit, without gradients.
     Raises:
@@ -90,20 +78,20 @@ def fit_field(
             rigid-wall, near-rigid-wall, active-wall, active-end, growing-wave, lost-draws.
     """
     require_choice("far_end", far_end, FAR_ENDS)
-    errors = MicrophoneErrors(level_error, phase_error, draws, generator)
-    errors.require_above(SMALLEST)
+    assumed = MicrophoneErrors(**errors)
+    assumed.require_above(SMALLEST)
     waves = {"stated": 1, "fitted": 2}[far_end]
     _check(line, solver, waves + 1, far_end)
     model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
-    weights = (1 / errors.parts[0], 1 / errors.parts[1])
+    weights = (1 / assumed.parts[0], 1 / assumed.parts[1])
     freedom = 2 * (line.microphones - waves - 1)
     choices = {
         "method": "field",
         "wall": wall,
         "far_end": far_end,
-        **errors.choices,
+        **assumed.choices,
         "largest_misfit": largest_misfit(freedom, CONTRADICTED),
-        "draws": draws,
+        "draws": assumed.draws,
         "source_side": line.source_side,
         "source": line.name,
         "microphones": line.microphones,
@@ -123,10 +111,10 @@ def fit_field(
     result = _result(found, model, pressure, line, freedom, choices)
 
     def drawn(pressure: Tensor) -> FieldFit:
-        again = search(model, _cases(pressure), found.place.repeat(draws, 1, 1), weights)
+        again = search(model, _cases(pressure), found.place.repeat(assumed.draws, 1, 1), weights)
         return _result(again, model, pressure, line, freedom, choices, all_of_them=False)
 
-    result = errors.with_draws(result, pressure, freedom, drawn)
+    result = assumed.with_draws(result, pressure, freedom, drawn)
     spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
     rho = found.place[..., 0]
     doubts = like_rigid(rho, spread), like_rigid(rho, spread, FIRST_ORDER), model.gains(found.place)
@@ -141,15 +129,10 @@ def _cases(pressure: Tensor) -> Tensor:
 
 
 def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
-    """``fit_field`` in the duct of a preset or TOML file, at the line's frequencies.
+    """``fit_field`` in the duct of a preset or TOML file (see ``load_duct``), at the line's frequencies.
 
-    Args:
-        line: its height, Mach number and gas must be the file's; its source may be on the other side, unless the file
-            states reflections that are to be believed.
-        duct: see ``load_duct``.
-        options: of ``fit_field``; the wall is the file's.
     Raises:
-        ValueError: no duct is stated.
+        ValueError: no duct is stated; as ``fit_field``, whose ``options`` may be given but for the wall.
     """
     if duct is None:
         raise ValueError("a fit of the field needs the duct: state --duct with a preset or a .toml file")
@@ -159,7 +142,7 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
 
 def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
     """Refuse what cannot be fitted, or is of another duct."""
-    case, side, count = solver.case, line.source_side, line.microphones
+    case, side, count, wrong = solver.case, line.source_side, line.microphones, list[str]()
     if len(case.liner) != 1:
         raise ValueError(f"the duct has {len(case.liner)} lined patches; one impedance is fitted to one patch")
     both = {  # of line and duct; the line may leave a number out
@@ -169,18 +152,15 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
         "liner_start (m)": (line.liner_start, case.liner[0][0]),
         "liner_end (m)": (line.liner_end, case.liner[0][1]),
     }
-    wrong = [
-        f"{what} is {float(mine):g}, of the duct {float(theirs):g}; state the same in both"
-        for what, (mine, theirs) in both.items()
-        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=SAME * ("liner" in what))
-    ]
+    for what, (mine, theirs) in both.items():
+        if mine is not None and not math.isclose(mine, theirs, rel_tol=SAME, abs_tol=SAME * ("liner" in what)):
+            wrong.append(f"{what} is {float(mine):g}, of the duct {float(theirs):g}; state the same in both")
     if side not in SOURCES:
         wrong.append(f"source_side is {side!r}; state upstream or downstream (in the file, or --source-side)")
     if count <= unknowns:
         wrong.append(f"{count} microphones are too few for {unknowns} complex unknowns (impedance, amplitudes)")
     if not torch.equal(line.frequency.cpu(), solver.frequency.cpu()):
-        frequencies = f"{line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz"
-        wrong.append(f"frequencies are {frequencies}; build the solver for those of the line")
+        wrong.append(f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz")
     if outside := line.x[(line.x < case.start) | (line.x > case.end)].tolist():
         wrong.append(f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m")
     stated = torch.cat([torch.as_tensor(r).flatten() for r in (case.end_reflection, case.source_reflection)])
@@ -202,21 +182,17 @@ def _result(
 ) -> FieldFit:
     """The record of a solution for pressures (..., N, F); of all of them, or with nan where the fit did not settle."""
     shape = (*pressure.shape[:-2], pressure.shape[-1])
-    along, rho = fine_places(line.x), found.place[..., 0]
+    along, rho, lost = fine_places(line.x), found.place[..., 0], ~(found.converged | all_of_them)
     amplitude = torch.complex(found.amplitude[..., ::2], found.amplitude[..., 1::2])
-    at, between, far = model.heard(found.place, amplitude, along)
-    lost = ~(found.converged | all_of_them)
-    wall = impedance_at(rho).masked_fill(lost, NOTHING)
-    at, between = (
-        each.masked_fill(lost[..., None], NOTHING).reshape(*shape, -1).movedim(-1, -2) for each in (at, between)
-    )
+    *pressures, far = model.heard(found.place, amplitude, along)
+    at, between = (p.masked_fill(lost[..., None], NOTHING).reshape(*shape, -1).movedim(-1, -2) for p in pressures)
     misfit = found.cost / freedom
     used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
     return FieldFit(
         method="LEE fit",
         frequency=line.frequency,
         x=line.x,
-        impedance=wall.reshape(shape),
+        impedance=impedance_at(rho).masked_fill(lost, NOTHING).reshape(shape),
         covariance=impedance_covariance(rho, used * covariance_of(found)).reshape(*shape, 2, 2),
         amplitude=model.solver.case.incident * amplitude[..., 0].reshape(shape),
         end_reflection=far.reshape(shape),

@@ -10,13 +10,13 @@ wave whose impedance is returned; a short liner's reflected and higher waves fol
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import whole_number
-from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
+from torchliner.pressure.microphone_errors import MicrophoneErrors
 from torchliner.pressure.waves import Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
 
@@ -33,10 +33,7 @@ def kumaresan_tufts(
     source_side: str | None = None,
     condition: str = "ingard-myers",
     margin: float = 0.0,
-    draws: int = 0,
-    level_error: float = LEVEL_ERROR,
-    phase_error: float = PHASE_ERROR,
-    generator: torch.Generator | None = None,
+    **errors: Any,
 ) -> WallEduction:
     """Impedance by Kumaresan and Tufts' prediction of evenly spaced microphones.
 
@@ -47,11 +44,7 @@ def kumaresan_tufts(
         source_side: ``upstream`` or ``downstream``; default what the line says.
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
-        draws: of the microphones' errors, at least 2 (the paper: 500); default 0, none: intervals to first order.
-        level_error: standard deviation of the levels that is assumed, dB, default 0.1. That of the draws is larger by
-            the root of the misfit where the waves leave more than these errors would.
-        phase_error: standard deviation of the phases that is assumed, degrees, default 0.1; as of the levels.
-        generator: of random numbers; default one with seed 0.
+        errors: ``draws``, ``level_error``, ``phase_error`` and ``generator``, as of ``MicrophoneErrors``.
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:
@@ -89,7 +82,7 @@ def kumaresan_tufts(
         method="Kumaresan-Tufts",
         unknowns=2 * rank,
         condition=condition,
-        errors=MicrophoneErrors(level_error, phase_error, draws, generator),
+        errors=MicrophoneErrors(**errors),
         rank=rank,
         order=length,
         choices={"method": "kumaresan-tufts", "rank": rank, "order": length, "margin": margin, "spacing": spacing},

@@ -32,17 +32,20 @@ def largest_misfit(freedom: float, share: float = POOR) -> float:
 
 @dataclass(frozen=True)
 class MicrophoneErrors:
-    """Standard deviations that are assumed, and how many draws of them an eduction takes.
+    """What is assumed of the errors, and how many draws of them an eduction takes.
 
-    Raises:
-        TypeError: draws is no whole number.
-        ValueError: an error is not finite or below 0; draws is below 0 or 1, which has no deviation.
+    Args:
+        level_error: standard deviation of the levels, dB, default 0.1; what is used is larger by the root of the misfit
+            where the waves leave more than 1 right model in 20.
+        phase_error: standard deviation of the phases, degrees, default 0.1; as of the levels.
+        draws: of the errors, at least 2 (the paper: 500); default 0, none: intervals to first order.
+        generator: of random numbers, on the CPU; default one with seed 0.
     """
 
-    level: float = LEVEL_ERROR  # of the SPL, dB
-    phase: float = PHASE_ERROR  # degrees
-    draws: int = 0  # 0 for none; 500 in the paper
-    generator: torch.Generator | None = None  # of random numbers, on the CPU; default one with seed 0
+    level_error: float = LEVEL_ERROR
+    phase_error: float = PHASE_ERROR
+    draws: int = 0
+    generator: torch.Generator | None = None
 
     def __post_init__(self) -> None:
         self.require_above(0)
@@ -51,19 +54,19 @@ class MicrophoneErrors:
 
     def require_above(self, least: float) -> None:
         """Refuse errors below a limit, dB and degrees."""
-        for name, value in (("level_error (dB)", self.level), ("phase_error (degrees)", self.phase)):
+        for name, value in (("level_error (dB)", self.level_error), ("phase_error (degrees)", self.phase_error)):
             if not least <= value < math.inf:
                 raise ValueError(f"{name} is {value:g}; it must be finite and at least {least:g}")
 
     @property
     def parts(self) -> tuple[float, float]:
         """Nepers and radians."""
-        return self.level * math.log(10) / 20, math.radians(self.phase)
+        return self.level_error * math.log(10) / 20, math.radians(self.phase_error)
 
     @property
     def choices(self) -> dict[str, float]:
         """As a result states them."""
-        return {"level_error": self.level, "phase_error": self.phase}
+        return {"level_error": self.level_error, "phase_error": self.phase_error}
 
     def freedom(self, spare: int) -> float:
         """nu of N - U spare microphones; inf where nothing can contradict the errors."""
@@ -73,25 +76,15 @@ class MicrophoneErrors:
         return spare * (level**2 + phase**2) ** 2 / (level**4 + phase**4)
 
     def misfit(self, residual: Tensor, microphones: int, unknowns: int) -> Tensor:
-        """Squared residual over that which the errors leave, of the residual's shape: 1 in the mean where model and
-        errors are right; nan without a spare microphone, and for errors of 0.
-
-        Args:
-            residual: rms of what a fit leaves over that of the pressures.
-            microphones: N.  unknowns: U, complex.
-        """
+        """Squared residual (relative rms of what a fit of U unknowns to N microphones leaves) over that which the
+        errors leave: 1 in the mean where all is right; nan without a spare microphone, and for errors of 0."""
         level, phase = self.parts
         expected = (level**2 + phase**2) * (1 - unknowns / microphones)
         return residual.square() / (expected if expected > 0 else math.nan)
 
     def with_draws(self, result: Any, pressure: Tensor, freedom: float, educed: Callable[[Tensor], Any]) -> Any:
-        """An eduction of pressures (..., N, F) with the same eduction of draws of their errors, if any are wanted.
-
-        Args:
-            result: with ``error_scale``.  pressure: Pa, complex.
-            freedom: real degrees of freedom behind that scale.
-            educed: the record of drawn pressures, (D, ..., N, F).
-        """
+        """An eduction of pressures (..., N, F), if wanted with that (``educed``) of draws of their errors, (D, ..., N,
+        F), whose ``error_scale`` has ``freedom`` real degrees of freedom."""
         if not self.draws:
             return result
         source = self.generator or torch.Generator().manual_seed(0)

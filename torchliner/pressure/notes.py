@@ -35,24 +35,19 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
     strongest = result.modes.gather(-2, result.energies.argmax(-2, keepdim=True))[..., 0, :]
     turn, decay = strongest.real * span, strongest.imag * span
     against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
-    sign = 1 if result.source_side == "upstream" else -1
-    k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
     # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
-    spacing = choices.get("spacing", 0.0)
-    highest = choices["sound_speed"] * (1 + sign * choices["mach"]) / (2 * spacing) if spacing else math.inf
-    rigid = (result.wavenumber - sign * k / (1 + sign * choices["mach"])).abs() * span < LIKE_RIGID
-    rigid &= z.abs() > HARD
-    limit = max(largest_misfit(freedom, POOR / result.misfit.numel()), choices["largest_misfit"])
-    poor, weak, feeds = (
-        (result.misfit > limit) & (residual > ROUNDING),
-        result.energy_share < LEAST_SHARE,
-        z.real < FEEDS,
-    )
+    sign, spacing = 1 if result.source_side == "upstream" else -1, choices.get("spacing", 0.0)
+    along = 1 + sign * choices["mach"]
+    highest = choices["sound_speed"] * along / (2 * spacing) if spacing else math.inf
+    k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
+    rigid = ((result.wavenumber - sign * k / along).abs() * span < LIKE_RIGID) & (z.abs() > HARD)
+    weak, feeds = result.energy_share < LEAST_SHARE, z.real < FEEDS
+    poor, limit, errors = _poor(result, freedom)
+    poor &= residual > ROUNDING
     size = None
     if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
         spread = result.standard_error if result.draws is None else result.standard_deviation
         size = float(spread[poor].abs().max())
-    level, phase = (most(used, poor) for used in result.used_errors)
     where = {
         "aliasing": (
             result.frequency >= highest,
@@ -87,11 +82,11 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
             poor,
             f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
             f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
-            f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}): other waves, or errors of {level:.2g} "
-            f"dB and {phase:.2g} degrees, which draws take; compare ranks, margins and methods",
+            f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}): other waves, or errors of {errors}, "
+            "which draws take; compare ranks, margins and methods",
         ),
     }
-    found = [*duct_notes(result.line), *_lost_draws(result), *noted(result, where, size)]
+    found = [*duct_notes(result.line), *_lost_draws(result), *_noted(result, where, size)]
     if choices.get("unsettled"):
         text = f"{choices['unsettled']} of {z.numel()} fits did not settle; their waves may not be the best"
         found.insert(0, Note("unsettled", f"{choices['source']}: {text}"))
@@ -107,18 +102,17 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
         gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
     """
     assert result.freedom is not None
-    misfit, end, settled = result.misfit, result.end_reflection.abs(), result.converged
-    limit = largest_misfit(result.freedom, POOR / misfit[..., 0].numel())
-    poor, feeds = misfit > limit, (result.impedance.real < FEEDS) & ~(rigid & settled)
-    level, phase = (most(used, poor) for used in result.used_errors)
+    end, settled = result.end_reflection.abs(), result.converged
+    feeds = (result.impedance.real < FEEDS) & ~(rigid & settled)
+    poor, limit, errors = _poor(result, result.freedom)
     where = {
         "unsettled": (~settled, "the fit did not settle; Z is the best one met"),
         "model-misfit": (
             poor,
-            f"the residuals are {most(misfit, poor) ** 0.5:.3g} times the stated errors of the microphones (limit "
-            f"{limit**0.5:.3g}): duct, flow, far end or wall ({result.choices['wall']}) are not those of the "
-            "measurement, this is not the deepest minimum (begin elsewhere, --start, start=), or the errors are "
-            f"{level:.2g} dB and {phase:.2g} degrees, which error bars take",
+            f"the residuals are {most(result.misfit, poor) ** 0.5:.3g} times the stated errors of the microphones "
+            f"(limit {limit**0.5:.3g}): duct, flow, far end or wall ({result.choices['wall']}) are not those of the "
+            f"measurement, this is not the deepest minimum (--start, start=), or the errors are {errors}, which error "
+            "bars take",
         ),
         "rigid-wall": (
             rigid & settled,
@@ -136,7 +130,7 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
             "in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
         ),
     }
-    return (*noted(result, where), *_lost_draws(result))
+    return (*_noted(result, where), *_lost_draws(result))
 
 
 def duct_notes(line: MicrophoneLine) -> Notes:
@@ -154,6 +148,18 @@ def duct_notes(line: MicrophoneLine) -> Notes:
     return tuple(notes)
 
 
+def _poor(result: WallEduction | FieldFit, freedom: float) -> tuple[Tensor, float, str]:
+    """Where the model does not fit, (..., F), from which misfit on, and the errors that are used there."""
+    assert result.misfit is not None
+    cases = result.misfit.numel() if isinstance(result, WallEduction) else result.misfit[..., 0].numel()
+    limit = largest_misfit(freedom, POOR / cases)
+    if isinstance(result, WallEduction):
+        limit = max(limit, result.choices["largest_misfit"])
+    poor = result.misfit > limit
+    level, phase = (most(used, poor) for used in result.used_errors)
+    return poor, limit, f"{level:.2g} dB and {phase:.2g} degrees"
+
+
 def _lost_draws(result: WallEduction | FieldFit) -> Notes:
     if result.draws is None or not bool(result.failed.any()):
         return ()
@@ -162,7 +168,7 @@ def _lost_draws(result: WallEduction | FieldFit) -> Notes:
     return (Note("lost-draws", f"{result.choices['source']}: {text}"),)
 
 
-def noted(result: WallEduction | FieldFit, where: Where, misfit: float | None = None) -> Notes:
+def _noted(result: WallEduction | FieldFit, where: Where, misfit: float | None = None) -> Notes:
     """A warning for each code that holds anywhere: how often, where first, and what; ``misfit``: how far Z may be off
     by a misfit of the model."""
     notes = []

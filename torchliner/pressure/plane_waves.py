@@ -25,7 +25,7 @@ from torchliner.conversions import impedance_from_reflection, spl_from_pressure_
 from torchliner.engine.intervals import FROM_REFLECTION
 from torchliner.least_squares import solve_linear
 from torchliner.pressure.notes import duct_notes
-from torchliner.pressure.tones import LEVEL, Tones
+from torchliner.pressure.tones import Tones
 from torchliner.pressure.waves import seen_from_source
 from torchliner.records import Interval, MicrophoneLine, PressureRecord
 from torchliner.records.notes import Note
@@ -45,8 +45,7 @@ class PlaneWaves:
         incident: peak amplitude at ``at``, Pa, (..., F); its rms over segments, where there are some.
         reflection: of the wave that comes back over it, complex128, (..., F).
         at: y or x, m.
-        residual: rms of what the two waves leave over that of the pressures, (..., F); nan for two pressures, or one
-            with its velocity, which two waves always fit.
+        residual: rms of what the two waves leave over that of the pressures, (..., F); nan for two equations.
         condition: condition number of the equations, (F,): errors of the microphones grow by it.
         microphones: y or x of those that were used, m, (M,).
         notes: warnings, with numbers.
@@ -81,11 +80,7 @@ def decompose_waves(
     *,
     microphones: Sequence[int] | str = "all",
     velocities: bool = False,
-    window: Any = "hann",
-    segment: float | None = None,
-    start: float = 0.0,
-    allow_short: bool = False,
-    interval: float | None = LEVEL,
+    **cut: Any,
 ) -> PlaneWaves:
     """Reflection and impedance at y = 0 from microphones in front of the surface.
 
@@ -96,18 +91,17 @@ def decompose_waves(
         frequency: Hz, one or several; default the record's own tone.
         microphones: indices, ``all``, or ``pair``: the two best conditioned.
         velocities: use the velocities at the microphones as well.
-        window, segment, start, allow_short, interval: as for ``in_situ``.
+        cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``Tones``.
     Raises:
         ValueError: microphones are missing, too few or half a wavelength apart; one has no pressure; the record is too
             short; a frequency is at or above Nyquist.
     Warns:
         DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
     """
-    tones = Tones.of(record, frequency, window, segment, start, allow_short, interval)
-    if record.microphones is None:
-        raise ValueError(f"{record.name} has no microphones; the decomposition needs two or more")
-    if velocities and record.microphone_velocity is None:
-        raise ValueError(f"{record.name} has no microphone_velocity; leave velocities out")
+    tones = Tones(record, frequency, **cut)
+    if record.microphones is None or (velocities and record.microphone_velocity is None):
+        missing = "microphones" if record.microphones is None else "microphone_velocity"
+        raise ValueError(f"{record.name} has no {missing}; splitting the waves needs it")
     fluid, chosen = record.fluid, _chosen(record, microphones, tones.frequency)
     places, signals = record.microphone_y[chosen], [record.microphones[chosen]]
     if velocities:
@@ -150,8 +144,7 @@ def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency:
         about = (record.microphone_y, frequency, record.fluid.sound_speed, record.microphone_mach)
         return list(best_pair(*about) if pair else range(count))
     chosen = [whole_number("microphones", i) for i in microphones]
-    wrong = [i for i in chosen if not 0 <= i < count]
-    if wrong:
+    if wrong := [i for i in chosen if not 0 <= i < count]:
         raise ValueError(f"{record.name} has microphones 0 to {count - 1}, not {wrong[0]}")
     return chosen
 
@@ -181,9 +174,7 @@ def sort_waves(
     edge = line.liner_start if seen.sign == 1 else line.liner_end
     if microphones is None:
         if edge is None:
-            raise ValueError(
-                f"{line.name} does not say where its liner is; give liner_start and liner_end, or microphones"
-            )
+            raise ValueError(f"{line.name} does not say where its liner is; give liner_start and liner_end")
         microphones = ((edge - line.x) * seen.sign > 0).nonzero()[:, 0].tolist()
         if len(microphones) < 2:
             before = f"{len(microphones)} microphones stand before the liner, seen from a source {seen.source_side}"
@@ -195,10 +186,7 @@ def sort_waves(
     places, frequency = ((some.x - place).to(some.pressure.device), some.frequency.to(some.pressure.device))
     found = split_waves(some.pressure, places, frequency, float(some.fluid.sound_speed), some.stated_mach)
     back, incident = found[0].unbind(-2)[:: seen.sign]
-    notes = (
-        *duct_notes(line),
-        *condition_notes(f"{line.name}: the microphones of the rigid duct", frequency, found[2]),
-    )
+    notes = (*duct_notes(line), *condition_notes(f"{line.name}: the microphones", frequency, found[2]))
     tell([str(note) for note in notes])
     return PlaneWaves("sorted waves", line.frequency, incident, back / incident, place, *found[1:], some.x, notes)
 
@@ -225,8 +213,7 @@ def split_waves(
     Args:
         pressure: Pa, complex, (..., M, F).
         places: y of the microphones, m, (M,).
-        frequency: Hz, (F,).
-        sound_speed: m/s.
+        frequency: Hz, (F,).  sound_speed: m/s.
         mach: of the mean flow away from the surface.
         velocity: rho c v_in at the microphones, Pa, (..., M, F), v_in towards the surface: as many equations more,
             which do not know the flow's turbulence as the pressures do.
@@ -239,8 +226,7 @@ def split_waves(
     Source: for M = 0 and two microphones, ISO 10534-2.
     """
     if len(places) < (2 if velocity is None else 1):
-        count = f"{len(places)} microphone" if len(places) else "no microphone"
-        raise ValueError(f"{count} is given; two waves need at least two")
+        raise ValueError(f"microphones: {len(places)} given; two waves need at least two")
     plus, minus = wavenumbers(frequency, sound_speed, mach)
     towards, away = torch.exp(1j * plus[:, None] * places), torch.exp(-1j * minus[:, None] * places)
     rows, measured = torch.stack([towards, away], -1), pressure.to(torch.complex128)

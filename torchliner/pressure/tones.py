@@ -58,39 +58,45 @@ class Parts:
 
 @dataclass(frozen=True)
 class Tones:
-    """How tones are read from a record."""
+    """How tones are read from a record.
+
+    Args:
+        record: of pressures.
+        frequency: Hz, one or several; default the record's own tone.
+        window: any window of scipy.
+        segment: s, overlapping by half; default the whole record, in which tones are exact.
+        start: s at the beginning that are left out.
+        allow_short: accept fewer than four periods.
+        interval: level of the statistical intervals, 0 to 1; None for none.
+    Raises:
+        TypeError: the record is none.
+        ValueError: no frequency is stated; one is at or above Nyquist; the record after ``start`` is empty or has fewer
+            than four periods of one; the level is not between 0 and 1.
+    """
 
     record: PressureRecord
-    frequency: Tensor  # Hz, (F,)
-    window: Any  # of scipy
-    segment: float | None  # s; None for one segment of all that is there
-    start: float  # s at the beginning that are left out
-    level: float | None  # of the intervals; None for none
+    frequency: Any = None
+    window: Any = "hann"
+    segment: float | None = None
+    start: float = 0.0
+    allow_short: bool = False
+    interval: float | None = LEVEL
 
-    @classmethod
-    def of(
-        cls, record: Any, frequency: Any, window: Any, segment: Any, start: float, allow_short: bool, level: Any
-    ) -> Tones:
-        """With the frequencies asked for, or the record's tone.
-
-        Raises:
-            TypeError: the record is none.
-            ValueError: no frequency is stated; one is at or above Nyquist; the record after ``start`` is empty or has
-                fewer than four periods of one; the level is not between 0 and 1.
-        """
+    def __post_init__(self) -> None:
+        record = self.record
         if not isinstance(record, PressureRecord):
             raise TypeError(f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)")
-        if level is not None and not 0 < level < 1:
-            raise ValueError(f"interval is {level:g}; it is a level between 0 and 1 (95 % is 0.95)")
-        wanted = stated_frequency(frequency, record.frequency, record.name, record.sampling_rate)
-        if not 0 <= start < record.duration:
-            raise ValueError(f"start is {start:g} s; {record.name} lasts {record.duration:g} s")
+        if self.interval is not None and not 0 < self.interval < 1:
+            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1 (95 % is 0.95)")
+        wanted = stated_frequency(self.frequency, record.frequency, record.name, record.sampling_rate)
+        object.__setattr__(self, "frequency", wanted)
+        if not 0 <= self.start < record.duration:
+            raise ValueError(f"start is {self.start:g} s; {record.name} lasts {record.duration:g} s")
         lowest = float(wanted.min())
-        periods = lowest * (record.duration - start)
-        if periods < FEWEST_PERIODS * (1 - 1e-6) and not allow_short:
+        periods = lowest * (record.duration - self.start)
+        if periods < FEWEST_PERIODS * (1 - 1e-6) and not self.allow_short:
             few = f"holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}"
             raise ValueError(f"{record.name} {few}; allow_short=True takes them")
-        return cls(record, wanted, window, segment, start, level)
 
     @property
     def choices(self) -> dict[str, Any]:
@@ -155,17 +161,17 @@ class Tones:
                 (1 + S + 4, ..., 1), with how Z follows from them.
         """
         fewest = min(len(parts.weights) for parts, _ in each)
-        if self.level is None or fewest < FEWEST_BLOCKS:
+        if self.interval is None or fewest < FEWEST_BLOCKS:
             return None
         found = [
-            {name: jackknife(values, parts.weights, self.level, way) for name, (values, way) in made.items()}
+            {name: jackknife(values, parts.weights, self.interval, way) for name, (values, way) in made.items()}
             for parts, made in each
         ]
         return {name: Interval.joined([one[name] for one in found], -1) for name in found[0]}, fewest
 
     def few_blocks_notes(self, method: str, found: Interval | None) -> list[Note]:
         """Where an interval is missing or rough."""
-        if self.level is None:
+        if self.interval is None:
             return []
         text = "no statistical interval, since the record holds fewer than four blocks (periods, or segments)"
         if found is not None:

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice
 from torchliner.duct.dispersion import Duct, carry_wavenumber, duct_of, relation, wavenumber_from_impedance
 from torchliner.least_squares import Problem, System, best_of, least_squares, project, solve_linear
-from torchliner.names import DIRECTIONS, WEIGHTS
-from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
+from torchliner.names import DIRECTIONS
+from torchliner.pressure.microphone_errors import MicrophoneErrors
 from torchliner.pressure.waves import Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction
 
@@ -36,21 +36,16 @@ def two_wave_fit(
     source_side: str | None = None,
     condition: str = "ingard-myers",
     tied: bool = True,
-    weights: str = "absolute",
     margin: float = 0.0,
-    draws: int = 0,
-    level_error: float = LEVEL_ERROR,
-    phase_error: float = PHASE_ERROR,
-    generator: torch.Generator | None = None,
+    **errors: Any,
 ) -> WallEduction:
     """Impedance by least squares over a wave with the source and one against it.
 
     Args:
         line: microphones at any places; those over the liner are used, all if it names no liner.
-        source_side, condition, margin, draws, level_error, phase_error, generator: as for ``kumaresan_tufts``.
+        source_side, condition, margin, errors: as for ``kumaresan_tufts``.
         tied: both wavenumbers belong to one impedance; else each is free, and the impedance is that of the wave with
             the source.
-        weights: ``absolute``, of equal errors in Pa, or ``relative``, of equal errors in dB.
     Returns:
         Wavenumbers of both waves in ``modes``, the one with the source first.
     Raises:
@@ -58,13 +53,11 @@ def two_wave_fit(
     Warns:
         DataWarning: as for ``kumaresan_tufts``; unsettled: a fit did not settle.
     """
-    require_choice("weights", weights, WEIGHTS)
     seen = seen_from_source(line.over_liner(margin), source_side)
     count, fewest = seen.line.microphones, FEWEST + (not tied)
     if count < fewest:
         words = "tied" if tied else "free"
         raise ValueError(f"{line.name}: {count} microphones are used; two {words} waves need at least {fewest}")
-    relative = weights == "relative"
     about = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
     first: list[Tensor] = []  # where the first search ended; others begin there
 
@@ -73,8 +66,7 @@ def two_wave_fit(
         lead, frequency, s = values.shape[:-1], line.frequency.to(values.device), seen.distance.to(values.device)
         duct, _ = duct_of(values[..., 0], frequency, line.duct_height, seen.mach, about["sound_speed"], condition)
         flat = values.reshape(-1, count)
-        weight = 1 / flat.abs() if relative else torch.ones_like(flat.real)
-        pairs = WavePairs(weight * flat, weight, torch.stack([s, s - s[-1]], -1), duct.flattened(), tied)
+        pairs = WavePairs(flat, torch.stack([s, s - s[-1]], -1), duct.flattened(), tied)
         if first:
             found = least_squares(pairs, first[0].expand(*lead, 2).reshape(-1, 2))
         else:
@@ -101,9 +93,8 @@ def two_wave_fit(
         method="two waves" if tied else "two free waves",
         unknowns=4 - tied,
         condition=condition,
-        errors=MicrophoneErrors(level_error, phase_error, draws, generator),
-        choices={"method": "two-wave fit", "tied": tied, "weights": weights, "margin": margin},
-        unit=seen.pressure.abs() if relative else None,
+        errors=MicrophoneErrors(**errors),
+        choices={"method": "two-wave fit", "tied": tied, "margin": margin},
     )
 
 
@@ -115,8 +106,7 @@ class WavePairs(Problem):
     """Lines of microphones, each to be fitted by two waves, from alpha+ and alpha-, (P, 2), which are of one wall if
     tied."""
 
-    pressure: Tensor  # weighted, complex, (P, N)
-    weight: Tensor  # of each microphone, (P, N)
+    pressure: Tensor  # complex, (P, N)
     places: Tensor  # s and s - S, m, (N, 2)
     duct: Duct  # of each line, (P,), the flow along s
     tied: bool
@@ -136,12 +126,12 @@ class WavePairs(Problem):
 
     def residuals(self, wave: Tensor) -> Tensor:
         """What pairs (P, G, 2) leave, (P, G)."""
-        columns = self.weight[:, None, :, None] * torch.exp(-1j * wave[..., None, :] * self.places)
+        columns = torch.exp(-1j * wave[..., None, :] * self.places)
         return solve_linear(columns, self.pressure[:, None])[-1].norm(dim=-1)
 
     def system(self, place: Tensor, index: Tensor) -> System:
         """Residuals and their change with alpha+, and with alpha- if it is free."""
-        columns = self.weight[index, :, None] * torch.exp(-1j * place[:, None, :] * self.places)
+        columns = torch.exp(-1j * place[:, None, :] * self.places)
         slopes = torch.diag_embed(-1j * self.places * columns).movedim(-2, -3)  # (P, 2, N, 2)
         if self.tied:
             slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, self.duct.at(index))[:, None, None, None]

@@ -75,7 +75,6 @@ def educe_waves(
     condition: str,
     errors: MicrophoneErrors,
     choices: dict[str, Any],
-    unit: Tensor | None = None,
     **about: Any,
 ) -> WallEduction:
     """The impedance of a line's waves, its error bars and its warnings, which are told.
@@ -84,7 +83,6 @@ def educe_waves(
         seen: the line along s.  waves_of: the method, of pressures along s, (..., N, F), with any leading axes.
         method: for tables and legends.  unknowns: U, complex ones of the waves.  condition: at the liner.
         errors: of the microphones.  choices: the method's own.  about: further fields of the record.
-        unit: in whose shares the errors behind the covariance are equal, (..., N, F); default the rms of the line.
     Raises:
         RuntimeError: no wave runs with the source at any frequency.
     """
@@ -142,7 +140,7 @@ def educe_waves(
         # of all microphones as one batch.
         steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
         steps = torch.cat([steps, 1j * steps])[..., None]
-        steps = steps * (pressure.abs().square().mean(0).sqrt().expand(pressure.shape) if unit is None else unit)
+        steps = steps * pressure.abs().square().mean(0).sqrt()
         ahead, behind = impedance_of(waves_of(torch.cat([pressure + steps, pressure - steps]))).split(2 * count)
         slope = torch.view_as_real((ahead - behind) / (2 * STEP))
         # Half of the complex variance belongs to each part.
