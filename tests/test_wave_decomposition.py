@@ -130,7 +130,7 @@ def test_half_a_wavelength_is_singular():
         ([0.01, 0.01], {}, "0 mm apart are singular at 1400 Hz"),
         ([0.01, 0.02], {"microphones": [0, 5]}, "has microphones 0 to 1, not 5"),
         ([0.01, 0.02], {"frequency": 20000.0}, "at or above Nyquist"),
-        ([0.01, 0.02], {"segment": float("inf")}, "segment is inf s; it must be finite"),
+        ([0.01, 0.02], {"segment": float("inf")}, "segment is inf s"),
         ([0.01, 0.02], {"start": 0.01}, "holds 1.99 periods of 1400 Hz"),
     ],
 )
