@@ -241,7 +241,7 @@ def test_several_frequencies_have_a_curve_each():
         wanted.append(made.liner[ORDER].impedance)
     found = tl.identify(runs, base(), wanted, frequency=tones, freedom=1.0, noise=1e-3, averaging=ORDER)
     assert found.fit.law.frequencies == tuple(tones)
-    assert found.fit.table().frequency_range == (1000.0, FREQUENCY)
+    assert found.fit.liner.frequency_range == (1000.0, FREQUENCY)
     one = tl.identify(runs, base(), [z[1] for z in wanted], freedom=1.0, noise=1e-3, averaging=ORDER)
     speed = [0.2, 1.0, 2.0]
     assert found.fit.band(FREQUENCY, speed)[0].tolist() == pytest.approx(

@@ -85,16 +85,15 @@ def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
     shown = "model" + ",frequency" * (len({row.frequency for row in found.rows}) > 1) + ",impedance"
     shown += ",interval" * (found.level is not None) + if_known(found.rows, "level_check")
     brief = shown + "".join(f",distance.{name}" for name in found.references)
-    others = "".join(f",averagings.{name}" for name in found.rows[0].averagings if name != found.averaging)
     at = f", {found.rows[0].frequency:g} Hz" if len({row.frequency for row in found.rows}) == 1 else ""
     known = [f"{name}: {format_complex(value)}" for name, value in found.references.items()]
     known.append(f"Level check: {found.level_check_words}.")
     return Answer(
         title=f"Models: {found.title}",
         lines=[f"Whole liner{at}, averaging {found.averaging}; models by {found.sorted_by}.", *known],
-        table=table_of(found.rows, f"{brief}{others},model_error"),
+        table=table_of(found.rows, f"{brief},model_error"),
         brief=table_of(found.rows, brief),
-        caption="Z by each model, in every averaging.",
+        caption="Z by each model.",
         plain=plain_of(found),
         notes=found.notes,
         pictures=[_picture("models", f"{found.title}: models", draw_models, found, found.rows)],

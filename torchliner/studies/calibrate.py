@@ -41,7 +41,7 @@ def calibrate(
 
     Args:
         planes: one or several, or their moments.
-        liners: that state ``numbers``, one for all planes, or one each; the free parameters are shared by all of them.
+        liners: that state ``numbers``, one for all planes, or one each, which share the free parameters.
         references: normalised Z by plane, complex, (F,) each; the name of a reference that every plane holds, such as
             "true"; or "level-check", the stated level alone: one datum a plane and frequency.
         parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
@@ -68,7 +68,7 @@ def calibrate(
     for run in runs[1:]:
         named_numbers(run.liner, law.names)
     fit = fit_law(law, runs, chosen, knots_for(runs), stated=noise is not None)
-    notes = (*(note.text for run in runs for note in run.notes), *fit.warnings())
+    notes = (*(note.text for run in runs for note in run.notes), *fit.notes)
     tell(notes)
     return dataclasses.replace(fit, notes=notes)
 

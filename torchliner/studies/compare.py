@@ -5,24 +5,24 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, DataWarning, index_of_frequency, require_choice, require_positive, tell
+from torchliner.checks import SAME_FREQUENCY, index_of_frequency, require_choice, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.catalogue import load_liner, preset_names
-from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Interval
 from torchliner.studies.rows import Row, Study
-from torchliner.studies.variants import Records, plane_of
+from torchliner.studies.variants import Variant, evaluate, plane_of, read_for
+from torchliner.velocity.answer import answer, require_fitting
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import moments
 from torchliner.velocity.reading import Progress
+from torchliner.velocity.review import review_liner, review_table
 
 SAME_PLACE = 1e-6  # m
 SAME_RECORD = 1e-4  # of the rms: two records of a flow never share the rms of all probes
@@ -142,15 +142,16 @@ def compare_models(
         plane: wall-normal velocity, or the moments of one.
         liners: two or more by name, each as for ``educe``.
         frequency: Hz, one or several; default the plane's tone.
-        cell_pitch: L_c, m, of the cells of all models. Default that of the moments, else of the preset that the plane
-            names, else of the first model that states one.
-        reference_phase, progress, choices: as for ``educe``.
+        cell_pitch: L_c, m, of the cells of all models; default that of the moments, else of the preset that the
+            plane names, else of the first model.
+        reference_phase: rad, for ``phase="given"``.
+        progress, choices: as for ``educe``.
     Returns:
         title, averaging, level (of the intervals; None without any), sorted_by (``|Z - true|`` or that to another
         reference; ``|level check|``; or ``as given``), references (Z at the tone, by name), level_check_words, notes.
-        ``rows``, by frequency, then the nearest model first: model, frequency (Hz), impedance, low, high, averagings (Z
-        in all of them, by name), level_check (dB), distance (|Z - reference| by name; empty away from the tone),
-        model_error (largest error in R of the interpolation over |v|).
+        ``rows``, by frequency, then the nearest model first: model, frequency (Hz), impedance, low, high, level_check
+        (dB), distance (|Z - reference| by name; empty away from the tone), model_error (largest error in R of the
+        interpolation over |v|).
     Raises:
         ValueError: fewer than two models; a frequency outside a model's range; as ``educe``.
     Warns:
@@ -159,64 +160,49 @@ def compare_models(
     facts, chosen = plane_of(plane), Choices(**choices)
     if len(liners) < 2:
         raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
-    models, notes = _of_one_pitch(plane, {n: as_liner(m) for n, m in liners.items()}, cell_pitch)
+    models = {name: copy.copy(as_liner(liner).in_flow(facts.mach)) for name, liner in liners.items()}
+    pitches = {f"{1e3 * model.cell_pitch:.4g}" for model in models.values() if model.cell_pitch is not None}
+    named = load_liner(facts.liner) if facts.liner in preset_names() else next(iter(models.values()))
+    own = plane.cell_pitch if isinstance(plane, Moments) else named.cell_pitch
+    pitch, lines, notes = own if cell_pitch is None else cell_pitch, facts.asked(frequency), list[str]()
+    if pitches - {f"{1e3 * (pitch or 0):.4g}"}:
+        notes.append(f"cells are of {1e3 * (pitch or 0):.4g} mm for all models; as files: {', '.join(pitches)} mm")
+    for model in models.values():  # of models without ``replace`` too
+        object.__setattr__(model, "cell_pitch", pitch)
     known = plane
     if isinstance(known, VelocityPlane):
-        known = moments(known, [*models.values()], frequency, progress=progress, **vars(chosen))  # type: ignore[arg-type]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)  # told once, below
-        about = {"reference_phase": reference_phase, **vars(chosen)}
-        maps = {name: known.educe(model, frequency, **about) for name, model in models.items()}
-    first, lines = next(iter(maps.values())), facts.asked(frequency)
-    shared = [note for note in first.notes if all(note in each.notes for each in maps.values())]
-    notes += [note.text for note in shared]
+        known, _ = read_for(known, [*models.values()], lines, chosen, (), progress)
+    first, errors = next(iter(models.values())), dict[str, float]()
+    with torch.no_grad():
+        found = answer(known, first, lines, chosen, reference_phase)
+    averaging, psi = chosen.averaging, reference_phase
+    variants = [Variant({"model": n}, known, model, averaging, chosen, psi) for n, model in models.items()]
+    rows = evaluate(variants, lines, known)
+    own_notes = [*review_liner(facts, first), *review_table(facts, known, first, lines, found.answer)[1]]
+    notes += [note.text for note in found.notes if note not in own_notes and note.code != "level-check"]
+    for name, model in models.items():
+        require_fitting(known, model, lines, chosen)
+        z = torch.tensor([row.impedance for row in rows if row.model == name])
+        errors[name], doubts = review_table(facts, known, model, lines, z)
+        notes += [f"{name}: {note.text}" for note in (*review_liner(facts, model), *doubts)]
+    tell(notes)
     tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
     key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), None)
-    rows, sizes = list[Row](), dict[str, float]()
-    for name, found in maps.items():
-        notes += [f"{name}: {note.text}" for note in found.notes if note not in shared and note.code != "level-check"]
-        check = found.level_check
-        for i, f in enumerate(lines.tolist()):
-            z = {each: complex(educed.impedance[i]) for each, educed in found.liner.items()}
-            low, high = found.bounds_of_liner(chosen.averaging, i) or (None, None)
-            level = float(check.liner.level[check.averagings.index(chosen.averaging), i]) if check else math.nan
-            row = Row(model=name, averaging=chosen.averaging, frequency=f, impedance=z[chosen.averaging], averagings=z)
-            row |= {"low": low, "high": high, "level_check": level if math.isfinite(level) else None}
-            held = facts.reference if abs(f - tone) < SAME_FREQUENCY * tone else {}
-            row["distance"] = {reference: abs(row.impedance - value) for reference, value in held.items()}
-            rows.append(Row(row, model_error=found.choices["model_error"]))
-            sizes[name] = max(sizes.get(name, 0.0), row.distance.get(key, abs(row.level_check or 0.0)))
-    tell(notes)
+    sizes = dict[str, float]()
+    for row in rows:
+        held = facts.reference if abs(row.frequency - tone) < SAME_FREQUENCY * tone else {}
+        row["distance"] = {reference: abs(row.impedance - value) for reference, value in held.items()}
+        row["model_error"] = errors[row.model]
+        size = row.distance.get(key, abs(row.level_check or 0.0))
+        sizes[row.model] = max(sizes.get(row.model, 0.0), size)
     referred, checked = any(row.distance for row in rows), rows[0].level_check is not None
     return Study(
         title=facts.title or facts.name,
-        averaging=chosen.averaging,
+        averaging=averaging,
         level=None if rows[0].low is None else chosen.interval,
         sorted_by=f"|Z - {key}|" if referred else "|level check|" if checked else "as given",
         references=dict(facts.reference) if referred else {},
         rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
-        level_check_words=first.level_check_words,
+        level_check_words=found.level_check_words,
         notes=tuple(notes),
     )
-
-
-def _of_one_pitch(
-    plane: Records, models: dict[str, LinerModel], pitch: float | None
-) -> tuple[dict[str, LinerModel], list[str]]:
-    """The models with the cells of the data, and whose cells they are where a model has others."""
-    each = {name: model.cell_pitch for name, model in models.items() if model.cell_pitch is not None}
-    whose, facts = "cell_pitch", plane_of(plane)
-    if pitch is not None:
-        require_positive("cell_pitch (m)", pitch)
-    elif isinstance(plane, Moments):
-        pitch, whose = plane.cell_pitch, "the moments"
-    elif facts.liner in preset_names():
-        pitch, whose = load_liner(facts.liner).cell_pitch, f"{facts.liner}, which the plane names"
-    elif each:
-        whose, pitch = next(iter(each.items()))
-    others = ", ".join(f"{name} {1e3 * own:.4g} mm" for name, own in each.items() if own != pitch)
-    notes = [f"cells are of {1e3 * (pitch or 0):.4g} mm ({whose}) for all models; as files: {others}"] if others else []
-    copies = {name: copy.copy(model.in_flow(facts.mach)) for name, model in models.items()}
-    for model in copies.values():  # of models without ``replace`` too
-        object.__setattr__(model, "cell_pitch", pitch)
-    return copies, notes

@@ -1,4 +1,4 @@
-"""Least squares of a law and runs: the values, how sure they are, what they predict, and what is doubtful."""
+"""A fit of a law to runs: the values, how sure they are, what they predict, and what is doubtful."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+from scipy.special import stdtrit
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, tell
@@ -19,12 +20,13 @@ from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedance_at
 from torchliner.studies.rows import Row
-from torchliner.studies.runs import NEPER, Run, read_run
+from torchliner.studies.runs import NEPER, Run, read_runs
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
 from torchliner.studies.solve import curves_at_nodes, impedances, solve, weights_of
 from torchliner.studies.variants import Records
 from torchliner.velocity.choices import Choices
 
+DOUBLE = torch.float64
 ON_BOUND = 1e-3  # of the box
 UNSEEN, NAMED = 1e-6, 0.2  # of the largest singular value, a direction not seen; share in it of a parameter named
 WIDTH = 1.959964  # standard deviations of a 95 % interval
@@ -42,7 +44,13 @@ class Fit:
         law, runs, choices: what was fitted to what, and how planes are read.
         knots: of splines, by whose weights speeds count as seen.
         stated: whether the noise is known; else the residual stands for it.
-        values, residuals, jacobian: best, (n,); there, of the data and then of the prior, (m,) and (m, n).
+        data, freedom: numbers that the runs are held to; these and priors less parameters.
+        values, residuals: best, (n,); what is left of the data and then of the prior there, (m,).
+        determined: how many parameters the data determine: all, but of a curve.
+        misfit: rms of what is left of the data over the noise.
+        covariance: Gauss-Newton, (n, n), wider by a misfit above the stated noise; 0 for what is on a bound; nan where
+            nothing says how large the noise is.
+        on_bound, unseen: parameters that end on a bound, and those in each direction that the data do not determine.
         notes: warnings, with numbers.
     """
 
@@ -51,74 +59,16 @@ class Fit:
     choices: Choices
     knots: Knots
     stated: bool
+    data: int
+    freedom: int
     values: Tensor
     residuals: Tensor
-    jacobian: Tensor
+    determined: float
+    misfit: float
+    covariance: Tensor
+    on_bound: tuple[str, ...]
+    unseen: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
-
-    @property
-    def width(self) -> Tensor:
-        """Of the box, (n,)."""
-        return self.law.high - self.law.low
-
-    @property
-    def data(self) -> int:
-        """Numbers that the runs are held to."""
-        return sum(run.data for run in self.runs)
-
-    @property
-    def freedom(self) -> int:
-        """Data and priors less parameters."""
-        return len(self.residuals) - len(self.values)
-
-    @property
-    def scale(self) -> float:
-        """Variance of a residual: 1, or that of the residuals; nan without a degree of freedom."""
-        square = float(self.residuals.square().sum())
-        return 1.0 if self.stated else square / self.freedom if self.freedom else math.nan
-
-    @property
-    def _inside(self) -> Tensor:
-        share = (self.values - self.law.low) / self.width
-        return (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
-
-    @property
-    def on_bound(self) -> tuple[str, ...]:
-        """Parameters that end on a bound."""
-        return tuple(name for name, inside in zip(self.law.names, self._inside.tolist(), strict=True) if not inside)
-
-    @property
-    def unseen(self) -> tuple[tuple[str, ...], ...]:
-        """Parameters in each direction of the box that the data do not determine; none of a curve."""
-        if self.law.frequencies:
-            return ()
-        _, singular, axes = torch.linalg.svd(self.jacobian * self.width, full_matrices=False)
-        # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
-        limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(self.scale) else (12 * self.scale) ** 0.5)
-        dark = axes[singular <= limit]
-        return tuple(tuple(self.law.names[int(i)] for i in (axis.abs() > NAMED).nonzero()) for axis in dark)
-
-    @functools.cached_property
-    def determined(self) -> float:
-        """How many parameters the data determine: all, but of a curve, which its prior holds too."""
-        if not self.law.frequencies:
-            return float(len(self.values))
-        own = self.jacobian[:, self._inside]
-        return float(torch.linalg.solve(own.T @ own, own[: self.data].T @ own[: self.data]).trace())
-
-    @functools.cached_property
-    def misfit(self) -> float:
-        """rms of what is left of the data over the noise."""
-        return float(self.residuals[: self.data].square().sum() / max(self.data - self.determined, 1.0)) ** 0.5
-
-    @functools.cached_property
-    def covariance(self) -> Tensor:
-        """Gauss-Newton, (n, n); stated noise is widened by a misfit above it; 0 for what is on a bound."""
-        free, rows, found = self._inside, self.jacobian.clone(), torch.zeros(self.jacobian.shape[1:] * 2).double()
-        rows[: self.data] /= max(1.0, self.misfit) if self.stated else 1.0
-        if bool(free.any()):
-            found[torch.outer(free, free)] = self.scale * _inverse(rows[:, free], self.width[free]).flatten()
-        return found
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -133,24 +83,19 @@ class Fit:
     @property
     def interval(self) -> Tensor:
         """95 % about the values, inside the bounds, (2, n); Student's t where the residual stands for the noise."""
-        from scipy.special import stdtrit
-
-        factor = WIDTH if self.stated else float(stdtrit(max(self.freedom, 1), 0.975))
-        ends = torch.stack([self.values - factor * self.standard, self.values + factor * self.standard])
-        return ends.clamp(self.law.low, self.law.high)
+        reach = (WIDTH if self.stated else float(stdtrit(max(self.freedom, 1), 0.975))) * self.standard
+        return torch.stack([self.values - reach, self.values + reach]).clamp(self.law.low, self.law.high)
 
     @property
     def liner(self) -> LinerModel:
-        """That of the first plane with the values found, or the table of a curve."""
-        return self.table() if self.law.frequencies else self.runs[0].liner.with_numbers(self.numbers)
-
-    def table(self) -> TabulatedLiner:
-        """A curve as a liner, linear between 120 speeds up to 1.25 times the largest |v| of the runs."""
-        top, first = MARGIN * self.knots.top, self.runs[0]
-        speed = torch.linspace(0, top**0.5, ROWS, dtype=torch.float64).square()
-        lines = torch.tensor(self.law.frequencies, dtype=torch.float64)
-        values, name = self.law.curve(self.values, first.in_flow, lines, speed), f"{first.liner.name} identified"
-        return TabulatedLiner(self.law.frequencies, values, speed, first.liner.cell_pitch, name)
+        """That of the first plane with the values found; of a curve a table, linear between 120 speeds up to 1.25 times
+        the largest |v| of the runs."""
+        first, lines = self.runs[0], self.law.frequencies
+        if not lines:
+            return first.liner.with_numbers(self.numbers)
+        speed = torch.linspace(0, (MARGIN * self.knots.top) ** 0.5, ROWS, dtype=torch.float64).square()
+        values = self.law.curve(self.values, first.in_flow, torch.tensor(lines, dtype=torch.float64), speed)
+        return TabulatedLiner(lines, values, speed, first.liner.cell_pitch, f"{first.liner.name} identified")
 
     def band(self, frequency: float, speed: Any) -> Tensor:
         """Z of the first liner at |v|, m/s, (V,), and the ends of the 95 % bands of R and X apart, (3, V).
@@ -194,29 +139,23 @@ class Fit:
         """A row a frequency of what the fit makes of a run, see ``predict``."""
         z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
         spread = covariance_of(by.movedim(-1, 0), self.covariance)
+        standard = standard_of(spread)
         law = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
-        before, standard, weights, (first, last) = (
-            run.impedance(law),
-            standard_of(spread),
-            self.weights([run]),
-            self.seen,
-        )
+        before, weights, (first, last) = run.impedance(law), self.weights([run]), self.seen
         rows, plane = list[Row](), run.plane
         for i, f in enumerate(run.frequency.tolist()):
             row = Row(label=str(plane.provenance.get("case") or plane.name), group=run.group, frequency=f)
             row |= {"height": plane.height, "before": complex(before[i]), "impedance": complex(z[i])}
-            row |= {"standard": complex(standard[i]), "correlation": correlation_of(spread[i])}
-            row |= {"outside": float(weights[i, :first].sum() + weights[i, last + 1 :].sum())}
-            row |= dict.fromkeys(("true", "misses", "off", "level_check"))
+            row |= {"standard": complex(standard[i]), "true": None, "misses": None, "off": None, "level_check": None}
+            row["correlation"] = correlation_of(spread[i])
+            row["outside"] = float(weights[i, :first].sum() + weights[i, last + 1 :].sum())
             if run.ratio is not None:
                 row |= {"level_check": float(run.level(z)[i]) / NEPER, "off": float(run.off(z)[i])}
             elif run.wanted is not None:
-                miss, u = z[i] - run.wanted[i], row["standard"]
-                total = math.hypot(u.real, noise.real), math.hypot(u.imag, noise.imag)
-                misses = complex(
-                    *(float(part / size) for part, size in zip((miss.real, miss.imag), total, strict=True))
-                )
-                row |= {"true": complex(run.wanted[i]), "misses": misses, "off": float(run.off(z)[i])}
+                miss, u = complex(z[i] - run.wanted[i]), row["standard"]
+                parts = torch.tensor([[miss.real, u.real, noise.real], [miss.imag, u.imag, noise.imag]], dtype=DOUBLE)
+                misses = (parts[:, 0] / parts[:, 1].hypot(parts[:, 2])).tolist()
+                row |= {"true": complex(run.wanted[i]), "misses": complex(*misses), "off": float(run.off(z)[i])}
             rows.append(row)
         return rows
 
@@ -251,7 +190,7 @@ class Fit:
         base = self.runs[0].liner if liner is None else as_liner(liner)
         if isinstance(self.runs[0].liner, FlowSDoFLiner):
             base = with_flow(base)
-        run = read_run(plane, base, frequency, self.choices, any_curve=bool(self.law.frequencies))
+        (run,) = read_runs(plane, base, frequency, self.choices, any_curve=bool(self.law.frequencies))
         if (true := run.plane.reference.get(reference)) is not None:
             at_tone = (run.frequency / (run.plane.frequency or run.frequency) - 1).abs() < SAME_FREQUENCY
             wanted = torch.where(at_tone, torch.tensor(complex(true), dtype=torch.complex128), torch.nan)
@@ -269,28 +208,6 @@ class Fit:
         )
         return [text] if outside > OUTSIDE else []
 
-    def warnings(self) -> list[str]:
-        """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
-        notes = list[str]()
-        if self.on_bound:
-            where = ", ".join(f"{name} on its bound, {self.numbers[name]:.4g}" for name in self.on_bound)
-            where = f"{len(self.on_bound)} parameters of the curve on their bounds" if self.law.frequencies else where
-            notes.append(f"{where}: the data ask for more than the bounds allow; widen them, or free another parameter")
-        for group in self.unseen:
-            what = f"tell {' and '.join(group)} apart" if len(group) > 1 else f"see {group[0]}"
-            notes.append(f"the data do not {what} within the bounds; fix one, or add data at another frequency")
-        if self.stated and self.freedom and self.misfit > FAR * (1 + 2 / self.freedom) ** 0.5:
-            notes.append(
-                f"{self.law.label}: the misfit is {self.misfit:.3g} times the stated noise: no such law gives all "
-                "references; uncertainties are widened by that factor"
-            )
-        if not self.stated and self.freedom == 0:
-            notes.append(
-                f"{self.data} data fix {len(self.values)} parameters with nothing left over: no residual says how "
-                "uncertain they are; state noise"
-            )
-        return notes
-
 
 def with_flow(liner: LinerModel) -> LinerModel:
     """An SDoF liner that takes the Mach number of each plane, and with factors unless its own law takes one; any other
@@ -301,12 +218,52 @@ def with_flow(liner: LinerModel) -> LinerModel:
 
 
 def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
-    """The least squares, see ``solve``; ``stated``: the noise is known."""
-    return Fit(law, tuple(runs), choices, knots, stated, *solve(law, runs))
+    """Least squares, see ``solve``, and what they say; ``stated``: the noise is known."""
+    values, residuals, jacobian = solve(law, runs)
+    width, data, freedom = law.high - law.low, sum(run.data for run in runs), len(residuals) - len(values)
+    share = (values - law.low) / width
+    inside = (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
+    free, determined, unseen = jacobian[:, inside], float(len(values)), list[tuple[str, ...]]()
+    if law.frequencies:  # which the prior holds too
+        determined = float(torch.linalg.solve(free.T @ free, free[:data].T @ free[:data]).trace())
+    misfit = float(residuals[:data].square().sum() / max(data - determined, 1.0)) ** 0.5
+    scale = 1.0 if stated else float(residuals.square().sum()) / freedom if freedom else math.nan
+    if not law.frequencies:
+        _, singular, axes = torch.linalg.svd(jacobian * width, full_matrices=False)
+        # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
+        limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(scale) else (12 * scale) ** 0.5)
+        unseen = [tuple(law.names[int(i)] for i in (a.abs() > NAMED).nonzero()) for a in axes[singular <= limit]]
+    covariance = torch.zeros(len(values), len(values), dtype=torch.float64)
+    if bool(inside.any()):
+        rows = free / torch.where(torch.arange(len(free)) < data, max(1.0, misfit) if stated else 1.0, 1.0)[:, None]
+        _, singular, axes = torch.linalg.svd(rows * width[inside], full_matrices=False)
+        floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)  # huge along what they do not see
+        inverse = (axes.T / floored**2) @ axes * torch.outer(width[inside], width[inside])
+        covariance[torch.outer(inside, inside)] = scale * inverse.flatten()
+    on_bound = tuple(name for name, within in zip(law.names, inside.tolist(), strict=True) if not within)
+    about = (law, tuple(runs), choices, knots, stated, data, freedom, values, residuals, determined, misfit)
+    fit = Fit(*about, covariance, on_bound, tuple(unseen))
+    return dataclasses.replace(fit, notes=_warnings(fit))
 
 
-def _inverse(rows: Tensor, width: Tensor) -> Tensor:
-    """(rows^T rows)^-1, (n, n), from (m, n); huge along what they do not see."""
-    _, singular, axes = torch.linalg.svd(rows * width, full_matrices=False)
-    floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)
-    return (axes.T / floored**2) @ axes * torch.outer(width, width)
+def _warnings(fit: Fit) -> tuple[str, ...]:
+    """Parameters on bounds, undetermined directions, noise that does not fit; with remedies."""
+    notes = list[str]()
+    if fit.on_bound:
+        where = ", ".join(f"{name} on its bound, {fit.numbers[name]:.4g}" for name in fit.on_bound)
+        where = f"{len(fit.on_bound)} parameters of the curve on their bounds" if fit.law.frequencies else where
+        notes.append(f"{where}: the data ask for more than the bounds allow; widen them, or free another parameter")
+    for group in fit.unseen:
+        what = f"tell {' and '.join(group)} apart" if len(group) > 1 else f"see {group[0]}"
+        notes.append(f"the data do not {what} within the bounds; fix one, or add data at another frequency")
+    if fit.stated and fit.freedom and fit.misfit > FAR * (1 + 2 / fit.freedom) ** 0.5:
+        notes.append(
+            f"{fit.law.label}: the misfit is {fit.misfit:.3g} times the stated noise: no such law gives all "
+            "references; uncertainties are widened by that factor"
+        )
+    if not fit.stated and fit.freedom == 0:
+        notes.append(
+            f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: no residual says how uncertain "
+            "they are; state noise"
+        )
+    return tuple(notes)

@@ -40,22 +40,17 @@ def study_heights(
 
     Args:
         planes: of one case at different heights, or their ``Moments``.
-        liner: as for ``educe``.
+        liner, reference_phase, choices: as for ``educe``; no intervals by default.
         frequency: Hz, one; default the planes' own tone.
         cell_pitch: L_c, m; default the liner's.
-        reference_phase: rad, for ``phase="given"``.
         progress: called with 1 per plane.
-        choices: as for ``educe``; no intervals by default.
     Returns:
         title, frequency (Hz), pitch (L_c, m, or None), source_side, averaging, choices, notes; reference (independent
-        impedances, for comparison alone); decay, first_decay: ``Decay`` of the cell-periodic part of v'_rms relative to
-        its mean, and of its first harmonic in m/s; None with fewer than three heights.
-
-        ``rows``, a row a height, the lowest first: height (m); impedance (of the whole plane by averaging); level_check
-        (dB by averaging; empty where it was not checked), level_limit (dB); coherence (squared, of v with the tone,
-        median over probes); velocity_rms (v', m/s); modulation (rms of the cell-periodic part of v'_rms along x over
-        its mean), first_harmonic and between (the parts of its first harmonic, and of waves that nothing periodic in
-        the cell has), None without a whole cell; drift (of grazing sound by eq. (A1); None of other sound).
+        impedances, for comparison alone); decay, first_decay: ``Decay`` of modulation, and of its first harmonic in
+        m/s; None with fewer than three heights. ``rows``, the lowest first: height (m); impedance, level_check (dB), by
+        averaging; level_limit (dB); coherence (squared, of v with the tone, median over probes); velocity_rms (v',
+        m/s); modulation (rms of the cell-periodic part of v'_rms along x over its mean), first_harmonic, between (of
+        waves that nothing periodic in the cell has), None without a whole cell; drift (of grazing sound by eq. (A1)).
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
@@ -130,13 +125,12 @@ def recommend_height(
 
     Args:
         study: of ``study_heights``.
-        modulation, averagings, change, turbulence: limits, a choice of this program (the paper gives none): rms of the
-            cell-periodic part of v'_rms over its mean; |Z, admittance - Z, velocity| over the latter's |Z|; change of Z
-            to the next height, over |Z|; share of v'^2 at the tone's frequency that keeps no step with it.
+        modulation, averagings, change, turbulence: limits, a choice of this program: of the row's modulation; of
+            |Z, admittance - Z, velocity| and the change of Z to the next height, over |Z|; of 1 - coherence.
     Returns:
         heights (m, by averaging; None where no height qualifies), height (that of the averaging of the answer), and
-        ``rows``, every height and averaging against what that averaging needs, lowest first: height, averaging, name
-        (``level check``, or of a limit), value (dB, or a share of 1; None where it could not be judged), limit, passed.
+        ``rows``, lowest first: height, averaging, name (``level check``, or of a limit), value (dB, or a share of 1;
+        None where it could not be judged), limit, passed.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
     """
     limits = {"modulation": modulation, "averagings": averagings, "change": change, "turbulence": turbulence}

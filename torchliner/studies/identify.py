@@ -48,30 +48,26 @@ def identify(
     """The response Z(f, |v|) of a liner, found from runs whose impedance is known.
 
     Args:
-        planes, references, averaging, frequency, choices: as for ``calibrate``. Curves are found at each frequency
-            apart.
+        planes, references, averaging, frequency, choices: as for ``calibrate``.
         liners: one for all planes, or one each: cells, gas, the prior shape of the curve (that of the first;
-            differences of Z at rest stay), the law whose parameters are freed. An ``SDoFLiner`` is taken as an
-            ``AdjustedSDoFLiner``; that and an ``EndLossSDoFLiner`` take the Mach number of each plane.
-        models: "curve", and names of parameters (with usual bounds) or bounds in SI by name. Which of them predicts
-            best what it has not seen is found by leaving out each run.
+            differences of Z at rest stay), the law whose parameters are freed. SDoF liners take factors
+            (``AdjustedSDoFLiner``) and the Mach number of each plane.
+        models: "curve", names of parameters (with usual bounds), or bounds in SI by name. Which of them predicts best
+            what it has not seen is found by leaving out each run.
         groups: label of the run of each plane: planes of one run (heights, cells) share one reference and are left out
             together. Default the case of its provenance, else its name.
         noise: as for ``calibrate``; 2 % of |Z|, 0.2 dB by default. Misfits above it widen every uncertainty.
         rest: standard uncertainty u(R) + j u(X) of the liner's own Z at rest, where that was measured; by default R is
             free within factors of e and X within 0.5.
-        freedom: standard deviation, from rest to the last knot, of the logarithm of the ratio of the curve's steps to
-            those of its prior shape; default that of 0.1, 0.3, 1 and 3 which predicts the runs that were left out best.
+        freedom: of a curve, see ``studies.laws``; default that of 0.1, 0.3, 1 and 3 which predicts best.
     Returns:
-        fit (of the law that predicts runs it has not seen best, to all runs), rows (each plane and frequency, as
-        ``Fit.predict`` of a fit to the other runs gives it; fitted: Z by the fit to all), notes, candidates (all laws,
-        the best first: label, fit, rows, error, lowest). The error is the rms over the runs of ``off``, the planes of
-        one run counted as one; lowest the least resistance over 0 to the largest |v| of the data.
+        fit (of the law that predicts runs it has not seen best, to all runs), rows (as of ``Fit.predict`` by a fit to
+        the other runs; fitted: Z by the fit to all), notes, candidates (all laws, the best first: label, fit, rows;
+        error: rms over the runs of ``off``; lowest: least resistance over 0 to the largest |v| of the data).
     Raises:
         ValueError: too few runs, runs at one speed, references that are missing or that no passive liner can give,
             unknown parameters, fits none of which is passive.
         TypeError: parameters of a liner without numbers.
-        RuntimeError: a fit that does not settle.
     Warns:
         DataWarning: predictions at speeds that no other run saw, misfits above the noise, predictions that their
             uncertainty does not cover; also kept in ``notes``.
@@ -115,7 +111,7 @@ def identify(
         why = f"R falls to {candidates[0].lowest:.3g} with {candidates[0].label}" if candidates else "no model is named"
         raise ValueError(f"no fit is passive: {why}; fit a curve, which is, or narrow the bounds")
     best = candidates[0]
-    notes = [*(note.text for run in runs for note in run.notes), *best.fit.warnings()]
+    notes = [*(note.text for run in runs for note in run.notes), *best.fit.notes]
     notes += [f"without it, {text}" for text in best.beyond]
     far = [row.label for row in best.rows if row.misses and max(abs(row.misses.real), abs(row.misses.imag)) > WIDE]
     if far:

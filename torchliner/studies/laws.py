@@ -49,7 +49,7 @@ class Law:
     """What can be fitted.
 
     Args:
-        label, names: of tables, and of the n parameters.
+        label, names: of tables; of the n parameters.
         low, high, start: bounds, and where the search begins, (n,).
         curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         prior: residuals of the prior are ``prior @ values``, (r, n).
@@ -77,11 +77,8 @@ def bounds_for(names: Sequence[str], liner: LinerModel) -> dict[str, tuple[float
 
 
 def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) -> Law:
-    """The liner's own law with some of its numbers free, shared by all runs.
+    """The liner's own law with some of its numbers free, shared by all runs; ``bounds``: SI, by name.
 
-    Args:
-        bounds: SI, by name of a parameter or group.
-        liner: that states them.
     Raises:
         ValueError: no parameter, an unknown one, or bounds that are reversed or that no liner has.
     """
@@ -153,11 +150,8 @@ def impedance_at(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
 class Curves:
     """A curve at each frequency, whose parameters are q_0, x_0, q, q'.
 
-    Args:
-        base: liner whose law is the prior shape, which says whether the reactance falls or rises over |v|; another
-            liner's curve differs by its Z at rest.
-        frequencies, knots: Hz; of the splines.
-        freedom, rest: of the walk over |v|; standard uncertainty u(R) + j u(X) at rest, None for ``REST``.
+    The law of ``base`` is the prior shape, and says whether the reactance falls or rises over |v|; another liner's
+    curve differs by its Z at rest. ``freedom`` is that of the walk, ``rest`` u(R) + j u(X) at rest, None for ``REST``.
     """
 
     def __init__(

@@ -144,22 +144,18 @@ def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices, *, any_
     """
     several = [planes] if isinstance(planes, Records) else list(planes)
     given = list(liners) if isinstance(liners, list | tuple) else [liners] * len(several)
-    made = {id(each): as_liner(each) for each in given}
-    models = [made[id(each)] for each in one_each("liners", given, several)]
-    return [read_run(*each, frequency, chosen, any_curve=any_curve) for each in zip(several, models, strict=True)]
-
-
-def read_run(plane: Records, liner: LinerModel, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> Run:
-    """One of ``read_runs``."""
-    asked, own = plane_of(plane).asked(frequency), liner.speed_max is not None and not any_curve
-    if isinstance(plane, Moments):
-        known, bare = plane, LinerModel()
-        bare.cell_pitch = liner.cell_pitch
-        require_fitting(known, bare if any_curve else liner, asked, chosen)
-    else:  # tables over |v| have their own speeds
-        about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
-        known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
-    return run_of(known, chosen.averaging, liner, asked)
+    made, runs = {id(each): as_liner(each) for each in given}, list[Run]()
+    for plane, liner in zip(several, (made[id(each)] for each in one_each("liners", given, several)), strict=True):
+        asked, own = plane_of(plane).asked(frequency), liner.speed_max is not None and not any_curve
+        if isinstance(plane, Moments):
+            known, bare = plane, LinerModel()
+            bare.cell_pitch = liner.cell_pitch
+            require_fitting(known, bare if any_curve else liner, asked, chosen)
+        else:  # tables over |v| have their own speeds
+            about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
+            known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
+        runs.append(run_of(known, chosen.averaging, liner, asked))
+    return runs
 
 
 def run_of(known: Moments, averaging: str, liner: LinerModel, frequency: Tensor) -> Run:

@@ -54,8 +54,7 @@ class Sensitivities:
         """First-order standard uncertainty of R and X from stated tolerances of independent parameters.
 
         Args:
-            tolerances: half-width by parameter, with its unit: ``{"orifice_diameter": "0.02 mm", "porosity": "2 %"}``;
-                a plain number only for what has no unit.
+            tolerances: half-width by parameter, with its unit: ``{"orifice_diameter": "0.02 mm", "porosity": "2 %"}``.
             limits: what a half-width means: ``rectangular``, limits within which every value is equally likely
                 (standard uncertainty half-width/sqrt 3), or ``standard``, the standard uncertainty itself.
         Returns:
@@ -63,29 +62,26 @@ class Sensitivities:
             the largest first: averaging, frequency (Hz), parameter, value, unit, half_width, standard (u(p)), impedance
             (signed change of the liner's Z for one u(p)).
         Raises:
-            ValueError: a parameter that was not differentiated, a tolerance without a unit or wider than what the
-                parameter can be, an unknown reading.
+            ValueError: an unknown parameter or reading; a tolerance without a unit or wider than its parameter can be.
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (10).
         """
         factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
         for name in tolerances:
             require_choice("parameter of a tolerance", name, self.numbers)
-        kept, about = [i for i, name in enumerate(self.numbers) if name in tolerances], list[Row]()
-        for name, number in self.numbers.items():
-            if name in tolerances:
-                width = _half_width(name, tolerances[name], number)
-                values = {"parameter": name, "value": number.value, "unit": number.unit, "half_width": width}
-                about.append(Row(values, standard=factor * width))
-        standard = torch.tensor([each.standard for each in about], dtype=torch.float64)
-        changes = {name: slopes[kept] * standard[:, None] for name, slopes in self.liner.items()}
-        independent = torch.eye(len(kept), dtype=torch.float64)
-        covariance = {name: covariance_of(each, independent) for name, each in changes.items()}
-        rows = [
-            Row(averaging=averaging, frequency=f, **about[j], impedance=complex(change[j, i]))
-            for averaging, change in changes.items()
-            for i, f in enumerate(self.found.frequency.tolist())
-            for j in change[:, i].abs().argsort(descending=True, stable=True).tolist()
-        ]
+        about = list[Row]()
+        for name, number in ((name, number) for name, number in self.numbers.items() if name in tolerances):
+            width = _half_width(name, tolerances[name], number)
+            row = Row(parameter=name, value=number.value, unit=number.unit, half_width=width)
+            about.append(Row(row, standard=factor * width))
+        kept = [i for i, name in enumerate(self.numbers) if name in tolerances]
+        standard, rows = torch.tensor([each.standard for each in about], dtype=torch.float64), list[Row]()
+        covariance = {}
+        for averaging, slopes in self.liner.items():
+            change = slopes[kept] * standard[:, None]
+            covariance[averaging] = covariance_of(change, torch.eye(len(kept), dtype=torch.float64))
+            for i, f in enumerate(self.found.frequency.tolist()):
+                for j in change[:, i].abs().argsort(descending=True, stable=True).tolist():
+                    rows.append(Row(averaging=averaging, frequency=f, **about[j], impedance=complex(change[j, i])))
         combined = {name: standard_of(each) for name, each in covariance.items()}
         return Study(rows=rows, covariance=covariance, combined=combined)
 
@@ -102,19 +98,13 @@ def sensitivities(
     """dZ/dp of the liner for all parameters from one reading, phase ``averaged``.
 
     Args:
-        plane: wall-normal velocity, (..., T) m/s, or its moments.
+        plane, frequency, progress, choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
         liner: one that states ``numbers``, as SDoF liners do.
-        frequency: Hz, one or several; default the plane's tone.
-        parameters: names of ``liner.numbers()``; default all. ``temperature`` and
-            ``pressure`` change c, rho and eta of the liner's gas as those of dry air; the plane's
-            own gas, which scales inferred waves alone, stays.
-        progress: called with numbers of samples read.
-        choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
+        parameters: names of ``liner.numbers()``; default all. ``temperature`` and ``pressure`` change c, rho and eta of
+            the liner's gas as those of dry air.
     Raises:
         TypeError: a liner without numbers.
         ValueError: an unknown parameter, one through which no derivative passes, a choice that a fit does not know.
-    Warns:
-        DataWarning: as ``educe``.
     Source: Roncen et al. (2026), section 3, differentiated.
     """
     model = as_liner(liner).in_flow(plane_of(plane).mach)

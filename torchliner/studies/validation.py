@@ -36,16 +36,12 @@ HEIGHT = 0.1  # weight of a factor e in the height over the hole
 
 
 def validation_row(rule: tuple[str, str, str], educed: complex, true: complex, **about: Any) -> Row:
-    """One educed value beside the reference impedance ``true``, all normalised.
+    """One educed value beside the reference impedance ``true``, normalised; ``rule``: drive, mean and phase.
 
-    Args:
-        rule: drive, mean and phase.
-        educed, true: Z, and the reference impedance.
-        about: case, height (m) and averaging; where known in_situ (Z), low, high (of the statistical interval),
-            level_check (dB), speed (rms of the plane's mean velocity at the tone, m/s), velocity_rms (v'_rms, m/s),
-            mach, incident_level (dB), periods (of the tone in the record).
     Returns:
-        These, nan where unknown, and drive, mean, phase, miss (dR + j dX) and error (its size).
+        These, miss (dR + j dX), error (its size), and ``about``: case, height (m), averaging; nan where unknown
+        in_situ (Z), low, high (of the statistical interval), level_check (dB), speed (see ``tone_speed``), velocity_rms
+        (v'_rms, m/s), mach, incident_level (dB), periods (of the tone in the record).
     """
     names, miss = dict(zip(("drive", "mean", "phase"), rule, strict=True)), educed - true
     known = {name: value for name, value in about.items() if value is not None}
@@ -62,10 +58,7 @@ def reference_wave_phase(plane: VelocityPlane, seen: ImpedanceMap) -> float:
 def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     """All drives x phase rules x averagings of one plane with a known impedance, in two readings, short records too.
 
-    Returns:
-        Rows as of ``validation_row``.
-    Raises:
-        ValueError: the plane states no reference impedance or no tone.
+    Rows as of ``validation_row``; ValueError if the plane states no reference impedance or no tone.
     """
     if "true" not in plane.reference:
         raise ValueError(f"{plane.name} states no reference impedance (reference 'true')")
@@ -159,12 +152,8 @@ def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
 
 
 def setting_of(found: ImpedanceMap, index: int = 0) -> Row | None:
-    """What decides how well a rule does; None where the liner of a map states no holes.
-
-    Returns:
-        hole (``slit`` or ``round hole``), hole_diameter (m), porosity (of the surface), mach (None where it is not
-        stated), speed (see ``tone_speed``), velocity_rms (v'_rms over the probes, m/s), height (m).
-    """
+    """What decides how well a rule does: hole (its kind), hole_diameter (m), porosity (of the surface), mach, speed (of
+    ``tone_speed``), velocity_rms (v'_rms, m/s), height (m); None where the liner of a map states no holes."""
     liner = found.choices.get("liner", {})
     liner = {**liner, **next(iter(liner.get("layers") or [{}]))}  # the sheet that faces the flow
     if not {"porosity", "orifice_diameter"} <= set(liner):
