@@ -33,7 +33,6 @@ class Standing:
     impedance: complex  # of the whole liner
     half_width: float  # of its statistical interval, the wider of resistance and reactance; nan with too few blocks
     needed: float  # duration at which that is as small as wished, s: it falls as 1/sqrt(duration)
-    remaining: float  # s of waiting until then, at the rate at which samples have come; nan where unknown
 
 
 class Frames:
@@ -129,8 +128,6 @@ class Following:
         self.frames, self.liner, self.frequency = frames, liner, frequency
         self.until, self.choices = until, {"averaging": "admittance"} | choices
         self.going: GrowingMoments | None = None
-        self._first: tuple[float, int] | None = None  # clock and samples when they were first seen
-        self._last: tuple[float, int] = (0.0, 0)
 
     def update(self) -> int:
         """Take what has come; how many samples."""
@@ -142,9 +139,6 @@ class Following:
             else:
                 self.going.update(piece.velocity)
             count += piece.samples
-        if count:
-            self._last = (time.monotonic(), self._last[1] + count)
-            self._first = self._first or self._last
         return count
 
     def standing(self) -> list[Standing]:
@@ -153,15 +147,12 @@ class Following:
             return []
         found = self.moments().educe(self.liner, self.frequency, **self.choices)
         samples, rate = found.choices["samples"], found.choices["sampling_rate"]
-        begun, first = self._first or self._last
-        coming = (self._last[1] - first) / (self._last[0] - begun) if self._last[0] > begun else math.nan
         rows = []
         for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
             low, high = found.bounds_of_liner(found.averaging, i) or (complex(math.nan), complex(math.nan))
             width = max(high.real - low.real, high.imag - low.imag) / 2
             needed = samples / rate * (width / self.until) ** 2 if self.until else math.nan
-            left = max(0.0, needed * rate - samples) / coming
-            rows.append(Standing(samples, samples / rate, f, z, width, needed, left))
+            rows.append(Standing(samples, samples / rate, f, z, width, needed))
         return rows
 
     def moments(self) -> Moments:

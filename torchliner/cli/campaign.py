@@ -19,7 +19,7 @@ from torchliner.cli.show import progress_bar, show, told
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.page import report_file, require_report
 
-STANDING = ("samples", "record s", "f Hz", "R", "X", "half-width", "needed s", "until then")
+STANDING = ("samples", "record s", "f Hz", "R", "X", "half-width", "needed s")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -31,12 +31,9 @@ def demo(options: argparse.Namespace) -> int:
         if options.folder is not None:
             words += ["-o", str(options.folder)]
             words += ["--figure", str(options.folder)] if find_spec("matplotlib") is not None else []
-        about = "A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that resolves its holes."
-        print(f"{about}\n$ torchliner {shlex.join(words)}\n", flush=True)
-        code = main([*words, "--quiet"])
-    if options.folder is not None and code == 0:
-        print(f"\nMaps (.h5), numbers (.csv) and pictures (.png) are in {options.folder}")
-    return code
+        print("A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that resolves its holes.")
+        print(f"$ torchliner {shlex.join(words)}\n", flush=True)
+        return main([*words, "--quiet"])
 
 
 def info(options: argparse.Namespace) -> int:
@@ -87,15 +84,7 @@ def reduce(options: argparse.Namespace) -> None:
         options.chosen["background"] = background_of(options.chosen["background"])
     with progress_bar(samples_of(planes), options) as step:
         found = tl.moments(plane, liner, options.frequency, cell_pitch=pitch, progress=step, **options.chosen)
-    facts = {
-        "output": str(options.output),
-        "bytes": found.size,
-        "bytes_of_velocity": plane.velocity.dtype.itemsize * plane.samples * plane.probes,
-        "cells": found.cells.count,
-        "cell_pitch": found.cell_pitch,
-        "blocks": found.survey.blocks.count,
-        "any_liner": liner is None,
-        "liner": None if known is None else known.describe().get("name"),
-        "error_in_R": None if known is None else found.error(known, liner and (options.frequency or plane.frequency)),
-    }
+    facts = {"output": str(options.output)} | inspect_moments(found).facts
+    if known is not None:
+        facts["error in R"] = found.error(known, liner and (options.frequency or plane.frequency))
     show(options, told(facts_text(facts), facts), found.write)

@@ -42,16 +42,11 @@ def liner(options: argparse.Namespace) -> None:
         facts["resonance_hz"] = model.resonance()  # type: ignore[attr-defined]
     low, high = model.frequency_range or (0.0, float("inf"))
     inside = [f for f in options.frequency or FREQUENCIES if low <= f <= high]
-    table = [[complex(model.impedance(f, v)) for v in speeds] for f in inside]
-    rows = [
-        {"frequency": f, "speed": v, "impedance": z}
-        for f, row in zip(inside, table, strict=True)
-        for v, z in zip(speeds, row, strict=True)
-    ]
+    rows = [{"frequency": f, "speed": v, "impedance": complex(model.impedance(f, v))} for f in inside for v in speeds]
     lines = ["Z, normalised by rho c, at |v| in m/s", "    f Hz" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds)]
-    lines += [
-        f"{f:8.1f}" + "".join(f"{format_complex(z):>18s}" for z in row) for f, row in zip(inside, table, strict=True)
-    ]
+    for f in inside:
+        values = (format_complex(row["impedance"]) for row in rows if row["frequency"] == f)
+        lines.append(f"{f:8.1f}" + "".join(f"{value:>18s}" for value in values))
 
     def draw(path: Path) -> None:
         curves = [impedance_over_band(model, v, f"$|v|$ = {v:g} m s$^{{-1}}$") for v in speeds]
