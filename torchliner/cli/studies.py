@@ -1,17 +1,26 @@
-"""Commands that vary a choice, a height, a model or a map: audit, height, compare, compare-models, validate."""
+"""Commands that vary a choice, a height, a model or its parameters, or fit these."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import torchliner as tl
-from torchliner.cli.inputs import liners_of, only_liner, read_planes, read_records, samples_of
+from torchliner.cli.inputs import liners_of, only_liner, read_planes, read_records, samples_of, write_text
 from torchliner.cli.show import progress_bar, show
+from torchliner.liners.catalogue import liner_text
 from torchliner.report.answer import answer_of
 from torchliner.report.curves import draw_comparison
+from torchliner.studies.calibrate import AVERAGING, calibrate_without_flow
+from torchliner.studies.fit import OUTSIDE, with_flow
 from torchliner.studies.heights import recommend_height, study_heights
+from torchliner.studies.laws import bounds_for
+from torchliner.studies.rows import Row
+from torchliner.studies.runs import LEVEL_CHECK
 from torchliner.studies.validation import validation_table
+
+CURVE = "curve"
 
 
 def audit(options: argparse.Namespace) -> None:
@@ -59,3 +68,114 @@ def validate(options: argparse.Namespace) -> None:
     with progress_bar(len(planes), options, "plane") as step:
         found = validation_table(planes, lambda plane: liners[id(plane)], step)
     show(options, found)
+
+
+def sensitivity(options: argparse.Namespace) -> None:
+    """Change of Z with each parameter of a liner; tolerances."""
+    tolerances = {key: "".join(value) for key, value in _pairs(options.tolerance, "tolerance", str).items()}
+    records = read_records([options.plane], options)
+    liner = only_liner(options, records, [options.plane])
+    wanted = options.parameters or [*tolerances] or None
+    with progress_bar(samples_of(records), options) as step:
+        found = tl.sensitivities(records[0], liner, options.frequency, wanted, progress=step, **options.chosen)
+    budget = found.propagate(tolerances, limits=options.limits) if tolerances else None
+    show(options, found, averaging=options.averaging, budget=budget, limits=options.limits)
+
+
+def calibrate(options: argparse.Namespace) -> int:
+    """Parameters of a liner fitted to known impedances.
+
+    Exit code 1 if one is on a bound or unseen.
+    """
+    known, predicted, liner = _planes(options)
+    references, free = _references(options.reference), _bounds(options.free, liner)
+    averaging = options.averaging or ("velocity" if free else AVERAGING)
+    chosen = options.chosen | {"averaging": averaging, "noise": options.noise}
+    law, words, how = liner, "", "calibrated"
+    if free:
+        found = tl.calibrate(known, liner, references, free, **chosen)
+    else:
+        found, scores = calibrate_without_flow(known, liner, references, **chosen)
+        law, (low, high) = found.runs[0].liner, found.seen_speeds
+        how += f" without flow at |v| of {low:.3g} to {high:.3g} m/s"
+        left_out = ", ".join(f"{name} {score:.3f}" for name, score in scores.items())
+        words = f"law: {type(found.liner).__name__}; error of reactances left out: {left_out}; {how}"
+    rows = _predicted(found, predicted, law, options, 0.0 if references == LEVEL_CHECK else options.noise)
+    show(options, found, lambda path: _write(found, liner.name, how, path, options), predicted=rows, words=words)
+    return int(bool(found.on_bound or found.unseen))
+
+
+def identify(options: argparse.Namespace) -> int:
+    """Response of a liner to |v| found from runs of known impedance.
+
+    Exit code 1 if a parameter is on a bound or unseen, or a prediction leaves the speeds of the runs.
+    """
+    known, predicted, liner = _planes(options)
+    models = [text if text == CURVE else _bounds(text.split(","), with_flow(liner)) for text in options.free]
+    about = {"models": models or [CURVE], "noise": options.noise, "frequency": options.frequency}
+    found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
+    fit = found.fit
+    rows = _predicted(fit, predicted, liner, options, 0.0)
+    show(options, found, lambda path: _write(fit, liner.name, "identified", path, options), predicted=rows)
+    return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
+
+
+def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any]:
+    """The planes to fit and those to predict, and the one liner of all."""
+    paths, count = [*options.planes, *options.predict], len(options.planes)
+    both = read_records(paths, options)
+    return both[:count], both[count:], only_liner(options, both, paths)
+
+
+def _predicted(found: Any, records: list[Any], liner: Any, options: Any, noise: Any) -> list[Any]:
+    """Rows of the planes of --predict, labelled by their files."""
+    about = {"reference": options.reference[0], "noise": complex(noise or 0.0, noise or 0.0)}
+    labelled = zip(options.predict, records, strict=True)
+    return [Row(row, label=path.stem) for path, each in labelled for row in found.predict(each, liner, **about)]
+
+
+def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[Any, ...]]:
+    """NAME=VALUE or NAME=LOW:HIGH by name; a name alone has no values."""
+    found: dict[str, tuple[Any, ...]] = {}
+    for text in texts:
+        name, equals, values = (part.strip() for part in text.partition("="))
+        try:
+            value = tuple(read(part) for part in values.split(":")) if equals else ()
+            if name in found or len(value) not in ((1,) if read is str else (0, 2)):
+                raise ValueError
+        except ValueError:
+            form = "NAME=VALUE" if read is str else "NAME=LOW:HIGH in SI units"
+            raise ValueError(f"--{option} {text!r} cannot be read; write {form}, each name once") from None
+        found[name] = value
+    return found
+
+
+def _references(texts: list[str]) -> Any:
+    """One name, or a value each."""
+    try:
+        return [complex(text) for text in texts]
+    except ValueError:
+        if len(texts) == 1:
+            return texts[0]
+        wrong = " ".join(texts)
+        raise ValueError(f"--reference {wrong} cannot be read; one name, or numbers such as 0.168-0.066j") from None
+
+
+def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
+    """From NAME=LOW:HIGH, or names alone, which have usual bounds."""
+    found: dict[str, Any] = {}
+    for name, ends in _pairs(texts, "free").items():
+        usual = bounds_for([name], liner)
+        found |= dict.fromkeys(usual, ends) if ends else usual
+    return found
+
+
+def _write(found: Any, name: str, how: str, path: Path, options: argparse.Namespace) -> None:
+    """Write the liner of a fit as .toml, with a comment on where it comes from."""
+    numbers = zip(found.numbers.items(), found.standard.tolist(), strict=True)
+    words = ", ".join(f"{key} = {value:.6g} +- {u:.2g}" for (key, value), u in numbers)
+    title = f"{name} {how.split()[0]}"
+    source = f"{title}: {how} by torchliner: {found.law.label if found.law.frequencies else words}; fitted to "
+    source += f"{', '.join(each.name for each in options.planes)} (reference {' '.join(options.reference)})"
+    source += f"; on a bound: {', '.join(found.on_bound)}" if found.on_bound else ""
+    write_text(liner_text(found.liner.replace(name=title), source), path)

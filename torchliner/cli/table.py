@@ -141,7 +141,7 @@ GROUPS = {
             Option("--count", "modes in each direction; default 4", COUNT, default=4),
         ),
         "sensitivity": row(
-            "fits:sensitivity",
+            "studies:sensitivity",
             "plane liner tone rows figure fixed",
             Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
             Option("--tolerance", TOLERANCE, Kind("NAME=VALUE"), many=True),
@@ -161,13 +161,13 @@ GROUPS = {
             ),
         ),
         "calibrate": row(
-            "fits:calibrate",
+            "studies:calibrate",
             "planes liner law figure fit fixed",
             Option("--free", FREE, Kind("NAME[=LOW:HIGH]"), many=True),
             Option("--averaging", "over cells; default velocity, without --free phase-locked", names.AVERAGINGS),
         ),
         "identify": row(
-            "fits:identify",
+            "studies:identify",
             "planes liner tone law figure fit fixed",
             Option("--free", LAWS, Kind("NAMES"), many=True),
             Of("studies.identify:identify", "averaging rest freedom"),
@@ -198,14 +198,14 @@ GROUPS = {
             output("write poles and residues, or the coefficient lists of solvers as .txt,", ".json", ".txt"),
         ),
         "run": row(
-            "campaign:run",
+            "files:run",
             "cluster",
             Option("campaign", "TOML file of a campaign", FILE),
             Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
             Option("--dry-run", "say what would be done, and write nothing"),
         ),
         "follow": row(
-            "campaign:follow",
+            "files:follow",
             "liner tone stated",
             Option("plane", "file that grows, or folder that files come into, in the order of names", FILE),
             output("write the moments so far, however it ends,", *HDF5),
@@ -216,7 +216,7 @@ GROUPS = {
             choices("phase interval dtype"),
         ),
         "report": row(
-            "campaign:report",
+            "files:report",
             "",
             Option("result", "file that another command wrote, or the folder of a campaign", FILE),
             output("write the page", ".html", required=True),
