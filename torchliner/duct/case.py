@@ -38,16 +38,14 @@ class DuctCase:
         source: ``upstream`` (at ``start``, its wave runs along +x) or ``downstream``.
         incident: amplitude (peak) of the incident plane-like mode on the rigid wall at the lined edge that it meets
             first, or at the source's end where there is no liner, Pa; complex.
-        end_reflection, source_reflection: ratio of the wall pressures of the plane-like mode that comes back to the one
-            that goes out, at the far end and at the source's; complex, broadcast against (F,), leading axes free.
-        density: rho, kg/m3; velocities are p/(rho c).
+        end_reflection, source_reflection: of the plane-like mode in wall pressure, at the far end and at the source's;
+            complex, broadcast against (F,), leading axes free.
+        density: rho, kg/m3.
         slip_condition: ``ingard-myers`` or ``continuous-velocity``, needed for a liner along which the flow slips.
-            Ingard's and Myers' condition is integrated from the downstream edge of each lined stretch, where the
-            displacement starts from 0: integrated from the other edge, the hydrodynamic wave of the vortex sheet grows
-            beyond all bounds.
+            The former is integrated from the downstream edge of each lined stretch, where the displacement starts from
+            0: from the other edge the hydrodynamic wave of the vortex sheet grows beyond all bounds.
     Raises:
-        ValueError: an end before the start, a patch outside the duct or of no length, patches that overlap, a density
-            not above 0, a number that is not finite, an unknown word.
+        ValueError: lengths, patches, numbers or words that cannot be.
     Warns:
         DataWarning: an end that reflects more than it gets.
     """
@@ -83,8 +81,7 @@ class DuctCase:
             if not before <= start < end <= self.end:
                 raise ValueError(
                     f"the lined patch from x = {start:g} to {end:g} m must have a length and lie between "
-                    f"{before:g} m, where the duct begins or another patch ends, and {self.end:g} m, the duct's end; "
-                    "move its edges, or the duct's ends (start, end)"
+                    f"{before:g} m, where the duct begins or another patch ends, and {self.end:g} m, the duct's end"
                 )
             before = end
 
@@ -112,10 +109,8 @@ def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
 
 
 def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tensor:
-    r"""R = (Z - 1)/(Z + 1), complex128, for any passive Z with 0 and infinity among them; gradients are kept.
+    r"""R = (Z - 1)/(Z + 1), complex128, for any passive Z, 0 and infinity included; gradients are kept.
 
-    Args:
-        impedance: Z, normalised, v into the wall.  device: of what is no tensor.
     Raises:
         ValueError: Z is nan, or -1, where a wall gives out waves without being asked.
     Warns:
@@ -157,14 +152,10 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
 
 
 def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
-    """Z(x) at all frequencies: linear in the admittance between stations, constant beyond them.
+    """Z(x) at all frequencies: linear in the admittance between stations x (m, (N,)), constant beyond them; inf is rigid.
 
-    Args:
-        x: m, increasing, (N,).
-        impedance: Z there, (N,); inf is a rigid station, between two of which the wall is rigid.
     Raises:
-        ValueError: x does not increase, lengths differ, or a Z is nan or 0, whose admittance has no bound to
-            interpolate from.
+        ValueError: x does not increase, lengths differ, or a Z is nan or 0, which has no admittance.
     """
     places, values = np.asarray(x, np.float64), np.asarray(impedance, np.complex128)
     if places.ndim != 1 or places.shape != values.shape or len(places) < 1:

@@ -39,19 +39,16 @@ def impedance_from_wavenumber(
     r"""Impedance of the lined wall at which a wavenumber is one of the duct's.
 
     Args:
-        alpha: axial wavenumber, 1/m, complex, of :math:`e^{-j\alpha x}`, x along the flow: a wave
-            that decays downstream has Im alpha < 0, one that decays upstream Im alpha > 0.
-        frequency: Hz.  height: H, m, from the liner to the rigid wall.
-        mach: M of the uniform flow along +x, \|M\| < 1.  sound_speed: c, m/s.
+        alpha: axial wavenumber, 1/m, complex, of :math:`e^{-j\alpha x}`, x along the flow.
+        frequency: Hz.  height: H, m.  mach: M of the uniform flow along +x.  sound_speed: c, m/s.
         condition: at the liner, one of ``names.CONDITIONS``.
     Returns:
-        Z, normalised by rho c, velocity into the wall; the shape of all arguments together, which
-        broadcast; inf at the wavenumbers of a rigid duct. Differentiable.
+        Z, normalised, velocity into the wall, of the broadcast shape; inf at wavenumbers of a rigid duct.
+        Differentiable.
     Raises:
         TypeError: alpha is not complex.
         ValueError: a frequency, height or sound speed not above 0, \|M\| >= 1.
-    Source: Ingard (1959), Myers (1980); for continuous velocity the plain momentum equation. Roncen et al. (2026),
-        sections 5.5.5 and 6.4.2, give no formula.
+    Source: Ingard (1959), Myers (1980); for continuous velocity the plain momentum equation.
     """
     require_complex("alpha", alpha)
     duct, wave = duct_of(alpha, frequency, height, mach, sound_speed, condition)
@@ -76,11 +73,10 @@ def wavenumber_from_impedance(
     Args:
         impedance: Z, normalised, complex; 0 and inf are allowed.
         frequency, height, mach, sound_speed, condition: as for ``impedance_from_wavenumber``.
-        direction: ``downstream``, towards +x, or ``upstream``: that of the rigid mode.
+        direction: ``downstream`` or ``upstream``, that of the rigid mode.
         mode: m of the rigid mode :math:`\gamma H = m\pi`, 0 the plane wave; an integer or tensor.
     Returns:
-        alpha, 1/m, of the shape of all arguments together; rigid: k/(1+M) and -k/(1-M) for m = 0.
-        Differentiable in Z and in every real argument, to any order up to the third.
+        alpha, 1/m, of the broadcast shape. Differentiable in Z and every real argument up to third order.
     Raises:
         TypeError, ValueError: as ``impedance_from_wavenumber`` and ``wall_reflection``.
         RuntimeError: two modes meet on the way, or in the rigid duct, exactly at a cut-on.
@@ -191,14 +187,8 @@ def rigid_wavenumber(k: Tensor, mach: Any, number: Tensor, sign: int) -> Tensor:
 def carry_wavenumber(
     duct: Duct, start: Tensor, begin: Pair, end: Pair, first_step: float = LONGEST_STEP
 ) -> tuple[Tensor, Tensor]:
-    """Follow roots while the wall changes straight from one to another.
-
-    From ``start`` at the wall ``begin`` to ``end``: walls (a, b) with a : b = Z : 1, (N,) each,
-    neither (0, 0); ``first_step`` is the share of the way that is tried first.
-
-    Returns:
-        Roots at ``end`` and whether each arrived there, (N,).
-    """
+    """Roots followed while the wall goes straight from ``begin`` to ``end``, (a, b) with a : b = Z : 1, (N,) each, and
+    whether each arrived; ``first_step`` of the way is tried first."""
     a0, b0, a1, b1 = (*begin, *end)
 
     def values(alpha: Tensor, t: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:

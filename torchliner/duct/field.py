@@ -31,8 +31,8 @@ class DuctField:
         waves: X of ``sweep.py``, Pa, (..., F, D).
         energy: out and absorbed over that which comes in, (..., F).
         impedance: Z of the wall as it was asked for.
-        growth, growing: of a wave that grows over the liner, dB, (F,), 0 where none was found, and its wavenumber,
-            1/m, (F,), nan where there is none; these and the next two of ``solve_settled``.
+        growth, growing: of ``solve_settled``: growth over the liner of a growing wave, dB, (F,), 0 where none was
+            found, and its wavenumber, 1/m, (F,), nan there.
         difference: by which a finer mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
         finer_unknowns: of that mesh.  notes: warnings, with numbers.
     """
@@ -76,23 +76,16 @@ class DuctField:
         return p, u / speed, v / speed
 
     def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
-        """p on a wall, Pa, (..., F, P): the numerical trace p*, which meets the wall's law p* = Z w
-        with w the velocity of the wall's own face, v* of ``wall_velocity`` where nothing slips.
+        """p on a wall at x (m, (P,) or a number), Pa, (..., F, P): the numerical trace, which meets the wall's law.
 
-        Args:
-            x: m, (P,) or a number.
-            wall: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
+        ``wall``: ``opposite`` (rigid, y = H) or ``lined`` (y = 0, with its rigid parts).
         """
         arriving, leaving = self._wall_waves(x, wall)
         return arriving + leaving
 
     def wall_velocity(self, x: Any) -> Tensor:
-        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): 0 where the wall is rigid.
-
-        v* = w = p*/(rho c Z) where the flow does not slip or the velocity is continuous. With
-        Ingard's and Myers' condition the wall's face moves at w = p*/(rho c Z), and the fluid that
-        slips at Mach M along its wave at v* = w + (M/j k) dw/dx, which is what is returned.
-        """
+        """Velocity of the fluid into the wall y = 0, m/s, (..., F, P): w = p*/(rho c Z), with Ingard's and Myers'
+        condition w + (M/j k) dw/dx; 0 where the wall is rigid."""
         arriving, leaving = self._wall_waves(x, "lined")
         return (arriving - leaving) / (self.case.density * self.case.profile.sound_speed)
 
@@ -106,10 +99,7 @@ class DuctField:
 
     @property
     def reflection(self) -> Tensor:
-        """Plane-like mode that reaches the source's end over the one sent from it, (..., F).
-
-        Both at that end, as wall pressures; what the end sends back in counts as sent.
-        """
+        """Plane-like mode that reaches the source's end over the one sent from it, as wall pressures there, (..., F)."""
         sent, returned = self.end_waves(self.source)
         return returned / sent
 

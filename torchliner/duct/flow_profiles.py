@@ -102,10 +102,8 @@ def _require_subsonic(name: str, mach: float) -> None:
 
 @dataclass(frozen=True)
 class UniformProfile(MeanFlow):
-    """One velocity from wall to wall, whose step there is left to the wall condition; 0 is no flow.
+    """One velocity from wall to wall, which slips there: bulk Mach number, 0 to 1 (mean of U over c), H (m), c (m/s).
 
-    Args:
-        bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.  sound_speed: c, m/s.
     Raises:
         ValueError: bulk or centreline Mach number not in 0 to 1, a length or speed not above 0.
     """
@@ -129,13 +127,11 @@ class TanhProfile(MeanFlow):
     r"""Boundary layers of adjustable thickness, scaled to a bulk Mach number.
 
     :math:`U/U_0 = \tanh\frac{1-r}{d} + (1 - T)\left[\frac{1+T}{d} r + 1 + r\right](1-r)`, with
-    :math:`r = |2y/H - 1|` and :math:`T = \tanh(1/d)`: 1 and smooth on the centreline, 0 at the walls. For d -> 0 it is
-    a plug flow, for d -> infinity a parabola.
+    :math:`r = |2y/H - 1|` and :math:`T = \tanh(1/d)`: a plug flow for d -> 0, a parabola for d -> infinity.
 
     Args:
-        bulk_mach: mean of U over the height, divided by c; 0 to 1.  duct_height: H, m.
-        shear: d, thickness of the shear layer in half heights; at least 0.03.  sound_speed: c, m/s.
-        allow_thin: take a ``shear`` below 0.03 too, for a study of what then goes wrong.
+        bulk_mach, duct_height, sound_speed: as for ``UniformProfile``.
+        shear: d, thickness of the shear layer in half heights.  allow_thin: take one below 0.03 too.
     Raises:
         ValueError: as ``UniformProfile``, or ``shear`` below 0.03.
     Warns:
@@ -155,8 +151,8 @@ class TanhProfile(MeanFlow):
         text = f"profile shear is {self.shear:g}, below"
         if self.shear < THINNEST_SHEAR and not self.allow_thin:
             raise ValueError(
-                f"{text} {THINNEST_SHEAR:g}: so thin a layer makes any answer that depends on its inside a matter of "
-                "the grid; thicken it (or pass allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
+                f"{text} {THINNEST_SHEAR:g}: so thin a layer makes the answer a matter of the grid; thicken it (or pass "
+                "allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
             )
         super().__post_init__()
         if self.shear < THIN_SHEAR:
@@ -187,12 +183,10 @@ class LawOfTheWallProfile(MeanFlow):
         bulk_mach, duct_height, sound_speed: as for ``UniformProfile``.
         kinematic_viscosity: nu, m2/s; default air at 20 C.
     Raises:
-        ValueError: as ``UniformProfile``, or a friction Reynolds number u_tau H/(2 nu) below 180, where a channel is
-            not turbulent enough for the law.
-    Source: Reichardt (1951), Z. angew. Math. Mech. 31, 208. Departure from print: his factor for pipes is
-        1.5 (1 + r)/(1 + 2 r^2), over the 1 too; it leaves a kink on the centreline and puts it 1.2 wall units above the
-        channels of Hoyas & Jimenez (2006), Re_tau 550 to 2000, from which the factor here differs by at most 0.9 (y+
-        150 to 250), 0.3 there.
+        ValueError: as ``UniformProfile``, or a friction Reynolds number u_tau H/(2 nu) below 180.
+    Source: Reichardt (1951), Z. angew. Math. Mech. 31, 208. Departure from print: his factor for pipes,
+        1.5 (1 + r)/(1 + 2 r^2), leaves a kink on the centreline, 1.2 wall units above the channels of Hoyas & Jimenez
+        (2006); the factor here is within 0.9 of them, 0.3 there.
     """
 
     bulk_mach: float

@@ -21,17 +21,12 @@ WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
 class TabulatedProfile(MeanFlow):
     """U at given heights, between them monotone cubics (PCHIP), which make no new extremes.
 
-    dM/dy is exact for the cubics, but bends at each height of the table, so spectral methods converge on it no better
-    than their mesh meets those heights.
-
     Args:
-        y: heights, m, increasing from 0 to the duct height, or to half of it for a flow symmetric about the
-            centreline, (N,) with N at least 3.
+        y: heights, m, increasing from 0 to the duct height, or to half of it for a symmetric flow, (N,), N at least 3.
         velocity_table: U at ``y``, m/s or in any unit if ``bulk_mach`` is given; at least 0, (N,).
         duct_height: H, m.  bulk_mach: scale the table to this; default: as it stands, m/s.  sound_speed: c, m/s.
     Raises:
-        ValueError: heights that do not increase or do not end at a wall or the centreline, a negative or not finite
-            velocity, unequal lengths, a Mach number not below 1, no flow to scale.
+        ValueError: a table that is none, or of no subsonic flow.
     Source: Fritsch & Carlson (1980) for the cubics, as in scipy.
     """
 

@@ -36,15 +36,10 @@ def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_conditi
     r"""Wavenumber of the fastest growing wave along the flow above an endless liner.
 
     Args:
-        profile: mean flow.  frequency: Hz, (F,).
-        impedance: Z, normalised, complex, broadcast against (F,).
-        slip_condition: where the flow slips along the wall, as for ``duct_modes``.
+        profile, frequency, impedance, slip_condition: as for ``duct_modes``, without leading axes.
     Returns:
-        alpha, 1/m, (F,), complex128, of exp(-j alpha x): Im alpha > 0 and Re alpha > k. nan where none is found, from
-        Re alpha of 0.8 to 80 k/M. That is no proof that there is none: a root whose critical layer the finest panels do
-        not resolve (Im below some Re/50) is not taken.
-    Raises:
-        ValueError: as ``duct_modes``.
+        alpha, 1/m, (F,), complex128, of exp(-j alpha x): Im alpha > 0 and Re alpha > k; nan where none is found, which
+        is no proof that there is none (Re alpha of 0.8 to 80 k/M, Im above some Re/50).
     Source: Briggs (1964), Electron-stream interaction with plasmas, for what runs downstream though it grows there;
         Rienstra and Darau (2011), J. Fluid Mech. 671, 559, for such waves above liners.
     """

@@ -126,7 +126,7 @@ class DuctModes:
     """Waves q(y) exp(j omega t - j alpha x); p in units of rho c^2, u and v of c; complex128.
 
     Args:
-        frequency: Hz, (F,).  direction: ``downstream`` or ``upstream``, that of the group velocity.
+        frequency: Hz, (F,).  direction: ``downstream`` or ``upstream``.
         wavenumber: alpha, 1/m, (..., F, N); mode n grew out of rigid mode n.
         height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in panels of ``points``
             each, whose ends are there twice.
@@ -179,17 +179,12 @@ def duct_modes(
 
     Args:
         profile: mean flow M(y).  frequency: Hz, (F,).
-        impedance: Z, normalised, v into the wall; complex, broadcast against (F,), leading axes
-            free; infinite is rigid. First derivatives of every output by Z exist.
+        impedance: Z, normalised, v into the wall; complex, broadcast against (F,), leading axes free; infinite is
+            rigid. First derivatives by Z exist.
         count: modes 0 to count - 1.  direction: ``downstream`` or ``upstream``.
-        slip_condition: ``ingard-myers`` (displacement is continuous) or ``continuous-velocity``;
-            needed for a lined wall along which the flow slips.
-        points: Chebyshev points in each panel of the height.
-    Returns:
-        Modes on the device of ``impedance`` if it is a tensor, else of ``frequency``.
+        slip_condition: as for ``DuctCase``.  points: Chebyshev points in each panel of the height.
     Raises:
-        ValueError: see ``wall_reflection``, ``frequency_tensor``; a slip condition is missing or
-            unknown; a count below 1 or beyond what the points resolve.
+        ValueError: a Z of nan or -1, a missing slip condition, a count below 1 or beyond what the points resolve.
         RuntimeError: modes that meet on the way.
     Warns:
         DataWarning: negative resistance.
@@ -206,10 +201,8 @@ def duct_modes(
     try:
         wall = torch.broadcast_to(wall, np.broadcast_shapes(wall.shape, kappa.shape))
     except ValueError:
-        shapes = (
-            f"impedance has shape {tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
-        )
-        raise ValueError(shapes) from None
+        shapes = f"{tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
+        raise ValueError(f"impedance has shape {shapes}") from None
     shape = (*wall.shape, count)
     equation = PridmoreBrown.of(profile, points, slips, wall.device)
     rigid = rigid_modes(profile, kappa, count, direction, points)

@@ -79,15 +79,8 @@ class DuctSetup:
         return self.impedance[..., 0] if self.impedance.numel() else torch.inf
 
     def line_of(self, field: DuctField, **known: Any) -> MicrophoneLine:
-        """A solved field at the microphones, as measured lines are kept, in the order of x, with its known Z.
-
-        Args:
-            field: solved, with its checks or without.
-            known: what else its provenance states, by name; impedance, plane mode with its energy, mesh and its check
-                are always there.
-        Warns:
-            DataWarning: several lined patches, of which a line can name one: it names none.
-        """
+        """A solved field at the microphones, as measured lines are kept, in the order of x, with its known Z; ``known``:
+        what else its provenance states. Warns of several lined patches, of which it names none."""
         case, places = self.case, np.sort(self.places)
         one = len(case.liner) == 1
         start, end = case.liner[0] if one else (None, None)
@@ -160,13 +153,11 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
 
     Args:
         name: one of ``duct_names()``, or a path that ends in .toml.
-        changes: values that replace those of the file, by the names of its keys: ``bulk_mach``,
-            ``frequency``, ``level``, ``source_side``, ``impedance``, ``shear``, ``profile``, ...;
-            complex numbers may be such, one impedance stands for that of the only patch. A new
-            ``profile`` drops the parts of the old one, ``impedance`` the ``impedance_file``.
+        changes: values that replace those of the file, by its keys: ``bulk_mach``, ``frequency``, ``impedance``,
+            ``profile``, ...; a new ``profile`` drops the parts of the old one, ``impedance`` the ``impedance_file``.
     Raises:
-        ValueError: no such preset (the nearest is named), or a file with mistakes: all of them are
-            listed; a duct that cannot be.
+        ValueError: no such preset (the nearest is named), a file with mistakes, all of them listed, a duct that cannot
+            be.
         FileNotFoundError: no such file.
     """
     content, path = preset_or_file(PACKAGE, name, *KIND)

@@ -27,10 +27,9 @@ RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut
 class DuctSolver:
     """A duct and its frequencies, swept once; every impedance and source side then costs little.
 
-    The columns of the mesh are condensed, one for each width, with or without a lined wall, and
-    joined by two sweeps, with the lined wall and both ends left open. What an impedance, an end
-    reflection or the side of the source changes is a system of the wall's own points, some hundred,
-    which is solved for each of them. The discrete solution is the whole system's, to rounding.
+    The columns of the mesh are condensed and joined by two sweeps, with the lined wall and both ends left open. An
+    impedance, an end reflection or the side of the source then changes a system of the wall's own points, some hundred.
+    The discrete solution is the whole system's, to rounding.
 
     Args:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
@@ -69,10 +68,9 @@ class DuctSolver:
         """The field of one or many impedances.
 
         Args:
-            impedance: Z, normalised, v into the wall: numbers or a tensor, broadcast against (F, S)
-                for F frequencies and S lined patches, leading axes free; or a function of x (m,
-                (P,)) and frequency (Hz, (F,)) that returns (..., F, P). 0 and inf are walls like
-                others. Gradients by a tensor, or through a function, pass.
+            impedance: Z, normalised, v into the wall, broadcast against (F, S) for F frequencies and S lined patches,
+                leading axes free; or a function of x (m, (P,)) and frequency (Hz, (F,)) that returns (..., F, P).
+                0 and inf are walls like others. Gradients pass.
             source: instead of that of the case.
         Returns:
             DuctField of shape (..., F).

@@ -1,22 +1,29 @@
-"""Liners from files: the presets of the package and the user's own."""
+"""Liners from files: the presets of the package and the user's own TOML, CSV and Python files."""
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import json
+import traceback
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import torch
+from torch import Tensor
+
 from torchliner import toml_files
+from torchliner.checks import real_tensor
+from torchliner.fluid import Fluid
 from torchliner.liners.layered import layer_kinds
-from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import arguments_of
+from torchliner.liners.model import STATED, LinerModel, as_liner, checked_impedance
+from torchliner.liners.parameters import arguments_of, plain
 from torchliner.liners.plates import Layer
-from torchliner.liners.python_file import read_liner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
-from torchliner.toml_files import FluidTable, preset_or_file, validated
+from torchliner.toml_files import FluidTable, preset_or_file, read_text, validated
 
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 ABOUT = ("model", "name", "description", "source")
@@ -41,12 +48,12 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     """A liner by preset name, from a TOML, CSV or Python file, or from what a map holds of it.
 
     Args:
-        name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py. A Python file is run; it has
-            ``impedance(frequency, speed)`` or an object ``liner``. Or what ``describe`` of a model from a preset, TOML
-            or CSV gives, as ``choices["liner"]`` of a map: the same liner, from its numbers alone.
+        name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py (which is run; it has
+            ``impedance(frequency, speed)`` or an object ``liner``). Or what ``describe`` of a model gives, as
+            ``choices["liner"]`` of a map.
     Raises:
-        ValueError: no such preset (the nearest is named), or a file with mistakes: keys that are missing, and those
-            that there are not, with the nearest valid one. A description without the numbers of its model.
+        ValueError: no such preset, a file with mistakes (missing and unknown keys, with the nearest valid one), or a
+            description that lacks numbers.
         FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
@@ -60,7 +67,7 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     if suffix == ".csv":
         found: LinerModel = TabulatedLiner.read_csv(name)
     elif suffix == ".py":
-        found = read_liner(Path(name))
+        found = _python_liner(Path(name))
     else:
         content, path = preset_or_file(PACKAGE, name, *KIND)
         found = _build(content, path)
@@ -96,8 +103,7 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
 
 
 def _arguments(made: type, table: Mapping[str, Any], place: str, about: tuple[str, ...]) -> dict[str, Any]:
-    """Arguments of a class from a table; ValueError with all keys that it lacks or has too many, and what else is no
-    argument."""
+    """Arguments of a class from a table and what else is no argument; ValueError with all keys missing or unknown."""
     known, keys = arguments_of(made), getattr(made, "file_keys", None)
     needed = () if keys else (name for name, (_, default) in known.items() if default is inspect.Parameter.empty)
     valid = [*about, *(keys or known)]
@@ -122,15 +128,13 @@ def _layer(table: Any, place: str) -> Layer:
         raise ValueError(f"{place} = {table!r} is no table; write [[layers]], with two brackets, for each of them")
     kind = table.get("kind")
     if kind not in kinds:
-        raise ValueError(
-            f"{place}: kind is {kind!r}{did_you_mean(str(kind), [*kinds])}; it is one of {', '.join(kinds)}"
-        )
+        near = did_you_mean(str(kind), [*kinds])
+        raise ValueError(f"{place}: kind is {kind!r}{near}; it is one of {', '.join(kinds)}")
     return kinds[kind](**_arguments(kinds[kind], table, f"{place}.{kind}.", ("kind",)))
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
-    """TOML text that ``load_liner`` reads back as ``liner``, of plain numbers and with a name;
-    ``source`` says where the numbers come from."""
+    """TOML text that ``load_liner`` reads back as ``liner``; ``source`` says where the numbers come from."""
     facts = liner.describe()
     tables = [("[[layers]]", layer) for layer in facts.pop("layers", [])]
     tables += [("[fluid]", facts.pop("fluid"))] if facts.get("fluid") else []
@@ -141,3 +145,52 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
         lines += ["", heading] if heading else []
         lines += [f"{key} = {json.dumps(value)}" for key, value in table.items() if value is not None]
     return "\n".join(lines) + "\n"
+
+
+def _python_liner(path: Path) -> LinerModel:
+    """The liner of a Python file: an object ``liner``, or a function ``impedance(frequency, speed)`` of tensors (Hz,
+    m/s), beside it perhaps names of ``model.STATED``. Errors, also when the function is called, name file and line."""
+    text = read_text(path)
+    names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    try:
+        exec(compile(text, str(path), "exec"), names)
+    except (Exception, SystemExit) as error:
+        raise ValueError(_where(error, path)) from error
+    source = names.get("liner", SimpleNamespace(**names))
+    if isinstance(source, LinerModel):
+        return source
+    wanted = (*STATED, "orifice_diameter")
+    members = {name: getattr(source, name) for name in wanted if getattr(source, name, None) is not None}
+    function = members.get("impedance")
+    if not callable(function) or not isinstance(members.get("fluid", Fluid()), Fluid):
+        raise ValueError(
+            f"{path} must define a function impedance(frequency, speed), which returns Z normalised by rho c, or an "
+            "object 'liner' with one; fluid, if it is stated, is a torchliner.Fluid"
+        )
+    facts = {
+        "model": "python",
+        "name": path.stem,
+        "file": path.name,
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        **{name: plain(value) for name, value in members.items() if not callable(value)},
+    }
+
+    def impedance(frequency: Any, speed: Any = 0.0) -> Tensor:
+        f, v = real_tensor(frequency), real_tensor(speed)
+        try:
+            found = function(f, v)
+        except Exception as error:
+            raise ValueError(f"{_where(error, path)} (frequency {tuple(f.shape)}, speed {tuple(v.shape)})") from error
+        if not torch.is_complex(torch.as_tensor(found)):
+            raise ValueError(f"{path}: impedance gave real numbers; Z = R + j X is complex, add 1j times X, or 0j")
+        return checked_impedance(found, f, v, f"{path}: impedance(frequency, speed)")
+
+    members = {"describe": lambda: dict(facts), **members, "impedance": impedance}
+    return as_liner(SimpleNamespace(**members))
+
+
+def _where(error: BaseException, path: Path) -> str:
+    """File, last line of it that an error came through, and the error."""
+    lines = [each.lineno for each in traceback.extract_tb(error.__traceback__) if each.filename == str(path)]
+    last = error.lineno if isinstance(error, SyntaxError) else [0, *lines][-1]
+    return f"{path}, line {last}: {type(error).__name__}: {getattr(error, 'msg', error)}"

@@ -27,13 +27,9 @@ class CellLiner(LinerModel):
     """Base of the models whose cells see a share of the surface.
 
     Args:
-        open_area_fraction: alpha, the share of the surface that is cell and not rigid wall in parallel (section 5.3),
-            0 to 1.
-        velocity_reading: which |v| the cell sees: ``as_measured``, |v_c| = |v|, or ``conserved``, |v_c| = |v|/alpha.
-            The paper leaves it open.
-        velocity_gain: factor on |v|, for a measured velocity that is not that of the cell: |v_c| is this times the
-            reading above. 1 in the paper.
-        impedance_offset: constant added to Z, normalised (a correction fixed by a measurement).
+        open_area_fraction: alpha, the share of the surface that is cell and not rigid wall (section 5.3), 0 to 1.
+        velocity_reading: |v_c| of the cell: ``as_measured``, |v|, or ``conserved``, |v|/alpha; left open in the paper.
+        velocity_gain: factor on |v_c|.  impedance_offset: constant added to Z, normalised.
         cell_pitch: L_c, m, for averages over cells; None if there are no cells.
         flow_facing_porosity: porosity of the whole surface for eq. (2.7); default porosity x open_area_fraction.
         fluid: gas.  name: for labels.
@@ -73,11 +69,7 @@ class CellLiner(LinerModel):
         return self.front.porosity * self.open_area_fraction if own is None else own  # type: ignore[attr-defined]
 
     def seen(self, frequency: Any, speed: Any) -> tuple[Tensor, Tensor]:
-        """rad/s, from Hz, and |v_c|, m/s, from |v|, of their shapes.
-
-        Raises:
-            ValueError: a frequency is not above 0, or a speed is negative or not finite.
-        """
+        """rad/s, from Hz, and |v_c|, m/s, from |v|; ValueError for what is not above 0, negative or not finite."""
         wanted, values = real_tensor(frequency), real_tensor(speed)
         frequency_tensor(wanted)
         if not bool(torch.isfinite(values).all() and (values >= 0).all()):
@@ -124,17 +116,13 @@ class CellLiner(LinerModel):
 
 
 def air_state(fluid: Fluid) -> tuple[float, float]:
-    """Temperature (K) and pressure (Pa) of dry air with the sound speed and density of ``fluid``.
-
-    For gases that are not air they are the state about which c, rho and eta are scaled as those of air: c as sqrt(T),
-    rho as p/T, eta by Sutherland's law.
-    """
+    """Temperature (K) and pressure (Pa) of dry air with the sound speed and density of ``fluid``."""
     temperature = plain_number(fluid.sound_speed) ** 2 / (1.4 * GAS_CONSTANT_AIR)
     return temperature, plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature
 
 
 def fluid_at(fluid: Fluid, **state: Any) -> Fluid:
-    """The gas at another temperature (K) or pressure (Pa); gamma and Pr stay."""
+    """The gas at another temperature (K) or pressure (Pa): c, rho and eta scale as those of air, gamma and Pr stay."""
     here = dict(zip(STATE, air_state(fluid), strict=True))
     base, moved = Fluid.from_temperature(**here), Fluid.from_temperature(**here | state)
     names = ("sound_speed", "density", "dynamic_viscosity")

@@ -27,17 +27,12 @@ class Perforate(Plate):
     r"""The plate of the paper: eqs (2.2a-c) and (2.4), of L_p t, 2 r_p d, phi_p sigma and C_vc ``vena_contracta`` (0.8
     in the paper, 0.75 for sharp edges).
 
-    Eq. (2.4) in a form that is exact at v = 0, where the printed one loses 1e-3 relative at |v| = 1e-6 m/s: with
-    u = |v|/phi_p, q = sqrt(2) omega r_p, S_t = q/u and E = 1 + 0.06 exp(3.74/S_h),
-
-        1/(1 + 2 S_t E) = u/(u + 2 q E),    1 - 1/(1 + X) = X/(1 + X),    X = 0.013 S_h^2 (u/q)^2.5,
-
-    so that Re G = a |v|^2/(|v| + b) and Im G = -c |v|^2.5/(|v|^2.5 + d).
+    Eq. (2.4) in a form exact at v = 0: Re G = a |v|^2/(|v| + b), Im G = -c |v|^2.5/(|v|^2.5 + d).
 
     Raises:
         ValueError: a thin plate so open that eq. (2.2b) makes its mass and resistance negative.
     Source: Roncen et al. (2026), after Atalla & Sgard (2007), Temiz et al. (2016), Shah et al. (2024). The exponential
-        is capped where it would overflow, below about 3e-4 Hz: Re G is 0 there.
+        is capped where it would overflow, below about 3e-4 Hz.
     """
 
     kind = "perforate"
@@ -103,13 +98,12 @@ class Guess(Plate):
         \delta = \frac{8d}{3\pi}(1 - 0.7\sqrt\sigma)\,
              \frac{1 + 5\cdot10^3 M_0^2}{1 + 10^4 M_0^2}\, \frac{1}{1 + 305 M^3}.
 
-    Range: holes wide against the viscous layer, d sqrt(omega/(4 nu)) above 10 (below it friction is too small: it lacks
-    Poiseuille's limit), and k d below 1. M_0 is that of the hole; whether Guess means rms or peak is not said where
-    this was read, rms is taken: the jet of a C_D of sqrt(TONE/2) = 0.775 (a peak would mean 0.65).
+    Range: d sqrt(omega/(4 nu)) above 10 (below it friction is too small) and k d below 1. M_0 is taken as the rms in
+    the hole, which the texts leave open.
 
-    Source: Guess (1975), J. Sound Vib. 40, 119-137, not opened. All terms but one are as in the code
-        VictorZaia/Impedance-calculation on GitHub (0.71 there for 0.7), after Malmary. The factor in M_0 of delta,
-        which halves it in strong sound, is as commonly quoted and was found in no text that could be opened.
+    Source: Guess (1975), J. Sound Vib. 40, 119-137, not opened; all terms but one as in the code
+        VictorZaia/Impedance-calculation on GitHub (0.71 there for 0.7). The factor in M_0 of delta, which halves it in
+        strong sound, is as commonly quoted and was found in no text that could be opened.
     """
 
     kind = "guess"
@@ -142,15 +136,13 @@ class Goodrich(GrazedPlate):
         \\ \epsilon &= \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}, \qquad
         C_D = 0.80695\,\sigma^{0.05}\, e^{0.2536\, t/d}.
 
-    Conversion of S_m = -0.0000207 k/sigma^2, k in 1/cm for |v| in cm/s: k |v| is 1/s in both systems, so the number
-    keeps its value, in seconds.
+    S_m = -0.0000207 k/sigma^2 of the source, k in 1/cm, keeps its value in seconds.
 
-    Range: C_D at most 1. The mass is a straight line in |v| and negative above |v| = sigma (t + epsilon d)/2.07e-5 m/s
-    (3.7 m/s for t 0.8 mm, d 1 mm, sigma 5 %), where the law no longer holds; the sheet stays passive.
+    Range: C_D at most 1, |v| below sigma (t + epsilon d)/2.07e-5 m/s (3.7 m/s for t 0.8 mm, d 1 mm, sigma 5 %), above
+    which the mass is negative.
 
-    Source: Yu, Ruiz & Kwan (2008), AIAA 2008-2930, not opened. All terms as in a public code (function impedanceUTAS of
-        an eduction), there without the 0.85 of epsilon, which is Ingard's and stands in the sources of
-        ``TwoParameter``; the flow term also as in Roncen et al. (2026), eq. (2.7).
+    Source: Yu, Ruiz & Kwan (2008), AIAA 2008-2930, not opened; terms as in a public code (function impedanceUTAS of an
+        eduction), there without the 0.85 of epsilon, which is Ingard's; flow as in Roncen et al. (2026), eq. (2.7).
     """
 
     kind = "goodrich"
@@ -159,10 +151,8 @@ class Goodrich(GrazedPlate):
         super().__post_init__()
         found = plain_number(self.discharge())
         if found > 1:
-            text = f"this thickness over diameter and porosity make a discharge coefficient of {found:.3g}"
-            raise ValueError(
-                f"{self.label}: {text}; the correlation holds to 1, law 'two-parameter' takes a stated one"
-            )
+            text = f"{self.label}: this thickness over diameter and porosity make a discharge coefficient of"
+            raise ValueError(f"{text} {found:.3g}; the correlation holds to 1, law 'two-parameter' takes a stated one")
 
     def discharge(self) -> Any:
         """C_D."""
@@ -185,16 +175,12 @@ class TwoParameter(GrazedPlate):
             + \frac{M}{\sigma(2 + 1.256\,\delta^*/d)} + j\,\frac{k (t + \epsilon d)}{\sigma},
         \qquad \epsilon = \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}.
 
-    It differs from ``Goodrich`` in its friction, that of a steady flow at all frequencies, over C_D; in its C_D, which
-    is stated; in the missing (1 - sigma^2); and in a mass that sound does not change.
-
-    Range: friction is too small where the viscous layer is thin, d sqrt(omega/(4 nu)) above 3, that is in most plates,
-    and small there beside the other terms.
+    Range: friction, that of a steady flow, is too small where d sqrt(omega/(4 nu)) is above 3, as in most plates, and
+    small there beside the other terms.
 
     Source: Motsinger & Kraft (1991) with the flow terms of Rice & Heidelberg, as used by NASA (Jones et al. 2022), none
-        of them opened; read in notes on them and, with Jones, Parrott & Watson (2008) as its source, in a code, both
-        public on GitHub. The code divides the mass by C_D too, the notes do not; theirs is taken. The model of Kraft,
-        Yu & Kwan (NASA CR-1999-209120), asked for as Yu (GE/Boeing), was not opened; this is GE's form of it.
+        of them opened; read in notes and a code on GitHub. The code divides the mass by C_D too, the notes, which are
+        followed, do not.
     """
 
     kind = "two-parameter"
@@ -219,13 +205,11 @@ class Maa(Plate):
 
     alpha the ``edge_factor``: 0.5 is Maa (1998), 2 his earlier form, for sharp edges.
 
-    Range: perforate constant K = d sqrt(omega/(4 nu)) of 1 to 10, holes below 1 mm, sigma of a few percent (holes that
-    do not see each other). Laly's V is that in the hole, |v|/sigma.
+    Range: perforate constant K = d sqrt(omega/(4 nu)) of 1 to 10, holes below 1 mm, sigma of a few percent.
 
-    Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy (whose 1/sqrt(1 + K^2/2) is
-        1/sqrt(9 + K^2/2) here, the limit of the exact form). The terms in |v|: Laly et al. (2018), J. Sound Vib.,
-        S0022-460X(17)30674-0, after Maa's of high intensities, with beta = 1.6 and C_D = 0.76, as in public MATLAB
-        classes that name the paper's equations 20 to 23 and 27. Neither paper was opened.
+    Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy. The terms in |v|: Laly et al.
+        (2018), J. Sound Vib., S0022-460X(17)30674-0, with beta = 1.6, C_D = 0.76 and V = |v|/sigma, as in public
+        MATLAB classes that name its equations 20 to 23 and 27. Neither paper was opened.
     """
 
     kind = "maa"
@@ -250,12 +234,10 @@ class Melling(Plate):
         Z = \frac{j\omega}{c\sigma F}\Big(t + \frac{8d}{3\pi\,\psi(\sqrt\sigma)}\Big)
             + \frac{8\sqrt2}{3\pi}\,\frac{1-\sigma^2}{2c\,(\sigma C_D)^2}|v|.
 
-    Range: the jet is quasi-steady, the excursion in the hole |v|/(sigma omega) above d; in weaker sound the true
-    resistance rises as |v|^2. 8 sqrt(2)/(3 pi), printed 1.2: see ``plates.py``.
+    Range: excursion in the hole |v|/(sigma omega) above d; in weaker sound the true resistance rises as |v|^2.
 
-    Source: Melling (1973), J. Sound Vib. 29, 1-65, not opened; the nonlinear term and Fok's series as in OpenPulse
-        (perforated_plate.py). Friction takes the gas's own viscosity, without Melling's larger one for walls that
-        conduct heat, and acts on the end correction as on the tube.
+    Source: Melling (1973), J. Sound Vib. 29, 1-65, not opened; the nonlinear term (printed 1.2: see ``plates.py``) and
+        Fok's series as in OpenPulse (perforated_plate.py). Friction takes the gas's own viscosity, also on the ends.
     """
 
     kind = "melling"
@@ -273,10 +255,7 @@ class Mesh(Sheet):
     r"""Wire mesh or felt as its maker states it: :math:`Z = (R_0 + R_1 |v| + j\omega m)/(\rho c)`.
 
     R_0 in MKS rayl (1 cgs rayl is 10 of them); R_1 from steady flow, dp = (R_0 + R_1 v) v, of which a tone sees
-    ``TONE`` times as much; m of the air that moves in it (and of a limp mesh beside it).
-
-    Range: that of the flow rig for |v|; frequencies at which the layer around a wire is thick against its pores, as in
-    most meshes used as liners.
+    ``TONE`` times as much; m of the air that moves in it. Range: that of the flow rig for |v|.
 
     Source: definition. Forchheimer's law for R_0 and R_1.
     """

@@ -29,14 +29,8 @@ from torchliner.liners.plates import Layer, Sheet
 
 @dataclass(frozen=True)
 class Cavity(Layer):
-    """An air column with losses at its walls, eq. (2.2d).
-
-    Args:
-        depth: h, m.  hydraulic_radius: r_c, m; D/2 for a square cavity of side D.  porosity: phi, its share of the
-            cell.
-    Raises:
-        TypeError, ValueError: no numbers, or outside their ranges.
-    """
+    """An air column with losses at its walls, eq. (2.2d): depth h (m), hydraulic radius r_c (m; D/2 for a square cavity
+    of side D), porosity phi, its share of the cell."""
 
     kind = "cavity"
     depth: Depth
@@ -58,7 +52,7 @@ def layer_kinds() -> dict[str, type[Layer]]:
 
 
 def sheet(law: str, **numbers: Any) -> Sheet:
-    """A sheet of a liner: a plate, a mesh, or whatever takes no room and lets through all that comes to it.
+    """A sheet of a liner: a plate or a mesh.
 
     Args:
         law: a key of ``laws.LAWS``, which docs/liners.md lists: "perforate", "goodrich", "mesh", ...
@@ -84,18 +78,15 @@ class LayeredLiner(CellLiner):
     with all sheets below at rest.
 
     Args:
-        layers: from the flow down: ``sheet``s and ``Cavity``s. The first is a sheet, the last a cavity. In ``numbers``
-            and messages they are called facesheet, facesheet2, ... (above the first cavity), septum, septum2, ...,
-            cavity, cavity2, ...
-        open_area_fraction, velocity_reading, velocity_gain, impedance_offset, cell_pitch, flow_facing_porosity, fluid,
-            name: by keyword, see ``CellLiner``.
+        layers: from the flow down, first a ``sheet``, last a ``Cavity``. In ``numbers`` they are called facesheet,
+            facesheet2, ... (above the first cavity), septum, septum2, ..., cavity, cavity2, ...
+        open_area_fraction, ...: by keyword, see ``CellLiner``.
     Raises:
         TypeError: something else than layers.
         ValueError: an order of layers that is no liner; a value outside its range.
-    Source: transfer matrices of plane waves; cavities and, with the law ``perforate``, sheets as Roncen et al. (2026),
-        eqs (2.2) and (2.4): with one of each it is ``SDoFLiner``. The paper names liners of two degrees of freedom in
-        section 7.5 and gives no equations; that the sheets below count as at rest for |v| at a septum is a choice made
-        here.
+    Source: transfer matrices of plane waves; cavities and the law ``perforate`` as Roncen et al. (2026), eqs (2.2) and
+        (2.4): with one of each it is ``SDoFLiner``. That the sheets below count as at rest for |v| at a septum is a
+        choice made here; the paper gives no equations for two degrees of freedom.
 
     >>> plate = tl.sheet("perforate", thickness=0.6e-3, orifice_diameter=1e-3, porosity=0.05)
     >>> septum = tl.sheet("perforate", thickness=0.8e-3, orifice_diameter=0.8e-3, porosity=0.02)

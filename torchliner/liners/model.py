@@ -25,10 +25,8 @@ class Liner(Protocol):
 
 
 class LinerModel(Declared):
-    """Base class of liner models, frozen dataclasses. ``impedance`` is all that a model must define.
-
-    The rest is what the package asks of a liner; each default says that the model does not state it. What follows from
-    the arguments is set by ``settle``.
+    """Base class of liner models, frozen dataclasses. ``impedance`` is all that a model must define; each default says
+    that the model does not state it. What follows from the arguments is set by ``settle``.
 
     Attributes:
         model: its name in liner files, a key of ``names.LINER_MODELS``.
@@ -74,19 +72,12 @@ class LinerModel(Declared):
         return cls(**keys)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
-        """Normalised impedance, complex, time dependence e^(j omega t), of the broadcast shape.
-
-        Args:
-            frequency: Hz, above 0, any shape.  speed: |v| m/s, at least 0, any shape.
-        """
+        """Normalised impedance, complex, e^(j omega t), of the broadcast shape of frequency (Hz) and |v| (m/s)."""
         raise NotImplementedError(f"{type(self).__name__} defines no impedance(frequency, speed)")
 
     def in_flow(self, mach: float | None) -> LinerModel:
-        """The liner in the flow of the data, whose bulk Mach number may be unknown; itself where its law takes none.
-
-        Raises:
-            ValueError: the liner states another Mach number.
-        """
+        """The liner in the flow of the data; itself where its law takes no Mach number, ValueError where it states
+        another."""
         return self
 
     def describe(self) -> dict[str, Any]:
@@ -98,14 +89,8 @@ STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "sp
 
 
 def as_liner(liner: Any) -> LinerModel:
-    """The liner itself, or any object with ``impedance(frequency, speed)`` as a ``LinerModel``.
-
-    Of such an object are taken, where it has them, the members of ``STATED`` and ``orifice_diameter`` (m); for the rest
-    the defaults hold.
-
-    Raises:
-        TypeError: no ``impedance``.
-    """
+    """The liner itself, or any object with ``impedance(frequency, speed)``, and perhaps members of ``STATED`` and
+    ``orifice_diameter`` (m), as a ``LinerModel``; TypeError without ``impedance``."""
     if isinstance(liner, LinerModel):
         return liner
     if not hasattr(liner, "impedance"):

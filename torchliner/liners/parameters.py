@@ -26,13 +26,8 @@ SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a v
 
 @dataclass(frozen=True)
 class Number:
-    """A real parameter of a model, or, without a value, what is declared of it.
-
-    Args:
-        value: SI.  unit: SI, "1" if it has none.
-        low, high: what makes sense: above ``low``, at most ``high``.  low_included: whether ``low`` itself does.
-        varied: whether it is one of a model's ``numbers``.
-    """
+    """A real parameter of a model, SI, or, without a value, what is declared of it: above ``low`` (or at it, if
+    ``low_included``), at most ``high``; ``varied``: whether it is one of a model's ``numbers``."""
 
     value: float = math.nan
     unit: str = "1"

@@ -42,8 +42,7 @@ class Layer(Declared):
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
         """Admittance v/p above it, and velocity below it over that above.
 
-        Args:
-            omega: rad/s.  below: admittance below it, 0 for the backplate.  speed: |v| at it, m/s.  fluid: gas.
+        ``below``: admittance below it, 0 for the backplate; omega in rad/s, |v| at it in m/s.
         """
         raise NotImplementedError
 
@@ -61,11 +60,8 @@ class Sheet(Layer):
         return 0.0
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
-        """Pressure drop over velocity, normalised by rho c, complex128, e^(j omega t).
-
-        Args:
-            omega: rad/s, above 0.  speed: |v|, m/s, of a shape that broadcasts with ``omega``.  fluid: the gas.
-        """
+        """Pressure drop over velocity, normalised by rho c, complex128, e^(j omega t), at omega (rad/s) and |v| (m/s),
+        which broadcast."""
         raise NotImplementedError
 
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
@@ -124,12 +120,9 @@ class GrazedPlate(Plate):
 def tube_impedance(omega: Tensor, length: Any, diameter: Any, fluid: Fluid) -> Tensor:
     r"""Air in a tube with friction, normalised: :math:`j\omega L/(c F)`, F = I2(s)/I0(s).
 
-    32 nu L/(c d^2) + 4/3 j omega L/c at low frequency (Poiseuille), j omega L/c at high.
+    32 nu L/(c d^2) + 4/3 j omega L/c at low frequency (Poiseuille), j omega L/c at high; omega in rad/s, lengths in m.
 
-    Args:
-        omega: rad/s.  length: L, m.  diameter: d, m.  fluid: gas.
-    Source: Crandall (1926); F = 1 - 2 J1(x)/(x J0(x)), x = d/2 sqrt(-j omega/nu), is I2/I0 of s = d/2 sqrt(j omega/nu),
-        which keeps its digits as s tends to 0.
+    Source: Crandall (1926); F = 1 - 2 J1(x)/(x J0(x)), x = d/2 sqrt(-j omega/nu), is I2/I0 of s = d/2 sqrt(j omega/nu).
     """
     shear = torch.sqrt(1j * omega) * (diameter / (2 * fluid.kinematic_viscosity**0.5))
     return 1j * omega * length / fluid.sound_speed / ratio_i2_i0(shear)
@@ -138,8 +131,7 @@ def tube_impedance(omega: Tensor, length: Any, diameter: Any, fluid: Fluid) -> T
 def fok_sum(porosity: Any) -> Tensor:
     """What the neighbours leave of a hole's end correction: 1/psi of Fok, at xi = sqrt(sigma).
 
-    1 - 1.40925 xi + 0.33818 xi^3 + ...; the 12 powers end at -0.005 instead of 0 for xi = 1, and what is below 0 is
-    taken as 0.
+    1 - 1.40925 xi + 0.33818 xi^3 + ...; what is below 0 near xi = 1 is taken as 0.
 
     Source: Fok, as in Melling (1973); coefficients as in OpenPulse (perforated_plate.py).
     """
@@ -154,11 +146,10 @@ def goodrich_resistance(bulk_mach: Any, flow_facing_porosity: Any, displacement_
     r"""Resistance added by grazing flow, normalised: M/(phi (2 + 1.256 delta*/d)).
 
     Args:
-        bulk_mach: M_b, 0 to 1.
-        flow_facing_porosity: open area over the whole liner surface (the global porosity).
-        displacement_thickness: delta*, m.  diameter: orifice diameter d, m.
+        bulk_mach: M_b, 0 to 1.  flow_facing_porosity: open area over the whole liner surface.
+        displacement_thickness: delta*, m.  diameter: of an orifice, m.
     Raises:
-        ValueError: Mach number or porosity outside 0 to 1, a porosity or diameter of 0, what is negative or not finite.
+        ValueError: a value outside its range.
     Source: Yu et al. (2008) as quoted in Roncen et al. (2026), eq. (2.7). Departure from print: M_b stands twice there;
         once reproduces the paper's own shift (1.03-1.22 for its 0.94-1.12 between Mach 0.1 and 0.3), twice gives
         0.41-0.49.

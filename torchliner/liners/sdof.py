@@ -47,19 +47,15 @@ class SDoFLiner(CellLiner):
     argument may be a tensor that requires a gradient.
 
     Args:
-        facesheet_thickness: L_p, m.
-        orifice_diameter: d = 2 r_p, m. For a slit its width: r_p is then half the slit.
-        porosity: phi_p of the facesheet the orifices see, 0 to 1: local if ``open_area_fraction`` carries the walls,
-            global otherwise.
+        facesheet_thickness: L_p, m.  orifice_diameter: d = 2 r_p, m; of a slit its width.
+        porosity: phi_p, 0 to 1: local if ``open_area_fraction`` carries the walls, global otherwise.
         cavity_depth: H_c, m.  cavity_hydraulic_radius: r_c, m; D/2 for a square cavity of side D.
         cavity_porosity: phi_c, 0 to 1.  vena_contracta: C_vc.
-        open_area_fraction, velocity_reading, velocity_gain, impedance_offset, cell_pitch, flow_facing_porosity, fluid,
-            name: by keyword, see ``CellLiner``.
+        open_area_fraction, ...: by keyword, see ``CellLiner``.
     Raises:
-        ValueError: a length or porosity outside its range, a hole larger than the pitch, or a thin plate so open that
-            it would feed sound.
-    Source: Roncen et al. (2026), section 2 and section 5.3, with the departures named in ``liners/cavity.py`` and
-        ``fluid.py``.
+        ValueError: a value outside its range, a hole larger than the pitch, or a thin plate so open that it would feed
+            sound.
+    Source: Roncen et al. (2026), sections 2 and 5.3, with the departures in ``liners/cavity.py`` and ``fluid.py``.
     """
 
     model = "sdof"
@@ -79,12 +75,8 @@ class SDoFLiner(CellLiner):
         return Perforate(thickness=self.facesheet_thickness, **shared)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
-        """Normalised impedance at |v| = ``speed``, complex128, of the broadcast shape.
+        """Normalised impedance, complex128, of the broadcast shape of frequency (Hz, > 0) and |v| (m/s, >= 0).
 
-        Args:
-            frequency: Hz, > 0, any shape.
-            speed: |v| m/s, >= 0, any shape that broadcasts with ``frequency``. The formula is built on rms velocities;
-                the replay puts the instantaneous one in (section 3.1).
         Raises:
             ValueError: a frequency not above 0, or a negative or non-finite speed.
         """
@@ -130,7 +122,7 @@ class FlowSDoFLiner(SDoFLiner):
 
     @classmethod
     def of(cls, liner: SDoFLiner, **further: Any) -> Self:
-        """The same liner with further parameters, SI; those it has already stay otherwise."""
+        """The same liner with further parameters, SI."""
         own = {each.name: getattr(liner, each.name) for each in fields(liner)}
         return cls(**own | further)
 
@@ -147,16 +139,14 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
         R = R_2.4 + mach_resistance M/sigma,       sigma the open area of the whole surface.
 
     Args:
-        mach: see ``FlowSDoFLiner``; given, not fitted.
         end_correction: factor on the mass of both ends, at least 0.
-        mass_loss: factor on c of (2.4b), the mass that is lost at high |v|, at least 0.
-        mass_loss_speed: factor s on the |v| at which half of it is lost, above 0.
+        mass_loss: factor on c of (2.4b), at least 0.  mass_loss_speed: factor s on the |v| at half the loss, above 0.
         mach_resistance: resistance over mach/open area of the surface.
         mach_mass_loss: share of the ends' mass that is lost, over mach.
     Raises:
         ValueError: as ``SDoFLiner``, and a factor outside its range.
     Source: eqs (2.2b), (2.4) of Roncen et al. (2026); the factors are this package's. Resistance in M/sigma is the form
-        of eq. (2.7) with its boundary layer in the coefficient.
+        of eq. (2.7).
     """
 
     model = "adjusted-sdof"
@@ -184,9 +174,9 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
 class EndLossSDoFLiner(FlowSDoFLiner):
     """``SDoFLiner`` with the module's law in place of eq. (2.4b).
 
+    Fitted up to Mach 0.3, beyond which the share may pass 1.
+
     Args:
-        mach: see ``FlowSDoFLiner``; fitted up to 0.3, beyond which the share may pass 1. The law adds nothing to the
-            resistance.
         hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the width for slits.
         end_loss: A, 0 to 1.  loss_displacement: B, above 0.  mach_loss: k, at least 0.
         combination: p, above 0 and at most 8: 1 for the sum; towards the larger one with p.
@@ -236,15 +226,12 @@ def velocity_readings(liner: CellLiner) -> dict[str, CellLiner]:
 
 
 def porosity_readings(liner: SDoFLiner) -> dict[str, SDoFLiner]:
-    """The liner with its porosity read in the other ways that the paper leaves open.
-
-    The same geometry can be stated as holes over the whole surface (global) or as cells, with holes in them, beside a
-    rigid wall (local); with the global porosity the cavity may count as the whole surface (phi_c = 1) or as its share
-    of it. A square cavity of side D = 2 r_c in a cell of side L_c is assumed where the liner is global.
+    """The liner with its porosity read in the other ways that the paper leaves open: holes over the whole surface
+    (global, the cavity as all of it or as its share) or cells beside a rigid wall (local).
 
     Raises:
         ValueError: the geometry does not say, or a constant offset hangs on the reading.
-    Source: Roncen et al. (2026), section 5.3 and table 1.
+    Source: Roncen et al. (2026), section 5.3 and table 1; square cavities of side 2 r_c in cells of side L_c.
     """
     if complex(liner.impedance_offset) != 0:
         raise ValueError("the liner's impedance_offset was fixed under its own reading of the porosity")

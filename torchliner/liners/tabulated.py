@@ -74,11 +74,8 @@ class TabulatedLiner(LinerModel):
 
     @classmethod
     def read_csv(cls, path: str | Path, **options: Any) -> Self:
-        """Read columns ``frequency, resistance, reactance`` or ``frequency, speed, ...``.
-
-        A header with these names, units Hz, m/s and rho c unless it says otherwise, as in ``frequency [kHz]``; commas
-        or semicolons between the cells; remarks behind '#'. Other columns are passed over. Rows over frequency and
-        speed form a full grid in any order.
+        """Read columns ``frequency, [speed,] resistance, reactance``, in Hz, m/s and rho c unless the header says
+        otherwise, as in ``frequency [kHz]``; rows over frequency and speed are a full grid in any order.
 
         Raises:
             ValueError: a missing column, a value that is no number (with its line), a gap or a repetition in the grid.
@@ -121,20 +118,15 @@ class TabulatedLiner(LinerModel):
         return cls(frequency, torch.complex(real, imaginary), speed, **about)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
-        """Normalised impedance, complex128, of the broadcast shape.
-
-        Args:
-            frequency: Hz, within the table.  speed: |v| m/s, within the table.
-        Raises:
-            ValueError: outside the table; none is given.
-        """
+        """Normalised impedance, complex128, of the broadcast shape of frequency (Hz) and |v| (m/s); ValueError outside
+        the table."""
         f, v = torch.broadcast_tensors(real_tensor(frequency), real_tensor(speed))
         assert self.frequency_range is not None
         self._require_inside(f, *self.frequency_range, "frequency", "Hz")
         if self.speed is not None:
             self._require_inside(v, 0.0, self.speed_max or 0.0, "|v|", "m/s")
-        values, axis = self.values.reshape(len(self.frequency), -1), self.speed
-        column, beside, along = (0 * v.long(), 0 * v.long(), 0 * v) if axis is None else _bracket(axis, v)
+        values = self.values.reshape(len(self.frequency), -1)
+        column, beside, along = _bracket(torch.zeros(1) if self.speed is None else self.speed, v)
         row, above, across = _bracket(self.frequency, f)
         lower, upper = (values[i, column] * (1 - along) + values[i, beside] * along for i in (row, above))
         found: Tensor = lower * (1 - across) + upper * across
@@ -144,14 +136,12 @@ class TabulatedLiner(LinerModel):
         name = f"table {self.name!r}: {name}"
         if value.numel() == 0:
             raise ValueError(f"{name} is empty; give at least one, {low:g}-{high:g} {unit}")
-        small, large = float(value.min()), float(value.max())
-        slack = 1e-9 * high
-        if not (low - slack <= small and large <= high + slack):
-            worst = small if small < low else large
-            raise ValueError(f"{name} is {worst:g} {unit}, outside the table's {low:g}-{high:g} {unit}")
+        outside = value[~((value >= low - 1e-9 * high) & (value <= high * (1 + 1e-9)))]
+        if len(outside):
+            raise ValueError(f"{name} is {float(outside[0]):g} {unit}, outside the table's {low:g}-{high:g} {unit}")
 
     def describe(self) -> dict[str, Any]:
-        """All of the table, so that a result that holds it can be repeated without its file."""
+        """All of the table."""
         parts = {"resistance": self.values.real, "reactance": self.values.imag}
         axes = {"frequency": self.frequency, "speed": self.speed}
         numbers = {name: None if value is None else value.tolist() for name, value in (axes | parts).items()}
