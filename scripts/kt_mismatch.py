@@ -36,7 +36,6 @@ from torchliner.report.figure import (
     Figure,
     entry,
     finish,
-    head_panel,
     legend_below,
     styled,
     subplots,
@@ -196,7 +195,7 @@ def draw_truth(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="truth, and LEE fit", zorder=4)
         axis.set_xlabel(PARTS[0][1])
         axis.set_ylabel(PARTS[1][1])
-        head_panel(axis, {"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
+        axis.set_title({"KT": "KT, rank 2", "two waves": "two-wave fit"}[method])
         axis.set_xlim(0.8, 3.4)
         axis.set_ylim(-0.8, 0.4)
     return finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)

@@ -86,7 +86,6 @@ HEADER = "x [mm], resistance, reactance\n"
         (HEADER + "0,0,0\n", r"mine\.toml: z\.csv: the impedance profile is 0 at x = 0 m"),
         (HEADER + "9,1,0\n0,1,0\n", r"mine\.toml: z\.csv: the stations of an impedance prof"),
         ("x [m],R,X\n0,1,0\n150,1,0\n", "x = 0 to 150 m, leave the duct, -0.3 to 0.45 m; is their"),
-        (HEADER + "200,1,0\n300,1,0\n", "x = 0.2 to 0.3 m, do not reach the lined patch, x = 0 to"),
     ],
 )
 def test_tables_with_faults(tmp_path, text, message):

@@ -204,8 +204,3 @@ def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
         mesh = build_mesh(case, 1200.0, column=0.01, row=0.01)
         alone = solve_duct(case, f, z, mesh)
         assert abs(complex(alone.transmission)) == pytest.approx(row["transmission"], rel=1e-9)
-
-
-def test_a_wave_across_the_width_is_told_of():
-    with pytest.warns(tl.DataWarning, match=r"1500 Hz a mode runs across the width of 150 mm, .* 1091 Hz"):
-        tl.load_duct("b2a", width=0.15)

@@ -20,7 +20,6 @@ from torchliner.report.figure import (
     PARTS,
     Figure,
     finish,
-    head_panel,
     legend_below,
     styled,
     subplots,
@@ -123,7 +122,7 @@ def draw_reach(panels: Sequence[ReachPanel], path: str | Path | None = None) -> 
         _zoom(axis, panel.rows)
         for i, row in enumerate(panel.rows):
             _draw_case(axis, row, COLOURS[i])
-        head_panel(axis, panel.title)
+        axis.set_title(panel.title)
         axis.set_xlabel(PARTS[0][1])
     axes[0, 0].set_ylabel(PARTS[1][1])
     for marker, label in (

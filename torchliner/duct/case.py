@@ -152,7 +152,7 @@ def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> boo
 
 
 def impedance_along(x: Any, impedance: Any) -> Callable[[Tensor, Tensor], Tensor]:
-    """Z(x) at all frequencies: linear in the admittance between stations x (m, (N,)), constant beyond them; inf is rigid.
+    """Z(x) at all frequencies: linear in the admittance between stations x (m, (N,)), constant beyond; inf is rigid.
 
     Raises:
         ValueError: x does not increase, lengths differ, or a Z is nan or 0, which has no admittance.

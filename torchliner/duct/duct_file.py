@@ -38,7 +38,6 @@ class DuctTable(Strict):
     """Table ``[duct]``, m."""
 
     height: float = Field(gt=0, lt=10)
-    width: float | None = Field(None, gt=0, lt=10)
     start: float
     end: float
     liner: list[Pair] = Field(default_factory=list)
@@ -95,15 +94,8 @@ TABLES = {name: table for name, table in TABLES.items() if isinstance(table, typ
 
 
 def wall_from_table(path: Path, duct: DuctTable) -> Z:
-    """Z(x) of a CSV with the columns ``x [mm], resistance, reactance``, linear in the admittance; inf is rigid.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: other columns, x without a unit, a cell that is no number, stations outside the duct, or all of
-            them before or behind a lined patch; as ``impedance_along``.
-    Warns:
-        DataWarning: stations that end within a lined patch: Z is constant beyond the last.
-    """
+    """Z(x) of a CSV ``x [mm], resistance, reactance``, linear in the admittance; inf is rigid. Warns of stations that
+    end within a lined patch: Z is constant beyond the last."""
     short, special = {"R": "resistance", "X": "reactance"}, ("resistance", "reactance")
     found = read_table(read_lines(path), IMPEDANCE, path, example=IMPEDANCE_EXAMPLE, short=short, special=special)
     walls = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
@@ -117,9 +109,6 @@ def wall_from_table(path: Path, duct: DuctTable) -> Z:
     if low < duct.start - NEAR or high > duct.end + NEAR:
         raise ValueError(f"{stations} leave the duct, {duct.start:g} to {duct.end:g} m; is their unit right?")
     for first, last in duct.liner:
-        where = f"the lined patch, x = {first:g} to {last:g} m"
-        if low > last or high < first:
-            raise ValueError(f"{stations} do not reach {where}; is their unit right?")
         if low > first + NEAR or high < last - NEAR:
-            tell(f"{stations} do not span {where}; beyond them Z is taken as at the last one")
+            tell(f"{stations} do not span the lined patch, x = {first:g} to {last:g} m; Z is constant beyond them")
     return between

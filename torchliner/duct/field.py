@@ -99,7 +99,7 @@ class DuctField:
 
     @property
     def reflection(self) -> Tensor:
-        """Plane-like mode that reaches the source's end over the one sent from it, as wall pressures there, (..., F)."""
+        """Plane-like mode that reaches the source's end over the one sent from it, in wall pressure, (..., F)."""
         sent, returned = self.end_waves(self.source)
         return returned / sent
 

@@ -151,8 +151,8 @@ class TanhProfile(MeanFlow):
         text = f"profile shear is {self.shear:g}, below"
         if self.shear < THINNEST_SHEAR and not self.allow_thin:
             raise ValueError(
-                f"{text} {THINNEST_SHEAR:g}: so thin a layer makes the answer a matter of the grid; thicken it (or pass "
-                "allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
+                f"{text} {THINNEST_SHEAR:g}: so thin a layer makes the answer a matter of the grid; thicken it (or "
+                "pass allow_thin=True to study it; allow_thin = true in a .toml's [flow])"
             )
         super().__post_init__()
         if self.shear < THIN_SHEAR:

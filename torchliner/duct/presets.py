@@ -79,8 +79,8 @@ class DuctSetup:
         return self.impedance[..., 0] if self.impedance.numel() else torch.inf
 
     def line_of(self, field: DuctField, **known: Any) -> MicrophoneLine:
-        """A solved field at the microphones, as measured lines are kept, in the order of x, with its known Z; ``known``:
-        what else its provenance states. Warns of several lined patches, of which it names none."""
+        """A solved field at the microphones, in the order of x, with its known Z; ``known``: what else its provenance
+        states. Warns of several lined patches, of which it names none."""
         case, places = self.case, np.sort(self.places)
         one = len(case.liner) == 1
         start, end = case.liner[0] if one else (None, None)
@@ -196,16 +196,17 @@ def _build(file: DuctFile, path: Path) -> DuctSetup:
         density=fluid.density,
         slip_condition=file.flow.slip_condition or ("ingard-myers" if float(profile.mach(0.0)) > 0 else None),
     )
-    across = fluid.sound_speed * math.sqrt(1 - profile.bulk_mach**2) / (2 * duct.width) if duct.width else math.inf
-    if max(sound.frequency) >= across:
-        tell(
-            f"at {max(sound.frequency):g} Hz a mode runs across the width of {1e3 * (duct.width or 0):g} mm, from its "
-            f"cut-on of {across:.4g} Hz on; the duct is solved in two dimensions without it"
-        )
-    wanted = torch.tensor(sound.frequency, dtype=torch.float64)
-    places, facts = _microphones(file.microphones, case), file.model_dump()
-    name, wall = file.name or path.stem, file.microphones.wall
-    return DuctSetup(name, case, wanted, sound.level, impedance, places, wall, facts, fluid)
+    return DuctSetup(
+        file.name or path.stem,
+        case,
+        torch.tensor(sound.frequency, dtype=torch.float64),
+        sound.level,
+        impedance,
+        _microphones(file.microphones, case),
+        file.microphones.wall,
+        file.model_dump(),
+        fluid,
+    )
 
 
 def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
@@ -221,12 +222,10 @@ def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
             made = f"microphones from {first:g} to {last:g} m in steps of {step:g} m are {count}"
             raise ValueError(f"{made}; 1 to {MOST_MICROPHONES} are possible")
         places = first + step * torch.arange(count, dtype=torch.float64)
-    outside = ((places < case.start) | (places > case.end)).nonzero()[:, 0]
-    if len(outside):
-        raise ValueError(
-            f"microphone {int(outside[0])} at x = {float(places[outside[0]]):g} m lies outside the duct, "
-            f"{case.start:g} to {case.end:g} m; move it, or the duct's ends (start, end)"
-        )
+    outside = ((places < case.start) | (places > case.end)).nonzero()[:, 0].tolist()
+    for i in outside[:1]:
+        where = f"microphone {i} at x = {float(places[i]):g} m lies outside the duct"
+        raise ValueError(f"{where}, {case.start:g} to {case.end:g} m")
     return places
 
 

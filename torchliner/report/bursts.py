@@ -90,20 +90,18 @@ def draw_stations(stations: Sequence[Station], path: str | Path | None = None) -
     short, (figure, axes) = components[name], look.subplots(2, 2, 4.6)
     symbols = {"mean": f"mean ${short}$", "rms": rf"${short}'_{{\mathrm{{rms}}}}$"}
     for axis, (key, text) in zip(axes[0], symbols.items(), strict=True):
-        for i, (each, words) in enumerate(((key, "arithmetic"), (f"weighted_{key}", "by transit time"))):
+        for i, (each, words) in enumerate({key: "arithmetic", f"weighted_{key}": "by transit time"}.items()):
             values = np.array([moment_of(station, name, each) for station in stations])
             axis.plot(place, values, **look.colour_of(i, words, marker=look.MARKERS[i]))
-        label = "flagged" if flagged.any() else ""
-        axis.plot(place[flagged], values[flagged], "x", color="k", markersize=7, label=label)
+        axis.plot(place[flagged], values[flagged], "kx", label="flagged" if flagged.any() else "")
         axis.set(xlabel=across, ylabel=rf"{text} (m s$^{{-1}}$)")
     axes[1, 0].plot(place, [station.moments.rate for station in stations], "o-", color=look.COLOURS[0])
     axes[1, 0].set(xlabel=across, ylabel=r"rate (s$^{-1}$)", ylim=(0, None))
     curves, axis = intervals_of(stations), axes[1, 1]
-    for law, density in curves.values.items():
-        drawn: Any = {"color": "0.65", "linestyle": "-", "linewidth": 0.7, "label": "intervals, a line a station"}
-        if law == "exponential":
-            drawn = {"color": "k", "linestyle": "--", "zorder": 3, "label": "exponential law"}
-        axis.plot(curves.at, np.where(density > 0, density, np.nan), **drawn)
+    law, *densities = (np.where(density > 0, density, np.nan) for density in curves.values.values())
+    for density in densities:
+        axis.plot(curves.at, density, color="0.65", linewidth=0.7, label="intervals, a line a station")
+    axis.plot(curves.at, law, "k--", label="exponential law")
     axis.set(yscale="log", xlabel="interval times rate", ylabel="density times mean interval")
     look.legend_below(figure, [axes[0, 0], axis], 3)
     return look.finish(figure, path, "stations of bursts")

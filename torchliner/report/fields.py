@@ -125,8 +125,7 @@ def draw_modes(modes: dict[str, Any], path: str | Path | None = None, frequency_
         heights = np.linspace(0, float(solved.height[0]), 200)
         for n, shape in enumerate(solved.at(heights)[0][frequency_index].abs().numpy()):
             axis.plot(shape / shape.max(), 1e3 * heights, **look.colour_of(n, f"mode {n}"))
-        axis.set(xlabel="$|p|$ over its maximum", ylabel="$y$ (mm), liner at 0")
-        look.head_panel(axis, direction)
+        axis.set(xlabel="$|p|$ over its maximum", ylabel="$y$ (mm), liner at 0", title=direction)
     return look.finish(figure, path, legend=6)
 
 

@@ -129,11 +129,8 @@ def _shown() -> Any:
 
 
 def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tuple[Figure, Any]:
-    """A figure and its axes (rows, columns), lettered where there are several.
-
-    Panels of one row stand one above the other in a narrow figure, but for those that share what stands at their left,
-    ``beside``.
-    """
+    """A figure and its axes (rows, columns), lettered where there are several; those of one row stand one above the
+    other in a narrow figure, unless they share what stands at their left, ``beside``."""
     width = _width.get()
     narrow = width < STACKED and rows == 1 < columns and not beside
     shape = (columns, 1) if narrow else (rows, columns)
@@ -161,11 +158,6 @@ def impedance_panels(height: float, across: str, given: Any = None) -> tuple[Fig
     for axis, (_, label) in zip(axes, PARTS, strict=False):
         axis.set(xlabel=across, ylabel=label)
     return figure, [(axis, part) for axis, (part, _) in zip(axes, PARTS, strict=False)]
-
-
-def head_panel(axis: Any, words: str) -> None:
-    """Words behind the letter of a panel."""
-    axis.set_title(f"{axis.get_title(loc='left')} {words}".strip(), loc="left")
 
 
 def colour_of(i: int, label: str = "", **style: Any) -> dict[str, Any]:
@@ -262,16 +254,8 @@ def legend_below(figure: Figure, axes: Any, columns: int = 4) -> None:
 def finish(
     figure: Figure, path: str | Path | None, caption: str | None = None, legend: int = 0, given: Any = None
 ) -> Any:
-    """Legend, caption and file, where asked for; the figure, or the axes that were ``given``, whose figure is another's
-    to finish.
-
-    Args:
-        figure: with everything drawn.
-        path: picture to write.
-        caption: of a document around it: ``figure.caption``, and the description in the file.
-        legend: columns, at most, of the names in the first panel, below all panels.
-        given: axes of the caller.
-    """
+    """Legend of the first panel in at most so many columns, caption (``figure.caption``, and the description in the
+    file) and file; returns the figure, or the axes that were ``given``, whose figure is another's to finish."""
     if given is not None:
         return given
     if legend:

@@ -112,8 +112,7 @@ def draw_predictions(panels: Mapping[str, Rows], title: str, path: str | Path | 
             draw_point(axis, row["before"], marker="o", color=colour, markerfacecolor="white")
             half = NORMAL * row["standard"]
             draw_point(axis, z, (z - half, z + half), marker="s", color=colour, markersize=3.5)
-        look.head_panel(axis, heading)
-        axis.set(**AXES)
+        axis.set(title=heading, **AXES)
     for name, colour in zip(names, look.COLOURS, strict=False):
         look.entry(axes[0], look.plain_label(name), color=colour)
     look.entry(axes[0], "reference", "*")
