@@ -27,7 +27,7 @@ class Counted:
     def __init__(self, velocity: torch.Tensor) -> None:
         self.velocity = velocity
         self.shape, self.dtype = tuple(velocity.shape), velocity.dtype
-        self.tile_rows, self.passes = 1, 0
+        self.passes = 0
 
     def read(self, begin, end, out=None):
         self.passes += begin == 0

@@ -9,7 +9,7 @@ import pytest
 import torch
 import xarray
 import zarr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import netcdf_file, savemat
 
@@ -51,25 +51,22 @@ def same_plane(found, wanted=VALUES, rtol=1e-6):
     assert found.sampling_rate == pytest.approx(RATE, rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", [*FILES, "npy", "mat"])
+@pytest.mark.parametrize("kind", ["netcdf4", "zarr", "mat"])
 def test_one_of_several_heights(tmp_path, kind):
-    """Is taken, and its height where it is known."""
-    stated = {"axes": "time,y,x", "velocity_units": "m/s", "sampling_rate": RATE}
-    if kind in FILES:
-        path, stated = written(dataset().rename(z="y"), tmp_path, kind), {}
-    elif kind == "npy":
-        path = tmp_path / "a.npy"
-        np.save(path, VALUES)
-    else:
-        path, stated = tmp_path / "a.mat", stated | {"length_units": "m"}
+    """Is taken, and its height."""
+    stated = {}
+    if kind == "mat":
+        path, stated = tmp_path / "a.mat", {"axes": "time,y,x", "velocity_units": "m/s", "length_units": "m"}
         savemat(path, {"v": VALUES, "Y_unique": Z, "X_unique": X})
+        stated |= {"sampling_rate": RATE}
+    else:
+        path = written(dataset().rename(z="y"), tmp_path, kind)
     with pytest.raises(ValueError, match=r"axes time, y, x; a plane has one height .*row=0 or so .*normal='z' if y"):
         tl.read_plane(path, **stated)
     assert tl.read_plane(path, **stated | {"normal": "z"}).probe_shape == (3, 4)
-    for lazy in (False, True):
-        found = tl.read_plane(path, row=2, lazy=lazy, **stated).load()
-        assert np.array_equal(found.velocity, VALUES[:, 2].T)
-        assert found.height == (None if kind == "npy" else pytest.approx(Z[2]))
+    found = tl.read_plane(path, row=2, **stated)
+    assert np.array_equal(found.velocity, VALUES[:, 2].T)
+    assert found.height == pytest.approx(Z[2])
 
 
 @pytest.mark.parametrize("kind", FILES)
@@ -105,17 +102,15 @@ def test_records_that_nobody_wrote_hold_what_the_library_fills_in(tmp_path, kind
     """netCDF-3 without ``_FillValue``: nan in the velocity, an error in the times; frames added later are not seen."""
     path = tmp_path / "a.nc"
     fill = {"i2": -32767, "i4": -2147483647}.get(kind, 9.9692099683868690e36)  # netcdf.h
+    values = {"time": np.arange(30.0), "v": np.ones((30, 4)), "p": np.full((30, 4), 7.0)}  # records interleave
+    values[name][20:] = fill
     with netcdf_file(path, "w") as file:
         file.createDimension("time", None)
         file.createDimension("x", 4)
-        file.createVariable("time", kind if name == "time" else "f4", ["time"]).units = "ms"
-        file.createVariable("p", "f4", ["time", "x"]).units = "Pa"  # records interleave
-        file.createVariable("v", kind if name == "v" else "f4", ["time", "x"]).units = "m/s"
-        file.variables["v"].scale_factor = 1.0
-        values = {"time": np.arange(30.0), "v": np.ones((30, 4)), "p": np.full((30, 4), 7.0)}
-        values[name][20:] = fill
-        for each, stored in values.items():
-            file.variables[each][:] = stored
+        for each, unit in (("time", "ms"), ("p", "Pa"), ("v", "m/s")):
+            variable = file.createVariable(each, kind if name == each else "f4", ["time", "x"][: values[each].ndim])
+            variable.units, variable.scale_factor = unit, 1.0
+            variable[:] = values[each]
     if name == "time":
         with pytest.raises(ValueError, match=r"a.nc:/time holds 10 values not finite"):
             tl.read_plane(path)
@@ -124,9 +119,9 @@ def test_records_that_nobody_wrote_hold_what_the_library_fills_in(tmp_path, kind
     with netcdf_file(path, "a") as file:
         file.variables["time"][30:31] = [30]
         file.variables["v"][30:31] = np.ones((1, 4))
-    for found in (lazy.load().velocity, tl.read_plane(path).velocity[:, :30]):
-        assert (found[:, :20] == 1).all()
-        assert found[:, 20:30].isnan().all()
+    found = lazy.load().velocity
+    assert (found[:, :20] == 1).all()
+    assert found[:, 20:].isnan().all()
     assert tl.read_plane(path).samples == lazy.samples + 1 == 31
 
 
@@ -414,29 +409,3 @@ def test_units_are_read_as_they_are_spelled(quantity):
 def test_spelling_is_settled_once(text):
     """What is canonical stays so."""
     assert canonical_unit(canonical_unit(text)) == canonical_unit(text) or "-" in text
-
-
-@settings(max_examples=60)
-@given(
-    key=st.sampled_from(["units", "scale_factor", "standard_name", "positive", "_FillValue"]),
-    value=st.one_of(st.text(max_size=8), st.floats(), st.integers(-5, 5), st.binary(max_size=4)),
-    where=st.sampled_from(["v", "time", "x"]),
-)
-def test_mutated_attributes_are_errors_or_answers(tmp_path_factory, key, value, where):
-    """Of the velocity and of its coordinates."""
-    clean = tmp_path_factory.getbasetemp() / "clean.nc"
-    if not clean.exists():
-        dataset().to_netcdf(clean, engine="h5netcdf")
-    path = tmp_path_factory.mktemp("mutated") / "attributes.nc"
-    path.write_bytes(clean.read_bytes())
-    with h5py.File(path, "r+") as file:
-        try:
-            file[where].attrs[key] = value
-        except (ValueError, TypeError):
-            return
-    try:
-        found = tl.read_plane(path)
-    except (OSError, ValueError) as error:
-        assert "attributes.nc" in str(error), error  # noqa: PT017
-    else:
-        assert found.probe_shape == (3, 4)

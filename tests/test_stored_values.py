@@ -9,10 +9,8 @@ from test_results_out import hand_map
 
 import torchliner as tl
 from torchliner import file_checks
-from torchliner.io.own_file import read_line, read_map
+from torchliner.io.own_file import read_map
 from torchliner.io.planes import read_plane
-from torchliner.io.pressure_file import read_pressure
-from torchliner.records.slabs import WORK_BYTES, rows_per_slab
 
 V = "wall_normal_velocity"
 KINDS = {
@@ -159,16 +157,6 @@ def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, long
     monkeypatch.setattr(file_checks, "machine_memory", lambda: 1000.0)
     with pytest.raises(ValueError, match=r"a.h5:/.* takes .* GB; this machine has 1e-06 GB"):
         read(path)
-
-
-def test_a_memory_limit_counts_a_compressed_tile():
-    """A tile is unpacked as a whole, however few of its samples are asked for."""
-    assert rows_per_slab(10, 4, 10 * WORK_BYTES, tile=4 * WORK_BYTES) == 256
-    with pytest.raises(ValueError, match=r"or twice a compressed tile of the file, 536.9 MB"):
-        rows_per_slab(10, 4, 10 * WORK_BYTES, tile=8 * WORK_BYTES)
-
-
-READERS = {"plane": read_plane, "map": read_map, "pressure": read_pressure, "line": read_line}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -12,13 +12,8 @@ SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
 
 
 def clock_of(time: np.ndarray, name: str, stated: float | None, exact: float = 0.0) -> tuple[float, float]:
-    """Sampling rate, Hz, and time of the first of uniform stamps, s.
-
-    Args:
-        time, name, exact: as for ``uniform_rate``.
-        stated: Hz, by the user, of stamps without a unit: whatever they count, they count it
-            evenly; None: they are in s.
-    """
+    """Sampling rate, Hz, and time of the first of uniform stamps, s; of those without a unit the user states the rate,
+    Hz, since they count evenly whatever they count. Arguments as for ``uniform_rate``."""
     found, first = uniform_rate(time, name, exact), float(time[0])
     if stated is None:
         return found, first

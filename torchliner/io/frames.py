@@ -23,15 +23,8 @@ Read = Callable[[], "Frame"]
 
 @dataclass(frozen=True)
 class Frame:
-    """Values at one time.
-
-    Args:
-        points: (N, 3).
-        arrays: by name, whether values lie on faces, and the values, (N, components).
-        faces: where those on faces stand, and the areas of these.
-        corners: what tells whether two frames have the same faces, beside their points.
-        time: s, if the file states one.
-    """
+    """Values at one time: points, (N, 3); arrays by name, whether they lie on faces, and (N, components); where faces
+    stand, and their areas; what tells, beside points, whether two frames have the same faces; the time stated."""
 
     points: np.ndarray
     arrays: Mapping[str, tuple[bool, np.ndarray]]
@@ -41,14 +34,8 @@ class Frame:
 
 
 def centres_of(points: np.ndarray, corners: np.ndarray, ends: np.ndarray, label: str) -> Places:
-    """Centroids (F, 3) and areas (F,) of faces, by triangles about the mean corner.
-
-    Args:
-        points: (N, 3).
-        corners: of all faces one after another, numbers of points.
-        ends: of each face, where its corners end, (F,).
-        label: for messages.
-    """
+    """Centroids (F, 3) and areas (F,) of faces, by triangles about the mean corner; ``corners`` are numbers of points,
+    (N, 3), of all faces one after another, ``ends`` where those of each end, (F,)."""
     starts = np.append(0, ends[:-1])
     sizes = ends - starts
     if not len(ends) or (sizes < 3).any() or ends[-1] != len(corners):
@@ -95,8 +82,7 @@ def plane_of_frames(
     Args:
         frames: of each, in the order of time, its file and a function that reads it.
         clock: sampling rate, Hz, and start, s, from the times that the frames state.
-        request: what the user states.
-        path: what the user named, for messages.
+        request, path: what the user states, and named.
         factor, length: to m/s and m.
         about: for the provenance.
     Raises:

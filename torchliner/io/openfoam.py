@@ -108,11 +108,8 @@ def are_surfaces(path: Path, head: bytes) -> bool:
 
 
 def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of one surface at all times.
+    """The plane of one surface, ``group`` of several, at all times in ``postProcessing/NAME``.
 
-    Args:
-        path: ``postProcessing/NAME``.
-        request: ``group`` names the surface where there are several.
     Raises:
         ValueError: several surfaces; times without it; as ``uniform_rate`` and ``plane_of_frames``.
     """

@@ -97,16 +97,13 @@ class PlaneFormat:
 class Stored:
     """Velocity that is read by slabs; a ``records.StoredVelocity``. A format supplies ``fill``.
 
-    Attributes: ``shape``, (..., T); ``dtype`` of what is read; ``label``, FILE:/variable; ``tile_rows``, samples that
-    are best read together, and ``tile_bytes`` of a compressed tile; ``clock``, the epoch of the times, where they
-    have one; ``files``, which must stay as they are while they are read.
+    Attributes: ``shape``, (..., T); ``dtype`` of what is read; ``label``, FILE:/variable; ``clock``, the epoch of the
+    times, where they have one; ``files``, which must stay as they are while they are read.
     """
 
     shape: tuple[int, ...]
     dtype: torch.dtype
     label: str
-    tile_rows: int = 1
-    tile_bytes: int = 0
     clock: Clock | None = None
     files: tuple[Path, ...] = ()
 
@@ -135,13 +132,7 @@ class Stored:
 
 @dataclass
 class Imported(Stored):
-    """Velocity that was read once, from text or from one file a frame.
-
-    Args:
-        values: m/s, (T, P), in memory or in a temporary file (``room``).
-        shape: (..., T).
-        label: for messages.
-    """
+    """Velocity that was read once, (T, P), m/s, into memory or a temporary file, from text or one file a frame."""
 
     values: np.ndarray = field(repr=False)
     shape: tuple[int, ...]

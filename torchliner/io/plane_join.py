@@ -32,13 +32,8 @@ def named_planes(plane: VelocityPlane) -> list[tuple[str, str]]:
 
 @dataclass
 class JoinedVelocity(Stored):
-    """Velocity whose samples stand in several files.
-
-    Args:
-        pieces: first sample of each and the piece, its velocity in memory or in its file; of what several hold the
-            first of them counts.
-        shape: of the whole, (..., T).
-    """
+    """Velocity whose samples stand in several files: the first sample of each piece, and the piece; of what several
+    hold the first of them counts."""
 
     pieces: list[tuple[int, VelocityPlane]]
     shape: tuple[int, ...]
@@ -47,8 +42,6 @@ class JoinedVelocity(Stored):
         velocities = [piece.velocity for _, piece in self.pieces]
         self.dtype = max((each.dtype for each in velocities), key=lambda dtype: dtype.itemsize)
         self.label = f"{min(self.pieces, key=lambda each: each[0])[1].name} and {len(self.pieces) - 1} more"
-        self.tile_rows = max(getattr(each, "tile_rows", 1) for each in velocities)
-        self.tile_bytes = max(getattr(each, "tile_bytes", 0) for each in velocities)
         self.files = tuple(file for each in velocities for file in getattr(each, "files", ()))
 
     def fill(self, begin: int, end: int, out: Tensor) -> None:

@@ -58,13 +58,8 @@ def find_times(velocity: Field, fields: Fields) -> Field | None:
 
 @dataclass(frozen=True)
 class Layout:
-    """How the velocity lies in its variable.
-
-    Args:
-        order: axes of the variable, time first, then z and x, or probe; of those left out one value is taken.
-        across: coordinate that plays z: "z", or "y" where z is normal to the wall.
-        taken: axis of the heights or components of which one is taken; None without one.
-    """
+    """How the velocity lies in its variable: its axes, time first, then z and x, or probe; the coordinate that plays z,
+    "y" where z is normal to the wall; the axis of heights or components of which one is taken."""
 
     order: tuple[int, ...]
     across: str
@@ -120,11 +115,8 @@ def find_places(
 ) -> dict[str, Any]:
     """x and z of the probes, m, where the file says them, and of several heights the one that is taken.
 
-    Args:
-        velocity, layout, fields, request: as found before.
-        strict: refuse x and z of other lengths than the probes need; else they are of others.
-    Raises:
-        ValueError: as ``coordinate``; a value for each probe of a plane.
+    Where ``strict``, x and z of other lengths than the probes need are refused; else they are of others. A ValueError
+    as of ``coordinate``, or where there is a value for each probe of a plane.
     """
     probes, taken = layout.order[1:], layout.taken
     grid = tuple(velocity.shape[i] for i in probes)

@@ -1,4 +1,4 @@
-"""A part of a plane: a stretch of time, every n-th sample, a region; in other units."""
+"""A part of a plane: a stretch of time, every n-th sample, a region."""
 
 from __future__ import annotations
 
@@ -13,34 +13,23 @@ from torch import Tensor
 from torchliner.checks import whole_number
 from torchliner.io.plane_format import Stored
 from torchliner.records import VelocityPlane
-from torchliner.records.velocity_plane import scaled_numbers
 
 Limits = tuple[float | None, float | None]
 
 
 @dataclass
 class SelectedVelocity(Stored):
-    """Some samples and probes of a velocity that stays in its file.
-
-    Args:
-        stored: all of it.
-        shape: of what is selected, (..., T).
-        begin, every: first sample, and step.
-        columns: numbers of the probes; None for all.
-        factor: on the velocity.
-    """
+    """Some samples and probes, all without ``columns``, of a velocity that stays in its file."""
 
     stored: Any
     shape: tuple[int, ...]
     begin: int = 0
     every: int = 1
     columns: Tensor | None = None
-    factor: float = 1.0
 
     def __post_init__(self) -> None:
         self.dtype, self.label = self.stored.dtype, getattr(self.stored, "label", "velocity")
-        self.tile_rows = max(1, getattr(self.stored, "tile_rows", 1) // self.every)
-        self.tile_bytes, self.files = getattr(self.stored, "tile_bytes", 0), getattr(self.stored, "files", ())
+        self.files = getattr(self.stored, "files", ())
 
     def fill(self, begin: int, end: int, out: Tensor) -> None:
         """As ``Stored.fill``."""
@@ -54,8 +43,6 @@ class SelectedVelocity(Stored):
                 last = min(first + most, rows)
                 slab = self.stored.read(low + first * self.every, low + (last - 1) * self.every + 1)[:: self.every]
                 out[first:last] = slab if self.columns is None else slab[:, self.columns]
-        if self.factor != 1:
-            out.mul_(self.factor)
 
 
 def select(
@@ -64,16 +51,11 @@ def select(
     stop: float | None = None,
     every: int = 1,
     region: Sequence[Limits] | str | None = None,
-    factor: float = 1.0,
 ) -> VelocityPlane:
     """A part of a plane; nothing is read.
 
     Args:
-        plane: in memory or in its file.
-        start, stop: s, on the clock of the plane: samples from ``start`` on, before ``stop``.
-        every: keep every n-th sample in time.
-        region: (low, high) of x and of z, m, as for ``read_plane``.
-        factor: on the wall-normal velocity.
+        plane, start, stop, every, region: in memory or in its file; as for ``read_plane``.
     Raises:
         ValueError: nothing is selected; a region of a plane without coordinates.
     """
@@ -82,25 +64,24 @@ def select(
         raise ValueError(f"every is {every}; keep every n-th sample, n at least 1")
     stated = {"start": start, "stop": stop, "region": region, "every": None if every == 1 else every}
     chosen = {name: value for name, value in stated.items() if value is not None}
-    if not chosen and factor == 1.0:
+    if not chosen:
         return plane
     begin, end = _samples(plane, start, stop)
     samples = len(range(begin, end, every))
     about = {} if region is None else _region(plane, region)
     columns, shape = about.pop("columns", None), about.pop("shape", plane.probe_shape)
-    for name, sign in (("velocity", factor), ("streamwise", 1.0)):
+    for name in ("velocity", "streamwise"):
         value = getattr(plane, name)
         if isinstance(value, Tensor):
             part = value[..., begin:end:every].reshape(-1, samples)
-            part = part if columns is None else part[columns]
-            about[name] = (part if sign == 1 else sign * part).reshape(*shape, samples)
+            about[name] = (part if columns is None else part[columns]).reshape(*shape, samples)
         elif value is not None:
-            about[name] = SelectedVelocity(value, (*shape, samples), begin, every, columns, sign)
+            about[name] = SelectedVelocity(value, (*shape, samples), begin, every, columns)
     return replace(
         plane,
         sampling_rate=plane.sampling_rate / every,
         start=plane.start + begin / plane.sampling_rate,
-        provenance={**plane.provenance, **({"selected": chosen} if chosen else {})},
+        provenance={**plane.provenance, "selected": chosen},
         **about,
     )
 
@@ -123,7 +104,7 @@ def _region(plane: VelocityPlane, region: Sequence[Limits] | str) -> dict[str, A
     """Numbers of the probes in a region, their ``shape``, and what else of the plane goes with them."""
     limits = parse_region(region) if isinstance(region, str) else [tuple(each) for each in region]
     on_grid = len(plane.probe_shape) == 2
-    lengths = dict(zip("zx", plane.probe_shape, strict=True)) if on_grid else dict.fromkeys("zx", plane.probes)
+    lengths = dict(zip("zx", plane.probe_shape if on_grid else (plane.probes,) * 2, strict=True))
     inside = {name: torch.ones(count, dtype=torch.bool) for name, count in lengths.items()}
     for name, (low, high) in zip("xz", limits, strict=False):
         values = getattr(plane, name)
@@ -131,27 +112,23 @@ def _region(plane: VelocityPlane, region: Sequence[Limits] | str) -> dict[str, A
             continue
         if values is None:
             raise ValueError(f"{plane.name} states no {name}, so that no region of it is known")
-        low, high = (-math.inf if low is None else low, math.inf if high is None else high)
-        inside[name] = (values >= low) & (values <= high)
-        if not bool(inside[name].any()):
-            raise ValueError(
-                f"{plane.name} has no probe with {name} from {low:g} to {high:g} m; its {name} "
-                f"runs from {float(values.min()):g} to {float(values.max()):g} m"
-            )
-    if on_grid:
-        chosen = (inside["z"][:, None] & inside["x"]).reshape(-1)
-        shape: tuple[int, ...] = (int(inside["z"].sum()), int(inside["x"].sum()))
-    else:
-        chosen = inside["z"] & inside["x"]
-        inside, shape = {"x": chosen, "z": chosen}, (int(chosen.sum()),)
-        if not shape[0]:
-            raise ValueError(f"{plane.name} has no probe in the region {region}")
+        inside[name] = (values >= (-math.inf if low is None else low)) & (
+            values <= (math.inf if high is None else high)
+        )
+    if not on_grid:
+        inside = dict.fromkeys("zx", inside["z"] & inside["x"])
+    if not all(bool(each.any()) for each in inside.values()):
+        where = [(name, each) for name in "xz" if (each := getattr(plane, name)) is not None]
+        runs = ", ".join(f"{name} from {float(each.min()):g} to {float(each.max()):g} m" for name, each in where)
+        raise ValueError(f"{plane.name} has no probe in the region {region}; it has {runs}")
+    chosen = (inside["z"][:, None] & inside["x"]).reshape(-1) if on_grid else inside["x"]
+    counts = [int(each.sum()) for each in inside.values()]
     about = {name: value[inside[name]] for name in "xz" if (value := getattr(plane, name)) is not None}
     if plane.area is not None:
         about["area"] = plane.area[chosen]
     if plane.holes is not None:
         about["holes"] = plane.holes.within(about.get("x"), about.get("z"))
-    return {"columns": chosen.nonzero()[:, 0], "shape": shape, **about}
+    return {"columns": chosen.nonzero()[:, 0], "shape": tuple(counts if on_grid else counts[:1]), **about}
 
 
 def parse_region(text: str) -> list[Limits]:
@@ -169,9 +146,3 @@ def parse_region(text: str) -> list[Limits]:
         if low is not None and high is not None and low > high:
             raise ValueError(f"region {text!r} is upside down: {low:g} is above {high:g}")
     return found
-
-
-def scaled(plane: VelocityPlane, length: float, velocity: float) -> VelocityPlane:
-    """The same flow in other units, as ``VelocityPlane.scaled``, with the velocity in its file."""
-    numbers = scaled_numbers(plane, length, velocity)
-    return replace(select(plane, factor=velocity), **numbers)

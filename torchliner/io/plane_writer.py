@@ -12,18 +12,15 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.io.hdf5 import attach_scales, set_texts, tiles
+from torchliner.io.hdf5 import attach_scales, set_texts
 from torchliner.io.own_writer import fill, write_times
 from torchliner.io.tables import write_dimensions, write_row
 from torchliner.io.to_plane import KIND
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import Variable, table_of
-from torchliner.records.slabs import SLAB_ROWS, bounds_of, bytes_of, read_ahead, rows_per_slab
+from torchliner.records.slabs import read_ahead, slab_bounds
 
-COMPRESSED_ROWS = 256  # samples of a compressed tile
-NARROW = 1 << 20  # values of a slab of few probes
-FINEST = 9  # level of gzip
 OVERHEAD = 1 << 20  # bytes of HDF5's own indices
 UNSAID = ("velocity", "streamwise", "sampling_rate", "start", "name")  # of a plane: signals, times and the file's name
 SIGNALS = (
@@ -33,32 +30,18 @@ SIGNALS = (
 (AREA,) = table_of(VelocityPlane, "area")
 
 
-def write_plane(
-    plane: VelocityPlane,
-    path: str | Path,
-    compress: bool | int = False,
-    *,
-    memory: int | str | None = None,
-    progress: Callable[[int], Any] | None = None,
-) -> None:
-    """Write a plane; an old file is replaced only when the new one is whole.
+def write_plane(plane: VelocityPlane, path: str | Path, *, progress: Callable[[int], Any] | None = None) -> None:
+    """Write a plane, contiguous, as fast as the disk; an old file is replaced only when the new one is whole.
 
     Args:
         plane: record, in memory or in its files, which are then read once.
         path: .h5 or .nc.
-        compress: gzip in tiles (smaller, slower), of a level 1 to 9, True: 9; default contiguous, as fast as the disk.
-        memory: bytes, or text as "500MB", for slabs that are read ahead; default 0.13 GB.
         progress: called with the number of bytes after each slab.
     Raises:
-        ValueError: a single sample: a file's sampling rate is that of its times; a memory limit below one slab.
+        ValueError: a single sample: a file's sampling rate is that of its times.
         OSError: the disk is full, the folder cannot be written to.
     """
-    level = FINEST if compress is True else int(compress)
-    if not 0 <= level <= FINEST:
-        raise ValueError(f"compress is {compress}; gzip has levels 1 to {FINEST}")
-    limit = None if memory is None else bytes_of(memory)
     signals = [(row, value) for row in SIGNALS if (value := getattr(plane, row.field)) is not None]
-    bounds = [_bounds(plane, value, limit) for _, value in signals]
     with h5py.File.in_memory() as file:
         set_texts(file, **KIND.constants, schema=KIND.schema)
         write_times(file, plane)
@@ -66,9 +49,8 @@ def write_plane(
         dims, shape = ("time", *plane.axes["probes"]), (plane.samples, *plane.probe_shape)
         for row, value in signals:
             write_dimensions(file, row, dims, shape)
-            storage = tiles(shape, COMPRESSED_ROWS, level=level) if level else {}
             kind = np.float32 if value.dtype == torch.float32 else np.float64
-            dataset = file.create_dataset(row.names[0], shape, kind, **storage)
+            dataset = file.create_dataset(row.names[0], shape, kind)
             set_texts(dataset, units=row.unit, **row.attributes)
             attach_scales(dataset, file, dims)
         if plane.area is not None:
@@ -78,9 +60,9 @@ def write_plane(
     with written_whole(path, *HDF5) as temporary:
         reserve(temporary, image, sum(math.prod(value.shape) * value.dtype.itemsize for _, value in signals))
         with h5py.File(temporary, "r+") as file:
-            for (row, value), cuts in zip(signals, bounds, strict=True):
-                dataset = file[row.names[0]]
-                for (low, high), slab in zip(cuts, _slabs(value, cuts), strict=True):
+            for row, value in signals:
+                dataset, bounds = file[row.names[0]], slab_bounds(plane.samples, plane.probes)
+                for (low, high), slab in zip(bounds, _slabs(value, bounds), strict=True):
                     dataset[low:high] = slab.numpy().reshape(high - low, *dataset.shape[1:])
                     if progress is not None:
                         progress(slab.nbytes)
@@ -100,13 +82,3 @@ def _slabs(value: Any, bounds: list[tuple[int, int]]) -> Iterator[torch.Tensor]:
         whole = value.detach().movedim(-1, 0)
         return (whole[low:high].cpu() for low, high in bounds)
     return read_ahead(value, bounds, torch.device("cpu"))
-
-
-def _bounds(plane: VelocityPlane, value: Any, memory: int | None) -> list[tuple[int, int]]:
-    """Slabs within the memory, of whole tiles of the file that is read and of that written."""
-    tile = getattr(value, "tile_rows", 1)
-    longest = max(4 * SLAB_ROWS, tile, NARROW // plane.probes)
-    tile_bytes = getattr(value, "tile_bytes", 0)
-    most = rows_per_slab(plane.probes, value.dtype.itemsize, memory, most=longest, tile=tile_bytes)
-    step = next((n for n in (math.lcm(tile, COMPRESSED_ROWS), tile, COMPRESSED_ROWS) if n <= most), 1)
-    return bounds_of(plane.samples, most - most % step)

@@ -88,16 +88,8 @@ def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
 
 @dataclass(frozen=True)
 class Placed:
-    """Points as probes of a plane.
-
-    Args:
-        label: for messages.
-        axis, sign: of the wall normal, and 1, or -1 where it points towards lower coordinates.
-        order: point that each probe is, (P,).
-        shape: of the probes, (z, x) or (P,).
-        about: x, z (m, of columns and rows of a grid, or of each probe), area (m2, or None).
-        height: m, where the points lie along the normal.
-    """
+    """Points as probes of a plane: the axis of the wall normal, and -1 where it points towards lower coordinates; the
+    point that each probe is, (P,); the shape of the probes, (z, x) or (P,); x, z (m) and area (m2); the height, m."""
 
     label: str
     axis: int
@@ -109,12 +101,7 @@ class Placed:
 
     def plane(self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **told: Any) -> VelocityPlane:
         """The plane of velocities along the normal, m/s: values (T, P) in the order of the probes, or what is stored.
-
-        Args:
-            velocity, rate, start: m/s, Hz, s.
-            path: of the file, for the title.
-            told: for the provenance.
-        """
+        Its rate is in Hz, its start in s, its title from the path; what is ``told`` goes into the provenance."""
         if isinstance(velocity, np.ndarray):
             velocity = Imported(velocity, (*self.shape, len(velocity)), self.label)
         told |= {"normal": ("-" if self.sign < 0 else "") + AXES[self.axis], "normal_coordinate": self.height}
@@ -133,9 +120,7 @@ def place(
     """Where points lie in a plane; those that fill a grid of two rows at least are one.
 
     Args:
-        points: m, (N, 3).
-        request: its ``normal`` is taken if stated.
-        label: for messages.
+        points, request, label: m, (N, 3); its ``normal`` is taken if stated; for messages.
         component: axis that the velocity in the file is along; None: it is a vector.
         facing: normal of the surface, (3,), where the file has one.
         area: m2, that each point stands for, (N,).

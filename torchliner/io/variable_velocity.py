@@ -23,12 +23,10 @@ class VariableVelocity(Stored):
     """Velocity of one variable that stays where it lies.
 
     Args:
-        path, key: of the file and variable.
-        opens: the file, by whoever reads it.
+        path, key, opens: file, name of the variable, and the file again, by whoever reads it.
         order: axes of the variable, time first, then those of the probes; of those left out one value is taken.
         part: of the variable by axis, where not all of it is read.
-        factor: to m/s.
-        packing: how the values are stored.
+        factor, packing: to m/s, and how the values are stored.
         size: bytes of the file when it was opened; 0 of what is no file.
         held: what ``opens`` gave.
     """
@@ -44,8 +42,6 @@ class VariableVelocity(Stored):
     shape: tuple[int, ...]
     label: str
     dtype: torch.dtype
-    tile_rows: int = 1
-    tile_bytes: int = 0
     clock: Clock | None = None
     held: Any = field(default=None, repr=False)
 
@@ -104,10 +100,6 @@ def velocity_of(
     require_numbers(each.array, each.label)
     if isinstance(each.array, h5py.Dataset):
         require_stored(each.array, each.label, each.path)
-        chunks = each.array.chunks
-    else:
-        sizes = getattr(each.array, "encoding", {}).get("preferred_chunks") or {}
-        chunks = tuple(int(sizes[dim]) for dim in each.array.dims) if sizes else None
     stored = each.array.dtype
     wide = stored.itemsize > (4 if stored.kind == "f" else 2)  # than float32 holds exactly
     shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
@@ -124,8 +116,5 @@ def velocity_of(
         shape=shape,
         label=each.label,
         dtype=torch.float64 if wide else torch.float32,
-        # Rows of a tile hold together; a whole probe where time runs fastest.
-        tile_rows=chunks[order[0]] if chunks else 1 if order[0] == 0 else shape[-1],
-        tile_bytes=math.prod(chunks or (0,)) * stored.itemsize,
         clock=clock,
     )

@@ -28,15 +28,8 @@ Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One variable where it lies.
-
-    Args:
-        array: has ``shape``, ``dtype`` and parts by index, as a dataset of h5py, a variable of scipy or xarray.
-        path: of the file, for messages.
-        name: with its groups, /group/name.
-        attrs: attributes.
-        axes: name of each axis with its groups, "" where it has none.
-    """
+    """One variable where it lies: an array of h5py, scipy or xarray; path of the file; name with its groups,
+    /group/name; attributes; name of each axis with its groups, "" where it has none."""
 
     array: Any
     path: Path
@@ -230,11 +223,7 @@ def time_axis(field: Field, samples: int) -> int:
 
 
 def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
-    """Places of ``count`` probes, m, in units of the file or ``stated``; None where they number them alone.
-
-    Raises:
-        ValueError: another number of values; values that are not finite; no unit of length.
-    """
+    """Places of ``count`` probes, m, in units of the file or ``stated``; None where they number them alone."""
     if field.bare:
         return None
     if field.text("units") == "1" and np.array_equal(field.values(), np.arange(field.size)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
@@ -10,9 +9,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-SLAB_BYTES = 1 << 26  # of one buffer unless a memory limit says less
-SLAB_ROWS = 256
-WORK_BYTES = 1 << 26  # temporaries of the engines, whatever the plane's size
+SLAB_BYTES = 1 << 26  # of one buffer
+SLAB_ROWS = 1024
 
 Bounds = Sequence[tuple[int, int]]
 
@@ -28,47 +26,14 @@ class Reader(Protocol):
         ...
 
 
-def bytes_of(size: int | str) -> int:
-    """A number of bytes, or text such as "500MB" or "2GiB"; a ValueError for what is neither."""
-    found = re.fullmatch(r"(\d+\.?\d*)\s*([kMGT]?)(i?)B?", str(size).strip())
-    if found is None:
-        raise ValueError(f"memory is {size!r}; give bytes or a size such as '500MB' or '2GB'")
-    return int(float(found[1]) * (1024 if found[3] else 1000) ** " kMGT".index(found[2] or " "))
-
-
-def rows_per_slab(
-    probes: int, itemsize: int, memory: int | None = None, *, most: int = SLAB_ROWS, tile: int = 0
-) -> int:
-    """Samples of a slab, 1 to ``most``.
-
-    Args:
-        probes: P.
-        itemsize: bytes per velocity, of the file and of work copies together.
-        memory: bytes for two buffers and the work; default two of ``SLAB_BYTES``.
-        tile: bytes of a compressed tile of the file, which is unpacked as a whole.
-    Raises:
-        ValueError: the limit holds neither one sample of every probe, nor a tile twice.
-    """
-    row = 2 * itemsize * max(1, probes)
-    if memory is None:
-        return max(1, min(most, 2 * SLAB_BYTES // row))
-    least = max(WORK_BYTES, 2 * tile) + row
-    if memory < least:
-        raise ValueError(
-            f"a memory limit of {memory / 1e6:.4g} MB is below {least / 1e6:.4g} MB, for one sample of {probes} probes "
-            f"and the work arrays, or twice a compressed tile of the file, {tile / 1e6:.4g} MB; raise memory"
-        )
-    return max(1, min(most, (memory - WORK_BYTES) // row))
-
-
 def bounds_of(samples: int, rows: int, begin: int = 0) -> list[tuple[int, int]]:
     """(begin, end) of the slabs of ``rows`` samples that cover begin .. samples - 1."""
     return [(low, min(low + rows, samples)) for low in range(begin, samples, rows)]
 
 
-def slab_bounds(samples: int, probes: int, most: int = 4 * SLAB_ROWS) -> list[tuple[int, int]]:
+def slab_bounds(samples: int, probes: int) -> list[tuple[int, int]]:
     """Slabs for a plain copy of a plane."""
-    return bounds_of(samples, rows_per_slab(probes, 4, most=most))
+    return bounds_of(samples, max(1, min(SLAB_ROWS, SLAB_BYTES // (4 * max(1, probes)))))
 
 
 def read_ahead(reader: Reader, bounds: Bounds, device: torch.device, held: int = 1) -> Iterator[Tensor]:

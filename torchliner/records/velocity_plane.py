@@ -21,7 +21,7 @@ from torchliner.records.summaries import Summarised
 
 @runtime_checkable
 class StoredVelocity(Reader, Protocol):
-    """Velocity that stays in its file; ``tile_rows`` samples are best read together."""
+    """Velocity that stays in its file."""
 
     def load(self) -> Tensor:
         """All of it, (..., T)."""
