@@ -187,6 +187,6 @@ def test_the_command_tells_good_from_flagged(tmp_path, capsys):
     zeros = np.where(np.arange(2000) % 3 == 0, 0.0, 1.0 + np.sin(np.arange(2000)))
     gaussian_record(wall_normal=zeros, x=0.5, y=1e-3, z=0.0).write(folder / "s9.h5")
     assert main(["ldv", "info", str(folder), "--json"]) == 1
-    rows = json.loads(capsys.readouterr().out)
+    rows = json.loads(capsys.readouterr().out)["rows"]
     assert [len(row["flags"]) for row in rows] == [0, 0, 0, 1]
     assert rows[3]["v mean (m/s)"] > 0

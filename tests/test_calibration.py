@@ -256,7 +256,7 @@ def test_command_fits_predicts_and_writes(capsys, tmp_path):
     code = main(["calibrate", *FILES[:2], *words, *outputs])
     found = json.loads(capsys.readouterr().out)
     assert code == DONE
-    values = {row["parameter"]: row["value"] for row in found["parameters"]}
+    values = {row["parameter"]: row["value"] for row in found["rows"]}
     liner = tl.load_liner(target)
     assert liner.vena_contracta == pytest.approx(values["vena_contracta"], rel=1e-9)
     assert liner.impedance_offset.imag == pytest.approx(values["offset_reactance"], rel=1e-9)

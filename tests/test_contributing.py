@@ -149,7 +149,7 @@ def test_a_method_finds_a_single_wave(added, tmp_path, capsys):
     line.write(tmp_path / "line.h5")
     words = ["kt", str(tmp_path / "line.h5"), "--method", "phase-gradient", "--json"]
     assert main([*words, "--draws", "20"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["lines"][0]["rows"]
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
     assert row["impedance"]["resistance"] == pytest.approx(wall.real, abs=1e-9)
     assert row["impedance"]["reactance"] == pytest.approx(wall.imag, abs=1e-9)
     assert main([*words, "--rank", "2"]) == 2

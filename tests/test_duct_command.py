@@ -148,14 +148,14 @@ def test_solve_prints_what_it_writes(tmp_path, capsys):
     assert line.level[:, 0].tolist() == pytest.approx([row["spl"] for row in told["microphones"]])
     assert (line.liner_end, line.source_side, line.duct_height) == (0.15, "upstream", 0.05)
     assert abs(kt_impedance(out, capsys) - (2.33 - 0.30j)) < 0.4  # what the liner's ends do to KT at 900 Hz
-    assert told["plane_mode"][0]["transmission"] < 1
+    assert told["rows"][0]["transmission"] < 1
     for name in ("wall.png", "field.png"):
         assert (tmp_path / name).stat().st_size > 10_000
 
 
 def kt_impedance(path, capsys):
     assert main(["kt", str(path), "--quiet", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["lines"][0]["rows"][0]["impedance"]
+    found = json.loads(capsys.readouterr().out)["rows"][0]["impedance"]
     return complex(found["resistance"], found["reactance"])
 
 
@@ -164,7 +164,7 @@ def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
     path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 343.0\n\n[sound]"))
     words = ["duct", "modes", str(path), "--profile", "uniform", "--count", "2", "--json"]
     assert main([*words, "-o", str(tmp_path / "m.csv"), "--figure", str(tmp_path / "m.png")]) == 0
-    first = json.loads(capsys.readouterr().out)["modes"][0]
+    first = json.loads(capsys.readouterr().out)["rows"][0]
     assert first["direction"] == "downstream"
     assert first["wavenumber"]["real"] == pytest.approx(21.45776, abs=1e-5)
     assert first["wavenumber"]["imaginary"] == pytest.approx(-2.51104, abs=1e-5)

@@ -51,11 +51,11 @@ def test_one_command_from_files_to_numbers(folder, known, tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     line = tl.read_line(out)
     assert torch.equal(line.impedance, known.impedance)
-    row = found["average"]["rows"][0]
+    row = found["rows"][0]
     assert row["impedance"]["resistance"] == float(known.average.impedance[0].real)
     assert row["spread"]["reactance"] == float(known.average.spatial_spread[0].imag)
-    assert [row["station"] for row in found["rows"]] == ["s0", "s1", "s2"]
-    assert found["rows"][2]["x"] == 0.02
+    assert [row["station"] for row in found["stations"]] == ["s0", "s1", "s2"]
+    assert found["stations"][2]["x"] == 0.02
     assert (tmp_path / "line.png").stat().st_size > 5000
     assert not (tmp_path / "line.h5.parts").exists()
     assert run(folder, "-o", tmp_path / "line.csv", "--quiet", "--verbose") == 0
@@ -141,7 +141,7 @@ def test_references_from_a_folder(tmp_path, capsys):
     np.save(recordings / "a.npy", channel.values.numpy())
     assert run(*words, "--json") == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["rows"][0]["coherence"] > 0.8
+    assert found["stations"][0]["coherence"] > 0.8
     assert found["choices"]["referred"] is True
     assert run(*words, "--reference-start", -0.3) == 2
     assert "the velocity from" in capsys.readouterr().err

@@ -96,10 +96,9 @@ def test_the_screen_says_z_interval_check_and_step(found):
     text = answer.screen()
     for words in (f"Z = {z.real:.3f}{z.imag:+.3f}j", f"R {low.real:.3f} to", "Level check:", "next: "):
         assert words in text
-    (plain,) = answer.plain
-    assert plain["rows"][0]["impedance"] == z
-    assert {row["averaging"] for row in plain["rows"]} == {*AVERAGINGS}
-    assert [row["minus"] for row in plain["compared"]] == ["true", "in situ"]
+    rows = answer.plain["rows"]
+    assert rows[0]["impedance"] == z
+    assert {row["averaging"] for row in rows} == {*AVERAGINGS, "true", "in situ"}
 
 
 def test_warnings_go_by_what_they_may_move():
@@ -298,7 +297,7 @@ def test_truth_table_covers_every_rule_once(liner):
     row = next(r for r in rows if (r.drive, r.mean, r.phase, r.averaging) == wanted)
     assert row.educed == pytest.approx(complex(stated.liner["admittance"].impedance[0]), abs=1e-12)
     by_averaging = [row for row in rows if row.rule == DEFAULT]
-    assert all(f"{row.error:.3f} to {row.error:.3f}" in answer_of(rows).screen() for row in by_averaging)
+    assert all(f"{row.error:.4g}" in answer_of(rows).screen() for row in by_averaging)
 
 
 def test_reference_wave_phase_by_hand(liner):

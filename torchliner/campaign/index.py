@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.table import Column, Table, format_bounds, format_complex
+from torchliner.report.table import Column, Table, format_bounds
 
 Z = tuple(f"{part}{end}" for end in ("", "_low", "_high") for part in ("resistance", "reactance"))
 NUMBERS = ("height", "frequency", "notes", "seconds", *Z)  # all else is text
@@ -39,19 +39,19 @@ def full_row(**known: Any) -> dict[str, Any]:
     return {name: known.get(name, math.nan if name in NUMBERS else "") for name in COLUMNS}
 
 
-def index_table(rows: Sequence[Row], *more: Column) -> Table:
-    """The chief columns, and more of them."""
+def index_table(rows: Sequence[Row]) -> Table:
+    """The chief columns; all of them in CSV."""
     columns = [
-        Column("", "unit", "case"),
-        Column("", "height", "y (mm)", ".2f", 1e3),
-        Column("", "frequency", "f (Hz)", ".1f"),
-        Column("", impedance, "Z", format_complex),
-        Column("", interval, "interval", format_bounds),
-        Column("", "level_check", "level check"),
-        Column("", "notes", "warnings", ".0f"),
-        Column("", lambda row: row["error"] or row["status"], "status"),
+        Column("case", "unit"),
+        Column("y (mm)", "height", ".2f", 1e3),
+        Column("f (Hz)", "frequency", ".1f"),
+        Column("Z", impedance),
+        Column("interval", interval, format_bounds),
+        Column("level check", "level_check"),
+        Column("warnings", "notes", ".0f"),
+        Column("status", lambda row: row["error"] or row["status"]),
     ]
-    return Table(rows, [*columns, *more])
+    return Table(rows, columns, COLUMNS)
 
 
 def write_index(rows: Sequence[Row], folder: Path, title: str, version: str) -> None:

@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 from types import SimpleNamespace
 
-from torchliner.campaign.index import COLUMNS, DONE, impedance, index_table, interval, read_index
+from torchliner.campaign.index import DONE, impedance, index_table, interval, read_index
 from torchliner.io.whole_file import writable
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture
 from torchliner.report.page import ENDING, shown, write_page
 from torchliner.report.studies import draw_cases
-from torchliner.report.table import Column
 
 MOST_DRAWN = 60  # cases
 
@@ -46,9 +45,8 @@ def report_campaign(folder: Path, output: Path) -> Answer:
         for row in first
         for low, high in [interval(row) or (None, None)]
     ]
-    every = [*map(Column, COLUMNS)]  # in the CSV
     caption = "R and X over ρc of each case at its first frequency, with its interval."
-    picture = Picture("cases", caption, lambda path: draw_cases(dots, path), lambda: index_table(first, *every))
+    picture = Picture("cases", caption, lambda path: draw_cases(dots, path), lambda: index_table(first))
     answer = Answer(
         title=f"Campaign: {rows[0]['campaign'] or folder.name}",
         lines=[
@@ -57,9 +55,8 @@ def report_campaign(folder: Path, output: Path) -> Answer:
             f"The level check fails in {len(fails)} of {sum(bool(row['level_check']) for row in done)} rows in which a "
             "pressure is known.",
         ],
-        table=index_table(rows, *every),
+        table=index_table(rows),
         caption="A row a case and frequency, as in index.csv.",
-        plain=rows,
         notes=notes,
         state=FAILS if fails else "",
         pictures=[picture] if first else [],

@@ -5,52 +5,48 @@ A kind of result is a function from the result to an ``Answer``; ``answer_of`` k
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from torchliner.names import resolve
 from torchliner.records.notes import Note
 from torchliner.report.table import Bounds, Table, bounds_of, format_bounds, format_complex, table_of
 
 FIRST = ("null-test", "level-check", "model-misfit")  # codes of what makes Z another quantity, whatever its size
-DIFFER = {True: "yes", False: "not shown"}
 MOST_ROWS, MOST_WARNINGS, WIDTH = 12, 3, 100  # of a screen
 HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of study has: what makes its answer
     "ImpedanceMap": "of_map:of_maps",
     "ImpedanceLine": "of_line:of_line",
     "PointImpedances": "of_line:of_points",
-    "WallEduction": "of_wall:of_wall",
-    "FieldFit": "of_wall:of_wall",
+    "Station": "of_line:of_stations",
+    "WallEduction": "of_duct:of_wall",
+    "FieldFit": "of_duct:of_wall",
     "MicrophoneLine": "of_duct:of_line",
-    "Station": "of_bursts:of_stations",
-    "LevelCurve": "of_bursts:of_curve",
     "Fit": "of_fits:of_fit",
+    "candidates": "of_fits:of_identification",
+    "educed": "of_fits:of_validation",
+    "LevelCurve": "of_studies:of_curve",
     "Sensitivities": "of_studies:of_sensitivities",
     "skipped": "of_studies:of_audit",
     "same_run": "of_studies:of_comparison",
     "sorted_by": "of_studies:of_models",
-    "candidates": "of_fits:of_identification",
     "first_decay": "of_studies:of_heights",
-    "educed": "of_fits:of_validation",
 }
 
 
-@dataclass(frozen=True)
-class Grid:
-    """A table with a name, of its CSV on a page, and a caption."""
+class Grid(NamedTuple):
+    """A table with a name, of its CSV on a page and in JSON, and a caption."""
 
     name: str
     caption: str
     table: Table
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A drawing and its numbers.
 
     Args:
@@ -73,28 +69,26 @@ class Answer:
     Args:
         title: what it is.
         lines: the answer in sentences: Z with its interval, the level check.
-        table: the rows behind the answer, of CSV, pages and a verbose screen.
-        brief: those of a screen; default the same.
+        table: the rows behind the answer, of CSV, JSON, pages and a verbose screen.
+        brief: rows of a screen; default those of ``table``.
         caption: of the table.
-        plain: what JSON holds: values by name, of Python's own types and complex.
-        grids: further tables, of a verbose screen and of a page.
-        remarks: what the tables rest on, likewise.
+        grids: further tables, of JSON, a verbose screen and a page.
+        remarks: what the tables rest on, of a verbose screen and a page.
         notes: warnings.
         step: what to do next, one sentence; "" where nothing is to be done.
         state: of the level check: ``passes``, ``inconclusive``, ``fails`` or "".
         pictures: the first is the one that a command draws.
         results: whose ``choices`` name inputs, versions and the command.
         choices: that are shown; default those of the first result.
-        facts: names and values of the case.
+        more: values by name for JSON alone.
         source: file of the result.
     """
 
     title: str
     lines: Sequence[str]
     table: Table
-    plain: Any
     brief: Table | None = None
-    caption: str = ""
+    caption: str = "The answer."
     grids: Sequence[Grid] = ()
     remarks: Sequence[str] = ()
     notes: Sequence[Note | str] = ()
@@ -103,8 +97,27 @@ class Answer:
     pictures: Sequence[Picture] = ()
     results: Sequence[Any] = ()
     choices: Mapping[str, Any] = field(default_factory=dict)
-    facts: Sequence[tuple[str, str]] = ()
+    more: Mapping[str, Any] = field(default_factory=dict)
     source: Path | None = None
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """What JSON holds: values of Python's own types and complex."""
+        tables = {grid.name: grid.table.rows for grid in self.grids}
+        choices = self.choices or next((one.choices for one in self.results), {})
+        found = {"title": self.title, "rows": self.table.rows, "notes": self.notes, "choices": choices}
+        return plain_of({**tables, **found, **self.more})
+
+    @property
+    def tables(self) -> list[Grid]:
+        """All that have rows to show."""
+        every = [Grid("answer-table", self.caption, self.table), *self.grids]
+        return [grid for grid in every if grid.table.shown]
+
+    @property
+    def on_screen(self) -> Table:
+        """The rows of a screen."""
+        return self.table if self.brief is None else self.brief
 
     def screen(self, verbose: bool = False, warnings: bool = True) -> str:
         """Text for a terminal: the answer, three warnings and the next step, or all there is.
@@ -113,20 +126,20 @@ class Answer:
             verbose: all tables, remarks and warnings.
             warnings: whether they stand in it; a command writes them to standard error.
         """
-        parts = [self.title, *self.lines]
+        parts, brief, notes = [self.title, *self.lines], self.on_screen, ordered(self.notes)
         if verbose:
-            for grid in (Grid("", self.caption, self.table), *self.grids):
-                if grid.table.rows and grid.table.shown:
-                    parts += ["", *filter(None, [grid.caption]), grid.table.as_text()]
+            for grid in self.tables:
+                parts += ["", grid.caption, grid.table.as_text()]
             parts += ["", *self.remarks] if self.remarks else []
-        else:
-            brief = self.table if self.brief is None else self.brief
-            parts += [brief.as_text(MOST_ROWS)] if brief.rows and brief.shown else []
+        elif brief.shown:
+            parts.append(brief.as_text(MOST_ROWS))
             if (more := len(brief.rows) - MOST_ROWS) > 0:
                 parts.append(f"... {more} more rows (--verbose)")
-        step = [f"next: {self.step}"] if self.step else []
-        told = _warnings(self.notes, verbose) if warnings else []
-        return "\n".join([*parts, *told, *step])
+        if warnings:
+            most = len(notes) if verbose else MOST_WARNINGS
+            parts += map(_paragraph, notes[:most])
+            parts += [f"more warnings: {len(notes) - most} (--verbose)"] if len(notes) > most else []
+        return "\n".join([*parts, *([f"next: {self.step}"] if self.step else [])])
 
     def draw(self, path: Path) -> None:
         """The first picture; of one that has a sibling a frequency, as NAME_1500Hz, each of them.
@@ -136,11 +149,9 @@ class Answer:
         """
         if not self.pictures:
             raise ValueError(f"{path}: {self.title}: there is nothing to draw")
-        first, *others = self.pictures
-        stem, _, frequency = first.name.partition("_")
-        first.draw(path.with_stem(f"{path.stem}_{frequency}") if frequency else path)
-        for each in others if frequency else ():
-            each.draw(path.with_stem(path.stem + each.name.removeprefix(stem)))
+        stem, several, _ = self.pictures[0].name.partition("_")
+        for each in self.pictures if several else self.pictures[:1]:
+            each.draw(path.with_stem(path.stem + each.name.removeprefix(stem) if several else path.stem))
 
     def write_pictures(self, folder: Path) -> None:
         """Every picture as PNG, each with its numbers as CSV beside it."""
@@ -148,70 +159,6 @@ class Answer:
         for each in self.pictures:
             each.draw(folder / f"{each.name}.png")
             each.numbers().write_csv(folder / f"{each.name}.csv")
-
-
-def ordered(notes: Iterable[Note | str]) -> list[Note]:
-    """Each once: what makes Z another quantity, then by how far Z may be off, then those of unknown size."""
-    each = dict.fromkeys(Note("", note) if isinstance(note, str) else note for note in notes)
-    return sorted(each, key=lambda n: (n.code not in FIRST, n.size is None, -(n.size or 0.0)))
-
-
-def _warnings(notes: Iterable[Note | str], verbose: bool) -> list[str]:
-    """A paragraph each."""
-    found = ordered(notes)
-    shown = found if verbose else found[:MOST_WARNINGS]
-    lines = []
-    for note in shown:
-        size = "" if note.size is None else f" (may move Z by {note.size:.2g})"
-        lines.append(
-            textwrap.fill(f"warning{size}: {note.text}", WIDTH, subsequent_indent="  ", break_on_hyphens=False)
-        )
-    if left := len(found) - len(shown):
-        lines.append(f"{left} more warnings (--verbose)" if left > 1 else "one more warning (--verbose)")
-    return lines
-
-
-def impedance_words(value: complex, bounds: Any = None, level: float | None = None) -> str:
-    """'Z = 0.168-0.066j (95 %: R 0.160 to 0.176, X -0.070 to -0.062)'."""
-    interval = "" if bounds is None or bounds[0] != bounds[0] else f": {format_bounds(bounds)}"
-    known = f" ({100 * level:g} % interval{interval})" if interval and level is not None else ""
-    return f"Z = {format_complex(value)}{known}"
-
-
-def row_words(row: Mapping[str, Any], level: float | None) -> str:
-    """The same of a row with impedance, low and high."""
-    return impedance_words(row["impedance"], bounds_of(row), level)
-
-
-def difference_row(
-    frequency: float, z: complex, bounds: Bounds | None, name: str, other: complex, its: Any
-) -> dict[str, Any]:
-    """Z minus what is known from elsewhere; half-widths of both intervals add as squares, of one it is its own."""
-    row: dict[str, Any] = {"frequency": frequency, "minus": name, "other": other, "difference": z - other}
-    row |= {"low": None, "high": None, "differs": ""}
-    if bounds is not None and math.isfinite(abs(other)):
-        found = joint_bounds(bounds, its or (other, other))
-        row |= found | {"differs": DIFFER[found["differs"]]}
-    return row
-
-
-def joint_bounds(mine: Bounds, theirs: Bounds) -> dict[str, Any]:
-    """Bounds of a difference of independent values, infinite where either has no bound, and whether 0 lies outside
-    those of R or of X."""
-    ends = []
-    for part in ("real", "imag"):
-        (a, b), (c, d) = ([getattr(end, part) for end in pair] for pair in (mine, theirs))
-        reach = math.hypot(b - a, d - c) / 2
-        middle = (a + b - c - d) / 2 if reach < math.inf else 0.0  # else inf minus inf
-        ends.append((middle - reach, middle + reach))
-    low, high = (complex(ends[0][i], ends[1][i]) for i in (0, 1))
-    return {"low": low, "high": high, "differs": any(a > 0 or b < 0 for a, b in ends)}
-
-
-def difference_grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
-    """The table of ``difference_row``."""
-    caption = "The answer minus what is known from elsewhere; the interval is the joint one where both have one."
-    return Grid("compared-table", caption, table_of(rows, "frequency,minus,other,difference,interval,differs"))
 
 
 def answer_of(result: Any, *others: Any, source: Path | None = None, **about: Any) -> Answer:
@@ -243,12 +190,40 @@ def screen_of(result: Any) -> str:
 def html_of(result: Any) -> str:
     """For notebooks: title, answer and rows of any result."""
     answer = answer_of(result)
-    brief = answer.table if answer.brief is None else answer.brief
-    heads = "".join(f"<th>{escape(column.heading)}</th>" for column in brief.shown)
-    cells = [[escape(str(column.cell(row))) for column in brief.shown] for row in brief.rows[:MOST_ROWS]]
-    rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in cells)
+    shown, rows = answer.on_screen.shown, answer.on_screen.rows[:MOST_ROWS]
+    table = [[column.heading for column in shown], *([column.cell(row) for column in shown] for row in rows)]
+    cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table)
     lines = "".join(f"<p>{escape(line)}</p>" for line in answer.lines)
-    return f"<div><b>{escape(answer.title)}</b>{lines}<table><tr>{heads}</tr>{rows}</table></div>"
+    return f"<div><b>{escape(answer.title)}</b>{lines}<table>{cells}</table></div>"
+
+
+def picture(name: str, caption: str, draw: Callable[[Any], Any], rows: Iterable[Mapping[str, Any]]) -> Picture:
+    """Of rows."""
+    table = table_of(rows)
+    return Picture(name, caption, draw, lambda: table)
+
+
+def ordered(notes: Iterable[Note | str]) -> list[Note]:
+    """Each once: what makes Z another quantity, then by how far Z may be off, then those of unknown size."""
+    each = dict.fromkeys(Note("", note) if isinstance(note, str) else note for note in notes)
+    return sorted(each, key=lambda n: (n.code not in FIRST, n.size is None, -(n.size or 0.0)))
+
+
+def _paragraph(note: Note) -> str:
+    size = "" if note.size is None else f" (may move Z by {note.size:.2g})"
+    return textwrap.fill(f"warning{size}: {note.text}", WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+
+
+def impedance_words(value: complex, bounds: Bounds | None = None, level: float | None = None) -> str:
+    """'Z = 0.168-0.066j (95 % interval: R 0.160 to 0.176, X -0.070 to -0.062)'."""
+    words = format_bounds(bounds)
+    known = "" if words == "-" or level is None else f" ({100 * level:g} % interval: {words})"
+    return f"Z = {format_complex(value)}{known}"
+
+
+def row_words(row: Mapping[str, Any], level: float | None) -> str:
+    """The same of a row with impedance, low and high."""
+    return impedance_words(row["impedance"], bounds_of(row), level)
 
 
 def plain_of(value: Any) -> Any:

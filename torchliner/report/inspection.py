@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import scipy.signal
 import torch
 from torch import Tensor
 
@@ -23,7 +25,8 @@ from torchliner.velocity.review import first_fault
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 SPECTRUM_PROBES, SPECTRUM_SAMPLES, SPECTRUM_SEGMENT = 64, 1 << 18, 1 << 14
-OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner")
+STATED = {"frequency": " (Hz)", "incident_level": " (dB)", "mach": "", "source_side": "", "liner": ""}
+OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner", "x", "z")
 
 
 @dataclass(frozen=True)
@@ -41,53 +44,38 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     The alignment check compares the mean of v0 over the plane with 1 % of the bulk velocity: over
     a rigid wall, or over whole cells, the mean wall-normal velocity is near 0 (section 5.5.1).
     """
-    rate, host = plane.sampling_rate, torch.device("cpu")
-    tone = torch.tensor([plane.frequency or 1.0 / plane.duration], dtype=torch.float64)
-    whole = Blocks.of(plane.samples, rate, max(float(tone), 1.0 / plane.duration))
+    host, tone = torch.device("cpu"), torch.tensor([plane.frequency or 1.0 / plane.duration], dtype=torch.float64)
+    whole = Blocks.of(plane.samples, plane.sampling_rate, max(float(tone), 1.0 / plane.duration))
     rest = (plane.samples,) if whole.borders[-1] < plane.samples else ()
-    blocks = Blocks(whole.borders + rest, rate, whole.periods)
-    first = plane.read(0, 1)[0].to(host, torch.float64)
-    found = reduce(
-        PlaneRecord(plane, torch.float64, host),
-        blocks,
-        [
-            Job(Drive(), survey_sums, tone, largest=1),
-            Job(_faults, linear),
-            Job(Drive().less(first), largest, largest=1),
-        ],
-    )
-    seen = survey_of(found[0], blocks, tone, 0)
-    facts = _shape(plane)
-    facts.update(_stated(plane))
-    failures: list[str] = []
-    faults, moved = found[1].sum((0, 1, 2)), found[2].amax((0, 1, 2))
-    if bool((faults > 0).any()):
+    blocks = Blocks(whole.borders + rest, plane.sampling_rate, whole.periods)
+    moved = Drive().less(plane.read(0, 1)[0].to(host, torch.float64))
+    jobs = [Job(Drive(), survey_sums, tone, largest=1), Job(_faults, linear), Job(moved, largest, largest=1)]
+    sums, faulty, moves = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
+    faults, still = faulty.sum((0, 1, 2)), moves.amax((0, 1, 2)) == 0
+    facts, failures, good = _shape(plane) | _stated(plane), list[str](), faults == 0
+    if not bool(good.all()):
         probe = int((faults > 0).nonzero()[0])
         failures.append(
             f"{int(faults.sum())} nan or inf at {int((faults > 0).sum())} of {plane.probes} probes, the first at probe "
             f"{probe}, sample {first_fault(plane, blocks, probe)} (educe --missing exclude leaves such probes out)"
         )
-    good = faults == 0
-    if bool((flat := (moved == 0) & good).any()):
-        failures.append(f"{int(flat.sum())} of {plane.probes} probes are constant in time")
-    _velocity_facts(plane, seen, good, facts, failures)
+    if bool((still & good).any()):
+        failures.append(f"{int((still & good).sum())} of {plane.probes} probes are constant in time")
+    _velocity_facts(plane, survey_of(sums, blocks, tone, 0), good, facts, failures)
     failures += plane_unit_warnings(plane, plane.frequency)
     if plane.liner in preset_names():
         failures += height_warnings(plane, load_liner(plane.liner).cell_pitch)
     if plane.frequency is not None:
         periods = facts["periods of the tone"] = plane.frequency * plane.duration
-        if periods < FEWEST_PERIODS * (1 - 1e-6):
-            failures.append(
-                f"{periods:.3g} periods of the tone, fewer than {FEWEST_PERIODS:g}: educe refuses "
-                "them unless --allow-short is given"
-            )
-        if plane.frequency >= plane.sampling_rate / 2:
-            failures.append(
-                f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate: educe refuses it"
-            )
         facts["samples per period"] = plane.sampling_rate / plane.frequency
-        periodic = survey_of(found[0][: whole.count], whole, tone, 0)
+        periodic = survey_of(sums[: whole.count], whole, tone, 0)
         facts["coherence with the tone (median)"] = float(periodic.coherence(tone).median())
+        if periods < FEWEST_PERIODS * (1 - 1e-6):
+            few = f"{periods:.3g} periods of the tone, fewer than {FEWEST_PERIODS:g}"
+            failures.append(f"{few}: educe refuses them unless --allow-short is given")
+        if plane.frequency >= plane.sampling_rate / 2:
+            high = f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate"
+            failures.append(f"{high}: educe refuses it")
     if bool(good.all()):
         facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
     return Inspection(facts, failures, _missing(plane))
@@ -100,23 +88,14 @@ def _faults(v: Tensor, begin: int) -> Tensor:
 
 def inspect_moments(known: Moments) -> Inspection:
     """What is left of a plane: the same facts without its spectrum, and what the moments are."""
-    plane, blocks = known.plane, known.survey.blocks
-    facts: dict[str, Any] = _shape(plane)
-    facts |= {
-        f"reduced with {key.replace('_', ' ')}": value for key, value in known.settings.items() if value is not None
-    }
-    facts["cells"] = known.cells.count
-    if known.cell_pitch is not None:
-        facts["cell pitch (mm)"] = 1e3 * known.cell_pitch
-    facts["blocks"] = blocks.count
+    settings = {f"reduced with {key.replace('_', ' ')}": value for key, value in known.settings.items()}
+    facts = _shape(known.plane) | {name: value for name, value in settings.items() if value is not None}
+    facts |= {"cells": known.cells.count, "blocks": known.survey.blocks.count} | _stated(known.plane)
     if known.nodes is not None:
-        facts["functions of |v|"] = known.nodes.count
-        facts["moments (MB)"] = known.size / 1e6
-    facts["waves beside (Hz)"] = ", ".join(f"{line:g}" for line in known.turns.tolist()) or "none"
-    facts |= _stated(plane)
+        facts |= {"functions of |v|": known.nodes.count, "moments (MB)": known.size / 1e6}
     failures: list[str] = []
-    _velocity_facts(plane, known.survey, known.used, facts, failures)
-    return Inspection(facts, failures, _missing(plane))
+    _velocity_facts(known.plane, known.survey, known.used, facts, failures)
+    return Inspection(facts, failures, _missing(known.plane))
 
 
 def _shape(plane: VelocityPlane) -> dict[str, Any]:
@@ -131,30 +110,22 @@ def _shape(plane: VelocityPlane) -> dict[str, Any]:
 
 
 def _missing(plane: VelocityPlane) -> list[str]:
-    missing = [name for name in OPTIONAL if getattr(plane, name) in (None, "")]
-    return missing + [name for name in ("x", "z") if getattr(plane, name) is None]
+    return [name for name in OPTIONAL if (value := getattr(plane, name)) is None or value == ""]
 
 
 def _stated(plane: VelocityPlane) -> dict[str, Any]:
-    facts: dict[str, Any] = {}
-    if plane.height is not None:
-        facts["height (mm)"] = 1e3 * plane.height
+    facts: dict[str, Any] = {} if plane.height is None else {"height (mm)": 1e3 * plane.height}
     for name in ("x", "z"):
-        values = getattr(plane, name)
-        if values is not None:
-            facts[f"{name} (mm)"] = f"{1e3 * float(values.min()):.4g} to {1e3 * float(values.max()):.4g}"
-    units = {"frequency": "Hz", "incident_level": "dB", "mach": "", "source_side": "", "liner": ""}
-    for name, unit in units.items():
-        value = getattr(plane, name)
-        if value not in (None, ""):
-            facts[f"{name}{f' ({unit})' if unit else ''}"] = value
+        if (values := getattr(plane, name)) is not None:
+            facts[f"{name} (mm)"] = _range(1e3 * values)
+    facts |= {
+        f"{name}{unit}": value for name, unit in STATED.items() if (value := getattr(plane, name)) not in (None, "")
+    }
     if plane.holes is not None:
         facts["holes"] = plane.holes.words
-    for name, value in plane.reference.items():
-        facts[f"reference, {name}"] = f"{value.real:.4f}{value.imag:+.4f}j"
-    facts["sound speed (m/s)"] = float(plane.fluid.sound_speed)
-    facts["density (kg/m3)"] = float(plane.fluid.density)
-    return facts
+    facts |= {f"reference, {name}": f"{z:.4f}" for name, z in plane.reference.items()}
+    fluid = plane.fluid
+    return facts | {"sound speed (m/s)": float(fluid.sound_speed), "density (kg/m3)": float(fluid.density)}
 
 
 def _velocity_facts(
@@ -162,19 +133,16 @@ def _velocity_facts(
 ) -> None:
     if not bool(good.any()):
         return
-    facts["v0 mean (m/s)"] = float(seen.mean[good].mean())
-    facts["v0 smallest, largest (m/s)"] = _range(seen.mean[good])
-    facts["v' rms (m/s)"] = float((seen.rms[good] ** 2).mean().sqrt())
-    facts["v' rms smallest, largest (m/s)"] = _range(seen.rms[good])
-    largest = seen.peak[good].max()
-    facts["largest |v| (m/s)"] = float(largest)
+    mean, rms = float(seen.mean[good].mean()), seen.rms[good]
+    facts |= {"v0 mean (m/s)": mean, "v0 smallest, largest (m/s)": _range(seen.mean[good])}
+    facts |= {"v' rms (m/s)": float(rms.square().mean().sqrt()), "v' rms smallest, largest (m/s)": _range(rms)}
+    facts["largest |v| (m/s)"] = float(seen.peak[good].max())
     if plane.streamwise is not None:
-        mean, mean_square = time_moments(VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate))
-        facts["u' rms (m/s)"] = float((mean_square - mean**2).clamp(min=0).nanmean().sqrt())
+        mean_u, square = time_moments(VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate))
+        facts["u' rms (m/s)"] = float((square - mean_u**2).clamp(min=0).nanmean().sqrt())
     if plane.mach:
         bulk = plane.mach * plane.fluid.sound_speed
-        share = abs(float(seen.mean[good].mean())) / bulk
-        facts["|v0| over bulk velocity"] = share
+        share = facts["|v0| over bulk velocity"] = abs(mean) / bulk
         if share > ALIGNMENT:
             failures.append(
                 f"mean |v0| is {100 * share:.2g} % of the bulk velocity, {bulk:.4g} m/s, above "
@@ -183,16 +151,12 @@ def _velocity_facts(
 
 
 def _range(values: Tensor) -> str:
-    return f"{float(values.min()):.4g}, {float(values.max()):.4g}"
+    return f"{float(values.min()):.4g} to {float(values.max()):.4g}"
 
 
 def _spectrum_peak(plane: VelocityPlane) -> float:
     """Frequency of the largest line of the mean spectrum of up to 64 probes and 2^18 samples (Welch), Hz."""
     step, count = max(1, plane.probes // SPECTRUM_PROBES), min(plane.samples, SPECTRUM_SAMPLES)
-    rows = [plane.read(*bounds)[:, ::step].to(torch.float64) for bounds in slab_bounds(count, plane.probes)]
-    v, length = torch.cat(rows), min(count, SPECTRUM_SEGMENT)
-    window, power = torch.hann_window(length, dtype=torch.float64)[:, None], torch.zeros(length // 2 + 1)
-    for begin in range(0, count - length + 1, length - length // 2):
-        segment = v[begin : begin + length]
-        power = power + torch.fft.rfft(window * (segment - segment.mean(0)), dim=0).abs().square().sum(1)
-    return float(power[1:].argmax() + 1) * plane.sampling_rate / length if len(power) > 1 else 0.0
+    v = torch.cat([plane.read(*bounds)[:, ::step] for bounds in slab_bounds(count, plane.probes)]).double().numpy()
+    frequency, power = scipy.signal.welch(v, plane.sampling_rate, nperseg=min(count, SPECTRUM_SEGMENT), axis=0)
+    return float(frequency[1:][np.argmax(power[1:].mean(1))]) if count > 2 else 0.0

@@ -17,7 +17,7 @@ from torchliner.engine.kernels import BAND
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
-from torchliner.report.table import Column, Table
+from torchliner.report.table import Table, table_of
 from torchliner.velocity.reading import time_moments
 
 Array = NDArray[np.float64]
@@ -35,8 +35,10 @@ class Curves:
     """Quantities over one variable.
 
     Args:
-        at: the variable, increasing, (N,).  values: columns by name, each (N,).
-        label: for legends.  variable: its name and unit.
+        at: the variable, increasing, (N,).
+        values: columns by name, each (N,).
+        label: for legends.
+        variable: its name and unit.
     """
 
     at: Array
@@ -45,7 +47,7 @@ class Curves:
     variable: str = "x (m)"
 
     def write_csv(self, path: str | Path) -> None:
-        """The variable and the values, by columns, nine digits."""
+        """The variable and the values, by columns."""
         self.table.write_csv(path)
 
     @property
@@ -56,14 +58,12 @@ class Curves:
 
 def table_of_curves(several: Sequence[Curves]) -> Table:
     """Curves one below the other, with a column of their labels where there are several."""
-    names = dict.fromkeys(name for one in several for name in one.values)
     rows = []
     for one in several:
-        for i, at in enumerate(one.at.tolist()):
-            about = {"curve": one.label} if len(several) > 1 else {}
-            values = {name: float(one.values[name][i]) if name in one.values else None for name in names}
-            rows.append(about | {several[0].variable: at} | values)
-    return Table(rows, [Column(name) for name in (rows[0] if rows else ())], ".9g")
+        about = {"curve": one.label} if len(several) > 1 else {}
+        columns = {one.variable: one.at.tolist()} | {name: values.tolist() for name, values in one.values.items()}
+        rows += [about | dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return table_of(rows)
 
 
 def height_label(height: float | None) -> str:
@@ -78,17 +78,24 @@ def case_title(one: ImpedanceMap | VelocityPlane) -> str:
 
 def labels_of(results: Sequence[Any]) -> list[str]:
     """What tells maps or planes of one figure apart: height, side of the source, level, title, else their number."""
+    return distinct(
+        [
+            (
+                height_label(one.height),
+                f"source {one.source_side}" if one.source_side else "",
+                "" if one.incident_level is None else f"{one.incident_level:g} dB",
+                one.title,
+            )
+            for one in results
+        ]
+    )
 
-    def level(one: Any) -> str:
-        return "" if one.incident_level is None else f"{one.incident_level:g} dB"
 
-    facts = [
-        (height_label(one.height), f"source {one.source_side}" if one.source_side else "", level(one), one.title)
-        for one in results
-    ]
-    kept = [i for i in range(4) if len({each[i] for each in facts}) > 1] or [0]
-    for count in range(1, len(kept) + 1):
-        labels = [", ".join(each[i] for i in kept[:count] if each[i]) for each in facts]
+def distinct(facts: Sequence[Sequence[str]]) -> list[str]:
+    """The first fact that differs if it tells all apart, else all that differ, else a number."""
+    kept = [i for i, values in enumerate(zip(*facts, strict=True)) if len({*values}) > 1] or [0]
+    for few in (kept[:1], kept):
+        labels = [", ".join(each[i] for i in few if each[i]) for each in facts]
         if len({*labels}) == len(labels):
             return labels
     return [f"{label or 'run'}, {i}" for i, label in enumerate(labels, 1)]
@@ -103,9 +110,8 @@ def main_of(result: ImpedanceMap) -> int:
     """Index of the frequency of the data's tone, else of that at which v is most coherent."""
     if result.tone is not None:
         return result.tone
-    flat = result.coherence.reshape(-1, len(result.frequency)).double()
-    median = flat.nanmedian(0).values.nan_to_num(-1)
-    return int(median.argmax()) if bool((median > 0).any()) else 0
+    coherence = result.coherence.reshape(-1, len(result.frequency))
+    return int(coherence.nanmedian(0).values.nan_to_num(-1).argmax())
 
 
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
@@ -113,8 +119,7 @@ def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
 
     Where there is a z the admittance is averaged over it.
     """
-    admittance = result.probes["admittance"].admittance[..., frequency_index]
-    x, average = over_z(result.x, admittance)
+    x, average = over_z(result.x, result.probes["admittance"].admittance[..., frequency_index])
     values = _parts(impedance_from_admittance(average))
     interval = _interval_along_x(result, len(x))
     for name in ("low", "high") if interval is not None else ():
@@ -144,41 +149,29 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> Curves:
 
 def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Curves:
     """Resistance and reactance of a liner over 300 to 3500 Hz, or the range of its table."""
-    low, high = as_liner(liner).frequency_range or BAND
-    frequency = np.linspace(low, high, 641)
-    values = _parts(liner.impedance(frequency, speed))
-    return Curves(frequency, values, label, "frequency (Hz)")
+    frequency = np.linspace(*(as_liner(liner).frequency_range or BAND), 641)
+    return Curves(frequency, _parts(liner.impedance(frequency, speed)), label, "frequency (Hz)")
 
 
 def impedance_over_frequency(result: ImpedanceMap) -> Curves:
     """Whole-liner impedance in all averagings, the statistical interval of the answer, and quartiles over the probes
     that were not left out, which are no uncertainty."""
-    values: dict[str, Array] = {}
+    values, answer = dict[str, Array](), result.liner[result.averaging]
     for part in COMPLEX_PART:
-        values[part] = part_of(result.answer, part)
-        for averaging in result.averagings:
-            if averaging != result.averaging:
-                values[f"{part}, {averaging}"] = part_of(result.liner[averaging].impedance, part)
-        interval = result.liner[result.averaging].interval
-        if interval is not None:
-            values[f"{part} low"] = part_of(interval.low, part)
-            values[f"{part} high"] = part_of(interval.high, part)
+        values[part] = part_of(answer.impedance, part)
+        others = [name for name in result.averagings if name != result.averaging]
+        values |= {f"{part}, {name}": part_of(result.liner[name].impedance, part) for name in others}
+        if answer.interval is not None:
+            values |= {f"{part} {end}": part_of(getattr(answer.interval, end), part) for end in ("low", "high")}
         flat = part_of(result.impedance, part).reshape(-1, len(result.frequency))
-        for share in (25, 75):
-            values[f"{part}, {share} % of probes"] = np.nanpercentile(flat, share, axis=0)
-    frequency = result.frequency.detach().cpu().numpy()
-    return Curves(frequency, values, height_label(result.height), "frequency (Hz)")
-
-
-def _parts(impedance: Tensor, end: str = "") -> dict[str, Array]:
-    return {f"{part}{end}": part_of(impedance, part).astype(np.float64) for part in COMPLEX_PART}
+        values |= {f"{part}, {share} % of probes": np.nanpercentile(flat, share, axis=0) for share in (25, 75)}
+    return Curves(result.frequency.cpu().numpy(), values, height_label(result.height), "frequency (Hz)")
 
 
 def velocity_along_x(record: VelocityPlane | Moments) -> Curves:
     """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
-    values: dict[str, Array] = {}
-    x: Array | None = None
-    plane = record.plane if isinstance(record, Moments) else record
+    values, plane = dict[str, Array](), record.plane if isinstance(record, Moments) else record
+    x = np.zeros(0)
     for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
         if part is None:
             continue
@@ -190,35 +183,21 @@ def velocity_along_x(record: VelocityPlane | Moments) -> Curves:
         x, mean_x = over_z(plane.x, mean)
         _, variance = over_z(plane.x, square - mean**2)
         if name == "v":
-            values["v0 (m/s)"] = _array(mean_x)
-        values[f"{name}' rms (m/s)"] = np.sqrt(np.maximum(_array(variance), 0))
-    assert x is not None
+            values["v0 (m/s)"] = mean_x.double().numpy()
+        values[f"{name}' rms (m/s)"] = variance.double().clamp(min=0).sqrt().numpy()
     return Curves(x, values, height_label(plane.height))
 
 
 def over_z(x: Tensor | None, values: Tensor) -> tuple[Array, Tensor]:
-    """Mean over z of (z, x) or over probes of equal x; x itself, or the index without one."""
-    values = values.detach().cpu()
-    if values.ndim == 2:
-        where = np.arange(values.shape[1], dtype=float) if x is None else _array(x)
-        return where, _nanmean(values)
-    values = values.reshape(-1)
-    if x is None:
-        return np.arange(len(values), dtype=float), values
-    points, member = torch.unique(x.cpu(), return_inverse=True)
-    return _array(points), _nanmean(values, member, len(points))
-
-
-def _nanmean(values: Tensor, member: Tensor | None = None, count: int = 0) -> Tensor:
-    """Over the first axis; with ``member``, of each of ``count`` groups of values, (P,)."""
-    if values.is_complex():
-        return torch.complex(_nanmean(values.real, member, count), _nanmean(values.imag, member, count))
-    if member is None:
-        return values.nanmean(0)
+    """Mean over z of (z, x), or over probes of equal x, of what is no nan; x itself, or the index without one."""
+    values = torch.atleast_1d(values.detach().cpu())
+    x = torch.arange(values.shape[-1]) if x is None else x.cpu()
+    points, member = torch.unique(x, return_inverse=True)
+    member, values = member.expand_as(values).reshape(-1), values.reshape(-1)
     known = ~values.isnan()
-    total = values.new_zeros(count).index_add_(0, member[known], values[known])
-    return total / torch.bincount(member[known], minlength=count)
+    total = values.new_zeros(len(points)).index_add_(0, member[known], values[known])
+    return points.double().numpy(), total / torch.bincount(member[known], minlength=len(points))
 
 
-def _array(value: Tensor) -> Array:
-    return value.detach().cpu().numpy().astype(np.float64)
+def _parts(impedance: Tensor, end: str = "") -> dict[str, Array]:
+    return {f"{part}{end}": part_of(impedance, part).astype(np.float64) for part in COMPLEX_PART}

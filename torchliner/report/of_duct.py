@@ -1,7 +1,8 @@
-"""The answers of solved ducts and of their modes."""
+"""The answers of impedances educed from microphones, of solved ducts and of their modes."""
 
 from __future__ import annotations
 
+import cmath
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -10,25 +11,128 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from torchliner.checks import DataWarning
+from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.settled import SETTLED
 from torchliner.file_names import frequency_ends
-from torchliner.records import MicrophoneLine
-from torchliner.report.answer import Answer, Grid, Picture
-from torchliner.report.fields import draw_line, draw_modes, draw_walls
-from torchliner.report.of_wall import pressure_rows
-from torchliner.report.table import Column, Table, table_of
+from torchliner.records import FieldFit, MicrophoneLine, WallEduction
+from torchliner.report.answer import Answer, Grid, Picture, picture, row_words
+from torchliner.report.fields import (
+    LEVEL,
+    draw_along,
+    draw_line,
+    draw_modes,
+    draw_spectra,
+    draw_wall,
+    draw_walls,
+    spectrum_of,
+)
+from torchliner.report.numbers import distinct, table_of_curves
+from torchliner.report.table import Row, bounds_of, rows_of, table_of
 
+EDUCED = ("impedance", "low", "high", "deviation", "wavenumber", "energy_share", "end_reflection", "residual")
 NEPER = 20 * math.log10(math.e)  # dB
 ROUNDING = 1e-12
 MOST_DRAWN = 6  # frequencies along a wall
-MESH = "mesh difference (dB)"
-MICROPHONES = "frequency,x,spl,phase"
-Row = dict[str, Any]
+MESH, GROWTH = "mesh difference (dB)", "growth over the liner (dB)"
+Educed = WallEduction | FieldFit
+
+
+def of_wall(found: Sequence[Educed], source: Path | None = None) -> Answer:
+    """Z of each eduction with its interval, how far they are apart, what is known of the wall."""
+    lines, several = [one.source_line for one in found], len(found) > 1
+    facts = [
+        (f"source {one.source_side}", one.method, Path(line.name).stem) for one, line in zip(found, lines, strict=True)
+    ]
+    labels = distinct(facts)
+    rows = [
+        row
+        for one, line, label in zip(found, lines, labels, strict=True)
+        for row in rows_of(
+            eduction=label,
+            line=line.title or line.name,
+            method=one.method,
+            source=one.source_side,
+            mach=float(one.choices.get("mach", line.mach)),
+            frequency=one.frequency,
+            **{name: getattr(one, name, None) for name in EDUCED},
+            misfit=None if one.misfit is None else one.misfit.sqrt(),
+            known=line.wall_impedance,
+        )
+    ]
+    main = _best_fitted(found)
+    at = [row for row in rows if row["frequency"] == main]
+    sentences = [
+        f"{row_words(row, LEVEL)}{'' if bounds_of(row) else ' without an interval'} in units of ρc at {main:g} Hz, "
+        f"{row['eduction'] if several else row['method']}."
+        for row in at
+    ]
+    if len(at) == 2 and cmath.isfinite(at[0]["impedance"] + at[1]["impedance"]):
+        one, other = at[0]["impedance"], at[1]["impedance"]
+        sentences.append(f"The two are {200 * abs(one - other) / (abs(one) + abs(other)):.3g} % apart.")
+    shown = "eduction," * several + "frequency,impedance,interval,"
+    known = {f"{name}: Z = {z:.3f}.": 0 for line in lines for name, z in line.reference.items()}
+    return Answer(
+        title=f"Impedance from microphones: {'; '.join(dict.fromkeys(line.title or line.name for line in lines))}",
+        lines=sentences,
+        table=table_of(rows, f"{shown}deviation,wavenumber,energy_share,end_reflection,residual,misfit,known"),
+        brief=table_of(rows if len(rows) > len(at) else [], f"{shown}residual,known"),
+        caption="Z = p/(ρc v) with exp(jωt - jαx), x along the flow. Residual: rms of what is left over that of the "
+        "pressures. Misfit: residuals over the errors of the microphones, 1 if the duct is right.",
+        remarks=[*known, *(f"{label}: {_basis(one)}." for label, one in zip(labels, found, strict=True))],
+        notes=[note for one, line in zip(found, lines, strict=True) for note in (*line.notes, *one.notes)],
+        pictures=_pictures(found, lines, labels, main),
+        results=list(found),
+        choices={label: dict(one.choices) for label, one in zip(labels, found, strict=True)},
+        source=source,
+    )
+
+
+def _basis(found: Educed) -> str:
+    """Where the interval comes from."""
+    if found.draws is not None:
+        return f"interval over {len(found.draws.impedance)} draws of the microphones' errors"
+    if found.covariance is None:
+        return "no interval, the waves leave no degree of freedom"
+    if isinstance(found, FieldFit):
+        return "interval by the microphones' stated errors"
+    return f"interval by what the waves leave, {found.freedom} degrees of freedom"
+
+
+def _best_fitted(found: Sequence[Educed]) -> float:
+    """The frequency of all, Hz, at which the worst fitted is fitted best."""
+    residuals: dict[float, list[float]] = {}
+    for one in found:
+        for f, residual, z in zip(one.frequency.tolist(), one.residual.tolist(), one.impedance.tolist(), strict=True):
+            residuals.setdefault(f, []).append(residual if z == z else math.inf)
+    return min(residuals, key=lambda f: (-len(residuals[f]), max(residuals[f])))
+
+
+def _microphones(line: MicrophoneLine) -> list[Row]:
+    """Level and phase at the microphones, of every frequency."""
+    pressure = line.pressure.T
+    level, phase = spl_from_pressure_amplitude(pressure), torch.rad2deg(torch.angle(pressure))
+    return rows_of(frequency=line.frequency[:, None], x=line.x, spl=level, phase=phase)
+
+
+def _pictures(found: Sequence[Educed], lines: Any, labels: Sequence[str], main: float) -> list[Picture]:
+    there = [(i, one.frequency.tolist().index(main)) for i, one in enumerate(found) if main in one.frequency.tolist()]
+    rows = [
+        {"eduction": labels[i]} | row for i, _ in there for row in _microphones(lines[i]) if row["frequency"] == main
+    ]
+    words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
+    along = picture("along-wall", words, partial(draw_along, found, there, labels), rows)
+    curves = table_of_curves([spectrum_of(one, label) for one, label in zip(found, labels, strict=True)])
+    if any(len(one.frequency) > 1 for one in found):
+        words = "Impedance over frequency; shaded: 95 % intervals."
+        return [Picture("spectrum", words, partial(draw_spectra, found, labels), lambda: curves), along]
+    words = "Impedance, with its draws, and levels along the wall, with the range of the draws."
+    return [Picture("impedance", words, partial(draw_wall, found, labels), lambda: curves), along]
 
 
 def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answer:
@@ -44,14 +148,9 @@ def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answ
             f"{line.name} holds microphones, from which an impedance is yet to be educed: report what torchliner kt "
             "FILE -o writes"
         )
-    at = [round(i * (len(modes) - 1) / max(1, MOST_DRAWN - 1)) for i in range(min(len(modes), MOST_DRAWN))]
-    picture = Picture(
-        "along-wall",
-        "Sound pressure at the microphones, phase of exp(+jωt); grey: liner.",
-        lambda path: draw_line(line, at, (solved.get("duct") or {}).get("liner") or [], path),
-        lambda: table_of(_microphones(line)),
-    )
-    return _answer(line, solved, modes, [picture], source)
+    at = torch.linspace(0, len(modes) - 1, min(len(modes), MOST_DRAWN)).round().int().tolist()
+    liner = (solved.get("duct") or {}).get("liner") or []
+    return _answer(line, solved, modes, {"": lambda path: draw_line(line, at, liner, path)}, source)
 
 
 def of_field(field: DuctField, setup: DuctSetup) -> Answer:
@@ -59,63 +158,44 @@ def of_field(field: DuctField, setup: DuctSetup) -> Answer:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # they are notes of the line
         line = setup.line_of(field)
-    pictures = [
-        Picture(
-            f"along-wall{end}",
-            "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner.",
-            partial(draw_walls, [(setup, field)], frequency_index=f),
-            lambda: table_of(_microphones(line)),
-        )
-        for f, end in enumerate(frequency_ends(setup.frequency.tolist()))
-    ]
-    return _answer(line, setup.facts, field.rows(), pictures)
+    ends = frequency_ends(setup.frequency.tolist())
+    draw = {end: partial(draw_walls, [(setup, field)], frequency_index=f) for f, end in enumerate(ends)}
+    return _answer(line, setup.facts, field.rows(), draw)
 
 
 def _answer(
-    line: MicrophoneLine, solved: Any, modes: list[Row], pictures: Sequence[Picture], source: Path | None = None
+    line: MicrophoneLine, solved: Any, modes: list[Row], draw: Mapping[str, Any], source: Path | None = None
 ) -> Answer:
     """What the duct takes from sound, where its energy goes, whether the mesh is fine enough."""
-    row = max(modes, key=lambda each: each.get(MESH) or 0.0)
+    row, grown = (max(modes, key=lambda each: each.get(name) or 0.0) for name in (MESH, GROWTH))
     check, moved = "no second mesh was solved", row.get(MESH)
     if moved is not None:
         within = "within" if moved <= SETTLED else "above"
         check = f"a finer mesh moves it by {moved:.2g} dB, {within} the {SETTLED:g} dB asked for"
-    lines = [
+    sentences = [
         f"At {row['frequency (Hz)']:g} Hz the duct takes {row['transmission loss (dB)']:.2f} dB from the plane wave of "
         f"a source {line.source_side}; {check}."
     ]
-    if grown := [each for each in modes if each.get("growth over the liner (dB)")]:
-        most = max(grown, key=lambda each: each["growth over the liner (dB)"])
-        lines.append(
-            f"At {most['frequency (Hz)']:g} Hz a hydrodynamic wave grows by {most['growth over the liner (dB)']:.3g} "
-            "dB over the liner."
-        )
+    if grown.get(GROWTH):
+        words = f"a hydrodynamic wave grows by {grown[GROWTH]:.3g} dB over the liner"
+        sentences.append(f"At {grown['frequency (Hz)']:g} Hz {words}.")
     about = {key: value for key, value in line.provenance.items() if key != "plane_mode"}
-    unknowns = {"unknowns": about.get("unknowns"), "unknowns of the finer mesh": about.get("finer_unknowns")}
-    rows = _microphones(line)
+    microphones = table_of(_microphones(line), "frequency,x,spl,phase")
+    words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
     return Answer(
         title=f"Solved duct: {line.title}",
-        lines=lines,
-        table=Table(modes, [Column(key, heading=key, text=".4g") for key in modes[0]]),
+        lines=sentences,
+        table=table_of(modes, ",".join(modes[0])),
         caption="The plane-like mode sent back and let through, and its energy, in shares of that coming in.",
-        plain={"duct": solved, **unknowns, "plane_mode": modes, "microphones": rows},
-        brief=table_of(rows, MICROPHONES),
-        grids=[Grid("microphones", "At the microphones.", table_of(rows, MICROPHONES))],
+        brief=microphones,
+        grids=[Grid("microphones", "At the microphones.", microphones)],
         notes=line.notes,
-        pictures=pictures,
+        pictures=[picture(f"along-wall{end}", words, each, microphones.rows) for end, each in draw.items()],
         results=[SimpleNamespace(choices=line.provenance)],
         choices=about,
+        more={"duct": solved},
         source=source,
     )
-
-
-def _microphones(line: MicrophoneLine) -> list[Row]:
-    """Level and phase of every frequency."""
-    return [
-        {name: value for name, value in row.items() if name != "eduction"}
-        for f, hertz in enumerate(line.frequency.tolist())
-        for row in pressure_rows("", hertz, line.x, line.pressure[:, f])
-    ]
 
 
 def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Answer:
@@ -124,43 +204,35 @@ def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Ans
 
     The growing wave (1/m, (F,), nan for none) has no number.
     """
-    length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
-    found = [
-        (frequency, direction, n, complex(solved.wavenumber[f, n]))
+    rows: list[Row] = [
+        {"direction": direction} | row
         for direction, solved in modes.items()
-        for f, frequency in enumerate(setup.frequency.tolist())
-        for n in range(solved.wavenumber.shape[-1])
+        for row in rows_of(
+            frequency=setup.frequency[:, None],
+            mode=torch.arange(solved.wavenumber.shape[-1]),
+            wavenumber=solved.wavenumber,
+        )
     ]
-    waves = zip(setup.frequency.tolist(), growing.tolist(), strict=True)
-    grown = [(frequency, "downstream", None, alpha) for frequency, alpha in waves if alpha == alpha]
-    rows = []
-    for frequency, direction, n, alpha in [*found, *grown]:
-        away = NEPER * (-alpha.imag if direction == "downstream" else alpha.imag)
-        decay = 0.0 if abs(alpha.imag) < ROUNDING * abs(alpha) else away
-        row: Row = {"frequency": frequency, "direction": direction, "mode": n, "wavenumber": alpha}
-        rows.append(row | {"decay": decay, "decay over liner": decay * length})
-    patches = len(setup.case.liner)
-    which = f" above the first of {patches} lined patches" if patches > 1 else ""
+    every = rows_of(frequency=setup.frequency, direction="downstream", mode=None, wavenumber=growing)
+    grown = [row for row in every if row["wavenumber"] == row["wavenumber"]]
+    length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
+    for row in (rows := rows + grown):
+        alpha, sign = row["wavenumber"], -1 if row["direction"] == "downstream" else 1
+        decay = 0.0 if abs(alpha.imag) < ROUNDING * abs(alpha) else sign * NEPER * alpha.imag
+        row |= {"decay": decay, "decay over liner (dB)": decay * length}
     wave = "no growing wave was found"
     if grown:
-        others = f" and {len(grown) - 1} other frequencies" * (len(grown) > 1)
-        wave = f"a hydrodynamic wave without a number grows downstream at {grown[0][0]:g} Hz{others}"
-    pictures = [
-        Picture(
-            f"modes{end}",
-            "|p| of each mode over the height",
-            partial(draw_modes, dict(modes), frequency_index=f),
-            lambda: table_of(rows),
-        )
-        for f, end in enumerate(frequency_ends(setup.frequency.tolist()))
-    ]
+        at = ", ".join(f"{row['frequency']:g}" for row in grown)
+        wave = f"a hydrodynamic wave without a number grows downstream at {at} Hz"
+    words, ends = "|p| of each mode over the height", frequency_ends(setup.frequency.tolist())
+    draw = [partial(draw_modes, dict(modes), frequency_index=f) for f in range(len(ends))]
     return Answer(
         title=f"Modes of {setup.name}",
         lines=[
-            f"Waves e^(-j alpha x){which}; mode n grew out of the rigid duct's mode n as the wall's reflection went "
-            f"straight from 1; {wave}."
+            f"Waves e^(-j alpha x) above the first liner; mode n grew out of the rigid duct's mode n as the wall's "
+            f"reflection went straight from 1; {wave}."
         ],
-        table=table_of(rows, "frequency,direction,mode,wavenumber,decay,decay over liner"),
-        plain={"duct": setup.facts, "modes": rows},
-        pictures=pictures,
+        table=table_of(rows, "frequency,direction,mode,wavenumber,decay,decay over liner (dB)"),
+        pictures=[picture(f"modes{end}", words, each, rows) for end, each in zip(ends, draw, strict=True)],
+        more={"duct": setup.facts},
     )

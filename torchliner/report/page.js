@@ -1,35 +1,14 @@
 "use strict";
+// A click on a heading sorts its table; what is no number stands behind the numbers.
 for (const table of document.querySelectorAll("table")) {
   const heads = [...table.tHead.rows[0].cells];
   heads.forEach((head, column) => head.firstElementChild.addEventListener("click", () => {
-    const down = head.getAttribute("aria-sort") === "ascending";
-    const sign = down ? -1 : 1;
-    const key = (row) => {
-      const cell = row.cells[column];
-      return "value" in cell.dataset ? Number(cell.dataset.value) : cell.textContent.trim();
-    };
-    const compare = (a, b) => {
-      const [x, y] = [key(a), key(b)];
-      if (typeof x === "number" && typeof y === "number") return sign * (x - y);
-      // Unknown values stay below, whichever way the numbers run.
-      if (typeof x !== typeof y) return typeof x === "number" ? -1 : 1;
-      return sign * x.localeCompare(y, undefined, { numeric: true });
-    };
-    const body = table.tBodies[0];
-    [...body.rows].sort(compare).forEach((row) => body.append(row));
+    const sign = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+    const text = (row) => row.cells[column].textContent.replaceAll("\u2212", "-");
+    const number = (row) => Number.isNaN(parseFloat(text(row))) ? Infinity : parseFloat(text(row));
+    const order = (a, b) => sign * (number(a) - number(b) || text(a).localeCompare(text(b)));
+    [...table.tBodies[0].rows].sort(order).forEach((row) => table.tBodies[0].append(row));
     for (const each of heads) each.setAttribute("aria-sort", "none");
-    head.setAttribute("aria-sort", down ? "descending" : "ascending");
+    head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
   }));
-}
-for (const button of document.querySelectorAll(".copy")) {
-  button.addEventListener("click", async () => {
-    const code = button.closest(".code").querySelector("code");
-    try {
-      await navigator.clipboard.writeText(code.textContent);
-      button.firstChild.data = "copied";
-    } catch {
-      getSelection().selectAllChildren(code);
-      button.firstChild.data = "selected";
-    }
-  });
 }
