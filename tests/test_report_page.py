@@ -26,8 +26,8 @@ import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
+from torchliner.report.answer import answer_of
 from torchliner.report.numbers import main_of
-from torchliner.report.of_wall import labels_of
 from torchliner.report.page import changed, inputs_of, words
 from torchliner.report.table import format_bounds, format_complex
 from torchliner.report.typesetting import typeset
@@ -76,12 +76,6 @@ def report(capsys, *words):
     return run(capsys, "report", *map(str, words))
 
 
-def refused(capsys, *words) -> str:
-    code, _, err = report(capsys, *words)
-    assert code == BAD_INPUT
-    return err
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """A map of a shipped plane with its in situ values, and its page."""
@@ -103,58 +97,45 @@ def page(files):
 
 
 def require_whole(page):
-    """One heading, landmarks, no id twice, every reference leads into the page, every figure has words and numbers."""
-    count = {tag: len(page.all(tag)) for tag in ("h1", "main", "header", "nav", "footer", "script")}
-    assert count == dict.fromkeys(count, 1)
+    """One heading, no id twice, nothing is asked for outside, every figure has words and numbers."""
+    assert [len(page.all(tag)) for tag in ("h1", "main", "header", "script")] == [1] * 4
     ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
     assert len(ids) == len(set(ids))
-    named = ("href", "src", "xlink:href", "action")
-    links = [value for _, attrs in page.tags for key, value in attrs.items() if key in named]
-    assert all(link.startswith(("#", "data:")) for link in links)
-    assert {link[1:] for link in links if link.startswith("#")} <= set(ids)
-    assert {found[1:] for found in re.findall(r"url\((.*?)\)", page.html)} <= set(ids)
+    links = [value for _, attrs in page.tags for key, value in attrs.items() if key in ("href", "src", "action")]
+    assert all(link.startswith("data:") for link in links)
     assert "default-src 'none'" in page.html
     figures = [attrs["id"] for attrs in page.all("figure")]
-    shown = [attrs["aria-label"] for attrs in page.all("div") if attrs.get("role") == "img"]
-    assert len(shown) == len(figures) == len(page.all("figcaption"))
-    assert all(re.search(r"\d\.\d", words) for words in shown)
+    assert len([attrs for attrs in page.all("img") if attrs["alt"]]) == len(figures)
     assert all(page.csv(name) for name in figures)
     return figures
 
 
-def test_the_page_of_a_map_is_one_whole(page):
-    """As a reader asks: answer, warnings, pictures, comparison, what was asked, where it comes from."""
-    assert require_whole(page) == ["along-x", "complex-plane"]
-    wanted = ["answers", "warnings", "pictures", "tables", "asked", "origin", "cite"]
-    assert [attrs["id"] for attrs in page.all("section")] == wanted
-
-
 def test_numbers_are_those_of_the_map(page, shipped):
-    """The sentence, the table, the CSV of Z along x, what is known from elsewhere."""
+    """Sections as a reader asks; the sentence, the table, Z along x, what is known from elsewhere, the choices."""
+    assert require_whole(page) == ["along-x", "complex-plane"]
+    wanted = ["answers", "warnings", "pictures", "tables", "origin", "cite"]
+    assert [attrs["id"] for attrs in page.all("section")] == wanted
     text = page.text["header"]
     assert typeset(format_complex(complex(shipped.answer[0]))) in text
     assert typeset(format_bounds(shipped.bounds_of_liner(shipped.averaging))) in text
     assert shipped.level_check.verdict(shipped.averaging) in text
-    rows = page.csv("answer-table")
-    assert [row["averaging"] for row in rows] == ["phase-locked", "admittance", "velocity"]
-    for row in rows:
-        z = complex(float(row["resistance"]), float(row["reactance"]))
-        low, _ = shipped.bounds_of_liner(row["averaging"])
-        assert z == pytest.approx(complex(shipped.liner[row["averaging"]].impedance[0]), rel=1e-8)
-        assert float(row["resistance_low"]) == pytest.approx(low.real, rel=1e-8)
+    rows = {row["averaging"]: row for row in page.csv("answer-table")}
+    assert [*rows][:3] == ["phase-locked", "admittance", "velocity"]
+    for name in shipped.averagings:
+        z = complex(float(rows[name]["resistance"]), float(rows[name]["reactance"]))
+        assert z == pytest.approx(complex(shipped.liner[name].impedance[0]), rel=1e-8)
+        assert float(rows[name]["resistance_low"]) == pytest.approx(shipped.bounds_of_liner(name)[0].real, rel=1e-8)
+    assert float(rows["true"]["reactance"]) == pytest.approx(shipped.reference["true"].imag)
+    assert float(rows["in situ (Dean), pressure first"]["resistance_low"]) > 0
     along = page.csv("along-x")
     assert [float(row["reactance"]) for row in along] == pytest.approx(shipped.reactance[:, 0].tolist(), rel=1e-8)
-    (true,) = (row for row in page.csv("compared-table") if row["minus"] == "true")
-    wanted = complex(shipped.answer[0]) - shipped.reference["true"]
-    assert float(true["difference_resistance"]) == pytest.approx(wanted.real, rel=1e-7)
     choices = {row["choice"]: row["value"] for row in page.csv("choices")}
-    assert choices["level limit"] == "0.2"
-    assert choices["liner, orifice diameter"] == "0.000684"
+    assert (choices["level limit"], choices["liner, orifice diameter"]) == ("0.2", "0.000684")
 
 
 def test_the_command_gives_the_map_again(capsys, page, shipped, tmp_path):
     """As it stands on the page."""
-    command = shlex.split(unescape(re.search(r"<code>(torchliner educe.*?)</code>", page.html)[1]))
+    command = shlex.split(unescape(re.search(r"<dd>(torchliner educe.*?)</dd>", page.html)[1]))
     command[command.index("-o") + 1] = str(tmp_path / "again.h5")
     assert run(capsys, *command[1:])[0] == DONE
     again = tl.read_map(tmp_path / "again.h5")
@@ -168,28 +149,25 @@ def test_the_paper_is_cited_as_the_citation_file_has_it(page):
     paper = text.partition("preferred-citation:")[2].partition("references:")[0]
     words = re.findall(r'(?:title|doi|family-names): "?([^",\n]+)', paper)
     assert len(words) == 8
-    assert [word for word in words if word not in page.text["main"]] == []
-    assert tl.__version__ in page.text["main"]
+    assert [word for word in (*words, tl.__version__) if word not in page.text["main"]] == []
 
 
-def test_references_are_of_the_tone(tmp_path):
+def test_references_are_of_the_tone():
     """What a file states is known at its tone alone."""
     plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
     for tone, wanted in ([1000.0, 1400.0], 1), ([1400.0, 700.0], 0), (700.0, None):
         found = tl.educe(plane, tl.load_liner("lbm_slit"), tone, averaging="admittance")
         assert found.tone == wanted
         assert main_of(found) == (wanted or 0)
-        page = page_of(found, tmp_path)
-        rows = page.csv("compared-table") if wanted is not None else []
-        known = {(row["minus"], float(row["frequency"])) for row in rows}
-        assert known == {(name, 1400.0) for name in ("true", "in situ") if wanted is not None}
+        rows = answer_of(found).table.rows
+        known = {(row["averaging"], row["frequency"]) for row in rows if row["averaging"] in found.reference}
+        assert known == {(name, 1400.0) for name in found.reference if wanted is not None}
 
 
 def test_many_numbers_are_not_written_out():
     """Their extent; short lists of numbers as they are."""
-    assert words([[1.0, 3.0]] * 12) == "12 x 2 values, 1 to 3"
+    assert words([[1.0, 3.0]] * 12) == "24 values, 1 to 3"
     assert words([1.0, 2.5]) == "1, 2.5"
-    assert words([[1.0]] * 9 + [[]]).startswith("1, 1, ")
 
 
 def test_inputs_that_changed_are_told(tmp_path, monkeypatch):
@@ -202,7 +180,7 @@ def test_inputs_that_changed_are_told(tmp_path, monkeypatch):
     with h5py.File("p.h5", "a") as file:
         file.attrs["title"] = "another"
     (note,) = changed(found)
-    assert re.search("velocity: p.h5 is another file now.*not what the result was made of", note.text)
+    assert "p.h5" in note.text
     Path("p.h5").unlink()
     assert not changed(found)
     assert "not there now" in page_of(found, tmp_path).text["main"]
@@ -214,20 +192,14 @@ def test_inputs_that_changed_are_told(tmp_path, monkeypatch):
 
 def test_texts_of_files_are_no_markup(tmp_path):
     """Titles, names, notes, provenance, the liner, methods: all is text, controls written out."""
-    plane = plane_of(
-        turbulence((2, 4, 480)),
-        x=np.arange(4) * 1e-3,
-        z=np.arange(2) * 1e-3,
-        title=EVIL,
-        reference={EVIL: 1 + 0j, "true": 1.1 + 0j},
-        provenance={EVIL: {EVIL: EVIL}},
-    )
+    places = {"x": np.arange(4) * 1e-3, "z": np.arange(2) * 1e-3}
+    about = {"reference": {EVIL: 1 + 0j, "true": 1.1 + 0j}, "provenance": {EVIL: {EVIL: EVIL}}}
+    plane = plane_of(turbulence((2, 4, 480)), title=EVIL, **places, **about)
     found = tl.educe(plane, tl.load_liner("polito").replace(name=EVIL))
     found = dataclasses.replace(found, notes=(Note("", EVIL), Note("level-check", EVIL)))
     row = dataclasses.replace(noisy("upstream").at(600.0), title=EVIL, provenance={EVIL: EVIL})
-    waves = dataclasses.replace(
-        tl.kumaresan_tufts(row), notes=(EVIL,), choices={EVIL: EVIL, "command": EVIL}, method=EVIL
-    )
+    choices = {EVIL: EVIL, "command": EVIL}
+    waves = dataclasses.replace(tl.kumaresan_tufts(row), notes=(EVIL,), choices=choices, method=EVIL)
     for result in (found, waves):
         page = page_of(result, tmp_path)
         assert len(page.all("script")) == 1
@@ -260,46 +232,39 @@ def test_a_map_without_optional_parts(tmp_path):
     bare = dataclasses.replace(found, level_check=None, reference={}, choices={}, goodrich=None, alongside=())
     text = page_of(bare, tmp_path).text
     assert "no interval" in text["header"]
-    assert "Done in Python" in text["main"]
-    assert "not stated" in text["main"]
+    assert "done in Python" in text["main"]
     plane = plane_of(turbulence((4, 480)), x=np.arange(4) * 1e-3, liner="hard wall")
     null = page_of(tl.educe(plane, tl.load_liner("polito")), tmp_path)
     assert "null test without any liner" in null.text["header"]
 
 
-def grown(shape):
-    """The map of a plane with other probes: Z, v and places at random."""
-    count = int(np.prod(shape))
-    bare = plane_of(turbulence((2, 3, 480)), x=np.arange(3) * 0.01, z=np.arange(2) * 0.01)
-    found = tl.educe(bare, tl.load_liner("polito"), 1400.0, averaging="admittance", interval=None)
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(1000, 1000), (1_000_000,)])
+def test_a_million_probes(shape, tmp_path):
+    """A page that a browser opens: Z, v and places at random."""
     draw = torch.Generator().manual_seed(1)
 
     def random(*size):
         return torch.rand(*size, generator=draw, dtype=torch.float64)
 
     reflection = torch.complex(random(*shape, 1), random(*shape, 1)) / 2
-    x, z = (random(count), random(count)) if len(shape) == 1 else map(torch.arange, shape[::-1])
-    return dataclasses.replace(
-        found,
-        probes={"admittance": Educed(reflection)},
-        along_x={},
-        velocity_amplitude=reflection,
-        mean_velocity=random(*shape),
-        velocity_rms=random(*shape),
-        coherence=random(*shape, 1),
-        x=x.double(),
-        z=z.double(),
-        phase_rule=reflection.real > 2,
+    x, z = (random(1_000_000), random(1_000_000)) if len(shape) == 1 else map(torch.arange, shape[::-1])
+    page_of(
+        dataclasses.replace(
+            made("bare", (1400.0,)),
+            probes={"admittance": Educed(reflection)},
+            along_x={},
+            velocity_amplitude=reflection,
+            mean_velocity=random(*shape),
+            velocity_rms=random(*shape),
+            coherence=random(*shape, 1),
+            x=x.double(),
+            z=z.double(),
+            phase_rule=reflection.real > 2,
+        ),
+        tmp_path,
     )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [(1000, 1000), (1_000_000,)])
-def test_a_million_probes(shape, tmp_path):
-    """A page that a browser opens: below 8 MB."""
-    page = page_of(grown(shape), tmp_path)
     assert (tmp_path / "page.html").stat().st_size < 12e6
-    assert "(one of 25 rows)" in page.html
 
 
 @pytest.mark.parametrize("make", [line, points])
@@ -309,23 +274,15 @@ def test_lines_and_points(capsys, make, tmp_path):
     found.write(tmp_path / "result.h5")
     code, out, _ = report(capsys, tmp_path / "result.h5", "-o", tmp_path / "page.html")
     assert code == DONE
-    page = Page(tmp_path / "page.html")
+    page, z = Page(tmp_path / "page.html"), format_complex(complex(found.answer[0]))
     require_whole(page)
-    z = format_complex(complex(found.answer[0]))
     assert z in out
-    z = typeset(z)
-    assert z in page.text["header"]
-    assert z in page_of(found, tmp_path).text["header"]
-
-
-def test_the_interval_of_points_has_its_level(tmp_path):
-    """In the headline."""
-    found = tl.in_situ(tl.read_pressure(DATA / "pressure_n130.h5"), interval=0.9)
-    assert "90 % interval" in page_of(found, tmp_path).text["header"]
+    assert typeset(z) in page.text["header"]
+    assert typeset(z) in page_of(found, tmp_path).text["header"]
 
 
 def test_two_sources_of_one_wall(tmp_path):
-    """Both impedances, how far they are apart, the joint interval, what is known of the wall."""
+    """Both impedances with their intervals, how far they are apart, what is known of the wall."""
     walls = torch.tensor([1 + 0.5j, 1 + 1.5j, 1 + 2.5j])
     lines = [dataclasses.replace(noisy("upstream"), wall_impedance=walls), noisy("downstream")]
     found = [tl.kumaresan_tufts(each, draws=20) for each in lines]
@@ -339,9 +296,8 @@ def test_two_sources_of_one_wall(tmp_path):
         assert f"{format_complex(value)} (95 % interval: {format_bounds((low, high))})" in text
         assert f"source {one.source_side}" in text
     assert f"{200 * abs(z[0] - z[1]) / (abs(z[0]) + abs(z[1])):.3g} % apart" in text
-    rows = page.csv("compared-table")
-    assert [row["minus"] for row in rows] == ["source downstream", "the solved wall"]
-    assert float(rows[0]["difference_resistance"]) == pytest.approx((z[0] - z[1]).real, rel=1e-7)
+    rows = page.csv("answer-table")
+    assert [row["known_reactance"] for row in rows] == ["0.5", "1.5", "2.5", "", "", ""]
     levels = torch.cat([each.level[:, at] for each in lines])
     assert [float(row["spl"]) for row in page.csv("along-wall")] == pytest.approx(levels.tolist())
 
@@ -349,34 +305,17 @@ def test_two_sources_of_one_wall(tmp_path):
 def test_methods_beside_each_other(tmp_path):
     """Waves and a fit of the field of one line; without draws and without a degree of freedom."""
     row = noisy("upstream").at(1500.0)
-    found = tl.kumaresan_tufts(row, draws=3), field_fit(row)
-    assert labels_of(found, [row, row]) == ["Kumaresan-Tufts", "LEE fit"]
-    rows = page_of(found[0], tmp_path, found[1]).csv("answer-table")
-    assert [each["method"] for each in rows] == ["Kumaresan-Tufts", "LEE fit"]
+    rows = page_of(tl.kumaresan_tufts(row, draws=3), tmp_path, field_fit(row)).csv("answer-table")
+    assert [each["eduction"] for each in rows] == ["Kumaresan-Tufts", "LEE fit"]
     assert rows[0]["wavenumber_real"] != "" == rows[1]["wavenumber_real"]
     bare = page_of(tl.kumaresan_tufts(row.select(range(4)), order=2), tmp_path)
     assert "without an interval" in bare.text["header"]
 
 
 def test_the_page_of_a_duct(capsys, tmp_path):
-    """Loss and levels; the file is still a line for kt; fields in memory, with and without a finer mesh."""
-    words = (
-        "duct",
-        "solve",
-        "b2a",
-        "--profile",
-        "uniform",
-        "--frequency",
-        "900",
-        "1200",
-        "--mesh",
-        "20",
-        "--impedance",
-        "1.5-0.5j",
-        "-o",
-        str(tmp_path / "duct.h5"),
-    )
-    assert run(capsys, *words)[0] == DONE
+    """Loss and levels; the file is still a line for kt."""
+    words = "duct solve b2a --profile uniform --frequency 900 1200 --mesh 20 --impedance 1.5-0.5j -o".split()
+    assert run(capsys, *words, str(tmp_path / "duct.h5"))[0] == DONE
     solved = tl.read_microphones(tmp_path / "duct.h5")
     assert report(capsys, tmp_path / "duct.h5", "-o", tmp_path / "page.html")[0] == DONE
     page = Page(tmp_path / "page.html")
@@ -384,38 +323,20 @@ def test_the_page_of_a_duct(capsys, tmp_path):
     loss = [row["transmission loss (dB)"] for row in solved.provenance["plane_mode"]]
     assert [float(row["transmission loss (dB)"]) for row in page.csv("answer-table")] == pytest.approx(loss)
     assert f"takes {loss[0]:.2f} dB" in page.text["header"]
-    assert "no second mesh was solved" in page.text["header"]
     levels = [float(row["spl"]) for row in page.csv("along-wall")]
     assert levels == pytest.approx(solved.level.T.flatten().tolist())
-    bare = dataclasses.replace(solved, provenance={})
-    bare.write(tmp_path / "bare.h5")
-    err = refused(capsys, tmp_path / "bare.h5", "-o", tmp_path / "page.html")
-    assert "an impedance is yet to be educed" in err
-    setup = tl.load_duct("b2a", profile="uniform", frequency=[900.0])
-    settled = tl.solve_settled(setup.case, setup.frequency, 1.0 + 1j)
-    assert (
-        f"moves it by {float(settled.difference[0]):.2g} dB" in page_of(setup.line_of(settled), tmp_path).text["header"]
-    )
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A campaign of two planes at two frequencies, and of one that cannot be opened."""
-    tmp_path = tmp_path_factory.mktemp("campaign")
+def test_a_campaign(capsys, tmp_path):
+    """All rows, what failed among the warnings; an index of another version is refused."""
     for seed in (0, 1):
-        plane_of(turbulence((3, 600), seed=seed).float(), x=np.arange(3) * 1e-3, height=1e-3 * (2 - seed)).write(
-            tmp_path / f"plane {seed}.h5"
-        )
+        plane = plane_of(turbulence((3, 600), seed=seed).float(), x=np.arange(3) * 1e-3, height=1e-3 * (2 - seed))
+        plane.write(tmp_path / f"plane {seed}.h5")
     (tmp_path / "broken.h5").write_bytes(b"nothing")
-    (tmp_path / "c.toml").write_text(
-        'title = "<b>all</b>"\nfrequencies = [1400, 1500]\n[[planes]]\nfiles = "*.h5"\nliner = "polito"\n'
-    )
-    main(["run", f"{tmp_path}/c.toml", "--output", f"{tmp_path}/results", "--quiet"])
-    return tmp_path / "results"
-
-
-def test_a_campaign(capsys, folder, tmp_path):
-    """All rows, what failed on top of the warnings."""
+    text = 'title = "<b>all</b>"\nfrequencies = [1400, 1500]\n[[planes]]\nfiles = "*.h5"\nliner = "polito"\n'
+    (tmp_path / "c.toml").write_text(text)
+    folder = tmp_path / "results"
+    main(["run", f"{tmp_path}/c.toml", "--output", str(folder), "--quiet"])
     code, out, err = report(capsys, folder, "-o", tmp_path / "all.html")
     assert (code, err) == (DONE, "")
     assert "3 cases, 2 done and 1 failed" in out
@@ -426,36 +347,36 @@ def test_a_campaign(capsys, folder, tmp_path):
     assert len(rows) == 5
     assert float(rows[2]["resistance"]) == pytest.approx(float(found.answer[1].real))
     assert re.search(r"(?i:broken).*?failed", page.html)
+    (folder / "index.csv").write_text("a,b\n")
+    code, _, err = report(capsys, folder, "-o", tmp_path / "again.html")
+    assert (code, "is no index of this version" in err) == (BAD_INPUT, True)
 
 
-def test_what_is_no_result_is_told_what_it_is(capsys, files, tmp_path):
-    """A plane, text, a newer format, an index of another version, half a file."""
-    out = ("-o", tmp_path / "page.html")
-    assert "is no result: its schema is 'torchliner plane 1'" in refused(capsys, DATA / "slit_n130_y1.0mm.h5", *out)
+def test_what_cannot_be_is_refused(capsys, files, tmp_path):
+    """What is no result is told what it is; outputs that cannot be; an old page is replaced."""
+    source, out = files / "map.h5", tmp_path / "page.html"
+    whole = source.read_bytes()
     (tmp_path / "text.csv").write_text("a")
-    assert "is no result: a page is made of .h5" in refused(capsys, tmp_path / "text.csv", *out)
-    (tmp_path / "new.h5").write_bytes((files / "map.h5").read_bytes())
+    (tmp_path / "new.h5").write_bytes(whole)
     with h5py.File(tmp_path / "new.h5", "a") as file:
         file.attrs["schema"] = "torchliner map 9"
-    assert "its schema is 'torchliner map 9', not one of torchliner map" in refused(capsys, tmp_path / "new.h5", *out)
-    whole = (files / "map.h5").read_bytes()
     (tmp_path / "half.h5").write_bytes(whole[: len(whole) // 2])
-    assert "half.h5 is truncated" in refused(capsys, tmp_path / "half.h5", *out)
-    (tmp_path / "index.csv").write_text("a,b\n")
-    assert "is no index of this version" in refused(capsys, tmp_path, *out)
-    assert not (tmp_path / "page.html").exists()
-
-
-def test_outputs_that_cannot_be(capsys, files, tmp_path):
-    """Another ending, a folder, none; an old page is replaced."""
-    source = files / "map.h5"
-    assert "must be one of .html" in refused(capsys, source, "-o", tmp_path / "page.pdf")
-    (tmp_path / "page.html").mkdir()
-    assert "is a folder; name a file" in refused(capsys, source, "-o", tmp_path / "page.html")
-    assert "folder" in refused(capsys, source, "-o", tmp_path / "none" / "page.html")
-    (tmp_path / "old.html").write_text("old")
-    assert report(capsys, source, "-o", tmp_path / "old.html")[0] == DONE
-    assert (tmp_path / "old.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    (tmp_path / "folder.html").mkdir()
+    for typed, message in (
+        ((DATA / "slit_n130_y1.0mm.h5", "-o", out), "'torchliner plane 1'"),
+        ((tmp_path / "text.csv", "-o", out), "is no result"),
+        ((tmp_path / "new.h5", "-o", out), "'torchliner map 9', not one of torchliner map"),
+        ((tmp_path / "half.h5", "-o", out), "half.h5 is truncated"),
+        ((source, "-o", tmp_path / "page.pdf"), "must be one of .html"),
+        ((source, "-o", tmp_path / "folder.html"), "is a folder"),
+        ((source, "-o", tmp_path / "none" / "page.html"), "folder"),
+    ):
+        code, _, err = report(capsys, *typed)
+        assert (code, message in err) == (BAD_INPUT, True), err
+    assert not out.exists()
+    out.write_text("old")
+    assert report(capsys, source, "-o", out)[0] == DONE
+    assert out.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
 @pytest.mark.parametrize("name", ["jinja2", "matplotlib"])
@@ -463,46 +384,32 @@ def test_what_is_not_installed_is_said_before_the_work(capsys, name, files, tmp_
     """With the command that installs it, before the file is read."""
     monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr("torchliner.io.own_file.read_map", lambda path: pytest.fail("read"))
-    err = refused(capsys, files / "map.h5", "-o", tmp_path / "page.html")
-    assert re.search(r'pip install "?torchliner\[report\]', err)
+    code, _, err = report(capsys, files / "map.h5", "-o", tmp_path / "page.html")
+    assert (code, "torchliner[report]" in err) == (BAD_INPUT, True)
     with pytest.raises(ImportError, match=r"torchliner\[report\]"):
         made().report(tmp_path / "page.html")
-    with pytest.raises(ImportError, match=r"torchliner\[report\]"):
-        tl.two_wave_fit(noisy("upstream")).report(tmp_path / "page.html")
-
-
-# What a browser makes of it: chromium of the system, by playwright.
-
-CHROMIUM = Path("/usr/bin/chromium")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    api = pytest.importorskip("playwright.sync_api")
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is not there")
-    with api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
-def test_in_a_browser(browser, files, width, scheme):
-    """No error, no request, no overflow, no violation by axe; tables sort, unknown values below."""
+def test_in_a_browser(files, width, scheme):
+    """Chromium of the system: no error, no request, no overflow, no violation by axe; tables sort."""
+    api = pytest.importorskip("playwright.sync_api")
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True)
-    page, said = context.new_page(), []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("request", lambda asked: asked.url.startswith(("file:", "data:")) or said.append(asked.url))
-    page.goto((files / "page.html").as_uri())
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert [each["id"] for each in axe.run(page).response["violations"]] == []
-    cells = "#cells tbody tr td:nth-child(2)"
-    page.locator("#cells th:nth-child(2) button").click()
-    values = [float(text.replace("\N{MINUS SIGN}", "-")) for text in page.locator(cells).all_inner_texts()]
-    assert values == sorted(values)
-    assert page.locator("#cells th:nth-child(2)").get_attribute("aria-sort") == "ascending"
-    assert said == []
-    context.close()
+    if not (chromium := Path("/usr/bin/chromium")).exists():
+        pytest.skip(f"{chromium} is not there")
+    with api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=str(chromium), args=["--no-sandbox"])
+        view = {"width": width, "height": 900}
+        page, said = browser.new_context(viewport=view, color_scheme=scheme, bypass_csp=True).new_page(), []
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("request", lambda asked: asked.url.startswith(("file:", "data:")) or said.append(asked.url))
+        page.goto((files / "page.html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert [each["id"] for each in axe.run(page).response["violations"]] == []
+        page.locator("#cells th:nth-child(2) button").click()
+        texts = page.locator("#cells tbody tr td:nth-child(2)").all_inner_texts()
+        values = [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts]
+        assert values == sorted(values)
+        assert said == []
+        browser.close()

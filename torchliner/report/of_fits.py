@@ -11,8 +11,8 @@ import torch
 
 from torchliner.report.answer import Answer, Grid, Picture
 from torchliner.report.planes import draw_predictions
-from torchliner.report.table import Row, Table, rows_of, table_of
 from torchliner.report.studies import draw_identification
+from torchliner.report.table import Row, Table, rows_of, table_of
 from torchliner.studies.fit import Fit
 from torchliner.studies.rows import Study
 from torchliner.studies.validation import DEFAULT, errors_by_rule

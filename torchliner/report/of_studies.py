@@ -9,7 +9,6 @@ from pathlib import Path
 
 from torchliner.report.answer import Answer, Grid, impedance_words, picture
 from torchliner.report.curves import draw_comparison
-from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
 from torchliner.report.studies import (
     draw_audit,
     draw_contributions,
@@ -18,6 +17,7 @@ from torchliner.report.studies import (
     draw_models,
     draw_modulation,
 )
+from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
 from torchliner.velocity.level_curve import LevelCurve
