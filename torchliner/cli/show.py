@@ -43,7 +43,7 @@ def show(
 
 def told(title: str, plain: Any, *lines: str) -> Answer:
     """An answer without a table."""
-    return Answer(title, lines, table_of([]), plain)
+    return Answer(title, lines, table_of([]), more=plain)
 
 
 def _plain(value: Any, name: str = "") -> Any:

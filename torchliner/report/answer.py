@@ -97,12 +97,14 @@ class Answer:
     pictures: Sequence[Picture] = ()
     results: Sequence[Any] = ()
     choices: Mapping[str, Any] = field(default_factory=dict)
-    more: Mapping[str, Any] = field(default_factory=dict)
+    more: Any = field(default_factory=dict)
     source: Path | None = None
 
     @property
-    def plain(self) -> dict[str, Any]:
-        """What JSON holds: values of Python's own types and complex."""
+    def plain(self) -> Any:
+        """What JSON holds: values of Python's own types and complex; of what has no table ``more`` alone."""
+        if not self.tables:
+            return plain_of(self.more)
         tables = {grid.name: grid.table.rows for grid in self.grids}
         choices = self.choices or next((one.choices for one in self.results), {})
         found = {"title": self.title, "rows": self.table.rows, "notes": self.notes, "choices": choices}

@@ -135,9 +135,9 @@ def shown(value: Any) -> Any:
 
 
 def cell(column: Column, row: Any) -> Any:
-    """Numbers with true minus signs; texts and markup as they are."""
+    """With true minus signs; our own markup as it is."""
     value = column.value(row)
-    return value if isinstance(value, str) else typeset(column.cell(row))
+    return value if hasattr(value, "__html__") else typeset(column.cell(row))
 
 
 def csv_link(table: Table) -> str:
@@ -161,9 +161,9 @@ def svg_link(figure: Any) -> str:
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
     """Every choice in words, those of a mapping behind its name."""
     for key, value in values.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and key not in APART:
             yield from _flat(value, f"{before}{key}, ")
-        elif key not in APART:
+        elif value is not None and key not in APART:
             yield f"{before}{key.replace('_', ' ')}", words(value)
 
 
