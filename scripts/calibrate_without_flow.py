@@ -1,12 +1,10 @@
-"""Calibrate without flow, predict with flow: the tables and the picture of the page of that name.
+"""Calibrate without flow, predict with flow: the numbers and the picture of the page of that name.
 
-    python scripts/calibrate_without_flow.py [--write]
+    python scripts/calibrate_without_flow.py [-o FOLDER] [--check]
 
-The contraction coefficient alone is fitted, to the resistance of cases without flow (their reactance counts
-with the error of the model, see docs/truth.md); the linear part is that of each preset, a run at
-115 dB on the same lattice. Then every case is predicted in every averaging at every
-height. ``--write`` puts the tables into docs/calibrate_without_flow.md and the picture, with its
-numbers, into docs/figures.
+The contraction coefficient alone is fitted, to the resistance of cases without flow at the lowest height (their
+reactance counts with the error of the model); the linear part is that of each preset, a run at 115 dB on the same
+lattice. Then every case is predicted in every averaging at every height.
 """
 
 from __future__ import annotations
@@ -18,15 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from common import FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from studies.without_flow import draw_without_flow
+from common import case_files, run_study
 from torchliner.names import AVERAGINGS
-from torchliner.report.table import format_complex, table_of
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.numbers import part_of
 from torchliner.studies.rows import Row
-from truth_page import page_table, write_tables
 
-PAGE, FOLDER = ROOT / "docs" / "calibrate_without_flow.md", RESULTS / "calibrate_without_flow"
-STEM = "calibrate_without_flow"
 NOISE = 0.002 + 0.1j  # two ways of measuring one case differ by 0.002; X is the model's error
 FREE = {"vena_contracta": (0.2, 1.0)}
 RULE = "phase-locked"
@@ -60,95 +55,60 @@ def calibrated(fit: Fit) -> Any:
     return tl.calibrate(planes, liner, "true", FREE, averaging=RULE, noise=NOISE, allow_short=True)
 
 
-def rows_of(fit: Fit, found: Any) -> list[Row]:
+def rows_of(fit: Fit) -> list[Row]:
     """Every case of a fit, averaging and height, before and after."""
-    rows = []
+    rows, found = [], calibrated(fit)
+    print(f"{fit.name}: {float(found.values[0]):.3f} +- {float(found.standard[0]):.3f}")
     for case in (*fit.fitted, *fit.predicted):
         for plane in planes_of(case):
             before, after = (
                 tl.educe(plane, liner, interval=None, allow_short=True)
                 for liner in (tl.load_liner(plane.liner), found.liner)
             )
-            about = {"model": fit.name, "case": case, "fitted": case in fit.fitted, "height": plane.height or 0.0}
-            for averaging in after.averagings:
-                both = (complex(each.liner[averaging].impedance[0]) for each in (before, after))
-                values = dict(zip(("before", "after"), both, strict=True), true=complex(plane.reference["true"]))
-                rows.append(Row(about, averaging=averaging, level_check=level_check_of(after, averaging), **values))
+            check = after.level_check
+            for i, name in enumerate(after.averagings):
+                level = float("nan") if check is None else float(check.liner.level[i, 0])
+                row = Row(model=fit.name, case=case, averaging=name, fitted=int(case in fit.fitted))
+                row |= {"height": plane.height or 0.0, "level_check": level}
+                row |= {"before": complex(before.liner[name].impedance[0])}
+                row |= {"after": complex(after.liner[name].impedance[0]), "true": complex(plane.reference["true"])}
+                rows.append(row)
     return rows
 
 
-def level_check_of(found: tl.ImpedanceMap, averaging: str) -> float:
-    """dB, of the whole plane; nan where it was not checked."""
-    check = found.level_check
-    return float("nan") if check is None else float(check.liner.level[check.averagings.index(averaging), 0])
-
-
-def fit_table(fits: Sequence[tuple[Fit, Any]]) -> str:
-    """What was fitted to what."""
-    lines = [
-        [fit.name, ", ".join(fit.fitted), f"{float(found.values[0]):.3f}", f"{float(found.standard[0]):.3f}"]
-        for fit, found in fits
-    ]
-    return page_table("model | fitted to | contraction coefficient | ±", lines)
-
-
-def rows_by_case(rows: Sequence[Row]) -> list[list[Row]]:
-    """Rows of each case."""
-    return [[row for row in rows if row.case == case] for case in dict.fromkeys(r.case for r in rows)]
-
-
-def prediction_table(rows: Sequence[Row]) -> str:
-    """Per case at its lowest height: before, then every averaging after."""
-    lines = []
-    for mine in rows_by_case(rows):
-        here = {row.averaging: row for row in mine if row.height == mine[0].height}
-        rule = here[RULE]
-        lines.append(
-            [
-                f"{rule.case}{', fitted' if rule.fitted else ''}",
-                format_complex(rule.true),
-                format_complex(rule.before),
-                *(format_complex(here[each].after) for each in AVERAGINGS),
-            ]
-        )
-    return page_table(f"case | reference Z | {RULE}, 0.8 | {' | '.join(AVERAGINGS)}", lines)
-
-
-def height_table(rows: Sequence[Row]) -> str:
-    """Per case that was not fitted, over its heights: by how much R is off, and the level check."""
-    lines = []
-    for mine in rows_by_case([row for row in rows if row.averaging == RULE and not row.fitted]):
-        shares = [100 * (row.after.real / row.true.real - 1) for row in mine]
-        lines.append(
-            [
-                mine[0].case,
-                ", ".join(f"{1e3 * row.height:g}" for row in mine),
-                ", ".join(f"{round(share) + 0:+d}" for share in shares),
-                ", ".join(f"{row.level_check:+.2f}" for row in mine),
-            ]
-        )
-    return page_table("case | y (mm) | R off by (%) | level check (dB)", lines)
+@styled
+def draw(rows: Sequence[Row], path: Path) -> Figure:
+    """R and X by case: the reference as a bar, a column an averaging, its heights from left to right."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    figure, axes = subplots(1, 2, 3.4)
+    for axis, (part, label) in zip(axes[0], PARTS, strict=True):
+        for i, case in enumerate(cases):
+            mine = [row for row in rows if row.case == case]
+            axis.hlines(part_of(mine[0].true, part), i - 0.4, i + 0.4, color="k", linewidth=1.6)
+            if mine[0].fitted:
+                axis.axvspan(i - 0.5, i + 0.5, color="0.93", zorder=0)
+            for k, averaging in enumerate(AVERAGINGS):
+                shown = sorted((row for row in mine if row.averaging == averaging), key=lambda r: r.height)
+                places = [i + 0.27 * (k - 1) + 0.05 * j for j in range(len(shown))]
+                style: Any = {"color": COLOURS[k], "markersize": 3.6, "linewidth": 0.7, "markerfacecolor": "white"}
+                axis.plot(places, [part_of(row.after, part) for row in shown], MARKERS[k] + "-", **style)
+        axis.set_xticks(range(len(cases)), cases, rotation=40, ha="right")
+        axis.set_ylabel(label)
+    first = axes[0, 0]
+    first.set_yscale("log")
+    first.yaxis.set_major_formatter("{x:g}")
+    for k, averaging in enumerate(AVERAGINGS):
+        first.plot([], [], MARKERS[k] + "-", color=COLOURS[k], markerfacecolor="white", label=averaging)
+    first.plot([], [], color="k", linewidth=1.6, label="reference")
+    first.fill_between([], [], color="0.93", label="fitted")
+    return finish(figure, path, "contraction coefficient fitted without flow; heights rise to the right, 1400 Hz", 5)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit, predict, print, draw."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--write", action="store_true", help="into docs/ as well")
-    options = options_of(parser, arguments)
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    fits = [(fit, calibrated(fit)) for fit in FITS]
-    rows = [row for fit, found in fits for row in rows_of(fit, found)]
-    tables = {"fits": fit_table(fits), "predictions": prediction_table(rows), "heights": height_table(rows)}
-    for name, text in tables.items():
-        print(f"\n{name}\n{text}")
-    folders: list[Path] = [FOLDER, *([FIGURES] if options.write else [])]
-    for folder in folders:
-        table_of(rows, "").write_csv(folder / f"{STEM}.csv")
-        draw_without_flow(rows, folder / f"{STEM}.png")
-    if options.write:
-        write_tables(PAGE, tables)
-    print(f"\nNumbers and picture are in {FOLDER}")
-    return 0
+    """Fit, predict, draw."""
+    return run_study(
+        __doc__, "calibrate_without_flow", lambda: [row for fit in FITS for row in rows_of(fit)], draw, arguments
+    )
 
 
 if __name__ == "__main__":

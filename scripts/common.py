@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from torchliner.checks import DataWarning
 
@@ -43,3 +45,44 @@ def case_files(case: str) -> list[Path]:
     """Shipped planes of a resolved case, n130 or o145 or such, the lowest first."""
     kind = "orifice" if case[0] in "otq" else "slit"
     return plane_files(f"{kind}_{case}_y*.h5")
+
+
+def run_study(
+    doc: str | None,
+    stem: str,
+    rows_of: Callable[[], Sequence[Mapping[str, Any]]],
+    draw: Callable[[Sequence[Any], Path], Any] | None = None,
+    arguments: Sequence[str] | None = None,
+) -> int:
+    """A study: rows to STEM.csv and a picture of them, or with ``--check`` the rows beside those in docs/figures."""
+    from torchliner.report.table import table_of
+
+    parser = parser_of(doc, FIGURES)
+    parser.add_argument("--check", action="store_true", help="compare with docs/figures, write nothing")
+    options, rows = options_of(parser, arguments), rows_of()
+    table = table_of(rows, "")
+    if options.check:
+        return check_rows(table.as_rows(), FIGURES / f"{stem}.csv")
+    table.write_csv(options.output / f"{stem}.csv")
+    if draw is not None:
+        draw(rows, options.output / f"{stem}.png")
+    print(f"{len(rows)} rows are in {options.output / stem}.csv")
+    return 0
+
+
+def check_rows(rows: Sequence[Mapping[str, Any]], path: Path, share: float = 2e-3) -> int:
+    """Say which rows differ from those of a file by more than a share, or 0.002; how many do."""
+    with path.open(newline="") as file:
+        kept, off = list(csv.DictReader(file)), abs(sum(1 for _ in rows))
+    off = abs(len(rows) - len(kept))
+    for i, (row, old) in enumerate(zip(rows, kept, strict=False)):
+        for name, value in row.items():
+            if isinstance(value, float) and value == value:
+                same = abs(value - float(old[name] or "nan")) <= max(share * abs(value), share)
+            else:
+                same = isinstance(value, float) or value is None or str(value) in (old[name], str(int(value == "True")))
+            if not same and not isinstance(value, bool):
+                print(f"row {i}, {name}: {value} now, {old[name]} in {path.name}")
+                off += 1
+    print(f"{path.name}: {off} differences in {len(kept)} rows")
+    return min(off, 1)

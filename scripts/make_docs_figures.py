@@ -23,7 +23,6 @@ from torchliner.cli.main import main as torchliner
 from torchliner.io.planes import read_plane
 from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
-from torchliner.names import AVERAGINGS
 from torchliner.pressure.dean import in_situ
 from torchliner.report.curves import draw_along_x, draw_spectrum, draw_velocity
 from torchliner.report.maps import draw_map
@@ -70,16 +69,13 @@ def main() -> None:
         torchliner(["audit", *names, "--quiet", "--figure", str(picture)])
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
     torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
-    highest = calibrate_resolved.HIGHEST
-    panels = {name: calibrate_resolved.study(highest, name)[1] for name in AVERAGINGS}
-    calibrate_resolved.draw(panels, FIGURES / "calibration_resolved.png")
     reasons = [truth_page.reasons_of(case) for case in truth_page.REASONED]
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
     truth_page.draw(rows, reasons, FIGURES)
     ldv_interpolation.study(FIGURES, 200)
     torchliner(["duct", "solve", "b2a", "--quiet", "--field", str(FIGURES / "duct_field.png")])
     b2a_line.main(["-o", str(FIGURES)])  # half an hour
-    for script in (figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, side_by_side):
+    for script in (calibrate_resolved, figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, side_by_side):
         script.main(["-o", str(FIGURES)])
     print(f"pictures are in {FIGURES}")
 

@@ -59,7 +59,7 @@ def write_duct(path, cases=(0, 2, 3), names=NAMES):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("always::torchliner.DataWarning")  # printed by the script
 def test_one_wall_has_no_mismatch(tmp_path, capsys):
-    """Both waves of both records give the wall; figure, numbers and apparent Mach number."""
+    """Both waves of both records give the wall; figure and numbers."""
     write_duct(tmp_path / "duct.txt")
     script = load_script("measured_mismatch")
     script.main([str(tmp_path / "duct.txt"), "-o", str(tmp_path), "--draws", "4", "--heights", "20"])
@@ -67,8 +67,7 @@ def test_one_wall_has_no_mismatch(tmp_path, capsys):
     # Kumaresan and Tufts find the wave with the source and miss the growing one, which is a tenth of the pressure.
     assert warned.count("the waves leave up to 11 % of the pressures") == 1
     assert warned.count("the waves leave") == 1
-    assert "plane waves before the liner: M = 0.250 leaves least, 0.0 %" in said
-    assert "|d alpha|/k 0.0000 in the median" in said
+    assert "H 20 mm, 700-1000 Hz: downstream wave, source upstream" in said
     with (tmp_path / "measured_mismatch.csv").open() as file:
         rows = list(csv.DictReader(file))
     methods = {(row["method"], row["reflected"]) for row in rows}
