@@ -24,7 +24,7 @@ from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.notes import Note
-from torchliner.records.summaries import Summarised
+from torchliner.records.outlets import Summarised
 
 ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the error that is stated
 # Choices that the moments contain: they cannot be made again.

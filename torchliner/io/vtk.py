@@ -23,7 +23,7 @@ from torchliner.io.points import stated_factor
 from torchliner.io.stored_values import require_stored
 from torchliner.io.text_rows import last_digit
 from torchliner.records import VelocityPlane
-from torchliner.records.numbered_files import numbered_series
+from torchliner.records.origin import numbered_series
 
 ENDINGS = (".vtp", ".vtk", ".vtu", ".vti", ".vts", ".vtr", ".vtm")
 HEADS = re.compile(rb'# vtk DataFile|[^\0]*<VTKFile|\s*{\s*"file-series-version"|(#.*\s+)*FORMAT\s+type:\s*ensight')

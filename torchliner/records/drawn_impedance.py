@@ -17,7 +17,6 @@ from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.microphone_line import MicrophoneLine
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Reported, Written
-from torchliner.records.summaries import Summarised
 
 FINE = 201  # places of a level along the microphones
 LEVEL = 0.95  # of the interval in the file
@@ -25,7 +24,7 @@ EACH = ("draws", "frequency")
 
 
 @record
-class DrawnImpedance(Written, Reported, Summarised):
+class DrawnImpedance(Written, Reported):
     """Statistics over ``draws``, which all eductions from microphones share.
 
     nan where nothing was found or is known.

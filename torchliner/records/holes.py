@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from torch import Tensor
 
@@ -57,20 +55,17 @@ class Holes:
 
     def __mul__(self, factor: float) -> Holes:
         """All lengths times a factor."""
-        return Holes(*(each and tuple(factor * one for one in each) for each in vars(self).values()))
+        fields = (each and tuple(factor * one for one in each) for each in vars(self).values())
+        return Holes(*fields)  # type: ignore[arg-type]
 
     def within(self, x: Tensor | None, z: Tensor | None) -> Holes | None:
         """Those that touch the range of coordinates, m, of probes (None where unknown); None if none is left."""
-        kept = self._inside(x, z).nonzero()[0].tolist()
-        return Holes(*(each and tuple(each[i] for i in kept) for each in vars(self).values())) if kept else None
-
-    def _inside(self, x: Tensor | None, z: Tensor | None) -> np.ndarray:
-        """Which of them touch these ranges, (H,)."""
-        found, half = np.ones(len(self), bool), np.array(self.diameter) / 2
+        kept, half = np.ones(len(self), bool), np.array(self.diameter) / 2
         for own, at in ((self.x, x), (self.z, z)):
             if own is not None and at is not None:
-                found &= (own + half >= float(at.min())) & (own - half <= float(at.max()))
-        return found
+                kept &= (own + half >= float(at.min())) & (own - half <= float(at.max()))
+        fields = (each and tuple(np.array(each)[kept].tolist()) for each in vars(self).values())
+        return Holes(*fields) if kept.any() else None  # type: ignore[arg-type]
 
 
 def merged_bands(holes: Holes) -> list[tuple[float, float]]:
@@ -82,23 +77,3 @@ def merged_bands(holes: Holes) -> list[tuple[float, float]]:
         else:
             found.append((low, high))
     return found
-
-
-def require_holes_on_plane(holes: Any, x: Tensor | None, z: Tensor | None, name: str) -> None:
-    """Refuse holes beyond the probes (m; None where unknown): they have another origin or unit than the plane.
-
-    Raises:
-        TypeError: no ``Holes``.
-        ValueError: there are some; the first is named.
-    """
-    if not isinstance(holes, Holes):
-        raise TypeError(
-            f"{name}: holes is {type(holes).__name__}; give Holes(x, diameter, z), in m, or read_holes(FILE)"
-        )
-    outside = (~holes._inside(x, z)).nonzero()[0]
-    if len(outside):
-        raise ValueError(
-            f"{name}: {len(outside)} of {len(holes)} holes lie outside the plane, number {outside[0] + 1} first, at "
-            f"x = {1e3 * holes.x[outside[0]]:.6g} mm: give the holes in the coordinates of the plane, without those "
-            "beyond it"
-        )

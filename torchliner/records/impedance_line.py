@@ -20,7 +20,6 @@ from torchliner.records.declared import Variable, part, record, require_shapes, 
 from torchliner.records.educed import Interval
 from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
-from torchliner.records.summaries import Summarised
 
 
 def mean_over_segments(values: Tensor, counts: Tensor) -> Tensor:
@@ -53,7 +52,7 @@ SEGMENT, STATION = ("station", "segment", "frequency"), ("station", "frequency")
 
 
 @record
-class ImpedanceLine(DrawnAtFrequency, Result, Summarised, Found):
+class ImpedanceLine(DrawnAtFrequency, Result, Found):
     """Impedance of every segment of every station, with averages and all choices.
 
     Impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S segments at most, F

@@ -20,13 +20,12 @@ from torchliner.records.level_check import LevelCheck, LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
 from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.probes import probe_axes
-from torchliner.records.summaries import Summarised
 
 FULL = ("probes", "frequency")
 
 
 @record
-class ImpedanceMap(DrawnAtFrequency, Result, Summarised, Found):
+class ImpedanceMap(DrawnAtFrequency, Result, Found):
     """Educed impedance of every probe, cell and the whole liner, with all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. ``probes``, ``cells`` and ``liner`` hold

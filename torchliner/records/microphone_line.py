@@ -16,7 +16,6 @@ from torchliner.records.case import LOUDEST, Case
 from torchliner.records.declared import ANY, record, var
 from torchliner.records.outlets import Reported, Written
 from torchliner.records.probes import finite_places
-from torchliner.records.summaries import Summarised
 from torchliner.records.unit_checks import unit_warnings
 from torchliner.units import require_plausible
 
@@ -27,7 +26,7 @@ ONE_ATMOSPHERE = "(0, 1.5e5]"  # Pa, of an amplitude: 194 dB; what is no pressur
 
 
 @record
-class MicrophoneLine(Written, Reported, Summarised, Case):
+class MicrophoneLine(Written, Reported, Case):
     r"""Complex PEAK amplitudes p of tones :math:`Re(p e^{j\omega t})` along a straight duct with a lined wall.
 
     N microphones, F frequencies; leading axes of the pressure are cases of one line, as draws. A Mach number that is

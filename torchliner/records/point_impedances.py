@@ -13,13 +13,12 @@ from torchliner.records.declared import part, record, require_shapes, var
 from torchliner.records.educed import PointUncertainty
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
-from torchliner.records.summaries import Summarised
 
 CELL = ("cell", "frequency")
 
 
 @record
-class PointImpedances(Result, Summarised):
+class PointImpedances(Result):
     """What stands beside an educed map: impedances by a method that replays nothing.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner; nan where a point belongs to no cell.

@@ -12,11 +12,10 @@ from torch import Tensor
 from torchliner.checks import real_tensor, require_positive, stated_frequency, tell
 from torchliner.names import resolve
 from torchliner.records.declared import part, record, var
-from torchliner.records.holes import Holes, require_holes_on_plane
+from torchliner.records.holes import Holes
 from torchliner.records.outlets import Drawn
 from torchliner.records.probes import AtProbes, signal_tensor
 from torchliner.records.slabs import Reader
-from torchliner.records.summaries import Summarised
 
 
 @runtime_checkable
@@ -29,14 +28,14 @@ class StoredVelocity(Reader, Protocol):
 
 
 @record
-class VelocityPlane(Drawn, Summarised, AtProbes):
+class VelocityPlane(Drawn, AtProbes):
     """Wall-normal velocity at many probes, uniformly sampled in time.
 
     Args:
         velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
             with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
         streamwise: streamwise velocity, m/s, on the same probes and times.
-        holes: where those of the liner below are, for figures; None: unknown.
+        holes: where those of the liner below are, for figures; those beyond the plane are left out. None: unknown.
     Raises:
         TypeError, ValueError: velocity is not real floating point; a shape or a value that no plane has.
     """
@@ -75,7 +74,12 @@ class VelocityPlane(Drawn, Summarised, AtProbes):
             object.__setattr__(self, "area", area)
         self._check_case()
         if self.holes is not None:
-            require_holes_on_plane(self.holes, self.x, self.z, self.name)
+            if not isinstance(self.holes, Holes) or (inside := self.holes.within(self.x, self.z)) is None:
+                raise ValueError(
+                    f"{self.name}: holes is {self.holes!r}, none of them over the plane; give Holes(x, diameter, z), "
+                    "in m and in the coordinates of the plane, or read_holes(FILE)"
+                )
+            object.__setattr__(self, "holes", inside)
 
     @classmethod
     def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
