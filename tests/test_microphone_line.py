@@ -174,19 +174,8 @@ def test_csv_gives_the_line_back(tmp_path):
     assert float((again.pressure - line.pressure).abs().max()) < 1e-13
     assert torch.equal(again.x, line.x)
     assert torch.equal(again.frequency, line.frequency)
-    for label in (
-        "duct_height",
-        "duct_width",
-        "mach",
-        "source_side",
-        "liner_start",
-        "liner_end",
-        "fluid",
-        "liner",
-        "title",
-        "reference",
-        "notes",
-    ):
+    stated = "duct_height duct_width mach source_side liner_start liner_end fluid liner title reference notes"
+    for label in stated.split():
         assert getattr(again, label) == getattr(line, label), label
     assert read_microphones(path, source_side="downstream").source_side == "downstream"
 

@@ -167,27 +167,12 @@ def alone(*words):
 def test_the_command_is_kept_as_it_was_typed(files):
     """With its phase, its pressure and what is read of the plane."""
     words = (
-        "educe",
-        "p0.h5",
-        "--liner",
-        "l.toml",
-        "--phase",
-        "given",
-        "--reference-phase",
-        "-0.5",
-        "--every",
-        "2",
-        "--wall-pressure",
-        "w.h5",
-        "--interval",
-        "none",
-        "--quiet",
-        "-o",
-        "map.h5",
-    )
+        "educe p0.h5 --liner l.toml --phase given --reference-phase -0.5 --every 2 --wall-pressure w.h5 "
+        "--no-intervals --quiet -o map.h5"
+    ).split()
     alone(*words)
     found = tl.read_map("map.h5")
-    assert found.choices["command"] == list(words)
+    assert found.choices["command"] == words
     assert found.choices["reference_phase"] == -0.5
     alone("insitu", "w.h5", "-o", "points.h5")
     points = tl.read_points("points.h5")
@@ -204,24 +189,11 @@ def test_a_line_holds_its_bursts(capsys, files):
         tl.BurstRecord(time, wall_normal=wave, x=0.01 * i, y=1e-3, z=0.0, frequency=1500.0, liner="onera").write(
             f"b/s{i}.h5"
         )
-    words = (
-        "ldv",
-        "educe",
-        "b",
-        "--segment",
-        "0.1",
-        "--phase",
-        "given",
-        "--reference-phase",
-        "0.5",
-        "-o",
-        "line.h5",
-        "--quiet",
-    )
+    words = "ldv educe b --segment 0.1 --phase given --reference-phase 0.5 -o line.h5 --quiet".split()
     assert run(capsys, *words)[0] == DONE
     line = tl.read_line("line.h5")
     assert held(line) == [("bursts", "b/s0.h5"), ("bursts", "b/s1.h5")]
-    assert line.choices["command"] == list(words)
+    assert line.choices["command"] == words
     assert line.choices["reference_phase"] == [0.5, 0.5]
     assert [standing(each).words for each in inputs_of(line)] == ["unchanged"] * 2
 

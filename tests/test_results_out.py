@@ -14,7 +14,6 @@ import torch
 from conftest import turbulence
 
 import torchliner as tl
-from torchliner.cli.main import BAD_INPUT, main
 from torchliner.cli.shared import SHARED
 from torchliner.names import RESULT_WRITERS
 from torchliner.records.educed import Educed
@@ -307,35 +306,3 @@ def test_matlab_has_complex_arrays(tmp_path):
 def test_a_line_without_an_average_has_no_answer():
     with pytest.raises(ValueError, match="the stations have no average; join them"):
         _ = dataclasses.replace(line(), average=None).answer
-
-
-def test_the_command_refuses_before_the_work_what_it_could_not_write(tmp_path, monkeypatch, capsys):
-    """One tone for a table over frequency, probes without places for a picture."""
-    shape, where = PLACES["line"]
-    for name, places in (("placed", where), ("bare", {})):
-        plane = tl.VelocityPlane(turbulence((*shape, 420)), sampling_rate=RATE, frequency=1400.0, **places)
-        plane.write(tmp_path / f"{name}.h5")
-    monkeypatch.setattr(tl, "educe", None, raising=False)
-    for plane, ending, message in (
-        ("placed", "bdf", "needs 2 frequencies at least and the result has 1"),
-        ("bare", "vtkhdf", "needs places and the result has no x or z"),
-        (
-            "placed",
-            "mat5",
-            "it must be one of .h5, .hdf5, .nc, .csv, .vtp, .vtkhdf, .mat, .bdf",
-        ),
-    ):
-        words = ["educe", str(tmp_path / f"{plane}.h5"), "--liner", "polito", "-o", str(tmp_path / f"m.{ending}")]
-        assert main(words) == BAD_INPUT
-        assert message in capsys.readouterr().err
-    main([*words[:-1], str(tmp_path / "m.bdf"), "--frequency", "1400", "2800"])
-    assert "NoneType" in capsys.readouterr().err  # the work, which is not there
-
-
-def test_a_line_of_stations_shows_itself():
-    found = line()
-    text = repr(found)
-    assert text.startswith("ImpedanceLine: 2 stations, 1500 Hz\n  1500 Hz: Z = ")
-    assert f"Z = {complex(found.answer[0]):.3f}" in found._repr_html_()
-    alone = dataclasses.replace(found, average=None)
-    assert "Z = " not in repr(alone)

@@ -38,22 +38,17 @@ class Gap:
     def verdict(self, limit: float, *place: int) -> str:
         """``passes``, ``fails``, or ``inconclusive`` where the interval reaches back into the limit, dB (that of the
         phase is as large an error of Z); "" where there is nothing to compare."""
-        if not math.isfinite(float(self.level[place])):
-            return ""
-        words = [_verdict(*self._ends("level", place), limit)]
-        if math.isfinite(float(self.phase[place])):
-            words.append(_verdict(*self._ends("phase", place), limit * DEGREES_PER_DB))
+        words = []
+        for name, most in (("level", limit), ("phase", limit * DEGREES_PER_DB)):
+            value, low, high = (float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high"))
+            if not math.isfinite(low + high):
+                low = high = value
+            if math.isfinite(value):
+                clear = low > most or high < -most
+                words.append(PASSES if abs(value) <= most else FAILS if clear else INCONCLUSIVE)
+            elif name == "level":
+                return ""
         return next(word for word in (FAILS, INCONCLUSIVE, PASSES) if word in words)
-
-    def _ends(self, name: str, place: tuple[int, ...]) -> tuple[float, float, float]:
-        value, low, high = (float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high"))
-        return (value, low, high) if math.isfinite(low + high) else (value, value, value)
-
-
-def _verdict(value: float, low: float, high: float, limit: float) -> str:
-    if abs(value) <= limit:
-        return PASSES
-    return FAILS if low > limit or high < -limit else INCONCLUSIVE
 
 
 @record

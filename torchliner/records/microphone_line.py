@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, replace
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -157,15 +158,14 @@ class MicrophoneLine(Written, Reported, Case):
         Raises:
             ValueError: a microphone is off the even grid by more than 0.5 % of it; the worst one is named.
         """
-        spacing = float(self.x[-1] - self.x[0]) / (self.microphones - 1)
-        number = torch.arange(self.microphones) - (self.microphones - 1) / 2
-        off = self.x - self.x.mean()
-        off = off - number * (number * off).sum() / number.square().sum()
-        worst = int(off.abs().argmax())
-        if float(off[worst].abs()) > EQUAL_SPACING * spacing:
+        number, x = np.arange(self.microphones), self.x.numpy()
+        spacing = float(x[-1] - x[0]) / (self.microphones - 1)
+        off = x - np.polyval(np.polyfit(number, x, 1), number)
+        worst = int(np.abs(off).argmax())
+        if abs(off[worst]) > EQUAL_SPACING * spacing:
             raise ValueError(
                 f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = "
-                f"{1e3 * float(self.x[worst]):.6g} mm is {1e3 * float(off[worst]):+.3g} mm off an even grid of "
+                f"{1e3 * x[worst]:.6g} mm is {1e3 * off[worst]:+.3g} mm off an even grid of "
                 f"{1e3 * spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of it); leave microphones out, or use the "
                 "two-wave fit"
             )
