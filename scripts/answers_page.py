@@ -34,8 +34,7 @@ from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import measure, reading_of
-from torchliner.velocity.rescaled import with_drive
-from torchliner.velocity.velocity_ratio import likely_share
+from torchliner.velocity.sound import likely_share
 from truth_page import page_table, write_tables
 
 FOLDER = RESULTS / "answers"
@@ -197,7 +196,7 @@ def needed_rms(plane: tl.VelocityPlane, liner: Any) -> tuple[float, float]:
     every = torch.ones(plane.probes, dtype=torch.float64)
 
     def miss(share: float) -> float:
-        moments = with_drive(reading, known, phase_locked(known.survey, known.membership, share * every))
+        moments = reading.with_drive(known, phase_locked(known.survey, known.membership, share * every))
         found = average(moments, Asked.of(moments, liner, asked, chosen), "phase-locked")
         return float(impedance_from_reflection(found.replicates[0, 0, 0]).real) - plane.reference["true"].real
 

@@ -12,10 +12,10 @@ from conftest import load_script
 
 import torchliner as tl
 from torchliner.cli.main import main
+from torchliner.engine.survey import coherence_by_chance
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.studies.calibrate import calibrate_without_flow
-from torchliner.velocity.tone import coherence_by_chance, tone_coherence
-from torchliner.velocity.velocity_ratio import STRONG, WEAK, likely_share
+from torchliner.velocity.sound import CHANCE, STRONG, WEAK, likely_share
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # the notes are looked at instead
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -193,15 +193,15 @@ def test_chance_is_what_it_says(liner):
         noise = plane_of(0.0, 1.0, seed, incident_level=None)
         known = tl.moments(noise, one, averaging="velocity")
         tone = torch.tensor([TONE], dtype=torch.float64)
-        found.append(float(tone_coherence(known.survey, known.membership, tone)))
+        found.append(float(known.survey.coherence(tone, known.membership)))
         blocks = known.survey.blocks.count
         if seed < 15:
             noted = "no-tone" in codes(tl.educe(noise, one, interval=None, averaging="velocity"))
-            assert noted == (found[-1] <= coherence_by_chance(blocks))
+            assert noted == (found[-1] <= coherence_by_chance(blocks, CHANCE))
     for chance in (0.5, 0.1):
         share = sum(each > coherence_by_chance(blocks, chance) for each in found) / len(found)
         assert share == pytest.approx(chance, abs=3 * math.sqrt(chance * (1 - chance) / len(found)))
-    assert coherence_by_chance(3) == pytest.approx(0.9)
+    assert coherence_by_chance(3, CHANCE) == pytest.approx(0.9)
 
 
 # The level.

@@ -8,7 +8,7 @@ import torch
 from conftest import RATE, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.velocity.review_answer import LARGEST_CHANGE
+from torchliner.velocity.sound import LARGEST_CHANGE
 
 SAMPLES = 4200  # 100 ms
 TIMES = torch.arange(SAMPLES, dtype=torch.float64) / RATE

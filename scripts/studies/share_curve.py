@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brute
 
-from torchliner.velocity.velocity_ratio import SCATTER, STRONG, WEAK, share_between
+from torchliner.velocity.sound import SCATTER, STRONG, WEAK, likely_share
 
 NEAR = 0.02  # relative: the package states two digits
 
@@ -19,7 +19,7 @@ def fit_curve(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
 
     def squares(ends: np.ndarray) -> float:
         low, width = math.exp(ends[0]), math.exp(abs(ends[1]))
-        return sum((row["share"] - share_between(row["velocity_ratio"], low, low * width)) ** 2 for row in rows)
+        return sum((row["share"] - likely_share(row["velocity_ratio"], low, low * width)) ** 2 for row in rows)
 
     low, width = brute(squares, ((math.log(0.02), math.log(0.5)), (1e-3, math.log(20))), Ns=60)
     return math.exp(low), math.exp(low + abs(width))
@@ -27,7 +27,7 @@ def fit_curve(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
 
 def scatter_of(rows: Sequence[dict[str, Any]], weak: float, strong: float) -> float:
     """Standard deviation of the cases about a curve of two constants."""
-    misses = [row["share"] - share_between(row["velocity_ratio"], weak, strong) for row in rows]
+    misses = [row["share"] - likely_share(row["velocity_ratio"], weak, strong) for row in rows]
     return math.sqrt(sum(miss**2 for miss in misses) / (len(rows) - 2))
 
 

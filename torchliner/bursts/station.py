@@ -31,7 +31,7 @@ from torchliner.tones import tone_amplitudes, transfer_function, window_weights
 from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import reading_of, take_moments
-from torchliner.velocity.review_answer import review_rule
+from torchliner.velocity.review import review_rule
 from torchliner.version import __version__
 
 MOST_SEGMENTS = 5000

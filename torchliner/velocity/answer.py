@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,20 +17,15 @@ from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel, impedance_of
 from torchliner.liners.plates import goodrich_resistance
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.educed import Educed
 from torchliner.records.level_check import Gap
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
-from torchliner.velocity import review, review_answer
+from torchliner.velocity import review, sound
 from torchliner.velocity.averages import Asked, Averages, average
-from torchliner.velocity.background import with_background
+from torchliner.velocity.background import widened, with_background
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
-from torchliner.velocity.rescaled import widened
-from torchliner.velocity.review_answer import ToneShare
-from torchliner.velocity.tone import NO_TONE, review_tone
-from torchliner.velocity.velocity_ratio import review_ratio, velocity_ratio
 from torchliner.version import __version__
 
 
@@ -37,7 +33,9 @@ def averages_of(
     known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, reference_phase: Any = None
 ) -> tuple[Asked, dict[str, Averages]]:
     """R under every averaging, on the device of the moments, with nothing read back to the host."""
-    phase = _phase_of(known.plane, chosen, reference_phase, len(frequency))
+    phase = None
+    if chosen.phase == "given" or reference_phase is not None:
+        phase = _phase_of(known.plane, chosen, reference_phase, len(frequency))
     asked = Asked.of(known, liner, frequency, chosen, phase)
     return asked, {name: average(known, asked, name) for name in chosen.averagings}
 
@@ -56,34 +54,34 @@ def answer(
     Raises:
         ValueError: the moments do not fit what is asked.
     """
-    plane, seen = known.plane, known.survey
+    plane, seen, liner = known.plane, known.survey, liner.in_flow(known.plane.mach)
     review.require_periods(plane, frequency, chosen)
     chosen = with_background(plane, chosen, liner, known.cell_pitch)
     require_fitting(known, liner, frequency, chosen)
-    liner = liner.in_flow(plane.mach)
     asked, found = averages_of(known, liner, frequency, chosen, reference_phase)
     if ends:
-        found["phase-locked"] = widened(found["phase-locked"], [average(each, asked, "phase-locked") for each in ends])
-    answered, silent = chosen.averaging, list(review_tone(known, frequency, chosen))
-    if answered == "phase-locked" and any(note.code == NO_TONE for note in silent):
+        own, others = found["phase-locked"], [average(each, asked, "phase-locked") for each in ends]
+        names = ("probes", "cells", "liner", "along_x")
+        every: Any = {name: widened(getattr(own, name), [getattr(each, name) for each in others]) for name in names}
+        found["phase-locked"] = dataclasses.replace(own, **every)
+    answered, silent = chosen.averaging, list(sound.review_tone(known, frequency, chosen))
+    if answered == "phase-locked" and any(note.code == sound.NO_TONE for note in silent):
         answered = "admittance"
-    chief = found[answered]
-    z = chief.liner.impedance.detach().cpu()
-    error, doubts = review.review_table(plane, known, liner, frequency, z)
-    count = seen.blocks.count
-    share = review_answer.tone_share(known) if "phase-locked" in found else None
-    ratio = None if silent else velocity_ratio(known, liner, frequency)
+    chief, held = found[answered].liner, found["admittance"].held
+    z = chief.impedance.detach().cpu()
+    error, doubts = review.review_table(known, liner, frequency, z)
+    tone = sound.sound_of(known) if "phase-locked" in found else None
+    ratio = None if silent else sound.velocity_ratio(known, liner, frequency)
     notes = [
         *review.review_record(plane, frequency),
         *review.review_liner(plane, liner),
         *known.notes,
         *doubts,
         *silent,
-        *review_ratio(known, liner, frequency, ratio, share),
-        *review_answer.review_other_tones(plane, known, liner, frequency, share),
-        *review.review_walls(plane, asked.wall, known.used, frequency, count, chosen.wall_filter),
-        *review_answer.review_rule(found["admittance"].held, count, chosen),
-        *review_answer.review_intervals(plane, chief, seen.blocks, frequency),
+        *sound.review_sound(known, liner, frequency, ratio, tone),
+        *review.review_walls(known, asked.wall, frequency, chosen.wall_filter),
+        *review.review_rule(held, seen.blocks.count, chosen),
+        *review.review_intervals(plane, chief, seen.blocks, frequency),
     ]
     pressures = known_pressure(known, frequency, pressure)
     check, checked = None, pressures
@@ -95,16 +93,18 @@ def answer(
         for i, f in enumerate(frequency.tolist()):
             if text := check.sentence(answered, f, i):
                 notes.append(Note("level-check", f"{plane.name}: {text}", float(sizes[i])))
+    facts = facts_of(known, liner, chosen, error)
+    if tone is not None:
+        facts["tone_share"] = tone.share
     return map_of(
         known,
         liner,
         frequency,
         found,
         answered,
-        phase_rule=found["admittance"].held,
+        phase_rule=held,
         wall=asked.wall,
-        choices=facts_of(known, liner, chosen, error, share)
-        | {"averaging": answered, "level_check": checked, "velocity_ratio": ratio},
+        choices=facts | {"averaging": answered, "level_check": checked, "velocity_ratio": ratio},
         notes=tuple(dict.fromkeys(notes)),
         level_check=check,
     )
@@ -136,23 +136,20 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
             f"{name} was reduced for cells of {of_data}, and the liner's are of {of_liner}; reduce the data again with "
             "that liner"
         )
+    needed = []
     if chosen.phase != "averaged":
-        _require_lines(
-            name, f"the line of phase {chosen.phase!r}", known.turns / 2, frequency, "choose phase='averaged'"
-        )
+        needed.append((f"the line of phase {chosen.phase!r}", known.turns / 2, "choose phase='averaged'"))
     if chosen.wall_filter is not None or chosen.phase == "self-consistent":
         remedy = "choose phase='averaged'" if chosen.wall_filter is None else "leave wall_filter out"
-        _require_lines(name, "the coherence of v with the tone", known.survey.lines, frequency, remedy)
-
-
-def _require_lines(name: str, what: str, lines: Tensor, frequency: Tensor, remedy: str) -> None:
-    for f in frequency.tolist():
-        if index_of_frequency(lines, f) is None:
-            held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
-            raise ValueError(
-                f"{name} holds {what} at {held}, and not at {f:g} Hz; {remedy}, or reduce the data again with that "
-                "frequency"
-            )
+        needed.append(("the coherence of v with the tone", known.survey.lines, remedy))
+    for what, lines, remedy in needed:
+        for f in frequency.tolist():
+            if index_of_frequency(lines, f) is None:
+                held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
+                raise ValueError(
+                    f"{name} holds {what} at {held}, and not at {f:g} Hz; {remedy}, or reduce the data again with that "
+                    "frequency"
+                )
 
 
 def map_of(
@@ -176,15 +173,17 @@ def map_of(
             value = torch.where(used.reshape(-1, *[1] * (value.ndim - 1)), value, torch.nan)
         return value.reshape((*plane.probe_shape, *value.shape[1:]))
 
-    def host(each: Educed) -> Educed:
-        return each.map(lambda value: value.cpu())
-
+    parts: dict[str, Any] = {
+        part: {name: own.map(Tensor.cpu) for name, each in found.items() if (own := getattr(each, part)) is not None}
+        for part in ("cells", "liner", "along_x")
+    }
+    stated = {
+        name: getattr(plane, name)
+        for name in ("x", "z", "height", "fluid", "mach", "incident_level", "source_side", "title", "holes")
+    }
     return ImpedanceMap(
         frequency=frequency,
         probes={name: each.probes.map(on_probes) for name, each in found.items() if each.probes is not None},
-        cells={name: host(each.cells) for name, each in found.items()},
-        liner={name: host(each.liner) for name, each in found.items()},
-        along_x={name: host(each.along_x) for name, each in found.items() if each.along_x is not None},
         averaging=averaging,
         mean_velocity=on_probes(seen.mean),
         velocity_rms=on_probes(seen.rms),
@@ -195,31 +194,21 @@ def map_of(
         cell_z=known.cells.z,
         cell_weight=known.cells.weight,
         wall=None if wall is None else on_probes(wall),
-        x=plane.x,
-        z=plane.z,
-        height=plane.height,
-        fluid=plane.fluid,
         reference=dict(plane.reference),
-        mach=plane.mach,
-        incident_level=plane.incident_level,
-        source_side=plane.source_side,
         goodrich=goodrich_of(plane, liner, frequency),
-        title=plane.title,
-        holes=plane.holes,
+        **parts,
+        **stated,
         **about,
     )
 
 
-def _phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor | None:
+def _phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor:
     """psi of all probes, (P, F or 1)."""
     if chosen.phase != "given":
-        if phase is not None:
-            raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
-        return None
+        raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
     if phase is None:
         raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
-    values = phase_tensor(phase).cpu()
-    shape = plane.probe_shape
+    values, shape = phase_tensor(phase).cpu(), plane.probe_shape
     if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
         raise ValueError(
             f"reference_phase has shape ({count},), and there are {count} probes and {count} frequencies; give "
@@ -247,11 +236,9 @@ def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> T
         return impedance_of(liner, frequency, torch.zeros(1)) + added
 
 
-def facts_of(
-    known: Moments, liner: LinerModel, chosen: Choices, error: float, share: ToneShare | None = None
-) -> dict[str, Any]:
-    """Every choice, and what followed from it; ``share`` is that of the tone, see ``tone_share``."""
-    plane, blocks = known.plane, known.survey.blocks
+def facts_of(known: Moments, liner: LinerModel, chosen: Choices, error: float) -> dict[str, Any]:
+    """Every choice, and what followed from it."""
+    plane, blocks, locked = known.plane, known.survey.blocks, known.locked
     facts: dict[str, Any] = {
         "version": __version__,
         **chosen.describe(),
@@ -268,21 +255,12 @@ def facts_of(
         "nodes": None if known.nodes is None else known.nodes.describe(),
         "model_error": error,
     }
-    if known.locked is not None and "phase-locked" in chosen.averagings:
-        facts["phase_locked_lines"] = known.locked.lines.tolist()
-        facts["phase_locked_share"] = known.locked.share.mean(1).tolist()
-        facts["tone_share"] = None if share is None else share[0]
-        facts["incoherent_scale"] = _mean_scale(known)
+    if locked is not None and "phase-locked" in chosen.averagings:
+        cells, scale = known.membership, locked.scale
+        mean = 1.0 if scale is None else float(cells.sum(scale).sum() / cells.sizes.sum())
+        facts |= {"phase_locked_lines": locked.lines.tolist(), "phase_locked_share": locked.share.mean(1).tolist()}
+        facts |= {"tone_share": None, "incoherent_scale": mean}  # of all cells
     return facts
-
-
-def _mean_scale(known: Moments) -> float:
-    """By which the incoherent velocity was scaled, over the probes of all cells."""
-    assert known.locked is not None
-    if known.locked.scale is None:
-        return 1.0
-    cells = known.membership
-    return float((cells.sum(known.locked.scale).sum() / cells.sizes.sum()).cpu())
 
 
 def origin_facts(plane: Any, liner: LinerModel, pressure: Any, phase: Any) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """From sums over blocks to R of every probe, cell and the whole liner, each with its interval.
 
-All of it is computed from all blocks and without each block in turn, along one axis of length B = 1 + S, so that the
-intervals of probes, cells and liner come from the same lines of code as their values. Everything stays on the device.
+All of it is computed from all blocks and without each block in turn, along one axis of length B (``replicates``), so
+that the intervals of probes, cells and liner come from the same lines of code as their values. It stays on the device.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
 from torchliner.engine.moments import Moments
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.sums import in_order, is_differentiated
-from torchliner.engine.survey import Membership, Survey
+from torchliner.engine.survey import Survey
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.records.educed import Educed, Interval
 from torchliner.velocity.choices import Choices
@@ -84,57 +84,50 @@ class Averages:
 
 def average(known: Moments, asked: Asked, averaging: str) -> Averages:
     """R of probes, cells and liner under one averaging."""
-    chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, None
+    chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, known.survey
+    consistent, phase, locked = chosen.phase == "self-consistent", asked.phase, known.locked
     count = known.membership.count if averaging == "velocity" else known.plane.probes
     held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
-    if chosen.drive == "rms" or chosen.phase == "self-consistent":
+    if chosen.drive == "rms" or consistent:
         seen = survey_of_columns(known, averaging)
-        if chosen.phase == "self-consistent":
-            held = seen.coherence(frequency) >= chosen.minimum_coherence
-    bars = _interval(lengths, chosen) is not None
+    if consistent:
+        held = seen.coherence(frequency) >= chosen.minimum_coherence
+    if phase is not None and averaging == "velocity":
+        phase = known.membership.mean(torch.exp(1j * phase).T).T.angle()
+    bars = chosen.interval is not None and len(lengths) >= FEWEST_BLOCKS
+    each = torch.view_as_real(asked.coefficients)  # (F, J, 2)
+    of_all = each.transpose(0, 1).flatten(1)
+    turns = [int((known.turns - 2 * f).abs().argmin()) for f in frequency.tolist()] if len(known.turns) else []
 
     def means(sums: Tensor) -> Tensor:
         """From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...)."""
         return replicates(sums, lengths) if bars else known.survey.mean_of(sums)
 
     def reflection(part: slice) -> Tensor:
-        if chosen.drive == "rms" and seen is not None:  # R at the rms over the record, and without each block
+        if chosen.drive == "rms":  # R at the rms over the record, and without each block
             square = means(seen.squares[:, part])
             if chosen.mean == "removed":
                 square = square - means(seen.sums[:, 0, part]) ** 2
             speed = square.clamp(min=0).sqrt()
             return reflection_of(asked.liner, frequency, speed.cpu()[..., None]).to(speed.device)
-        mean, turned = _mean_reflection(known, asked, known.sums[averaging][..., part], means)
-        velocity = None if seen is None else -seen.tone(frequency, means, part) / 2
-        phase = asked.phase
-        if phase is not None and averaging == "velocity":
-            phase = mean_direction(known.membership, phase).angle()
-        sound = Sound(velocity, held[part], None if phase is None else phase[part])
-        found = PHASE_RULES[chosen.phase](mean, turned, sound)
-        if averaging == "phase-locked" and known.locked is not None and known.locked.scale is not None:
+        sums = known.sums[averaging][..., part]
+        a = torch.view_as_complex((means(sums[:, 0]).transpose(1, 2) @ of_all).unflatten(2, (-1, 2)))  # <R>
+        b = torch.zeros_like(a)  # <R e^{-2 j omega t}> less what the mean of R leaves in it
+        if turns and chosen.phase != "averaged":
+            cosine, sine = (
+                torch.view_as_complex(means(sums[:, [first + i for i in turns]]).transpose(2, 3) @ each)
+                for first in (1, 1 + len(known.turns))
+            )
+            waves = known.survey.blocks.wave_sums(2 * frequency).to(a.device)
+            b = (cosine - 1j * sine).transpose(1, 2) - means(waves)[:, None] * a
+        velocity = -seen.tone(frequency, means, part) / 2 if consistent else None
+        found = PHASE_RULES[chosen.phase](a, b, Sound(velocity, held[part], None if phase is None else phase[part]))
+        if averaging == "phase-locked" and locked is not None and locked.scale is not None:
             # The record's own level of turbulence, which varies from block to block, was replaced by a stated one.
-            found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / known.locked.scale[part, None]])
+            found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])
         return found
 
     return averages_of(known, asked, averaging, lengths, reflection, held)
-
-
-def _mean_reflection(
-    known: Moments, asked: Asked, sums: Tensor, means: Callable[[Tensor], Tensor]
-) -> tuple[Tensor, Tensor]:
-    """<R> and <R e^{-2 j omega t}> less what the mean of R leaves in it, (B, n, F); 0 where nobody asks for that."""
-    coefficients = torch.view_as_real(asked.coefficients)  # (F, J, 2)
-    of_all = coefficients.transpose(0, 1).flatten(1)
-    mean = torch.view_as_complex((means(sums[:, 0]).transpose(1, 2) @ of_all).unflatten(2, (-1, 2)))
-    if sums.shape[1] == 1:
-        return mean, torch.zeros_like(mean)
-    place = [int((known.turns - 2 * f).abs().argmin()) for f in asked.frequency.tolist()]
-    cosine, sine = (
-        torch.view_as_complex(means(sums[:, [first + i for i in place]]).transpose(2, 3) @ coefficients)
-        for first in (1, 1 + len(known.turns))
-    )
-    waves = known.survey.blocks.wave_sums(2 * asked.frequency).to(mean.device)
-    return mean, (cosine - 1j * sine).transpose(1, 2) - means(waves)[:, None] * mean
 
 
 def survey_of_columns(known: Moments, averaging: str) -> Survey:
@@ -142,16 +135,11 @@ def survey_of_columns(known: Moments, averaging: str) -> Survey:
     seen, cells = known.survey, known.membership
     if averaging == "velocity":
         squares = known.sums.get("square of cells")
-        of_cells = torch.full_like(cells.sum(seen.squares), torch.nan) if squares is None else squares[:, 0, 0]
+        of_cells = torch.full_like(cells.mean(seen.squares), torch.nan) if squares is None else squares[:, 0, 0]
         return dataclasses.replace(seen, sums=cells.mean(seen.sums), squares=of_cells, peaks=cells.mean(seen.peaks))
     if averaging == "phase-locked" and known.locked is not None:
         return survey_of_locked(known.locked, seen)
     return seen
-
-
-def mean_direction(cells: Membership, phase: Tensor) -> Tensor:
-    """Mean of e^{j psi} over each cell's probes, (C, F or 1)."""
-    return cells.mean(torch.exp(1j * phase).T).T
 
 
 def averages_of(
@@ -165,81 +153,63 @@ def averages_of(
         reflection: R of some columns.
         held: where the phase rule could be used, bool, (N, F).
     """
-    cells, interval, share, x = known.membership, _interval(lengths, asked.chosen), None, None
-    of_cells, device = averaging == "velocity", lengths.device
+    cells, device, (columns, frequencies) = known.membership, lengths.device, held.shape
+    of_cells, share, x, rows = averaging == "velocity", None, None, 0
+    level = asked.chosen.interval if len(lengths) >= FEWEST_BLOCKS else None
     if of_cells:
         labels, counted = torch.arange(cells.count, device=device), torch.ones_like(held[:, :1])
         share = None if known.cells.weight is None else known.cells.weight.to(device)
     else:
         labels, counted = cells.labels, known.counted[:, None]
-        counted = counted if averaging == "admittance" else counted & (labels < cells.count)[:, None]
-        shape = known.plane.probe_shape
-        x = torch.arange(known.plane.probes, device=device) % shape[1] if len(shape) == 2 else None
+        if averaging == "phase-locked":
+            counted = counted & (labels < cells.count)[:, None]
+        if len(known.plane.probe_shape) == 2:
+            rows = known.plane.probe_shape[1]
+            x = torch.arange(columns, device=device) % rows
     # Sums of admittances over each cell, the probes of no cell, and each x, side by side.
-    groups = cells.count + 1 + (0 if x is None else known.plane.probe_shape[1])
-    numbers, sums = torch.zeros(groups, dtype=torch.float64, device=device), torch.empty(0)
-    found: list[Educed] = []
+    numbers, sums = torch.zeros(cells.count + 1 + rows, dtype=torch.float64, device=device), torch.empty(0)
+
+    def educed(replicated: Tensor) -> Educed:
+        own = None if level is None else jackknife(replicated.detach(), lengths / lengths.sum(), level)
+        return Educed(replicated[0], own)
 
     def work(part: slice) -> tuple[slice, Tensor, Educed | None]:
         each = reflection(part)
         leave = ~counted[part]
         if asked.wall is not None and not of_cells:
             leave = leave | asked.wall[part]
-        admittance = admittance_from_reflection(each).masked_fill(leave, 0)
-        return part, admittance, None if of_cells else _educed(each, interval)
+        return part, admittance_from_reflection(each).masked_fill(leave, 0), None if of_cells else educed(each)
 
-    parts = _parts(held, lengths)
-    alone = is_differentiated(asked.coefficients)
-    for part, admittance, educed in map(work, parts) if alone else in_order(work, parts, device):
-        found += [] if educed is None else [educed]
+    # The bits of a column do not depend on how the columns are shared out.
+    size = max(1, ELEMENTS // ((1 + len(lengths)) * frequencies)) if device.type == "cpu" else columns
+    parts, found = [slice(left, min(left + size, columns)) for left in range(0, columns, size)], list[Educed]()
+    for part, admittance, own in (
+        map(work, parts) if is_differentiated(asked.coefficients) else in_order(work, parts, device)
+    ):
+        found += [] if own is None else [own]
         if not sums.numel():
-            sums = admittance.new_zeros(len(admittance), groups, held.shape[1])
+            sums = admittance.new_zeros(len(admittance), len(numbers), frequencies)
         weight = counted[part, 0].double() if share is None else share[part]
         admittance = admittance if share is None else admittance * weight[:, None]
         for place in [labels[part]] + ([] if x is None else [cells.count + 1 + x[part]]):
             sums.index_add_(1, place, admittance)
             numbers.index_add_(0, place, weight)
-    every = slice(cells.count + 1)
     sums, number = (
-        torch.cat([each[..., every, :].sum(-2, keepdim=True), each], -2) for each in (sums, numbers[:, None])
+        torch.cat([each[..., : cells.count + 1, :].sum(-2, keepdim=True), each], -2)
+        for each in (sums, numbers[:, None])
     )
     averaged = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
-    joined = _educed(averaged, interval)
+    joined, probes = educed(averaged), None
+    if found:
+        intervals = [each.interval for each in found if each.interval is not None]
+        of_all = Educed(torch.cat([e.reflection for e in found]), Interval.joined(intervals) if intervals else None)
+        left_out, nan = ~known.counted[:, None], complex(math.nan, math.nan)
+        probes = of_all.map(lambda value: value.masked_fill(left_out, nan if value.is_complex() else math.nan))
     return Averages(
-        probes=None if of_cells else _joined(found, known.counted[:, None]),
+        probes=probes,
         cells=joined.map(lambda value: value[1 : 1 + cells.count]),
         liner=joined.map(lambda value: value[0]),
         along_x=None if x is None else joined.map(lambda value: value[2 + cells.count :]),
         replicates=averaged[:, : 1 + cells.count],
         held=held,
     )
-
-
-def _interval(lengths: Tensor, chosen: Choices) -> Callable[[Tensor], Interval] | None:
-    """What makes the interval of R with all its replicates, (B, ...); None where there are none."""
-    level = chosen.interval
-    if level is None or len(lengths) < FEWEST_BLOCKS:
-        return None
-    return lambda reflection: jackknife(reflection, lengths / lengths.sum(), level)
-
-
-def _parts(held: Tensor, lengths: Tensor) -> list[slice]:
-    """Slices of columns: the bits of a column do not depend on them."""
-    count = len(held)
-    size = max(1, ELEMENTS // ((1 + len(lengths)) * held.shape[1])) if held.device.type == "cpu" else count
-    return [slice(left, min(left + size, count)) for left in range(0, count, size)]
-
-
-def _educed(reflection: Tensor, interval: Callable[[Tensor], Interval] | None) -> Educed:
-    return Educed(reflection[0], None if interval is None else interval(reflection.detach()))
-
-
-def _joined(parts: list[Educed], used: Tensor) -> Educed:
-    """All probes; nan where a probe was left out."""
-    intervals = [part.interval for part in parts if part.interval is not None]
-    joined = Interval.joined(intervals) if intervals else None
-
-    def mask(value: Tensor) -> Tensor:
-        return torch.where(used, value, complex(math.nan, math.nan) if value.is_complex() else math.nan)
-
-    return Educed(torch.cat([part.reflection for part in parts]), joined).map(mask)

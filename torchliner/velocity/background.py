@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,17 +21,15 @@ from torchliner.engine.drives import Drive, incoherent_power, incoherent_square
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife, replicates
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import Job, PlaneRecord, reduce
-from torchliner.engine.survey import Membership, Survey, harmonics_of, survey_of, survey_sums
+from torchliner.engine.survey import Membership, Survey, coherence_by_chance, harmonics_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.notes import Note
+from torchliner.records.educed import Educed
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.tone import coherence_by_chance, tone_coherence
 
 SAME = 0.02  # relative: heights, spacings and Mach numbers that differ by less are the same
 HALF = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts (docs/background.md)
-NEAR = (0.45, 0.55)  # hole diameters that count as this height
 LEVEL = 0.95  # of the interval of the rms
 FALSE_ALARM = 1e-3  # of runs without sound, that are taken to hold the tone
 
@@ -91,49 +89,42 @@ def with_background(plane: VelocityPlane, chosen: Choices, liner: LinerModel | N
         kinds = ", ".join(type(each).__name__ for each in several)
         raise TypeError(f"background is {kinds}; a number in m/s, planes or moments are needed")
     known = [_measured(each, plane, pitch, same_height=len(several) == 1) for each in several]
-    diameter = None if liner is None else liner.hole_diameter
-    found = known[0] if len(known) == 1 else _interpolated(known, HALF * diameter if diameter else plane.height)
+    found = known[0]
+    if len(known) > 1:
+        diameter = None if liner is None else liner.hole_diameter
+        found = _interpolated(known, HALF * diameter if diameter else plane.height)
     return dataclasses.replace(chosen, background=found)
 
 
 def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_height: bool) -> Background:
     """rms of the incoherent velocity of each cell without sound; of all probes where only the spacing is the same."""
     about = quiet.plane if isinstance(quiet, Moments) else quiet
-    tone = plane.frequency or about.frequency
-    same_grid = _require_same(about, plane, same_height)
-    seen = quiet.survey if isinstance(quiet, Moments) else survey_of_plane(quiet, tone)
-    cells = sort_into_cells(about, pitch if same_grid else None)
+    tone, same_grid = plane.frequency or about.frequency, _require_same(about, plane, same_height)
+    if isinstance(quiet, Moments):
+        seen = quiet.survey
+    else:  # with the harmonics of the tone, which the plane need not have; without one, in 32 blocks
+        rate, lines = about.sampling_rate, torch.tensor(harmonics_of(tone, about.sampling_rate), dtype=torch.float64)
+        blocks = Blocks.of(about.samples, rate, tone or 32.5 * rate / about.samples)
+        job = Job(Drive(), survey_sums, lines.to(about.device), largest=1)
+        (sums,) = reduce(PlaneRecord(about, torch.float64, about.device), blocks, [job])
+        seen = survey_of(sums, blocks, lines, len(lines))
+    cells, count = sort_into_cells(about, pitch if same_grid else None), seen.blocks.count
     members = Membership.of(cells.labels, cells.count, seen.sums.device)
-    if tone is not None and seen.blocks.count > 2:
-        found = float(tone_coherence(seen, members, torch.tensor([tone], dtype=torch.float64)).nan_to_num(0).max())
-        limit = coherence_by_chance(seen.blocks.count, FALSE_ALARM)
+    if tone is not None and count > 2:
+        found = float(seen.coherence(torch.tensor([tone], dtype=torch.float64), members).nan_to_num(0).max())
+        limit = coherence_by_chance(count, FALSE_ALARM)
         if found > limit:
             raise ValueError(
                 f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}; noise exceeds "
                 f"{limit:.2g} in {100 * FALSE_ALARM:g} % of records): give a run without sound, or its rms in m/s"
             )
     power = replicates(members.mean(incoherent_power(seen, members)), seen.lengths)  # (B, C)
-    rms, ends = power[0].sqrt(), {}
-    if seen.blocks.count >= FEWEST_BLOCKS:
-        shares = seen.lengths / seen.lengths.sum()
+    rms, ends = power[0].sqrt(), dict[str, tuple[float, ...]]()
+    if count >= FEWEST_BLOCKS:
         change = (power / power[:1]).clamp(min=1e-12).log().to(torch.complex128) / 2
-        interval = jackknife(change, shares, LEVEL, ITSELF)
-        ends = {name: _plain(rms * getattr(interval, name).real.exp()) for name in ("low", "high")}
-    return Background(_plain(rms), **ends, source=(about.name,), height=about.height)
-
-
-def _plain(values: Tensor) -> tuple[float, ...]:
-    return tuple(values.tolist())
-
-
-def survey_of_plane(plane: VelocityPlane, tone: float | None) -> Survey:
-    """Survey with the harmonics of a tone, Hz, which the plane need not have; without one, blocks of 32nds."""
-    rate = plane.sampling_rate
-    blocks = Blocks.of(plane.samples, rate, tone or 32.5 * rate / plane.samples)
-    lines = torch.tensor(harmonics_of(tone, rate), dtype=torch.float64)
-    job = Job(Drive(), survey_sums, lines.to(plane.device), largest=1)
-    (found,) = reduce(PlaneRecord(plane, torch.float64, plane.device), blocks, [job])
-    return survey_of(found, blocks, lines, len(lines))
+        interval = jackknife(change, seen.lengths / seen.lengths.sum(), LEVEL, ITSELF)
+        ends = {name: tuple((rms * getattr(interval, name).real.exp()).tolist()) for name in ("low", "high")}
+    return Background(tuple(rms.tolist()), **ends, source=(about.name,), height=about.height)
 
 
 def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool) -> bool:
@@ -142,36 +133,35 @@ def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool)
     Raises:
         ValueError: what differs.
     """
-    facts = {
-        "Mach number": (quiet.mach, plane.mach, 1.0, ""),
-        "spacing along x": (_spacing(quiet.x), _spacing(plane.x), 1e3, " mm"),
-        "spacing along z": (_spacing(quiet.z), _spacing(plane.z), 1e3, " mm"),
-    }
-    if same_height:
-        facts["height"] = (quiet.height, plane.height, 1e3, " mm")
-    for what, (there, here, factor, unit) in facts.items():
+
+    def spacing(values: Tensor | None) -> float | None:
+        points = torch.zeros(0) if values is None else torch.unique(values)
+        return float(points.diff().median()) if len(points) > 1 else None
+
+    facts = [
+        ("Mach number", quiet.mach, plane.mach, 1.0, ""),
+        ("spacing along x", spacing(quiet.x), spacing(plane.x), 1e3, " mm"),
+        ("spacing along z", spacing(quiet.z), spacing(plane.z), 1e3, " mm"),
+        ("height", quiet.height, plane.height, 1e3, " mm"),
+    ]
+    for what, there, here, factor, unit in facts[: 3 + same_height]:
         if there is not None and here is not None and abs(there - here) > SAME * max(abs(there), abs(here)):
             raise ValueError(
                 f"background {quiet.name} has {what} {factor * there:.4g}{unit} and {plane.name} "
                 f"{factor * here:.4g}{unit}; give the same plane of the same flow without sound, or its rms in m/s"
             )
+    step = SAME * min((each for _, _, each, *_ in facts[1:3] if each), default=math.inf)
     pairs = ((quiet.x, plane.x), (quiet.z, plane.z))
-    alike = all((a is None) == (b is None) for a, b in pairs) and quiet.probe_shape == plane.probe_shape
-    step = min((each for each in (_spacing(plane.x), _spacing(plane.z)) if each), default=math.inf)
-    return alike and all(a is None or b is None or float((a - b).abs().max()) <= SAME * step for a, b in pairs)
-
-
-def _spacing(values: Tensor | None) -> float | None:
-    """Median step of coordinates, m; None where there is none."""
-    points = torch.unique(values) if values is not None else torch.zeros(0)
-    return float(points.diff().median()) if len(points) > 1 else None
+    return quiet.probe_shape == plane.probe_shape and all(
+        a is b is None or (a is not None and b is not None and float((a - b).abs().max()) <= step) for a, b in pairs
+    )
 
 
 def _interpolated(known: Sequence[Background], target: float | None) -> Background:
     """Between planes of several heights, linearly in height.
 
     Raises:
-        ValueError: heights that are not stated, or all above or below the target.
+        ValueError: heights that are not stated, or all above or below the target; other cells.
     """
     if target is None or any(each.height is None for each in known):
         raise ValueError("background: several planes need their heights, and a hole diameter of the liner; state them")
@@ -185,32 +175,28 @@ def _interpolated(known: Sequence[Background], target: float | None) -> Backgrou
         )
     above = int(torch.searchsorted(heights, target).clamp(1, len(heights) - 1))
     lower, upper = ordered[above - 1], ordered[above]
-    share = float((target - heights[above - 1]) / (heights[above] - heights[above - 1]))
     if len(lower.rms) != len(upper.rms):
         raise ValueError("background: the planes have different cells; give planes of one grid")
-
-    def between(first: Sequence[float], second: Sequence[float]) -> tuple[float, ...]:
-        both = bool(first) and bool(second)
-        return tuple(a + share * (b - a) for a, b in zip(first, second, strict=True)) if both else ()
-
-    ends = {name: between(getattr(lower, name), getattr(upper, name)) for name in ("rms", "low", "high")}
+    share = float((target - heights[above - 1]) / (heights[above] - heights[above - 1]))
+    ends = {
+        name: tuple(a + share * (b - a) for a, b in zip(getattr(lower, name), getattr(upper, name), strict=False))
+        for name in ("rms", "low", "high")
+    }
     return Background(**ends, source=(*lower.source, *upper.source), height=target)
 
 
-def review_background(chosen: Choices, liner: LinerModel | None) -> Iterator[Note]:
-    """A plane that is not near half a hole diameter, at which alone the rule is known."""
-    found, diameter = chosen.background, None if liner is None else liner.hole_diameter
-    if found is None or not found.source or not diameter or found.height is None:
-        return
-    share = found.height / diameter
-    if not NEAR[0] <= share <= NEAR[1]:
-        text = (
-            f"the rms without sound is that at {1e3 * found.height:.3g} mm, {share:.2g} hole diameters. It acts at "
-            f"half a diameter, {1e3 * HALF * diameter:.3g} mm: in resolved cases R was off by -47 and -38 % at 0.25 "
-            "diameters, by -12 to -5 % at 0.41, by +21 and +42 % at 0.7. Give planes on either side of it, between "
-            "which the rms is interpolated (--background LOW HIGH)"
-        )
-        yield Note("background-height", text)
+def widened(own: Educed | None, others: Sequence[Educed | None]) -> Educed | None:
+    """With an interval that also holds what a stated input may be off by, from Z at both of its bounds."""
+    if own is None or own.interval is None:
+        return own
+    changes = torch.stack([torch.view_as_real(each.impedance - own.impedance) for each in others if each])
+    value, low, high = map(torch.view_as_real, (own.impedance, own.interval.low, own.interval.high))
+    below, above = (value - low).clamp(min=0), (high - value).clamp(min=0)
+    lower = low + below - below.hypot(changes.amin(0).clamp(max=0))
+    upper = high - above + above.hypot(changes.amax(0).clamp(min=0))
+    bounds = {"low": torch.where(low.isfinite(), lower, low), "high": torch.where(high.isfinite(), upper, high)}
+    bounds = {name: torch.view_as_complex(each.contiguous()) for name, each in bounds.items()}
+    return dataclasses.replace(own, interval=dataclasses.replace(own.interval, **bounds))
 
 
 def background_words(choices: Mapping[str, Any]) -> str:
@@ -218,17 +204,15 @@ def background_words(choices: Mapping[str, Any]) -> str:
     found = choices.get("background")
     if found is None:
         return ""
+
+    def between(values: Sequence[float]) -> str:
+        return " to ".join(dict.fromkeys(f"{end:.3g}" for end in (min(values), max(values))))
+
     stated = isinstance(found, float | int)
     rms = [float(found)] if stated else found["rms"]
-    text = f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {_range(rms)} m/s"
+    text = f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {between(rms)} m/s"
     if stated:
         return f"{text}, as stated"
-    if found["low"]:
-        text += f" ({_range([min(found['low']), max(found['high'])])})"
+    bounds = f" ({between([*found['low'], *found['high']])})" if found["low"] else ""
     height = "" if found["height"] is None else f", at {1e3 * found['height']:.3g} mm"
-    return f"{text}, the rms without sound of {' and '.join(found['source'])}{height}"
-
-
-def _range(values: Sequence[float]) -> str:
-    low, high = (f"{end:.3g}" for end in (min(values), max(values)))
-    return low if low == high else f"{low} to {high}"
+    return f"{text}{bounds}, the rms without sound of {' and '.join(found['source'])}{height}"

@@ -12,8 +12,14 @@ from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES, did_you_mean
 
 NAMED = {"averaging": AVERAGINGS, "phase": PHASES, "drive": DRIVES, "mean": MEANS, "missing": MISSING}
+RANGES = {
+    "interval": (1e-9, 1 - 1e-9, "; it is a level between 0 and 1"),
+    "minimum_coherence": (0, 1, "; it is a squared coherence, 0 to 1"),
+    "wall_filter": (0, 1, "; it is a squared coherence, 0 to 1"),
+    "level_limit": (0, 1e3, " dB; it is 0 to 1000 dB"),
+    "level_uncertainty": (0, 1e3, " dB; it is 0 to 1000 dB"),
+}
 TOLERANCES = {torch.float32: 1e-6, torch.float64: 1e-9}  # error in R of the model table
-PRECISIONS = {name: getattr(torch, name) for name in DTYPES}
 
 
 @dataclass(frozen=True)
@@ -82,22 +88,16 @@ class Choices:
         make_plain(self)
         for name, known in NAMED.items():
             require_choice(name, getattr(self, name), known)
-        for name in ("running_window", "interval"):
-            if getattr(self, name) is not None:
-                require_positive(name, getattr(self, name))
-        if self.interval is not None and self.interval >= 1:
-            raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1")
-        for name in ("minimum_coherence", "wall_filter"):
+        for name, (low, high, words) in RANGES.items():
             value = getattr(self, name)
-            if value is not None and not 0 <= value <= 1:
-                raise ValueError(f"{name} is {value:g}; it is a squared coherence, 0 to 1")
-        for name in ("level_limit", "level_uncertainty"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise ValueError(f"{name} is {getattr(self, name):g} dB; it is at least 0")
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"{name} is {value:g}{words}")
         if self.background is not None and self.averaging != "phase-locked":
             raise ValueError("background is only used with averaging='phase-locked'")
-        if self.running_window is not None and self.drive != "running-rms":
-            raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
+        if self.running_window is not None:
+            require_positive("running_window", self.running_window)
+            if self.drive != "running-rms":
+                raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
         self.working_dtype(torch.float64)
         self.working_device(torch.device("cpu"))
 
@@ -138,12 +138,11 @@ class Choices:
         Raises:
             ValueError: neither float32 nor float64.
         """
-        wanted = self.dtype
-        if isinstance(wanted, str):
-            wanted = PRECISIONS[require_choice("dtype", wanted, DTYPES)]
-        if wanted is not None and wanted not in PRECISIONS.values():
+        wanted = default if self.dtype is None else self.dtype
+        name = str(wanted).removeprefix("torch.")
+        if name not in DTYPES and isinstance(wanted, torch.dtype):
             raise ValueError(f"dtype is {wanted}; float32 or float64")
-        return default if wanted is None else wanted
+        return getattr(torch, require_choice("dtype", name, DTYPES))
 
     def tolerance(self, default: torch.dtype) -> float:
         """Error in R that is allowed to the model table."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.checks import tell
+from torchliner.engine.drives import phase_locked
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
 from torchliner.engine.workers import Reduce, reduce_on
@@ -18,8 +19,7 @@ from torchliner.records.origin import origin_of
 from torchliner.velocity.answer import answer, origin_facts
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_matched import match_level
-from torchliner.velocity.reading import Progress, Reading, reading_of, take_moments
-from torchliner.velocity.rescaled import ends_of_background
+from torchliner.velocity.reading import Progress, reading_of, take_moments
 
 
 def educe(
@@ -71,13 +71,16 @@ def educe(
     else:
         reading = reading_of(plane, [model], frequency, chosen, projected=True)
         known, asked, chosen = take_moments(reading, progress=progress), reading.frequency, reading.chosen
-        ends = ends_of_background(reading, known)
+        quiet, seen, cells = chosen.background, known.survey, known.membership
+        if quiet is not None and quiet.low and chosen.interval is not None:  # both bounds of its interval
+            bounds = (dataclasses.replace(quiet, rms=rms).scale(seen, cells) for rms in (quiet.low, quiet.high))
+            ends = [reading.with_drive(known, phase_locked(seen, cells, scale)) for scale in bounds]
     found = answer(known, model, asked, chosen, reference_phase, pressure, ends)
     if chosen.level_matched:
         matched, notes = match_level(reading, known, model, pressure)
         found = dataclasses.replace(found, level_matched=matched, notes=(*found.notes, *notes))
-    origin = origin_facts(plane, model, pressure, reference_phase)
     tell([note.text for note in found.notes])
+    origin = origin_facts(plane, model, pressure, reference_phase)
     return dataclasses.replace(found, choices={**found.choices, **origin})
 
 
@@ -112,7 +115,11 @@ def moments(
         TypeError: plane is no VelocityPlane.
         ValueError: data or options that cannot give an answer.
     """
-    reading = _reading_for(plane, liner, frequency, cell_pitch, choices)
+    if liner is not None and cell_pitch is not None:
+        raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
+    several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
+    models = [as_liner(each) for each in several]
+    reading = reading_of(plane, models, frequency, Choices(**choices), cell_pitch=cell_pitch)
     run: Reduce = reduce
     if client is not None or kept is not None:
         run = reduce_on(client, None if kept is None else KeptRows(Path(kept)))
@@ -121,14 +128,3 @@ def moments(
         about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})
         known = dataclasses.replace(known, plane=about)
     return known
-
-
-def _reading_for(
-    plane: VelocityPlane, liner: Any, frequency: Any, cell_pitch: float | None, choices: dict[str, Any]
-) -> Reading:
-    """Arguments as of ``moments``."""
-    if liner is not None and cell_pitch is not None:
-        raise ValueError("cell_pitch is the liner's; name it only where no liner is given")
-    several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
-    models = [as_liner(each) for each in several]
-    return reading_of(plane, models, frequency, Choices(**choices), cell_pitch=cell_pitch)

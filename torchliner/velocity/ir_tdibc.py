@@ -18,7 +18,7 @@ from torchliner.liners.model import LinerModel, as_liner, impedance_of, reflecti
 from torchliner.names import STEP_DRIVES, STEP_KERNELS
 from torchliner.records.incident import BandNoise, Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function
-from torchliner.velocity.ir_tdibc_wall import Progress, Reply, settle_period, step_in_time
+from torchliner.velocity.ir_tdibc_wall import Progress, settle_period, step_in_time
 from torchliner.velocity.level_curve import FixedPoint, LevelCurve, fixed_points
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners
@@ -85,7 +85,11 @@ def ir_tdibc(
     Source: Roncen et al. (2026), section 3.1, for the method it descends from (Roncen & Cardesa 2023; Roncen 2025b),
         where v comes from incident and reflected wave. Departures: the default kernel; (3.3) as in ``build_kernels``.
     """
-    model, wave, levels = as_liner(liner), as_incident(incident, Tones), _levels(level)
+    model, wave, levels = as_liner(liner), as_incident(incident, Tones), real_tensor(level).reshape(-1).detach()
+    for value in levels.tolist() or [math.nan]:
+        if not -math.inf < value <= LOUDEST:
+            hint = f"; {value:g} Pa rms is {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
+            raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB{hint}")
     require_choice("kernel", kernel, STEP_KERNELS)
     require_choice("drive", drive, STEP_DRIVES)
     require_positive("after (s)", after)
@@ -105,13 +109,10 @@ def ir_tdibc(
     band, needed = _bands(model, kernel, band, read, wave, rate)
     window = 1 if drive == "instantaneous" else round(rate / (wave.band[0] if wave.band else float(read.min())))
     if window > n:
-        raise ValueError(
-            f"the running rms is over a period of {window} samples, and the record has {n}; give a longer one"
-        )
-    f, power = (
-        torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:],
-        2 * (torch.fft.rfft(unit[0])[1:] / n).abs() ** 2,
-    )
+        text = f"the running rms is over a period of {window} samples, and the record has {n}; give a longer one"
+        raise ValueError(text)
+    f = torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:]
+    power = 2 * (torch.fft.rfft(unit[0])[1:] / n).abs() ** 2
     facts = {"kernel_error": 0.0, "kernel_gain": 1.0}
     if kernel == "periodic":
         response = reflection_of(model, read, grid.speeds[:, None])
@@ -123,7 +124,16 @@ def ir_tdibc(
         kernels = build_kernels(model, rate, velocity_max=grid.maximum, **how)
         response, facts = kernels.response(read), {"kernel_error": kernels.error, "kernel_gain": kernels.gain}
         found = step_in_time(sent, kernels, window, repeats=True, progress=progress)
-    _require_solved(found, sent, levels, grid.maximum, known)
+    peaks = sent.abs().amax(1)
+    for i, (peak, left) in enumerate(zip(peaks.tolist(), found.residual.tolist(), strict=True)):
+        at = f"at {levels[i // realisations]:g} dB"
+        if bool(found.reflected[i].isnan().any()):
+            remedy = f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, which suffices for most"
+            remedy = remedy if grid.maximum < known else "the liner is known no further: lower the level"
+            raise ValueError(f"{at} |v| exceeds {grid.maximum:g} m/s, the top of the kernel table; {remedy}")
+        if left > UNSOLVED * peak:
+            text = f"{left:.2g} m/s of the equation is left; take 'least-squares', which steps in time"
+            raise ValueError(f"{at} the iteration over a period does not converge: {text}")
 
     cut: dict[str, Any] = {"window": "boxcar"} if isinstance(wave, Tones) else {"segment": min(SEGMENT, n / rate)}
     velocity, shape = sent - found.reflected, (len(levels), realisations)
@@ -132,21 +142,21 @@ def ir_tdibc(
     low, high = model.frequency_range or (0.0, math.inf)
     inside = (power > CARRIES * power.max()) & (f >= low) & (f <= high)
     roots = [fixed_points(model, f[inside], power[inside] * size**2, grid.maximum) for size in rms]
+    frozen = impedance_from_reflection(interpolate(response, *grid.locate(still)))
     curve = LevelCurve(
         level=levels,
         frequency=read,
         reflection=transfer_function(sent, found.reflected, read, rate, **cut).response.reshape(*shape, -1),
         rms_speed=speed,
         peak_speed=velocity.abs().amax(1).reshape(shape),
-        residual=(found.residual / sent.abs().amax(1)).reshape(shape),
+        residual=(found.residual / peaks).reshape(shape),
         several=found.several.reshape(shape),
         drift=found.drift.reshape(shape),
         reflected_energy=(found.reflected.square().sum(1) / sent.square().sum(1)).reshape(shape),
         fixed_points=tuple(
             tuple(FixedPoint(s, impedance_of(model, read, torch.tensor(s).double())) for s in each) for each in roots
         ),
-        frozen=impedance_from_reflection(interpolate(response, *grid.locate(still)))
-        - impedance_of(model, read, still[:, None]),
+        frozen=frozen - impedance_of(model, read, still[:, None]),
         choices={
             "liner": str(model.describe().get("name") or model.model),
             "incident": wave.label,
@@ -158,27 +168,26 @@ def ir_tdibc(
             "duration": n / rate,
         },
     )
-    tell([*_beside(kernel, needed, wave, f, power), *curve.warnings()])
+    outside = (f < needed[0] * (1 - 1e-6)) | (f > needed[1] * (1 + 1e-6))
+    share, notes = float(power[outside].sum() / power.sum()), list(curve.warnings())
+    if share > UNHEARD:
+        most = float(f[outside][power[outside].argmax()])
+        text = (
+            f"{100 * share:.3g} % of the energy of {wave.label}, most of it near {most:.4g} Hz, is sent outside "
+            f"{needed[0]:g}-{needed[1]:g} Hz, where kernel {kernel!r} is not the liner's response; it moves |v| and so "
+            "Z everywhere: widen band=, or filter the wave"
+        )
+        notes.insert(0, text)
+    tell(notes)
     return curve
-
-
-def _levels(level: Any) -> Tensor:
-    """dB, (L,)."""
-    levels = real_tensor(level).reshape(-1).detach()
-    for value in levels.tolist() or [math.nan]:
-        if not -math.inf < value <= LOUDEST:
-            hint = f"; {value:g} Pa rms is {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
-            raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB{hint}")
-    return levels
 
 
 def _rate_of(wave: Incident, stated: float | None) -> float:
     """The sampling rate stated, or one of whole periods, Hz."""
     if isinstance(wave, Recorded):
         if stated is not None and abs(stated / wave.sampling_rate - 1) > 1e-6:
-            raise ValueError(
-                f"{wave.label} is sampled at {wave.sampling_rate:g} Hz, sampling_rate is {stated:g} Hz; resample it"
-            )
+            text = f"sampled at {wave.sampling_rate:g} Hz, sampling_rate is {stated:g} Hz; resample it"
+            raise ValueError(f"{wave.label} is {text}")
         return wave.sampling_rate
     assert wave.band is not None
     highest = wave.band[1]
@@ -210,11 +219,9 @@ def _draws_of(wave: Incident, count: int, rate: float, duration: float | None, k
         require_positive("duration (s)", duration)
     waves, samples = [wave], round((duration or SECONDS) * rate)
     if isinstance(wave, Recorded):
-        if duration is not None:
-            raise ValueError(
-                f"{wave.label} is sent whole, {len(wave.signal) / rate:.6g} s; cut it, or leave duration out"
-            )
         samples = len(wave.signal)
+        if duration is not None:
+            raise ValueError(f"{wave.label} is sent whole, {samples / rate:.6g} s; cut it, or leave duration out")
     if isinstance(wave, Tones):
         least = round(duration * rate) if duration else max(round(TONE_SECONDS * rate), kernel)
         period = Fraction(rate / _divisor(wave)).limit_denominator(LONGEST).numerator
@@ -226,10 +233,8 @@ def _draws_of(wave: Incident, count: int, rate: float, duration: float | None, k
             )
         wave.require_periodic(samples, rate)
     if samples < kernel:
-        raise ValueError(
-            f"{wave.label}: the record has {samples} samples ({1e3 * samples / rate:.3g} ms), the kernel {kernel}; "
-            "give a longer duration or a smaller after="
-        )
+        text = f"the record has {samples} samples ({1e3 * samples / rate:.3g} ms), the kernel {kernel}"
+        raise ValueError(f"{wave.label}: {text}; give a longer duration or a smaller after=")
     for i in range(1, count):
         if isinstance(wave, BandNoise):
             waves.append(dataclasses.replace(wave, seed=wave.seed + i))
@@ -237,9 +242,8 @@ def _draws_of(wave: Incident, count: int, rate: float, duration: float | None, k
             phase = torch.rand(len(wave.frequency), generator=torch.Generator().manual_seed(i)).double()
             waves.append(Tones(wave.frequency, wave.amplitude, 2 * torch.pi * phase))
         else:
-            raise ValueError(
-                f"{wave.label} has one realisation, {count} are asked for; noise and several tones have more"
-            )
+            text = f"{wave.label} has one realisation, {count} are asked for; noise and several tones have more"
+            raise ValueError(text)
     draws = torch.stack([each.sampled(samples, rate) for each in waves])
     draws = draws - draws.mean(1, keepdim=True)  # of a recording an offset: it moves no wave
     size = draws.square().mean(1, keepdim=True).sqrt()
@@ -278,10 +282,8 @@ def _bands(
     low, high = band or (min(BAND[0], 0.9 * lowest), max(BAND[1], 1.1 * highest))
     high = min(high, HIGHEST * rate)
     if not low <= least <= most <= high:
-        f = least if least < low else most
-        raise ValueError(
-            f"frequency {f:g} Hz is outside the kernel's band, {low:g}-{high:g} Hz; widen band= or raise sampling_rate"
-        )
+        text = f"is outside the kernel's band, {low:g}-{high:g} Hz; widen band= or raise sampling_rate"
+        raise ValueError(f"frequency {least if least < low else most:g} Hz {text}")
     needed = (low, high) if kernel == "least-squares" else (0.0, rate / 2)
     known = liner.frequency_range
     if known is not None and not known[0] <= needed[0] < needed[1] <= known[1]:
@@ -290,32 +292,3 @@ def _bands(
             f"{needed[0]:g}-{needed[1]:g} Hz: take 'least-squares' with band= within the table"
         )
     return (low, high), needed
-
-
-def _beside(kernel: str, needed: tuple[float, float], wave: Incident, frequency: Tensor, power: Tensor) -> list[str]:
-    """A warning of energy that is sent where the kernel is not the liner."""
-    outside = (frequency < needed[0] * (1 - 1e-6)) | (frequency > needed[1] * (1 + 1e-6))
-    share = float(power[outside].sum() / power.sum())
-    if share <= UNHEARD:
-        return []
-    most = float(frequency[outside][power[outside].argmax()])
-    return [
-        f"{100 * share:.3g} % of the energy of {wave.label}, most of it near {most:.4g} Hz, is sent outside "
-        f"{needed[0]:g}-{needed[1]:g} Hz, where kernel {kernel!r} is not the liner's response; it moves |v| and so Z "
-        "everywhere: widen band=, or filter the wave"
-    ]
-
-
-def _require_solved(found: Reply, sent: Tensor, levels: Tensor, top: float, known: float) -> None:
-    """Refuse a level that has no answer."""
-    for i, wave in enumerate(sent):
-        at, peak = f"at {levels[i * len(levels) // len(sent)]:g} dB", float(wave.abs().max())
-        if bool(found.reflected[i].isnan().any()):
-            remedy = f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, which suffices for most"
-            remedy = remedy if top < known else "the liner is known no further: lower the level"
-            raise ValueError(f"{at} |v| exceeds {top:g} m/s, the top of the kernel table; {remedy}")
-        if float(found.residual[i]) > UNSOLVED * peak:
-            raise ValueError(
-                f"{at} the iteration over a period does not converge: {float(found.residual[i]):.2g} m/s of the "
-                "equation is left; take 'least-squares', which steps in time"
-            )

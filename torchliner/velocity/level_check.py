@@ -37,10 +37,12 @@ WAVENUMBERS = 241  # tried along x, up to three times that of sound
 def check_level(known: KnownPressure, found: dict[str, Averages], chosen: Choices, averaging: str) -> LevelCheck:
     """Of all averagings, with intervals where these have them; ``averaging``: of the answer."""
     velocity, ratios, bounds = cell_velocity(known), [], []
-    lengths = known.moments.survey.blocks.lengths
+    lengths, fluid = known.moments.survey.blocks.lengths, known.moments.plane.fluid
+    places = torch.cat([known.liner[None], known.cells.expand(known.moments.cells.count, -1)])
     for each in found.values():
         z = impedance_from_reflection(each.replicates.detach()).cpu()
-        ratio = _implied(known, z, velocity[: len(z)]) / known.places
+        own, height = velocity[: len(z)], known.height or 0.0
+        ratio = implied_pressure(known.kind, fluid, known.frequency, height, z, own) / places
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:
             change = ratio / ratio[:1]
@@ -53,7 +55,7 @@ def check_level(known: KnownPressure, found: dict[str, Averages], chosen: Choice
     if len(bounds) == len(ratios):
         low, high = zip(*bounds, strict=True)
         ends = torch.stack(low), torch.stack(high)
-    gap = gap_of(torch.stack(ratios), ends, known.has_phase)
+    gap = vars(gap_of(torch.stack(ratios), ends, known.has_phase)).values()
     return LevelCheck(
         averagings=tuple(found),
         averaging=averaging,
@@ -63,8 +65,8 @@ def check_level(known: KnownPressure, found: dict[str, Averages], chosen: Choice
         limit=chosen.level_limit + chosen.level_uncertainty,
         uncertainty=chosen.level_uncertainty,
         confidence=chosen.interval if ends else None,
-        liner=Gap(*(value[:, 0] for value in vars(gap).values())),
-        cells=Gap(*(value[:, 1:] for value in vars(gap).values())),
+        liner=Gap(*(value[:, 0] for value in gap)),
+        cells=Gap(*(value[:, 1:] for value in gap)),
     )
 
 
@@ -78,7 +80,7 @@ def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
         z: of the whole plane, (F,).
         gap: implied over known pressure there, (F,).
     """
-    angle = 2 * torch.pi * known.frequency / float(known.moments.plane.fluid.sound_speed) * known.height
+    angle = 2 * torch.pi * known.frequency / float(known.moments.plane.fluid.sound_speed) * (known.height or 0.0)
     cosine, sine, end = angle.cos(), angle.sin(), float(known.kind == INCIDENT)
     q = torch.polar(10 ** (gap.level / 20), torch.deg2rad(gap.phase.nan_to_num(0)))
     wanted = (z + end) / (cosine + 1j * z * sine) / q
@@ -90,14 +92,16 @@ def ratio_of_pressures(known: KnownPressure) -> Callable[[Tensor], Tensor]:
 
     Its phase means something where ``known.has_phase``.
     """
-    velocity = cell_velocity(known)[0, :1]
-    return lambda z: _implied(known, z[None], velocity)[0] / known.liner
+    velocity, fluid = cell_velocity(known)[0, :1], known.moments.plane.fluid
+    height = known.height or 0.0
+    return lambda z: implied_pressure(known.kind, fluid, known.frequency, height, z[None], velocity)[0] / known.liner
 
 
 def ratios_of_liner(known: KnownPressure, z: Tensor) -> Tensor:
     """Implied over known pressure of the whole plane from its Z, of all blocks and without each of them, (B, F)."""
-    velocity = cell_velocity(known)[: len(z), :1]
-    ratio = _implied(known, z[:, None], velocity)[:, 0] / known.liner
+    velocity, fluid = cell_velocity(known)[: len(z), :1], known.moments.plane.fluid
+    pressure = implied_pressure(known.kind, fluid, known.frequency, known.height or 0.0, z[:, None], velocity)[:, 0]
+    ratio = pressure / known.liner
     return ratio if known.replicates is None else ratio / known.replicates[: len(z), 0]
 
 
@@ -111,7 +115,7 @@ def cell_velocity(known: KnownPressure) -> Tensor:
     share = moments.cells.weight
     share = torch.ones(moments.cells.count, dtype=torch.float64) if share is None else share
     weights = (share / share.sum())[:, None].to(torch.complex128)
-    if not known.moved:
+    if known.height is None:
         speed = float(moments.plane.fluid.sound_speed)
         weights = weights * turned_back(moments.cells.x, torch.nan_to_num(cells[0]), known.frequency, speed)
     return torch.cat([(weights * cells).sum(1, keepdim=True), cells], 1)
@@ -144,8 +148,3 @@ def implied_pressure(kind: str, fluid: Fluid, frequency: Tensor, height: Any, z:
     if kind == INCIDENT:
         pressure = (pressure + at_wall[..., :1, :]) / 2
     return float(fluid.characteristic_impedance) * pressure
-
-
-def _implied(known: KnownPressure, z: Tensor, velocity: Tensor) -> Tensor:
-    """``implied_pressure`` of a plane."""
-    return implied_pressure(known.kind, known.moments.plane.fluid, known.frequency, known.height, z, velocity)

@@ -9,7 +9,6 @@ velocity together; a level that is off by its stated uncertainty moves Z along t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import torch
 from scipy.optimize import brentq
@@ -23,11 +22,9 @@ from torchliner.liners.model import LinerModel
 from torchliner.records.level_check import LevelMatched
 from torchliner.records.notes import Note
 from torchliner.velocity.averages import Asked, average
-from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import ratios_of_liner
 from torchliner.velocity.reading import Reading
-from torchliner.velocity.rescaled import with_drive
 
 RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
 LEAST = 0.5  # dB by a factor e in the incoherent velocity: below, the level does not tell the share
@@ -38,7 +35,6 @@ INSENSITIVE = (
 CLOSE = 1e-9  # dB: such a level check is 0
 STEP = 0.02  # in the logarithm of the share, for slopes
 PER_NEPER = 20 / math.log(10)
-Point = tuple[Tensor, Tensor]  # Z of the liner and ln(implied/known pressure), of all blocks and without each, (B,)
 
 
 def match_level(
@@ -59,27 +55,55 @@ def match_level(
     pressures = known_pressure(known, frequency, pressure)
     if isinstance(pressures, str):
         return None, [Note("level-matched", f"{name}: no level-matched answer: {pressures}")]
-    scale, seen = known.locked.scale, dict[float, Point]()
-    scale = torch.ones_like(known.survey.mean) if scale is None else scale
+    scale = torch.ones_like(known.survey.mean) if known.locked.scale is None else known.locked.scale
+    seen = dict[float, tuple[Tensor, Tensor]]()
+    lengths, notes = known.survey.lengths.cpu(), []
 
-    def at(share: float) -> Point:
-        """The same at all frequencies, (B, F)."""
-        if share not in seen:
-            drive = phase_locked(known.survey, known.membership, share * scale)
-            moments = known if share == 1 else with_drive(reading, known, drive)
+    def at(place: float) -> tuple[Tensor, Tensor]:
+        """Z of the liner and level check, nepers, of all blocks and without each, (B, F), by the share's logarithm."""
+        if place not in seen:
+            drive = phase_locked(known.survey, known.membership, math.exp(place) * scale)
+            moments = known if place == 0 else reading.with_drive(known, drive)
             found = average(moments, Asked.of(moments, liner, frequency, chosen), "phase-locked")
             z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
-            seen[share] = z, ratios_of_liner(pressures, z).log()
-        return seen[share]
+            seen[place] = z, ratios_of_liner(pressures, z).log()
+        return seen[place]
 
-    every, notes = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128), []
+    def matched(i: int) -> list[complex] | str:
+        """The fields of the record at one frequency, or why there are none."""
+
+        def gap(place: float) -> float:
+            """dB."""
+            return PER_NEPER * float(at(place)[1][0, i].real)
+
+        place, end = 0.0, math.log(RANGE[int(gap(0.0) < 0)])
+        if abs(gap(0.0)) > CLOSE:
+            if gap(0.0) * gap(end) > 0:
+                if abs(gap(end) - gap(0.0)) < LEAST:
+                    return INSENSITIVE.format((gap(STEP) - gap(0.0)) / STEP)
+                still = f"still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity"
+                wrong = "model, level or phase-locked velocity are wrong, not the share of the turbulence"
+                return f"the level check is {still}: {wrong}"
+            place = float(brentq(gap, min(end, 0.0), max(end, 0.0), xtol=1e-5))
+        rate = (gap(place + STEP) - gap(place)) / STEP  # dB by a factor e
+        if rate < LEAST:
+            return INSENSITIVE.format(rate)
+        share, away = math.exp(place), chosen.level_uncertainty / rate
+        (z, ratio), (beside, _) = ([each[:, i] for each in at(where)] for where in (place, place + STEP))
+        by, bounds = complex((beside[0] - z[0]) / STEP), [complex(math.nan, math.nan)] * 4
+        if chosen.interval is not None and len(lengths) >= FEWEST_BLOCKS:
+            moved = -(ratio - ratio[:1]).real * PER_NEPER / rate  # the logarithm of each replicate's own share
+            values = torch.stack([z + by * moved, moved.to(z)], 1)
+            interval = jackknife(values, lengths / lengths.sum(), chosen.interval, ITSELF)
+            for k, (value, more) in enumerate(((complex(z[0]), by * away), (0j, complex(away)))):
+                bounds[2 * k : 2 * k + 2] = (farther(value, each, more) for each in interval.bounds(k))
+        low, high = (share * math.exp(each.real) for each in bounds[2:])
+        return [complex(z[0]), *bounds[:2], share, low, high, rate]
+
+    every = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128)
     for i, f in enumerate(frequency.tolist()):
         if math.isfinite(abs(complex(pressures.liner[i]))):
-
-            def here(share: float, i: int = i) -> Point:
-                return at(share)[0][:, i], at(share)[1][:, i]
-
-            found = _matched(here, known, chosen)
+            found = matched(i)
             if isinstance(found, str):
                 notes.append(Note("level-matched", f"{name}: no level-matched answer at {f:g} Hz: {found}"))
             else:
@@ -87,43 +111,6 @@ def match_level(
     z, low, high, *rest = every
     share, least, most, rate = (each.real for each in rest)
     return LevelMatched(z, low, high, share, least, most, rate, chosen.level_uncertainty), notes
-
-
-def _matched(at: Callable[[float], Point], known: Moments, chosen: Choices) -> list[complex] | str:
-    """The fields of the record at one frequency, or why there are none; ``at``: of a share."""
-
-    def gap(logarithm: float) -> float:
-        """dB."""
-        return PER_NEPER * float(at(math.exp(logarithm))[1][0].real)
-
-    def rate(logarithm: float) -> float:
-        """dB by a factor e."""
-        return (gap(logarithm + STEP) - gap(logarithm)) / STEP
-
-    place, end = 0.0, math.log(RANGE[int(gap(0.0) < 0)])
-    if abs(gap(0.0)) > CLOSE:
-        if gap(0.0) * gap(end) > 0:
-            if abs(gap(end) - gap(0.0)) < LEAST:
-                return INSENSITIVE.format(rate(0.0))
-            return (
-                f"the level check is still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity: "
-                "model, level or phase-locked velocity are wrong, not the share of the turbulence"
-            )
-        place = float(brentq(gap, min(end, 0.0), max(end, 0.0), xtol=1e-5))
-    if (found := rate(place)) < LEAST:
-        return INSENSITIVE.format(found)
-    share, lengths = math.exp(place), known.survey.lengths.cpu()
-    (z, ratio), (beside, _) = at(share), at(math.exp(place + STEP))
-    by, away = complex((beside[0] - z[0]) / STEP), chosen.level_uncertainty / found
-    bounds = [complex(math.nan, math.nan)] * 4
-    if chosen.interval is not None and len(lengths) >= FEWEST_BLOCKS:
-        moved = -(ratio - ratio[:1]).real * PER_NEPER / found  # the logarithm of each replicate's own share
-        values = torch.stack([z + by * moved, moved.to(z)], 1)
-        interval = jackknife(values, lengths / lengths.sum(), chosen.interval, ITSELF)
-        for i, (value, more) in enumerate(((complex(z[0]), by * away), (0j, complex(away)))):
-            bounds[2 * i : 2 * i + 2] = (farther(value, each, more) for each in interval.bounds(i))
-    low, high = (share * math.exp(each.real) for each in bounds[2:])
-    return [complex(z[0]), *bounds[:2], share, low, high, found]
 
 
 def farther(value: complex, bound: complex, more: complex) -> complex:

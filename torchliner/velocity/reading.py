@@ -21,12 +21,15 @@ from torchliner.engine.workers import Reduce
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.origin import State, state_of
+from torchliner.records.origin import state_of
 from torchliner.velocity import review
-from torchliner.velocity.background import review_background, with_background
+from torchliner.velocity.background import with_background
 from torchliner.velocity.choices import Choices
 
 Progress = Callable[[int], object]
+SURVEY = "survey"
+MOST_OF_LINES = 1 << 28  # bytes of the lines of v at all frequencies asked for; beyond, those of the tone alone
+MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer blocks
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -66,19 +69,11 @@ class Reading(Layout):
         size = 8 * MOST_BLOCKS * (1 + 2 * len(asked)) * probes
         if size > MOST_OF_LINES and chosen.wall_filter is None and chosen.phase != "self-consistent":
             asked = harmonics
-        lines = torch.tensor(asked, dtype=torch.float64)
         turns = frequency[:0] if chosen.phase == "averaged" else 2 * frequency
-        kept = 0 if nodes is None else nodes.count
         columns = (1 + ("phase-locked" in chosen.averagings)) * probes + cells.count
-        each = 8 * ((1 + 2 * len(lines)) * probes + kept * (1 + 2 * len(turns)) * columns)  # bytes of a block
-        most = min(MOST_BLOCKS, max(FEWEST_BLOCKS, MOST_OF_SUMS // each))
-        size, own = most * each, plane.velocity.dtype.itemsize * plane.samples * probes
-        if size > max(MOST_OF_SUMS, own):
-            raise ValueError(
-                f"{plane.name}: sums over {most} blocks of {probes} probes take {size / 1e9:.3g} GB, the velocity "
-                f"{own / 1e9:.3g} GB; educe from the plane itself, or take fewer probes (--region)"
-            )
-        blocks = Blocks.of(plane.samples, rate, plane.frequency or float(frequency.min()), most)
+        of_nodes = 0 if nodes is None else nodes.count * (1 + 2 * len(turns)) * columns
+        most = MOST_OF_SUMS // (8 * ((1 + 2 * len(asked)) * probes + of_nodes))
+        tone, most = plane.frequency or float(frequency.min()), min(MOST_BLOCKS, max(FEWEST_BLOCKS, most))
         device = chosen.working_device(plane.device)
         return cls(
             plane=plane,
@@ -89,9 +84,9 @@ class Reading(Layout):
             cells=cells,
             membership=Membership.of(cells.labels, cells.count, device),
             used=torch.ones(probes, dtype=torch.bool),
-            blocks=blocks,
+            blocks=Blocks.of(plane.samples, rate, tone, most),
             harmonics=len(harmonics),
-            lines=lines,
+            lines=torch.tensor(asked, dtype=torch.float64),
             turns=turns,
             device=device,
         )
@@ -111,38 +106,35 @@ class Reading(Layout):
 
     def first_jobs(self) -> dict[str, Job]:
         """Of the first reading: survey, and the sums of every averaging that needs no survey."""
-        cells, lines = self.membership, self.lines.to(self.device)
-        jobs = {SURVEY: Job(Drive(), survey_sums, lines, largest=1)}
+        cells = self.membership
+        jobs = {SURVEY: Job(Drive(), survey_sums, self.lines.to(self.device), largest=1)}
         if not isinstance(self.nodes, OfOneLiner):  # of a record that is kept, or of drive ``rms``
             jobs["square of cells"] = Job(Drive(cells), square)
-        if self.nodes is not None and self.chosen.mean == "kept":
-            jobs |= {name: self._moments(drive) for name, drive in _plain(cells).items()}
-        return jobs
+        drives = {"admittance": Drive(), "velocity": Drive(cells)}
+        return jobs | (self._moments(drives) if self.chosen.mean == "kept" else {})
+
+    def second_jobs(self, seen: Survey, locked: Drive | None) -> dict[str, Job]:
+        """Of the second reading; none where the first one was enough."""
+        removed, drives = self.chosen.mean == "removed", dict[str, Drive]()
+        if removed:
+            cells = self.membership
+            drives = {"admittance": Drive().less(seen.mean), "velocity": Drive(cells).less(cells.mean(seen.mean))}
+        if locked is not None:
+            drives["phase-locked"] = locked.less(survey_of_locked(locked, seen).mean) if removed else locked
+        return self._moments(drives)
+
+    def _moments(self, drives: dict[str, Drive]) -> dict[str, Job]:
+        if self.nodes is None:
+            return {}
+        window, lines = self.chosen.window(self.frequency), self.turns.to(self.device) if len(self.turns) else None
+        if window is not None:
+            steps, samples = max(1, round(window * self.plane.sampling_rate)), self.plane.samples
+            drives = {name: dataclasses.replace(each, window=steps, samples=samples) for name, each in drives.items()}
+        return {name: Job(drive, self.nodes.sums, lines, drive.reach) for name, drive in drives.items()}
 
     def survey(self, found: dict[str, Tensor]) -> Survey:
         """From the results of ``first_jobs``, of all blocks."""
         return survey_of(found[SURVEY], self.blocks, self.lines, self.harmonics)
-
-    def second_jobs(self, seen: Survey, locked: Drive | None) -> dict[str, Job]:
-        """Of the second reading; none where the first one was enough."""
-        if self.nodes is None:
-            return {}
-        cells = self.membership
-        drives: dict[str, Drive] = {}
-        if self.chosen.mean == "removed":
-            means = {"admittance": seen.mean, "velocity": cells.mean(seen.mean)}
-            drives = {name: drive.less(means[name]) for name, drive in _plain(cells).items()}
-        if locked is not None:
-            removed = self.chosen.mean == "removed"
-            drives["phase-locked"] = locked.less(survey_of_locked(locked, seen).mean) if removed else locked
-        return {name: self._moments(drive) for name, drive in drives.items()}
-
-    def locked(self, seen: Survey) -> Drive | None:
-        """The drive of phase-locked averaging, if that is asked for."""
-        if "phase-locked" not in self.chosen.averagings:
-            return None
-        background, cells = self.chosen.background, self.membership
-        return phase_locked(seen, cells, None if background is None else background.scale(seen, cells))
 
     def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
@@ -156,24 +148,12 @@ class Reading(Layout):
             sums={name: value for name, value in found.items() if name != SURVEY},
         )
 
-    def _moments(self, drive: Drive) -> Job:
-        assert self.nodes is not None
-        window = self.chosen.window(self.frequency)
-        if window is not None:
-            samples = max(1, round(window * self.plane.sampling_rate))
-            drive = dataclasses.replace(drive, window=samples, samples=self.plane.samples)
-        lines = self.turns.to(self.device) if len(self.turns) else None
-        return Job(drive, self.nodes.sums, lines, drive.reach)
-
-
-SURVEY = "survey"
-MOST_OF_LINES = 1 << 28  # bytes of the lines of v at all frequencies asked for; beyond, those of the tone alone
-MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer blocks
-
-
-def _plain(cells: Membership) -> dict[str, Drive]:
-    """The averagings that need no survey."""
-    return {"admittance": Drive(), "velocity": Drive(cells)}
+    def with_drive(self, known: Moments, locked: Drive) -> Moments:
+        """Moments of the same reading with another phase-locked drive, for which the plane is read once more."""
+        reading = self if bool(known.used.all()) else self.without(~known.used)
+        jobs = reading.second_jobs(known.survey, locked)
+        sums = run_jobs({"phase-locked": jobs["phase-locked"]} if jobs else {}, reading)
+        return dataclasses.replace(known, locked=locked, sums={**known.sums, **sums})
 
 
 def reading_of(
@@ -207,9 +187,10 @@ def reading_of(
             "signal with its derivatives, or detach the velocity"
         )
     liners = [liner.in_flow(plane.mach) for liner in liners]
-    asked, pitch = plane.asked(frequency), liners[0].cell_pitch if liners else cell_pitch
+    first = liners[0] if liners else None
+    asked, pitch = plane.asked(frequency), cell_pitch if first is None else first.cell_pitch
     review.require_periods(plane, asked, chosen)
-    chosen = with_background(plane, chosen, liners[0] if liners else None, pitch)
+    chosen = with_background(plane, chosen, first, pitch)
     if nodes is None:
         nodes = choose_nodes(liners, asked, chosen.tolerance(plane.velocity.dtype)) if liners else ANY_LINER
     kept: Nodes | None = None if chosen.drive == "rms" else nodes
@@ -218,11 +199,9 @@ def reading_of(
         if not is_differentiated(known):  # which the loop over the data would lose
             kept = OfOneLiner.of(nodes, known.to(chosen.working_device(plane.device)), asked)
     reading = Reading.of(plane, chosen, asked, kept, pitch)
-    notes = (
-        *review.review_reading(plane, pitch, asked, reading.blocks, chosen),
-        *review_background(chosen, liners[0] if liners else None),
+    return dataclasses.replace(
+        reading, notes=tuple(review.review_reading(plane, pitch, asked, reading.blocks, chosen, first))
     )
-    return dataclasses.replace(reading, notes=notes)
 
 
 def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
@@ -236,20 +215,23 @@ def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = 
         ValueError: ``missing`` is ``exclude``, and no probe is without nan or inf.
         OSError: the file was changed meanwhile.
     """
-    before = _files(reading.plane)
+    # Of what was imported there are no files, so that a run may add frames.
+    files = getattr(reading.plane.stored, "files", ())
+    before = [state_of(path) for path in files]
     first = run_jobs(reading.first_jobs(), reading, run, progress)
     if reading.chosen.missing == "exclude":
-        faulty = faulty_probes(first[SURVEY]).cpu()
+        faulty = ~torch.isfinite(first[SURVEY][:, -2].sum((0, 1))).cpu()
+        if bool(faulty.all()):
+            raise ValueError(f"{reading.plane.name}: every probe holds nan or inf; there is nothing left to educe")
         if bool(faulty.any()):
-            if bool(faulty.all()):
-                raise ValueError(f"{reading.plane.name}: every probe holds nan or inf; there is nothing left to educe")
             reading = reading.without(faulty)
             first = run_jobs(reading.first_jobs(), reading, run, progress)
-    seen = reading.survey(first)
-    locked = reading.locked(seen)
-    jobs = reading.second_jobs(seen, locked)
-    second = run_jobs(jobs, reading, run, progress) if jobs else {}
-    if _files(reading.plane) != before:
+    seen, locked, background = reading.survey(first), None, reading.chosen.background
+    if "phase-locked" in reading.chosen.averagings:
+        cells = reading.membership
+        locked = phase_locked(seen, cells, None if background is None else background.scale(seen, cells))
+    second = run_jobs(reading.second_jobs(seen, locked), reading, run, progress)
+    if [state_of(path) for path in files] != before:
         raise OSError(f"{reading.plane.name} was changed while it was read; read it when it is complete")
     return reading.moments(seen, locked, first | second)
 
@@ -261,30 +243,21 @@ def take_moments(reading: Reading, run: Reduce = reduce, progress: Progress | No
         ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table.
     """
     known = measure(reading, run, progress)
-    review.require_sound(reading.plane, known)
-    return dataclasses.replace(known, notes=(*known.notes, *review.review_moments(reading.plane, known, reading.cells)))
+    notes = review.review_moments(reading.plane, known, reading.cells)
+    return dataclasses.replace(known, notes=(*known.notes, *notes))
 
 
-def run_jobs(jobs: dict[str, Job], reading: Reading, run: Reduce, progress: Progress | None) -> dict[str, Tensor]:
+def run_jobs(
+    jobs: dict[str, Job], reading: Reading, run: Reduce = reduce, progress: Progress | None = None
+) -> dict[str, Tensor]:
     """What each job of a reading gives."""
-    found = run(reading.record(progress), reading.blocks, list(jobs.values()), None)
+    found = run(reading.record(progress), reading.blocks, list(jobs.values()), None) if jobs else []
     return dict(zip(jobs, found, strict=True))
-
-
-def _files(plane: VelocityPlane) -> list[State]:
-    """State of the files that a plane is read from; of what was imported none, so that a run may add frames."""
-    return [state_of(path) for path in getattr(plane.stored, "files", ())]
-
-
-def faulty_probes(survey: Tensor) -> Tensor:
-    """Probes whose samples are not all finite, bool, (P,), from the sums of a survey, (S, R + 2, 1, P)."""
-    return ~torch.isfinite(survey[:, -2].sum((0, 1)))
 
 
 def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
     """Time mean of v and of v squared, m/s and m2/s2, each (P,), in float64."""
-    host = torch.device("cpu")
     jobs = [Job(Drive(), measure) for measure in (linear, square)]
     blocks = Blocks((0, plane.samples), plane.sampling_rate, 1)
-    mean, mean_square = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
+    mean, mean_square = reduce(PlaneRecord(plane, torch.float64, torch.device("cpu")), blocks, jobs)
     return mean.flatten() / plane.samples, mean_square.flatten() / plane.samples

@@ -2,30 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice, tell
+from torchliner.checks import frequency_tensor, require_choice, require_positive, tell
 from torchliner.engine.blocks import SLAB
-from torchliner.engine.intervals import FEWEST_BLOCKS, remaining
-from torchliner.engine.kernels import build_kernels
-from torchliner.engine.replay import Replay, Transfer, transfer
+from torchliner.engine.drives import Drive
+from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, remaining
+from torchliner.engine.kernels import BAND, HIGHEST, KernelTable, build_kernels
+from torchliner.engine.replay import Replay, transfer
+from torchliner.engine.sums import Held
 from torchliner.io.reflected_file import reflected_file
-from torchliner.liners.model import Liner, as_liner
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.incident import ComplexTones, as_incident
-from torchliner.velocity import replay_checks, review
+from torchliner.records.educed import Educed
+from torchliner.records.incident import ComplexTones, Incident, as_incident
+from torchliner.records.notes import Note
 from torchliner.velocity.answer import facts_of, map_of, origin_facts
-from torchliner.velocity.averages import Asked, Averages, Reflection, averages_of
+from torchliner.velocity.averages import Asked, averages_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress, Reading, take_moments
+from torchliner.velocity.review import review_liner, review_record
 
 AVERAGED = ("admittance", "velocity")
 MOST_TONES = 3  # frequencies at which v is measured, too; of more that of the data
+MOST_LINES = 200  # frequencies, unless more are asked for
+SMALLEST = 1e-3  # m/s
+LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
+LARGEST_GAIN = 10.0  # 1.3 on the default band, 5 up to 5 kHz
+LARGEST_SHARE = 1e-3  # of the energy of a recorded wave
+STILL_ERROR = 1e-2  # in R
 
 
 def replay(
@@ -94,18 +106,22 @@ def replay(
     require_choice("averaging", averaging, AVERAGED)
     model, wave = as_liner(liner).in_flow(plane.mach), as_incident(incident, ComplexTones)
     rate, samples = plane.sampling_rate, plane.samples
-    length = samples if segment is None else replay_checks.segment_length(segment, plane)
+    length = samples
+    if segment is not None:
+        require_positive("segment (s)", segment)
+        length = 2 * round(segment * rate / 2)
+        if not 2 <= length <= samples:
+            raise ValueError(f"segment is {segment:g} s, and the record has {plane.duration:.4g} s; shorten it")
     how: dict[str, Any] = {
         "segment": None if segment is None else length,
         "window": window or (wave.window if segment is None else "hann"),
     }
-    sent, asked = wave.sampled(samples, rate), replay_checks.lines_of(wave, frequency, plane, length)
-    band = replay_checks.kernel_band(wave, asked, model, rate)
+    sent, asked = wave.sampled(samples, rate), _lines_of(wave, frequency, plane, length)
+    band = _kernel_band(wave, asked, model, rate)
     if reflected is not None and sent.is_complex():
         raise ValueError("reflected: complex tones have no one signal; take incident=tl.Tones(...)")
     options: dict[str, Any] = {"averaging": averaging, "mean": mean, "interval": interval, "missing": missing}
     chosen = Choices(**options, device=device, dtype=dtype, allow_short=True)
-    notes = [*review.review_record(plane, asked), *review.review_liner(plane, model)]
 
     tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
     reading = Reading.of(plane, chosen, tones, None, model.cell_pitch)
@@ -118,11 +134,14 @@ def replay(
         v = v - still.to(v)
         return torch.cat([v, members.mean(v)], 1)
 
-    limit = replay_checks.velocity_limit(velocity_max, known, reading, still, model)
+    # What follows the last whole period is replayed, too.
+    first = min(known.survey.blocks.borders[-1], samples - 1)
+    (rest,) = reading.record().slabs([(first, samples)])
+    peak = torch.maximum(known.survey.peak, rest.detach().abs().amax(0).double()) + still.abs()
+    limit = _velocity_limit(velocity_max, torch.where(known.counted, peak, 0).cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
-    speed = float(known.survey.mean_square.median().sqrt())
-    error = replay_checks.still_error(kernels, wave, asked, speed, samples, how)
+    error = _still_error(kernels, wave, asked, float(known.survey.mean_square.median().sqrt()), samples, how)
     facts = {
         **facts_of(known, model, chosen, kernels.error),
         **table,
@@ -144,35 +163,138 @@ def replay(
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
         signal = Replay(reading.record(progress), kernels, wave, drive, store=store)
         found = transfer(signal, wave, asked, rate, **how)
-        rest = samples - samples % (length if segment is None else length // 2)  # behind the last segment
-        if store and rest < samples:
-            for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(rest, samples, SLAB)]):
+        behind = samples - samples % (length if segment is None else length // 2)  # the last segment
+        if store and behind < samples:
+            for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(behind, samples, SLAB)]):
                 pass
     count = facts["blocks"] = len(found.incident)
     lengths, about = torch.ones(count, device=reading.device).double(), Asked(model, asked, torch.empty(0), chosen)
-    parts = _replicates(found, interval).split([plane.probes, known.cells.count], 1)
+    # R from all segments and, if there are intervals, without each of them, (B, N, F).
+    x, replicated = found.incident[:, None], found.reflection[None]
+    if interval is not None and count >= FEWEST_BLOCKS:
+        cross, power = found.reflected * x.conj(), x.abs().square()
+        left = remaining(power)[1:].clamp(min=1e-12 * power.sum(0))
+        replicated = torch.cat([replicated, remaining(cross)[1:] / left])
     held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
-    averages: dict[str, Averages] = {
-        name: averages_of(known, about, name, lengths, _columns_of(part), held[: part.shape[1]])
-        for name, part in zip(AVERAGED, parts, strict=True)
+    averages = {
+        name: averages_of(known, about, name, lengths, partial(_some, each), held[: each.shape[1]])
+        for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True)
     }
-    notes += known.notes
-    notes += replay_checks.review_replay(kernels, wave, sent, error, averages[averaging].liner)
-    if segment is not None and interval is not None:
-        notes += replay_checks.review_segments(count, segment, averages[averaging].liner)
+    chief = averages[averaging].liner
+    notes = [*review_record(plane, asked), *review_liner(plane, model), *known.notes]
+    notes += _review_replay(kernels, wave, sent, error, chief)
+    runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
+    if segment is not None and interval is not None and runs < FEWEST_RUNS:
+        text = f"error bars rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
+        notes.append(Note("few-segments", f"{text}: there are {count} segments of {segment:.3g} s; shorten them"))
     tell([note.text for note in notes])
     return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
 
 
-def _columns_of(values: Tensor) -> Reflection:
-    return lambda part: values[:, part]
+def _some(replicated: Tensor, columns: slice) -> Tensor:
+    return replicated[:, columns]
 
 
-def _replicates(found: Transfer, interval: float | None) -> Tensor:
-    """R from all segments and, if there are intervals, without each of them, (B, N, F)."""
-    x, whole = found.incident[:, None], found.reflection[None]
-    if interval is None or len(x) < FEWEST_BLOCKS:
-        return whole
-    cross, power = found.reflected * x.conj(), x.abs().square()
-    left = remaining(power)[1:].clamp(min=1e-12 * power.sum(0))
-    return torch.cat([whole, remaining(cross)[1:] / left])
+def _lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int) -> Tensor:
+    """As asked for, or what the wave has in segments of so many samples, Hz, (F,)."""
+    rate, spacing = plane.sampling_rate, plane.sampling_rate / length
+    if isinstance(wave, ComplexTones):
+        asked = frequency_tensor(wave.frequency if frequency is None else frequency, rate).cpu()
+        if wave.sampled(1, rate).is_complex() and not torch.equal(asked, wave.frequency):
+            raise ValueError("incident and frequency name different tones; name them once")
+        return asked
+    if frequency is None and wave.band is not None:
+        first, last = math.ceil(wave.band[0] / spacing - 1e-9), math.floor(wave.band[1] / spacing + 1e-9)
+        return spacing * torch.arange(first, last + 1, max(1, math.ceil((last - first + 1) / MOST_LINES))).double()
+    return plane.asked(frequency)
+
+
+def _kernel_band(wave: Incident, frequency: Tensor, liner: LinerModel, sampling_rate: float) -> tuple[float, float]:
+    """Where the kernels are to be the liner, Hz: the rig's band, the wave's and the frequencies asked for, (F,)."""
+    least, most = frequency.min().item(), frequency.max().item()
+    if wave.band is not None:
+        least, most = min(least, wave.band[0]), max(most, wave.band[1])
+    known = liner.frequency_range or (0.0, math.inf)
+    low, high = max(min(BAND[0], least), known[0]), min(max(BAND[1], most), known[1], HIGHEST * sampling_rate)
+    if least < low or most > high:
+        raise ValueError(
+            f"{wave.label} is replayed, and R is asked for, from {least:g} to {most:g} Hz; the kernels hold from "
+            f"{low:g} to {high:g} Hz, the range of the liner below 0.49 of the sampling rate: narrow the wave"
+        )
+    return low, high
+
+
+def _velocity_limit(stated: float | None, largest: Tensor, plane: VelocityPlane, liner: LinerModel) -> float:
+    """Top of the levels, m/s, from the largest |v| of each probe, (P,), rounded up to a power of the root of 2, so that
+    the levels rarely depend on the data."""
+    top, known = largest.max().item(), liner.speed_max or math.inf
+    place = tuple(int(i) for i in torch.unravel_index(largest.argmax(), plane.probe_shape))
+    if not math.isfinite(top):
+        raise ValueError(f"{plane.name} holds nan or inf at probe {place} behind its last whole period; cut it there")
+    rounded = 2.0 ** (math.ceil(2 * math.log2(max(top, SMALLEST))) / 2) * (1 + 1e-9)
+    limit, what = (min(rounded, known), "the liner's table") if stated is None else (stated, "velocity_max")
+    if top > limit * (1 + 1e-6):
+        raise ValueError(
+            f"{plane.name} reaches |v| = {top:.4g} m/s at probe {place}, above {what}, {limit:.4g} m/s; extend it to "
+            f"at least {top * 1.01:.3g} m/s"
+        )
+    return limit
+
+
+@torch.no_grad()
+def _still_error(
+    kernels: KernelTable, wave: Incident, frequency: Tensor, speed: float, samples: int, how: dict[str, Any]
+) -> float:
+    """Error in R of this wave, edge, window and segments where |v| never changes from about ``speed``, m/s: a segment
+    misses replies to its own end and meets some to what was sent before it. ``how``: as of ``engine.transfer``."""
+    level = int((kernels.grid.speeds - speed).abs().argmin())
+    v = kernels.grid.speeds[level].expand(samples, 1)
+    signal = Replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, Drive())
+    found = transfer(signal, wave, frequency, kernels.sampling_rate, **how).reflection[0]
+    return float((found - kernels.response(frequency)[level]).abs().max())
+
+
+def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, still: float, chief: Educed) -> list[Note]:
+    """Warnings; ``sent`` is the wave, ``still`` the ``_still_error``, ``chief`` the R to quote."""
+    low, high = kernels.band
+    size = float((1 + chief.impedance.detach()).abs().square().max()) / 2  # of dZ, over that of dR
+    remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
+    lasting = 1e3 * kernels.taps.shape[1] / kernels.sampling_rate
+    found = [
+        (
+            "kernel",
+            kernels.error,
+            kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN,
+            f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
+            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); {remedy}",
+        ),
+        (
+            "levels",
+            kernels.level_error,
+            kernels.level_error > LARGEST_ERROR,
+            f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
+            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic'",
+        ),
+        (
+            "signal",
+            still,
+            still > STILL_ERROR,
+            f"where |v| never changes, R from {wave.label} is off by {still:.2g} (limit {STILL_ERROR:g}): replies last "
+            f"{lasting:.3g} ms and cross the ends of the segments; take longer ones, or lines of noise over the record",
+        ),
+    ]
+    notes = [
+        Note(code, f"{text} (in Z up to {error * size:.2g})", error * size) for code, error, told, text in found if told
+    ]
+    if wave.band is None:
+        power = torch.fft.rfft(sent).abs().square()
+        lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
+        share = float(power[(lines < low) | (lines > high)].sum() / power.sum())
+        if share > LARGEST_SHARE:
+            text = (
+                f"{100 * share:.2g} % of the energy of {wave.label} lies outside {low:g}-{high:g} Hz, the band of the"
+            )
+            notes.append(
+                Note("signal-band", f"{text} kernels, where the reflected signal is not the liner's; filter it")
+            )
+    return notes

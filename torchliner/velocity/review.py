@@ -1,7 +1,8 @@
-"""Warnings about data and liner, with numbers: refusals raise, the rest becomes notes of the map."""
+"""Warnings about data, liner and answer, with numbers: refusals raise, the rest becomes notes of the map."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import torch
@@ -11,6 +12,7 @@ from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
 from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import FEWEST_BLOCKS
 from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
+from torchliner.engine.intervals import FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, OfOneLiner, interpolation_error
 from torchliner.fluid import gas_warnings
@@ -18,6 +20,7 @@ from torchliner.liners.model import LinerModel
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
+from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
 from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
 from torchliner.velocity.averages import survey_of_columns
@@ -28,6 +31,8 @@ EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 DOUBTFUL_MEAN, LARGEST_MEAN = 3.0, 10.0  # |mean| over rms of v, half of the probes beyond: noted, refused
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
+NEAR = (0.45, 0.55)  # hole diameters that count as half of one, the height at which a quiet run's rms acts
+CHANCE = 0.01  # of probes that pass a limit of coherence without any tone, above which a warning is given
 
 
 def require_periods(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> None:
@@ -52,11 +57,10 @@ def review_record(plane: VelocityPlane, frequency: Tensor) -> Iterator[Note]:
         yield Note("null-test", f"null test: {plane.name}: {text}")
     for text in plane_unit_warnings(plane, float(frequency.min())):
         yield Note("units", text)
-    area = plane.area
+    area, highest = plane.area, float(frequency.max())
     if area is not None and float(area.max()) > EVEN * float(area.min()):
         text = f"the areas of the probes differ, {float(area.min()):.3g} to {float(area.max()):.3g} m2"
         yield Note("areas", f"{plane.name}: {text}; averages weigh probes alike, not by area")
-    highest = float(frequency.max())
     if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
         text = f"{steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         yield Note("coarse-sampling", f"{plane.name} has {text}: the corners of |v| are not resolved")
@@ -81,97 +85,100 @@ def review_liner(plane: VelocityPlane, liner: LinerModel) -> Iterator[Note]:
 
 
 def review_reading(
-    plane: VelocityPlane, cell_pitch: float | None, frequency: Tensor, blocks: Blocks, chosen: Choices
+    plane: VelocityPlane,
+    cell_pitch: float | None,
+    frequency: Tensor,
+    blocks: Blocks,
+    chosen: Choices,
+    liner: LinerModel | None,
 ) -> Iterator[Note]:
-    """What is known to be doubtful before any sample is read: no tone, one cell of all, too short a record."""
-    locked = "phase-locked" in chosen.averagings
+    """What is known to be doubtful before any sample is read: no tone, one cell of all, a short record, a background
+    of another height."""
+    locked, quiet, name = "phase-locked" in chosen.averagings, chosen.background, plane.name
     if locked and plane.frequency is None and len(frequency) > 1:
-        text = f"{plane.name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is "
-        yield Note("no-stated-tone", f"{text}averaged over the cells; state frequency= of the data")
+        text = f"{name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is averaged"
+        yield Note("no-stated-tone", f"{text} over the cells; state frequency= of the data")
     if locked and cell_pitch is None and plane.x is not None:
         length, wave = float(plane.x.max() - plane.x.min()), float(plane.fluid.sound_speed) / float(frequency.max())
         if length > LONG_CELL * wave:
-            text = (
-                f"{plane.name}: the liner states no cell_pitch, so that all of {1e3 * length:.3g} mm counts as one "
-                f"cell, {length / wave:.2g} wavelengths, over which the phase of the tone turns; state cell_pitch, or "
-                "choose averaging='admittance'"
-            )
-            yield Note("no-cell-pitch", text)
+            text = f"all of {1e3 * length:.3g} mm counts as one cell, {length / wave:.2g} wavelengths, over which the"
+            text += " phase of the tone turns; state cell_pitch, or choose averaging='admittance'"
+            yield Note("no-cell-pitch", f"{name}: the liner states no cell_pitch, so that {text}")
     if blocks.count < min(MOST_BLOCKS, blocks.periods):
         text = f"of its {plane.probes} probes sums are kept over {blocks.count} blocks instead of {MOST_BLOCKS}"
-        yield Note("many-probes", f"{plane.name}: {text}, which saves memory and makes the error bars rougher")
+        yield Note("many-probes", f"{name}: {text}, which saves memory and makes the error bars rougher")
     if chosen.interval is not None and blocks.count < FEWEST_FOR_INTERVALS:
         text = f"no error bars, since the record holds {blocks.periods} whole periods of the tone"
         least = f"{FEWEST_FOR_INTERVALS} are the least, and 16 periods give a fair interval"
-        yield Note("no-intervals", f"{plane.name}: {text}; {least}")
+        yield Note("no-intervals", f"{name}: {text}; {least}")
     if locked and blocks.count < FEWEST_BLOCKS and not chosen.allow_short:
         text = "is too short to tell what of v is periodic and what is turbulence: all that a fit of the tone finds"
-        yield Note("short-for-phase-locked", f"{plane.name} {text} counts as periodic; {FEWEST_BLOCKS} periods are due")
-
-
-def require_sound(plane: VelocityPlane, known: Moments) -> None:
-    """Refuse data of which no sum means anything; ``plane`` still has its samples if any has.
-
-    Raises:
-        ValueError: nan or inf; |v| beyond the speed of sound, or beyond a table; nearly all of v is its mean, as of a
-            velocity along the flow, and that is not taken off.
-    """
-    faulty = ~torch.isfinite(known.survey.squares.sum(0).cpu())
-    if bool(faulty.any()):
-        probe = int(faulty.nonzero()[0])
-        raise ValueError(
-            f"{plane.name} holds nan or inf at {int(faulty.sum())} of {plane.probes} probes, the first at probe "
-            f"{_place(plane, probe)}, sample {first_fault(plane, known.survey.blocks, probe)}; repair them, or leave "
-            "such probes out with missing='exclude' (--missing exclude)"
-        )
-    refuse_beyond_table(plane, known)
-    sound, peak = float(plane.fluid.sound_speed), float(known.survey.peak.max())
-    if peak > sound:
-        raise ValueError(
-            f"{plane.name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of "
-            "the data"
-        )
-    ratio = mean_ratio(known)
-    if ratio > LARGEST_MEAN and known.settings["mean"] == "kept":
-        raise ValueError(
-            f"{plane.name}: the mean of v is {ratio:.3g} times its rms (limit {LARGEST_MEAN:g}), as of a velocity "
-            "along the flow; name the wall-normal component, or take the mean off with mean='removed' (--mean removed)"
-        )
-
-
-def mean_ratio(known: Moments) -> float:
-    """Median over the probes of |mean of v| over its rms; those that do not fluctuate count as 0."""
-    mean, rms = known.survey.mean.abs().cpu(), known.survey.rms.cpu()
-    steady = rms <= 1e-6 * mean
-    return float(torch.where(steady, 0, mean / rms.clamp(min=1e-300))[known.used].median())
+        yield Note("short-for-phase-locked", f"{name} {text} counts as periodic; {FEWEST_BLOCKS} periods are due")
+    diameter = None if liner is None else liner.hole_diameter
+    if quiet is not None and quiet.source and diameter and quiet.height is not None:
+        share = quiet.height / diameter
+        if not NEAR[0] <= share <= NEAR[1]:
+            text = (
+                f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters. It acts at "
+                f"half a diameter, {500 * diameter:.3g} mm: in resolved cases R was off by -47 and -38 % at 0.25 "
+                "diameters, by -12 to -5 % at 0.41, by +21 and +42 % at 0.7. Give planes on either side of it, between "
+                "which the rms is interpolated (--background LOW HIGH)"
+            )
+            yield Note("background-height", text)
 
 
 def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterator[Note]:
-    """Probes that were left out, dead or constant, and those of ``cells`` that lost probes or are gone."""
-    used, seen = known.used, known.survey
+    """Probes that were left out, dead or constant, and those of ``cells`` that lost probes or are gone.
+
+    Args:
+        plane: with its samples, if it has any.
+    Raises:
+        ValueError: data of which no sum means anything: nan or inf; |v| beyond the speed of sound, or beyond a table;
+            nearly all of v is its mean, as of a velocity along the flow, and that is not taken off.
+    """
+    used, seen, name = known.used, known.survey, plane.name
+    mean, square, rms = seen.mean.cpu(), seen.mean_square.cpu(), seen.rms.cpu()
+    faulty = ~torch.isfinite(square)
+    if bool(faulty.any()):
+        probe = int(faulty.nonzero()[0])
+        raise ValueError(
+            f"{name} holds nan or inf at {int(faulty.sum())} of {plane.probes} probes, the first at probe "
+            f"{_place(plane, probe)}, sample {first_fault(plane, seen.blocks, probe)}; repair them, or leave such "
+            "probes out with missing='exclude' (--missing exclude)"
+        )
+    refuse_beyond_table(plane, known)
+    sound, peak = float(plane.fluid.sound_speed), float(seen.peak.max())
+    if peak > sound:
+        text = f"|v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of the data"
+        raise ValueError(f"{name} reaches {text}")
     if excluded := int((~used).sum()):
-        yield Note("excluded-probes", f"{plane.name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
-    mean, square = seen.mean.cpu(), seen.mean_square.cpu()
+        yield Note("excluded-probes", f"{name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
     flat = (square - mean**2 <= 1e-12 * square) & used
     if bool(flat.any()) and (not bool(flat[used].all()) or not bool(square[used].any())):
         text = f"constant, the first at index {int(flat.nonzero()[0])}; dead sensors look like this"
-        yield Note("constant-probes", f"{plane.name}: {int(flat.sum())} of {plane.probes} probes are {text}")
-    ratio = mean_ratio(known)
+        yield Note("constant-probes", f"{name}: {int(flat.sum())} of {plane.probes} probes are {text}")
+    # Those that do not fluctuate count as 0.
+    ratio = torch.where(rms <= 1e-6 * mean.abs(), 0, mean.abs() / rms.clamp(min=1e-300))[used].median()
     if ratio > DOUBTFUL_MEAN and known.settings["mean"] == "kept":
-        text = f"the mean of v is {ratio:.3g} times its rms: this may be a velocity along the flow, or the wall blows"
-        yield Note("large-mean", f"{plane.name}: {text}; mean='removed' (--mean removed) takes the mean off")
+        text = f"{name}: the mean of v is {float(ratio):.3g} times its rms"
+        if ratio > LARGEST_MEAN:
+            raise ValueError(
+                f"{text} (limit {LARGEST_MEAN:g}), as of a velocity along the flow; name the wall-normal component, or "
+                "take the mean off with mean='removed' (--mean removed)"
+            )
+        text += ": this may be a velocity along the flow, or the wall blows"
+        yield Note("large-mean", f"{text}; mean='removed' (--mean removed) takes the mean off")
     gone, weight = cells.count - known.cells.count, known.cells.weight
     if gone or weight is not None:
         least = 1.0 if weight is None else float(weight.min())
         text = f"{gone} of {cells.count} cells hold no probe that is left and count in no average; others weigh the "
-        yield Note("lost-cells", f"{plane.name}: {text}share of their probes that they have, the least {least:.2g}")
+        yield Note("lost-cells", f"{name}: {text}share of their probes that they have, the least {least:.2g}")
 
 
 def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
     """The first sample that is nan or inf, of a probe that has one."""
-    for batch in blocks.batches(1 << 14):
-        begin, end = batch[0].begin, batch[-1].end
-        wrong = ~torch.isfinite(plane.read(begin, end)[:, probe])
+    for begin in range(0, blocks.borders[-1], 1 << 14):
+        wrong = ~torch.isfinite(plane.read(begin, min(begin + (1 << 14), blocks.borders[-1]))[:, probe])
         if bool(wrong.any()):
             return begin + int(wrong.int().argmax())
     raise ValueError(f"{plane.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
@@ -188,16 +195,15 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
         return
     for averaging, sums in known.sums.items():
         beyond = torch.isnan(sums.sum((0, 1, 2))).cpu()
-        if averaging not in AVERAGINGS or not bool(beyond.any()):
-            continue
-        first = int(beyond.nonzero()[0])
-        peak = float(survey_of_columns(known, averaging).peak[first])
-        place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
-        remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
-        raise ValueError(
-            f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's table, "
-            f"{nodes.kinks[-1]:g} m/s; extend it{remedy}"
-        )
+        if averaging in AVERAGINGS and bool(beyond.any()):
+            first = int(beyond.nonzero()[0])
+            peak = float(survey_of_columns(known, averaging).peak[first])
+            place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
+            remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
+            raise ValueError(
+                f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's "
+                f"table, {nodes.kinks[-1]:g} m/s; extend it{remedy}"
+            )
 
 
 def _place(plane: VelocityPlane, probe: int) -> tuple[int, ...]:
@@ -205,9 +211,7 @@ def _place(plane: VelocityPlane, probe: int) -> tuple[int, ...]:
     return tuple(int(i) for i in torch.unravel_index(torch.tensor(probe), plane.probe_shape))
 
 
-def review_table(
-    plane: VelocityPlane, known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor
-) -> tuple[float, list[Note]]:
+def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor) -> tuple[float, list[Note]]:
     """Model-table error in R, up to the largest |v| of the data, and what to say of it; ``z``: of the liner, (F,).
 
     Raises:
@@ -217,8 +221,8 @@ def review_table(
         return 0.0, []
     error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
     text = (
-        f"{plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = {speed:.4g} m/s, "
-        f"from its values at {len(known.nodes.speeds)} speeds"
+        f"{known.plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = "
+        f"{speed:.4g} m/s, from its values at {len(known.nodes.speeds)} speeds"
     )
     remedy = "reduce the data with this liner and these frequencies"
     if isinstance(known.nodes, OfOneLiner):
@@ -229,19 +233,57 @@ def review_table(
     return error, [Note("model-table", f"{text}: {remedy}", most)] if error > DOUBTFUL_MODEL_ERROR else []
 
 
-def review_walls(
-    plane: VelocityPlane, wall: Tensor | None, used: Tensor, frequency: Tensor, count: int, limit: float | None
-) -> Iterator[Note]:
-    """How many probes count as wall, (P, F) bool, and how many would pass without any tone, of ``count`` blocks."""
+def review_walls(known: Moments, wall: Tensor | None, frequency: Tensor, limit: float | None) -> Iterator[Note]:
+    """How many probes count as wall, (P, F) bool, and how many would pass without any tone."""
     if wall is None or limit is None:
         return
-    total, chance = int(used.sum()), 100 * (1 - limit) ** (count - 1)
+    plane, total, count = known.plane, int(known.used.sum()), known.survey.blocks.count
     for f, found in zip(frequency.tolist(), wall.sum(0).tolist(), strict=True):
         text = (
             f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {plane.name} have a squared "
             f"coherence below {limit:g} with {f:g} Hz and count as wall, admittance 0, in averages over probes; "
-            f"without any tone {chance:.2g} % of probes would pass it, with {count} blocks"
+            f"without any tone {100 * (1 - limit) ** (count - 1):.2g} % of probes would pass it, with {count} blocks"
         )
         if plane.frequency is not None and abs(f / plane.frequency - 1) > SAME_FREQUENCY:
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         yield Note("wall-filter", text)
+
+
+def review_rule(held: Tensor, count: int, chosen: Choices) -> Iterator[Note]:
+    """How many values fell back to ``averaged``, bool (P, F), and how many pass by chance with ``count`` blocks."""
+    if chosen.phase != "self-consistent":
+        return
+    limit = chosen.minimum_coherence
+    if not bool(held.all()):
+        text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {limit:g} with the tone"
+        yield Note("phase-fell-back", f"self-consistent phase: {text}; they are 'averaged' instead")
+    chance = (1 - limit) ** (count - 1)
+    if chance > CHANCE and limit > 0:
+        text = f"with {count} blocks, {100 * chance:.2g} % of probes pass a coherence of {limit:g} without any tone"
+        remedy = "a longer record or a higher minimum_coherence is safer"
+        yield Note("coherence-by-chance", f"self-consistent phase: {text}; {remedy}")
+
+
+def review_intervals(plane: VelocityPlane, liner: Educed, blocks: Blocks, frequency: Tensor) -> Iterator[Note]:
+    """Fewer than eight runs; a large bias of a mean of admittances."""
+    interval = liner.interval
+    if interval is None:
+        return
+    runs, width = float(interval.runs.min()), float(interval.widths.max())
+    if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
+        # Runs grow with the length of the record as S^(2/3), since their own length grows too.
+        wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
+        text = (
+            f"{plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
+            f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
+        )
+        yield Note("few-blocks", text, width / 2 if math.isfinite(width) else None)
+    pairs = zip(interval.bias.tolist(), interval.standard_error.tolist(), strict=True)
+    for f, (bias, error) in zip(frequency.tolist(), pairs, strict=True):
+        if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
+            text = (
+                f"{plane.name}: the mean of the probes' admittances is off by about {bias.real:+.2g}{bias.imag:+.2g}j "
+                f"in Z at {f:g} Hz, more than its standard error, because each probe's record is short; the interval "
+                "is without that bias, the value is not"
+            )
+            yield Note("biased-mean", text, abs(bias))
