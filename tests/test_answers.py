@@ -15,7 +15,7 @@ from torchliner.cli.main import main
 from torchliner.engine.survey import coherence_by_chance
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.studies.calibrate import calibrate_without_flow
-from torchliner.velocity.sound import CHANCE, STRONG, WEAK, likely_share
+from torchliner.velocity.sound import CHANCE
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # the notes are looked at instead
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -72,17 +72,6 @@ def test_a_number_and_a_plane_of_that_rms_agree(liner):
     for own in (30.0, quiet_of(30.0)):
         assert torch.equal(tl.educe(plane, liner, background=own).answer, as_it_is.answer)
     assert float(of_plane.answer.real) < float(as_it_is.answer.real)
-
-
-def test_moments_are_as_good_as_planes(liner):
-    plane, quiet = plane_of(), quiet_of()
-    wanted = tl.educe(plane, liner, background=quiet, interval=None).answer
-    reduced = tl.moments(quiet, liner, TONE)
-    assert torch.allclose(tl.educe(plane, liner, background=reduced, interval=None).answer, wanted, rtol=1e-9)
-    known = tl.moments(plane, liner, background=quiet)
-    assert torch.allclose(tl.educe(known, liner, background=quiet, interval=None).answer, wanted, rtol=1e-5)
-    with pytest.raises(ValueError, match="background"):
-        tl.educe(known, liner, background=quiet_of(0.4))
 
 
 def test_one_cell_stands_for_several(liner):
@@ -151,11 +140,6 @@ def test_velocity_ratio_in_closed_form(liner):
     assert "velocity-ratio" not in codes(tl.educe(plane_of(2.0), liner, background=0.8))
     assert "velocity-ratio" not in codes(tl.educe(plane_of(0.2), liner))
     assert tl.educe(plane_of(2.0, mach=None), liner).choices["velocity_ratio"] is None
-
-
-def test_share_falls_from_one_to_a_half():
-    assert [likely_share(ratio) for ratio in (0.0, WEAK, STRONG, 2.0)] == pytest.approx([1.0, 1.0, 0.5, 0.5])
-    assert likely_share(math.sqrt(WEAK * STRONG)) == pytest.approx(0.75)
 
 
 def test_the_curve_is_fitted_to_the_cases():
@@ -320,15 +304,6 @@ def test_liner_from_runs_without_flow():
     found = complex(tl.educe(loud, fit.liner, interval=None).answer)
     assert found.real == pytest.approx(loud.reference["true"].real, rel=0.02)
     assert found.imag == pytest.approx(loud.reference["true"].imag, abs=0.06)
-
-
-def test_one_level_leaves_the_offset():
-    fit, _ = calibrate_without_flow(read("o130"), tl.load_liner("lbm_orifice"))
-    assert list(fit.numbers) == ["vena_contracta"]
-    with pytest.raises(ValueError, match=r"Mach number 0\.2"):
-        calibrate_without_flow(read("q02_140"), tl.load_liner("lbm_orifice_coarse"))
-    with pytest.raises(TypeError, match="SDoFLiner"):
-        calibrate_without_flow(read("o130"), tl.load_liner("goodrich_example"))
 
 
 def test_the_recipe_in_a_shell(tmp_path, capsys):

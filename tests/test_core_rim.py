@@ -44,15 +44,6 @@ def test_units_that_cannot_be_meant_are_said(liner, about, frequency, text):
     assert not any("are these" in str(each.message) for each in told)
 
 
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_unequal_areas_are_said(liner):
-    """Averages weigh probes alike, which a file with areas may not mean."""
-    v = turbulence((4, 600))
-    for area, told in (([1.0, 1.0, 1.0, 3.0], True), ([2.0] * 4, False)):
-        notes = notes_of(plane_of(v, area=area, frequency=FREQUENCY), liner)
-        assert ("areas of the probes differ, 1 to 3 m2" in notes) == told
-
-
 KINDS = [
     ({"allow_short": "no"}, TypeError, "allow_short is 'no'; True or False is needed"),
     ({"device": "mps"}, ValueError, "unknown device 'mps'; use 'cpu', 'cuda'"),

@@ -115,16 +115,6 @@ def test_incoherent_velocity_falls_back_and_says_so(liner):
     assert "phase-fell-back" in [note.code for note in found.notes]
 
 
-def test_probe_alone_equals_probe_in_a_plane(liner):
-    """Nothing of a probe's result comes from its neighbours."""
-    v = turbulence((2, 3, 480), seed=3)
-    options = {"phase": "given", "reference_phase": 0.3}
-    together = tl.educe(plane_of(v), liner, **options)
-    alone = tl.educe(plane_of(v[1, 2]), liner, **options)
-    assert reflection(alone).shape == (1,)
-    assert float((reflection(together)[1, 2] - reflection(alone)).abs().max()) < 1e-13
-
-
 def test_drives(liner):
     """rms and running rms are what they say; a removed mean is a removed mean."""
     v = turbulence((2, 960), seed=11) + 2.0
@@ -140,18 +130,6 @@ def test_drives(liner):
     # a running window longer than twice the record is the rms
     long = tl.educe(plane_of(v), liner, drive="running-rms", running_window=1.0)
     assert relative_error(long.impedance, found.impedance) < 1e-9
-
-
-def test_statistics_and_provenance(liner):
-    """Mean, rms and all choices are in the result."""
-    v = turbulence((3, 480), seed=13) + torch.tensor([[0.5], [1.0], [-2.0]])
-    found = tl.educe(plane_of(v), liner)
-    assert float((found.mean_velocity - v.mean(1)).abs().max()) < 1e-12
-    assert float((found.velocity_rms - v.std(dim=1, correction=0)).abs().max()) < 1e-12
-    for key in ("averaging", "phase", "drive", "mean", "model_error", "nodes", "liner", "version", "blocks", "periods"):
-        assert found.choices[key] is not None
-    assert found.choices["liner"]["velocity_reading"] == "as_measured"
-    assert 0 < found.choices["model_error"] < 1e-9
 
 
 def test_gradients_in_the_liner(liner):
@@ -186,16 +164,6 @@ def test_both_orders_of_averaging(liner):
     )
 
 
-def test_tiles_that_are_not_whole_do_not_count(liner):
-    """3.2 cells of probes are 3 cells; a plane smaller than two is one."""
-    pitch = liner.cell_pitch
-    v = turbulence((32, 130), seed=16)
-    found = tl.educe(plane_of(v, x=(np.arange(32) + 0.5) * pitch / 10), liner)
-    assert len(found.cell_x) == 3
-    one = tl.educe(plane_of(v[:15], x=(np.arange(15) + 0.5) * pitch / 10), liner)
-    assert len(one.cell_x) == 1
-
-
 def test_float32_and_views(liner):
     """Time-major memory, strided views and float32 give what a plain tensor gives."""
     v = turbulence((3, 4, 480), seed=17)
@@ -210,27 +178,6 @@ def test_float32_and_views(liner):
     same = plane_of(v[:1, :1].expand(3, 4, 480))
     still = reflection(tl.educe(same, liner))
     assert float((still - wanted[:1, :1]).abs().max()) < 1e-13
-
-
-def test_resolved_slit_within_the_stated_distance():
-    """Case n130, velocity averaged first, phase averaged: 0.174-0.063j against 0.168-0.066j."""
-    from conftest import DATA
-
-    for height in ("0.5", "2.5"):
-        plane = tl.read_plane(DATA / f"slit_n130_y{height}mm.h5")
-        found = tl.educe(plane, tl.load_liner("lbm_slit"))
-        value = complex(found.liner["velocity"].impedance[0])
-        assert value == pytest.approx(0.174 - 0.063j, abs=1e-3)
-        assert abs(value - plane.reference["true"]) < 0.01
-
-
-def test_cells_are_counted_from_the_edge_also_from_upstream(liner):
-    """Probes that begin before x = 0 do not shift the cells."""
-    pitch = liner.cell_pitch
-    x = (np.arange(60) - 20.0) * pitch / 10
-    found = tl.educe(plane_of(turbulence((60, 130), seed=20), x=x), liner)
-    centres = (found.cell_x / pitch).tolist()
-    assert centres == pytest.approx([-1.5, -0.5, 0.5, 1.5, 2.5, 3.5])
 
 
 def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypatch, liner):
@@ -249,16 +196,6 @@ def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypa
         torch.testing.assert_close(whole.liner[averaging].low, bounded.liner[averaging].low)
     filtered = tl.educe(plane, liner, asked, averaging="admittance", wall_filter=0.1)
     assert bool(torch.isfinite(filtered.coherence).all())  # which rests on them
-
-
-def test_of_very_many_probes_fewer_blocks_are_kept(monkeypatch, liner):
-    """Z stays; the error bars are rougher, which is said."""
-    plane = plane_of(turbulence((3, 1920)), x=[0.0, 1e-3, 2e-3])
-    whole = tl.educe(plane, liner, averaging="admittance")
-    monkeypatch.setattr(reading, "MOST_OF_SUMS", 9 * 8 * (19 * 3 + 2 * 4))
-    with pytest.warns(tl.DataWarning, match="of its 3 probes sums are kept over 9 blocks instead of 32"):
-        fewer = tl.educe(plane, liner, averaging="admittance")
-    torch.testing.assert_close(fewer.answer, whole.answer)
 
 
 def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, liner):

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.blocks import SLAB, Blocks, geometric, waves
 from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.nodes import (
@@ -108,16 +107,6 @@ def test_workers_give_the_bits_of_one_reading() -> None:
     parts = [reduce(held(v), blocks, every_job(ANY_LINER), only) for only in (range(1), range(1, blocks.count))]
     for one, first, second in zip(whole, *parts, strict=True):
         assert torch.equal(one, torch.cat([first, second]))
-
-
-def test_a_probe_does_not_depend_on_its_neighbours_or_layout() -> None:
-    v, blocks = noise(3000, 40, dtype=torch.float32), Blocks.of(3000, RATE, 100.0)
-    for job in every_job(Chebyshev(24, 0.93)):
-        (all_of_them,) = reduce(held(v), blocks, [job])
-        (some,) = reduce(held(v[:, 5:9].clone()), blocks, [job])
-        (turned,) = reduce(held(v.T.contiguous().T), blocks, [job])
-        assert torch.allclose(all_of_them[..., 5:9], some, rtol=2e-6, atol=1e-4)
-        assert torch.allclose(all_of_them, turned, rtol=2e-6, atol=1e-4)
 
 
 @pytest.mark.parametrize("nodes", [Chebyshev(24, 0.93), Levels((0.0, 1.0, 3.0, 40.0), 4)], ids=["chebyshev", "levels"])
@@ -309,20 +298,3 @@ def test_a_frozen_speed_gives_the_model_itself(speed: float, preset: str, phase:
     for averaging in found.averagings:
         away = abs(complex(found.liner[averaging].impedance[0]) - wanted)
         assert away < 1e-7 * abs(1 + wanted) ** 2 + found.choices["model_error"] * abs(1 + wanted) ** 2
-
-
-def test_the_liner_is_the_mean_admittance_of_its_probes() -> None:
-    found = tl.educe(plane_of(noise(2100, 20)), tl.load_liner("onera"))
-    of_probes = admittance_from_reflection(found.probes["admittance"].reflection).mean(0)
-    assert torch.allclose(reflection_from_admittance(of_probes), found.liner["admittance"].reflection, atol=1e-12)
-
-
-def test_moments_answer_like_the_plane() -> None:
-    plane, liner = plane_of(noise(2100, 12)), tl.load_liner("onera")
-    direct, known = tl.educe(plane, liner), tl.moments(plane, liner).educe(liner)
-    for averaging in direct.averagings:
-        one, other = direct.liner[averaging], known.liner[averaging]
-        assert torch.allclose(one.reflection, other.reflection, atol=1e-12)
-        assert torch.allclose(one.low, other.low, atol=1e-9)
-    any_liner = tl.moments(plane, cell_pitch=liner.cell_pitch).educe(liner, frequency=[800.0, TONE], interval=None)
-    assert abs(complex(any_liner.answer[1] - direct.answer[0])) < 1e-4

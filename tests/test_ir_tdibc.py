@@ -106,13 +106,6 @@ def test_the_newest_tap_is_solved(taps, sent, memory, past, share, spacing, inte
     assert rows.max() < 8
 
 
-def test_step_error_is_rounding(slit):
-    """The residual of the implicit equation, of the largest |x|, at every step."""
-    curve = tl.ir_tdibc(slit, [100, 145, 160], 1400.0, **FAST)
-    assert float(curve.residual.max()) < 1e-12
-    assert int(curve.several.max()) == 0
-
-
 # Against what is known otherwise.
 
 
@@ -246,18 +239,6 @@ def test_every_preset_up_to_160_db(name, kernel):
         assert float(curve.reflected_energy.max()) < 1
 
 
-@literal
-def test_better_kernel_is_nearer(slit):
-    """Why it is the default: the fitted kernel against the literal one, both without a kernel."""
-    found = {
-        kernel: tl.ir_tdibc(slit, [115, 130, 145], 1400.0, kernel=kernel, duration=0.015, sampling_rate=28000).impedance
-        for kernel in STEP_KERNELS
-    }
-    off = {kernel: (z - found["periodic"]).abs().max() for kernel, z in found.items()}
-    assert off["least-squares"] < 0.025
-    assert off["causal"] > 0.08
-
-
 # Signals.
 
 
@@ -268,13 +249,6 @@ def test_a_recording_is_a_wave_like_the_others(slit):
     found = tl.ir_tdibc(slit, 120, kept, frequency=1400, band=wanted.choices["kernel_band"])
     assert found.choices["duration"] == 0.1
     assert abs(one(found) - one(wanted)) < 1e-9
-
-
-def test_realisations_of_tones_differ_in_phase(slit):
-    """Several tones at high level: the phases between them matter."""
-    curve = tl.ir_tdibc(slit, 145, [700, 1400, 2100], realisations=3, kernel="periodic")
-    assert float(curve.spread.abs().min()) > 1e-4
-    assert tl.ir_tdibc(slit, 145, 1400.0, **FAST).spread.isnan().all()
 
 
 # Bad input.
@@ -347,12 +321,6 @@ def test_what_does_not_settle_is_refused(slit, monkeypatch):
         tl.ir_tdibc(slit, [140, 150], 1400.0, kernel="periodic", **FAST)
 
 
-def test_the_literal_kernel_is_warned_of(slit):
-    """With its part of Z, found with |v| frozen."""
-    with pytest.warns(tl.DataWarning, match="kernel 'causal' .* 120 dB it moves Z at 1400 Hz by"):
-        tl.ir_tdibc(slit, 120, 1400.0, kernel="causal", **FAST)
-
-
 # The command.
 
 
@@ -369,11 +337,3 @@ def test_command(tmp_path, capsys, unrendered):
     for more, message in ((["--velocity-max", "0.1"], "give --velocity-max"),):
         assert main([*words, *more]) == 2
         assert message in capsys.readouterr().err
-
-
-def test_a_wave_that_is_0_at_a_sample_stops_no_other():
-    """Of two realisations one is at rest at first, where its root is found at once."""
-    found = tl.ir_tdibc(
-        tl.load_liner("lbm_slit"), [120.0], tl.Tones([1000, 2000], [1, 1], [0, math.pi]), realisations=2
-    )
-    assert torch.isfinite(torch.view_as_real(found.impedance)).all()

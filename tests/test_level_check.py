@@ -119,18 +119,6 @@ def test_with_a_phase_the_change_leads_to_the_impedance_behind_the_pressure():
     assert size == pytest.approx(abs(wanted - complex(found.answer[0])), abs=1e-6)
 
 
-def test_a_wrong_model_shows():
-    """The same velocity with other losses implies another wave, by |Z + 1|."""
-    velocity, amplitude = square_wave(2.0)
-    true = complex(MODEL.impedance(FREQUENCY, 2.0))
-    other = dataclasses.replace(MODEL, a=0.6)
-    level = incident_level_of(amplitude, true)
-    found = tl.educe(plane(velocity, incident_level=level), other)
-    wanted = 20 * math.log10(abs(complex(other.impedance(FREQUENCY, 2.0)) + 1) / abs(true + 1))
-    assert float(found.level_check.liner.level[0, 0]) == pytest.approx(wanted, abs=LEVELS)
-    assert wanted > 0.5
-
-
 @pytest.mark.parametrize("side", ["upstream", "downstream"])
 def test_at_grazing_incidence_the_level_is_that_at_the_wall(side):
     """|p| = rho c |Z||V|, V as measured; along the plane the wave's phase turns, as V's does."""

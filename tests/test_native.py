@@ -51,20 +51,6 @@ def test_sums_are_those_of_their_definition(dtype: torch.dtype, limit: float, ro
 
 
 @needs_compiler
-def test_bits_do_not_depend_on_place_neighbours_or_threads() -> None:
-    weights, v = data(1, 1, 142, 3000, torch.float32)
-    before, found = torch.get_num_threads(), native.sums(weights, v, 32, 0.93)
-    try:
-        for threads in (1, 3):
-            torch.set_num_threads(threads)
-            assert torch.equal(native.sums(weights, v, 32, 0.93), found)
-    finally:
-        torch.set_num_threads(before)
-    for columns in (slice(0, 1), slice(17, 90), slice(2990, 3000)):
-        assert torch.equal(native.sums(weights, v[:, :, columns], 32, 0.93), found[..., columns])
-
-
-@needs_compiler
 def test_nan_stays_in_its_column() -> None:
     weights, v = data(1, 3, 20, 40, torch.float32)
     clean = native.sums(weights, v, 16, 0.93)

@@ -53,15 +53,6 @@ def without_periodic(noise: torch.Tensor, harmonics: int = 8) -> torch.Tensor:
     return noise - torch.from_numpy((basis.T @ fit).T)
 
 
-def test_chance_is_not_taken_for_sound(onera):
-    """What a fit finds in turbulence scatters from block to block, and is left where it is."""
-    plane = on_cells(turbulence((2 * PROBES, 600), seed=4, rms=2.0))
-    found = educed(plane, onera)
-    off = abs(complex(found.liner["phase-locked"].impedance[0] - found.liner["admittance"].impedance[0]))
-    whole = abs(complex(found.liner["velocity"].impedance[0] - found.liner["admittance"].impedance[0]))
-    assert off < 0.02 * whole
-
-
 def test_slow_turbulence_is_not_taken_for_a_mean(onera):
     """Blocks of a period that vary together scatter less than their mean does from run to run: with
     two periods of correlation R of 40 periods was 4 % below that of probes first, now 1 %."""

@@ -44,14 +44,6 @@ def test_interval_holds_its_value(noisy, liner, drive):
                 assert (width < 7).all()
 
 
-def test_averages_of_independent_probes_are_known_better(liner):
-    """Sixteen independent probes: the mean admittance is known four times better."""
-    found = tl.educe(plane_of(turbulence((16, 40 * 30))), liner)
-    single = float(found.probes["admittance"].interval.standard_error.real.median())
-    error = float(found.liner["admittance"].interval.standard_error[0].real)
-    assert error == pytest.approx(single / 4, rel=0.5)
-
-
 def test_excluded_probes_have_no_interval(noisy, liner):
     velocity = noisy.velocity.clone()
     velocity[1, 7] = torch.nan
@@ -72,18 +64,6 @@ def test_intervals_hold_the_known_value(column):
     for row in rows:
         for part in "RX":
             assert row[f"{part} inside (%)"] > (91.5 if row["trials"] >= 400 else 86), row
-
-
-def test_the_script_knows_the_mean(liner):
-    """Its Z(E[R]) by quadrature, against the mean over a long record of its own noise beside its tone."""
-    script, liner = load_script("coverage"), tl.load_liner("onera")
-    for tone in script.TONES.values():
-        for spectrum in script.SPECTRA:
-            (v,) = script.plane_of(spectrum, script.COLUMNS[1], 400, tone, 1, 0).velocity.movedim(-2, 0)
-            assert float((v - v.mean(0)).square().mean().sqrt()) == pytest.approx(script.RMS, rel=0.03), spectrum
-            mean = tl.reflection_from_impedance(liner.impedance(script.FREQUENCY, v.abs())).mean()
-            found = complex(tl.impedance_from_reflection(mean))
-            assert abs(found - script.true_impedance(liner, tone)) < 0.02
 
 
 def test_map_file_keeps_intervals_and_spread_apart(tmp_path, liner):
@@ -118,11 +98,3 @@ def test_a_record_of_one_block_has_no_interval(liner, averaging, tmp_path):
         z = liner.impedance(FREQUENCY, v[:, :30].abs())
         wanted = ((z - 1) / (z + 1)).mean(1)
         assert float((found.probes["admittance"].reflection[:, 0] - wanted).abs().max()) < 1e-8
-
-
-def test_few_blocks_are_said(liner):
-    with pytest.warns(tl.DataWarning, match="independent blocks"):
-        tl.educe(plane_of(turbulence((2, 10 * 30))), liner)
-    with pytest.warns(tl.DataWarning, match="no error bars"):
-        found = tl.educe(plane_of(turbulence((2, 3 * 30))), liner, allow_short=True)
-    assert found.level is None
