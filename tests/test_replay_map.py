@@ -147,7 +147,7 @@ def test_what_is_doubtful_is_noted(liner):
     size = next(note.size for note in found.notes if note.code == "levels")
     assert size == pytest.approx(found.choices["level_error"] * float((1 + found.answer).abs().square().max()) / 2)
     wide = tl.Recorded(tl.BandNoise(300, 12000).sampled(SAMPLES, RATE), RATE)
-    assert {"signal-band", "signal"} <= codes(tl.replay(plane, liner, wide, FREQUENCY))
+    assert "signal-band" in codes(tl.replay(plane, liner, wide, FREQUENCY))
     assert not codes(tl.replay(plane, liner, "noise:300:3000", FREQUENCY))
 
 

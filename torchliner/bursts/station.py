@@ -69,7 +69,7 @@ def educe_station(
     coherence = each if reference is not None else each.mean(0)
     held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     sound = Sound(velocity, held, phases + (reference_phase or 0.0))
-    reviewed = (*known.moments.notes, *review_rule(held, seen.blocks.count, choices))
+    reviewed = (*known.moments.notes, *review_rule(held, choices))
     notes = [*station.kept.notes, *(note.text for note in reviewed), *cut.notes]
     for f, follows in zip(wanted.tolist(), coherence.tolist(), strict=True):
         if reference is not None and follows < NO_TONE:

@@ -31,13 +31,7 @@ class Slab(NamedTuple):
 
 @dataclass(frozen=True)
 class Blocks:
-    """S blocks of whole periods of one tone.
-
-    Args:
-        borders: first sample of each block, and the end of the last one, (S + 1,).
-        sampling_rate: Hz.
-        periods: of the tone in all blocks together.
-    """
+    """S blocks of whole periods of one tone, ``periods`` in all, by their first samples and the end of the last one."""
 
     borders: tuple[int, ...]
     sampling_rate: float

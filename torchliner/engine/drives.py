@@ -87,12 +87,9 @@ class Drive:
 
 
 def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -> Drive:
-    """The drive ``phase-locked`` from a survey of the whole record.
+    """The drive ``phase-locked`` from a survey of the whole record; probes of no cell keep their own velocity.
 
-    Args:
-        seen: of the probes; probes of no cell keep their own velocity.
-        cells: of the probes.
-        scale: s, of the incoherent velocity of each probe, (P,); default 1.
+    ``scale``: s, of the incoherent velocity of each probe, (P,); default 1.
     """
     fit, away, share = _periodic(seen, cells)
     taken = cells.spread(torch.cat([share, share[1:]])) * away

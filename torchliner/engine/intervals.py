@@ -70,13 +70,8 @@ def correlation(power: Tensor, neighbours: Tensor, count: int, least: float = 0.
 
 @dataclass(frozen=True)
 class Conversion:
-    """How Z follows from what is resampled: a function of first degree over first degree.
-
-    Args:
-        impedance: Z of it.
-        slope: dZ by it.
-        pole: where Z is infinite; inf for nowhere.
-    """
+    """How Z follows from what is resampled, a function of first degree over first degree: Z of it, dZ by it, and
+    where Z is infinite (inf for nowhere)."""
 
     impedance: Callable[[Tensor], Tensor]
     slope: Callable[[Tensor], Tensor]
@@ -88,15 +83,13 @@ ITSELF = Conversion(lambda z: z, torch.ones_like, math.inf)
 
 
 def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversion = FROM_REFLECTION) -> Interval:
-    """Interval of Z at every place.
+    """Interval of Z at every place, (...).
 
     Args:
         values: complex128, of ``remaining`` blocks, (1 + S + 4, ...), S at least 4.
         shares: of each block in the whole record, w, of sum 1, float64, (S,).
         level: of the interval, 0 to 1.
         conversion: from ``values`` to Z, the reflection coefficient unless stated.
-    Returns:
-        Bounds and standard errors of resistance and reactance, (...).
     """
     shape, count = values.shape[1:], len(shares)
     value = values[0].flatten()
@@ -176,12 +169,8 @@ def impedance_interval(
 
 
 def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
-    """Least and largest real part, least and largest imaginary part of k u/(1 - u), (4, N), around an ellipse u.
-
-    Args:
-        factor: k, complex128, (N,).
-        axes: half axes of the ellipse, whose middle is 0, complex128, (2, N).
-    """
+    """Least and largest real part, least and largest imaginary part of k u/(1 - u), (4, N), around an ellipse u of half
+    axes (2, N) about 0; ``factor``: k, (N,)."""
     # The largest real part of these times u/(1 - u) is what is looked for, but for the sign of the least.
     turned = factor * factor.new_tensor([-1, 1, 1j, -1j])[:, None]
     along, reach = (turned * axes[:, None]).real, axes.abs().sum(0)

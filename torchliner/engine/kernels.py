@@ -36,13 +36,10 @@ class VelocityGrid:
     """Levels of |v| from 0 to ``maximum``, uniform in |v| or in its square root.
 
     Args:
-        maximum: largest |v|, m/s, of a whole data set and never of a batch: the result of a probe must not depend on
-            the probes that happen to be computed with it.
+        maximum: largest |v|, m/s, of a whole data set: the result of a probe must not depend on its neighbours.
         levels: V, 4 to 10 000.
         spacing: ``sqrt`` or ``uniform`` (the paper).
         interpolation: ``cubic`` (local Lagrange polynomials) or ``linear`` (the paper).
-    Raises:
-        ValueError: a number or a name outside these ranges.
     Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. The nonlinear loss starts like |v|^2 and
         turns linear within a small part of the range; levels uniform in the root of |v| resolve that, and the error
         in R falls from 2e-2 to 6e-6 at 20 m/s.
@@ -68,11 +65,9 @@ class VelocityGrid:
         return self.maximum * (steps**2 if self.spacing == "sqrt" else steps)
 
     def locate(self, speed: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """First of the levels between which |v| is interpolated (int64), and the weight of each of them.
+        """First of the levels between which |v| (m/s, any shape) is interpolated, int64, and the weight of each.
 
-        Args:
-            speed: |v|, m/s, any shape. Beyond ``maximum`` the weights are nan, so that no result comes from
-                extrapolated kernels; the data are not read back to the host for a message.
+        Beyond ``maximum`` the weights are nan: no result comes from extrapolated kernels, nothing is read back.
         """
         share = torch.where(speed <= self.maximum * (1 + ROUNDING), speed, torch.nan) / self.maximum
         if self.spacing == "sqrt":
@@ -89,13 +84,7 @@ class VelocityGrid:
 
 
 def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    """Rows of a table (V, K), real or complex, gathered and combined: (..., K).
-
-    Args:
-        table: what is interpolated.
-        index: first level of each stencil, (...).
-        weights: of the levels of the stencil, (...) each.
-    """
+    """Rows of a table (V, K), real or complex, gathered from ``index`` on, (...), and combined by weights: (..., K)."""
     if table.is_complex() or is_differentiated(table, *weights):
         rows = [table[index + i] * weight[..., None].to(table.dtype) for i, weight in enumerate(weights)]
         return torch.stack(rows).sum(0)
@@ -111,14 +100,9 @@ class KernelTable:
     """Impulse responses h[m; |v|], m = first .. first + K - 1, at one sampling rate.
 
     Args:
-        taps: float64, (V, K).
-        first: m of the first tap, 0 or negative.
-        sampling_rate: Hz.
-        grid: V levels of |v|.
-        band: Hz, where the response is that of the liner.
-        kind: ``two-sided`` or ``causal``.
-        error: largest |H - R| in the band, at the levels.
-        level_error: largest error in R of the interpolation between the levels.
+        taps: float64, (V, K), of ``grid``, V levels of |v|.  first: m of the first tap, 0 or negative.
+        band: Hz, where the response is that of the liner.  kind: ``two-sided`` or ``causal``.
+        error, level_error: largest |H - R| in the band, at the levels, and of the interpolation between them.
         gain: largest |H| at any frequency and level.
     """
 

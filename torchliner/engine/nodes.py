@@ -43,9 +43,7 @@ def chebyshev_sums(weights: Tensor, columns: Tensor, count: int, centre: float) 
 
     Args:
         weights: w of G slabs of at most 256 rows, in the precision of the data, (G, R, L).
-        columns: v, m/s, (G, L, N), float32 or float64.
-        count: K, 2 or more.
-        centre: c, m/s.
+        columns: v, m/s, (G, L, N), float32 or float64.  count: K, 2 or more.  centre: c, m/s.
     Returns:
         float64, (G, R, K, N). A nan or inf in v makes the sums of its own column nan, but for order 0, the sum of w.
     """
@@ -100,8 +98,7 @@ class Chebyshev(_Functions):
     """T_k((|v| - c)/(|v| + c)), k < K.
 
     Args:
-        count: K, 2 or more.
-        centre: c, m/s.
+        count: K, 2 or more.  centre: c, m/s.
     """
 
     count: int

@@ -33,10 +33,9 @@ LOWEST = 1e-6  # power relative to that of the strongest line: below it is leaka
 
 @dataclass(eq=False)
 class Replay:
-    """y of every column as a ``sums.Record``, formed while it is read; nothing but x is as long as the record.
+    """y of every column as a ``sums.Record``, formed while it is read, differentiable in v and in the taps.
 
-    It has C N columns, wave by wave; ``ComplexTones`` are C = 2 F waves, all cosines before all sines. y has the
-    precision and the device of v and is differentiable in v and in the taps.
+    It has C N columns, wave by wave; ``ComplexTones`` are C = 2 F waves, all cosines before all sines.
 
     Args:
         record: v, m/s, float32 or float64.
@@ -47,8 +46,6 @@ class Replay:
             Hann window over 16 periods. ``periodic``: velocity and wave repeat. Default that of the wave.
         store: called with y and its first sample whenever a part of it is complete.
         columns: C N.
-    Raises:
-        ValueError: a wave that does not suit the record, or cannot repeat with it.
     Source: Roncen et al. (2026), eq. (3.2), extended to taps before zero.
     """
 
@@ -138,10 +135,7 @@ def transfer(
     """R(f) = sum Y X* / sum |X|^2 over segments, H1, in one reading of y.
 
     Args:
-        reflected: y, such as a ``Replay``.
-        incident: x of the same record.
-        frequency: Hz, (F,); those of ``ComplexTones`` themselves.
-        sampling_rate: Hz.
+        reflected: y.  incident: x.  frequency: Hz, (F,); those of ``ComplexTones`` themselves.  sampling_rate: Hz.
         segment: samples of segments that overlap by half; None for the whole record as one.
         window: ``hann`` (periodic) or ``boxcar``; default that of the wave.
     Raises:

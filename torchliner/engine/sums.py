@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -25,6 +25,9 @@ from torchliner.records.slabs import read_ahead
 
 Read = Callable[[int, int], Tensor]  # samples begin .. end - 1 of v, (t, P), m/s, positive away from the liner
 Columns = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, to columns (t, N), m/s
+# T samples of P columns on a device, such as ``Held``: ``samples``, ``columns``, ``device``, and ``slabs(bounds)`` that
+# gives samples begin .. end - 1 of each pair; on a CPU a slab lives until ``alive_together`` more were read.
+Record = Any
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
 
 Item = TypeVar("Item")
@@ -33,22 +36,6 @@ Result = TypeVar("Result")
 ON_CPU, ON_DEVICE = 1 << 21, 1 << 26  # velocities that are worked on together
 FEWEST_ROWS = 64  # of a slab, but at the end of a block
 FEW_COLUMNS = 1 << 10  # of which a CPU takes several slabs at once
-
-
-class Record(Protocol):
-    """T samples of P columns on a device, read in consecutive slabs."""
-
-    @property
-    def samples(self) -> int: ...  # noqa: D102
-    @property
-    def columns(self) -> int: ...  # noqa: D102
-    @property
-    def device(self) -> torch.device: ...  # noqa: D102
-
-    def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-        """Samples begin .. end - 1 of each of ``bounds``, (t, P); on a CPU a slab lives until ``alive_together`` more
-        were read."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ class Membership:
 
     Args:
         labels: cell of each probe, int64, (P,); C for probes of no cell.
-        places: probes of each cell side by side, padded with probe 0, int64, (C, M).
-        inside: 1 for a probe, 0 for padding, float64, (C, M).
+        places, inside: probes of each cell side by side, padded with probe 0, int64, and 0 there, else 1, (C, M).
         sizes: probes of each cell, float64, (C,).
         ordered: whether the probes already lie so in memory, all cells alike: no copy is needed.
     """
@@ -170,10 +169,7 @@ class Survey:
     def tone(self, frequency: Tensor, means: Callable[[Tensor], Tensor], columns: slice = slice(None)) -> Tensor:
         """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off.
 
-        Args:
-            frequency: Hz, (F,).
-            means: from sums over blocks, (S, ...), to means, (B, ...), such as ``mean_of``.
-            columns: some of the columns.
+        ``means``: from sums over blocks, (S, ...), to means, (B, ...), such as ``mean_of``.
         """
         of_v, of_one = self.line_sums(frequency, columns)
         return 2 * (means(of_v) - means(self.sums[:, 0, columns])[..., None] * means(of_one)[:, None])

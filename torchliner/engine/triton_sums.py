@@ -43,15 +43,7 @@ def available() -> bool:
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
     """m_k of each slab, row of weights and column, as ``nodes.chebyshev_sums`` defines them.
 
-    Args:
-        weights: w of G slabs of at most 256 rows, in the precision of the data, (G, R, L), any strides.
-        columns: v, m/s, (G, L, N), float32 or float64, any strides; best where neighbouring columns are adjacent.
-        count: K.
-        centre: c, m/s.
-    Returns:
-        float64, (G, R, K, N); a slab is summed in the precision of the data.
-    Raises:
-        ImportError: Triton is not installed.
+    A slab is summed in the precision of the data; strides are any, best where neighbouring columns are adjacent.
     """
     slabs, rows, length = weights.shape
     width = columns.shape[2]

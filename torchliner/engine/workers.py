@@ -95,9 +95,7 @@ def tasks_in_order(
 
     Args:
         client: of dask.distributed; None: one after another, here, as they are asked for.
-        work: a function that workers can import.
-        shared: arguments of all tasks, sent once.
-        tasks: the other arguments.
+        work: a function that workers can import, of ``shared`` arguments, sent once, and those of each task.
     Raises:
         OSError: no worker comes, or the scheduler is gone.
         RuntimeError: workers end one after another.

@@ -80,7 +80,7 @@ def answer(
         *silent,
         *sound.review_sound(known, liner, frequency, ratio, tone),
         *review.review_walls(known, asked.wall, frequency, chosen.wall_filter),
-        *review.review_rule(held, seen.blocks.count, chosen),
+        *review.review_rule(held, chosen),
         *review.review_intervals(plane, chief, seen.blocks, frequency),
     ]
     pressures = known_pressure(known, frequency, pressure)

@@ -34,10 +34,8 @@ class Asked:
     """What Z is asked for.
 
     Args:
-        liner: whose R.
-        frequency: Hz, (F,), on the host.
+        liner, frequency: whose R, at which Hz, (F,), on the host.
         coefficients: of R in the sums that were kept, complex128, (F, J), on the device.
-        chosen: all choices.
         phase: psi of the incident tone, rad, (P, F or 1), for phase ``given``, on the device.
         wall: probes that count as wall, bool, (P, F), on the device; None without a wall filter.
     """
@@ -147,11 +145,7 @@ def averages_of(
 ) -> Averages:
     """Averages of the admittances of columns: probes or, of averaging ``velocity``, cells.
 
-    Args:
-        known, asked, averaging: what is asked of which moments.
-        lengths: weights of the blocks, (S,).
-        reflection: R of some columns.
-        held: where the phase rule could be used, bool, (N, F).
+    ``lengths``: weights of the blocks, (S,); ``held``: where the phase rule could be used, bool, (N, F).
     """
     cells, device, (columns, frequencies) = known.membership, lengths.device, held.shape
     of_cells, share, x, rows = averaging == "velocity", None, None, 0

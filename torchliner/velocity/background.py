@@ -36,10 +36,9 @@ FALSE_ALARM = 1e-3  # of runs without sound, that are taken to hold the tone
 
 @dataclass(frozen=True)
 class Background:
-    """rms of the velocity without the sound, which stands in ``choices["background"]`` of a result.
+    """rms of the velocity without the sound, m/s, one for the whole plane or one a cell; in ``choices`` of a result.
 
     Args:
-        rms: m/s, one for the whole plane, or one a cell.
         low, high: of its 95 % statistical interval, likewise; empty where none is known.
         source: names of the planes; none of a stated number.
         height: of the rms, m; None where it is not stated.
@@ -69,11 +68,9 @@ def with_background(plane: VelocityPlane, chosen: Choices, liner: LinerModel | N
     """Choices whose background is measured: a ``Background``, or None.
 
     Args:
-        plane: with sound.
+        plane: with sound.  pitch: of the cells, m.  liner: whose holes count; None for moments of any liner.
         chosen: whose ``background`` is a number, m/s, a plane without sound or its moments, or planes of several
             heights, between which the rms is interpolated to half a hole diameter.
-        liner: whose holes and cells count; None for moments of any liner.
-        pitch: of the cells, m.
     Raises:
         TypeError: something else.
         ValueError: a plane of another height, grid or flow, or with sound; no plane near half a hole diameter.
@@ -128,11 +125,7 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
 
 
 def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool) -> bool:
-    """Whether both have the same probes; refuse another spacing, flow or height.
-
-    Raises:
-        ValueError: what differs.
-    """
+    """Whether both have the same probes; refuse another spacing, flow or height."""
 
     def spacing(values: Tensor | None) -> float | None:
         points = torch.zeros(0) if values is None else torch.unique(values)
@@ -158,11 +151,7 @@ def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool)
 
 
 def _interpolated(known: Sequence[Background], target: float | None) -> Background:
-    """Between planes of several heights, linearly in height.
-
-    Raises:
-        ValueError: heights that are not stated, or all above or below the target; other cells.
-    """
+    """Between planes of several heights, linearly in height, at the target, m."""
     if target is None or any(each.height is None for each in known):
         raise ValueError("background: several planes need their heights, and a hole diameter of the liner; state them")
     ordered = sorted(known, key=lambda each: each.height or 0.0)

@@ -104,55 +104,38 @@ class NewestTap:
         self.polynomials = self.weights @ self.taps[self.base + self.nodes[:, None]]
 
     def solve(self, sent: Array, memory: Array, past: Array, share: float) -> tuple[Array, Array, Array, Array]:
-        """The kernel of the least s.
+        """The kernel of the least s: levels of its stencil and their weights times x, (M, S), nan where the table ends
+        below s; error of the equation, m/s, and number of solutions seen, (M,).
 
         Args:
-            sent: x, m/s, (M,).
-            memory: what earlier emissions have left of y, m/s, (M,).
+            sent: x, m/s, (M,).  memory: what earlier emissions have left of y, m/s, (M,).
             past, share: see the head of this file.
-        Returns:
-            Levels of its stencil and their weights times x, (M, S), nan where the table ends below s; error of the
-            equation, m/s, and number of solutions seen, (M,).
         """
         free = sent - memory
         ahead = self.speeds - np.sqrt(past[:, None] + share * (free[:, None] - sent[:, None] * self.taps) ** 2)
         beyond = ahead >= 0
         roots = (beyond[:, 1:] & ~beyond[:, :-1]).sum(1) + beyond[:, 0]
         cell = np.maximum(beyond.argmax(1) - 1, 0)
-        polynomial, base = self.polynomials[:, cell], self.base[cell]
-
-        def excess(place: Array) -> Array:
-            tap: Array = polynomial[-1]
-            for coefficient in polynomial[-2::-1]:
-                tap = tap * (place - base) + coefficient
-            return self.scale * place**self.power - np.sqrt(past + share * (free - sent * tap) ** 2)
-
-        levels = np.stack([cell, cell + 1])
+        polynomial, base, columns = self.polynomials[:, cell], self.base[cell], np.arange(len(sent))
         limit = CLOSE * (np.abs(free) + np.abs(sent) + np.sqrt(past)) + 1e-300
-        place, error = _root(excess, levels.astype(float), ahead[np.arange(len(sent)), levels], limit)
-        weights = np.vander(place - base, len(self.nodes), increasing=True) @ self.weights
-        return base[:, None] + self.nodes, np.where(roots > 0, weights.T * sent, np.nan).T, np.abs(error), roots
-
-
-def _root(function: Callable[[Array], Array], ends: Array, values: Array, limit: Array) -> tuple[Array, Array]:
-    """A zero between two ends, (2, M), where the function has a value below 0 and one of at least 0: rule of Illinois.
-
-    Of an end that stays a second time the value is halved, so that the other end moves, too.
-    """
-    columns, before = np.arange(ends.shape[1]), None
-    place, done = ends[0], np.zeros(ends.shape[1], bool)
-    with np.errstate(invalid="ignore", divide="ignore"):  # columns without a solution
-        for _ in range(MOST_STEPS):
-            place = np.where(done, place, ends[0] - values[0] * (ends[1] - ends[0]) / (values[1] - values[0]))
-            value = function(place)
-            done = np.abs(value) <= limit
-            if (done | np.isnan(value)).all():
-                break
-            side = (value >= 0).astype(int)
-            if before is not None:
+        ends, before = np.stack([cell, cell + 1]).astype(float), np.full(len(sent), -1)
+        values, place, done = ahead[columns, ends.astype(int)], ends[0], np.zeros(len(sent), bool)
+        with np.errstate(invalid="ignore", divide="ignore"):  # columns without a solution
+            for _ in range(MOST_STEPS):  # rule of Illinois, from one end below 0 and one of at least 0
+                place = np.where(done, place, ends[0] - values[0] * (ends[1] - ends[0]) / (values[1] - values[0]))
+                tap = polynomial[-1]
+                for coefficient in polynomial[-2::-1]:
+                    tap = tap * (place - base) + coefficient
+                value = self.scale * place**self.power - np.sqrt(past + share * (free - sent * tap) ** 2)
+                done = np.abs(value) <= limit
+                if (done | np.isnan(value)).all():
+                    break
+                side = (value >= 0).astype(int)
+                # Of an end that stays a second time the value is halved, so that the other end moves, too.
                 values[1 - side, columns] *= np.where(side == before, 0.5, 1.0)
-            ends[side, columns], values[side, columns], before = place, value, side
-    return place, value
+                ends[side, columns], values[side, columns], before = place, value, side
+        weights = np.vander(place - base, len(self.nodes), increasing=True) @ self.weights
+        return base[:, None] + self.nodes, np.where(roots > 0, weights.T * sent, np.nan).T, np.abs(value), roots
 
 
 def settle_period(
@@ -172,12 +155,18 @@ def settle_period(
     rank = max(1, int((values > RANK_ERROR * values[0]).sum()))
     across, along = left[:, :rank] * values[:rank], torch.complex(*right[:rank].chunk(2, 1))
     reflected, residual = torch.full_like(sent, torch.nan), torch.zeros(len(sent), dtype=torch.float64)
+
+    def driving(velocity: Tensor) -> Tensor:
+        """rms over each sample and those before it, ``window`` together."""
+        again = torch.cat([velocity, velocity])[len(velocity) - window + 1 :]
+        return again.square().unfold(0, window, 1).mean(1).sqrt()
+
     for i, wave in enumerate(sent):
         for step in STEPS:
             velocity = wave
             for _ in range(MOST_ITERATIONS):
                 # On the way to the solution the speed may leave the table.
-                located = grid.locate(_driving(velocity, window).clamp(max=grid.maximum))
+                located = grid.locate(driving(velocity).clamp(max=grid.maximum))
                 mixed = torch.fft.rfft(interpolate(across, *located).T * wave)
                 change = wave - torch.fft.irfft((mixed * along).sum(0), n=len(wave)) - velocity
                 residual[i] = change.abs().max()
@@ -187,14 +176,8 @@ def settle_period(
             else:
                 continue
             break
-        if float(_driving(velocity, window).max()) <= grid.maximum:
+        if float(driving(velocity).max()) <= grid.maximum:
             reflected[i] = wave - velocity
         if progress is not None:
             progress(1)
     return Reply(reflected, residual, torch.zeros(len(sent), dtype=torch.int64), torch.full_like(residual, torch.nan))
-
-
-def _driving(velocity: Tensor, window: int) -> Tensor:
-    """rms of a periodic velocity over each sample and those before it, ``window`` together."""
-    again = torch.cat([velocity, velocity])[len(velocity) - window + 1 :]
-    return again.square().unfold(0, window, 1).mean(1).sqrt()

@@ -38,16 +38,12 @@ class KnownPressure:
     """Complex peak amplitudes at y = 0, Pa; nan at frequencies where nothing is known.
 
     Args:
-        moments: of the plane that they are put beside.
-        frequency: Hz, (F,).
-        kind: ``incident`` (of the incident wave) or ``wall`` (of the pressure itself).
-        words: what it is, and what it is compared with.
-        liner: (F,).
-        cells: (C, F); or (F,), the same above all.
+        moments, frequency: what they are put beside, and at which Hz, (F,).
+        kind, words: ``incident`` (of the incident wave) or ``wall`` (of the pressure itself); what it is compared with.
+        liner, cells: (F,), and (C, F) or the same above all, (F,).
         has_phase: whether the phase is on the clock of the velocity.
         height: from which the velocity is moved to the wall, m; None where it cannot be: no plane waves.
-        replicates: of the pressure over its value, from all blocks of the record and without each of them,
-            (1 + S, 1 + C, F), the liner first; None for what is stated.
+        replicates: of a recorded pressure over its value, from all blocks and without each, (B, 1 + C, F), liner first.
     """
 
     moments: Moments
@@ -64,14 +60,11 @@ class KnownPressure:
 def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> KnownPressure | str:
     """What is known of a plane's sound at frequencies in Hz, (F,), or why nothing is compared.
 
-    Args:
-        moments: of the plane.
-        frequency: Hz, (F,).
-        given: ``PressureRecord`` of the same run (facesheet, or microphones in front of the surface) or
-            ``MicrophoneLine`` along the wall; None: the level that the plane states.
+    ``given``: ``PressureRecord`` of the same run (facesheet, or microphones in front of the surface) or
+    ``MicrophoneLine`` along the wall; None: the level that the plane states.
+
     Raises:
-        TypeError: something else is given.
-        ValueError: the record is of another case, or cannot be compared with this plane; the message says why.
+        TypeError, ValueError: something else is given, or of another case, or what cannot be compared with this plane.
     """
     plane, height = moments.plane, moments.plane.height or 0.0
     if isinstance(given, PressureRecord):
@@ -105,12 +98,9 @@ def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> Kn
 
 
 def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple[str, str, Tensor] | str:
-    """Kind, words and peak amplitude (Pa, nan off the tone) of a level, or why there is none.
+    """Kind, words and peak amplitude (Pa, nan off the tone) of a record's ``incident_level``, or why there is none.
 
-    Args:
-        record: with ``incident_level`` and ``source_side``.
-        frequency: Hz, (F,).
-        tone: of the level, Hz; None: the frequency itself, if it is one.
+    ``tone``: of the level, Hz; None: the frequency itself, if it is one.
     """
     level, side = record.incident_level, record.source_side
     if side == "none" or level is None or side == "unknown":

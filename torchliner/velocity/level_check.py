@@ -122,11 +122,7 @@ def cell_velocity(known: KnownPressure) -> Tensor:
 
 
 def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: float) -> Tensor:
-    """Unit factors that undo the phase of a wave along x.
-
-    Args:
-        x: m, (C,); nan where unknown.  velocity: complex, (C, F).  frequency: Hz, (F,).  sound_speed: m/s.
-    """
+    """Unit factors that undo the phase of a wave along x (m, (C,), nan where unknown) of velocities (C, F)."""
     away = torch.nan_to_num(x - x.nanmean())[:, None]
     steps = torch.linspace(-3, 3, WAVENUMBERS, dtype=torch.float64)
     turns = torch.exp(2j * torch.pi / sound_speed * steps[:, None, None] * away * frequency)

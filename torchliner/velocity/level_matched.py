@@ -42,10 +42,9 @@ def match_level(
 ) -> tuple[LevelMatched | None, list[Note]]:
     """Z at each frequency at which a pressure is known, and why there is none.
 
-    Args:
-        reading: of a plane that still has its samples; each share that is tried reads them again.
-        known: what the reading gave.
-        liner, pressure: as of ``educe``.
+    ``reading`` is of a plane that still has its samples: each share that is tried reads them again; ``known`` is what
+    it gave, ``liner`` and ``pressure`` as of ``educe``.
+
     Raises:
         ValueError: averaging is not ``phase-locked``; as ``known_pressure``.
     """

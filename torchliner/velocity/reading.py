@@ -169,12 +169,9 @@ def reading_of(
     """How a plane is read for liners of one pitch, with the warnings that need no sample.
 
     Args:
-        plane: what is read.
         liners: for which nodes are chosen; none: for any liner, in cells of ``cell_pitch``, m.
-        frequency: Hz; default the tone.
-        chosen: all choices.
         nodes: default those that suit the liners.
-        projected: for the first liner at these frequencies alone.
+        projected: for the first liner at these frequencies (Hz) alone.
     Raises:
         TypeError: no plane.
         ValueError: the velocity carries derivatives; too short a record.
@@ -207,10 +204,8 @@ def reading_of(
 def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
     """Read a plane once, and once more where an averaging needs to know the whole record first.
 
-    Args:
-        reading: what is asked.
-        run: the loop; of ``engine.workers`` where others do it.
-        progress: called with numbers of samples read.
+    ``run`` is the loop, of ``engine.workers`` where others do it; ``progress`` is told numbers of samples read.
+
     Raises:
         ValueError: ``missing`` is ``exclude``, and no probe is without nan or inf.
         OSError: the file was changed meanwhile.

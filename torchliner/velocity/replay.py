@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -13,11 +14,9 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, require_positive, tell
 from torchliner.engine.blocks import SLAB
-from torchliner.engine.drives import Drive
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, remaining
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable, build_kernels
 from torchliner.engine.replay import Replay, transfer
-from torchliner.engine.sums import Held
 from torchliner.io.reflected_file import reflected_file
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -37,7 +36,6 @@ SMALLEST = 1e-3  # m/s
 LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
 LARGEST_GAIN = 10.0  # 1.3 on the default band, 5 up to 5 kHz
 LARGEST_SHARE = 1e-3  # of the energy of a recorded wave
-STILL_ERROR = 1e-2  # in R
 
 
 def replay(
@@ -141,7 +139,6 @@ def replay(
     limit = _velocity_limit(velocity_max, torch.where(known.counted, peak, 0).cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
-    error = _still_error(kernels, wave, asked, float(known.survey.mean_square.median().sqrt()), samples, how)
     facts = {
         **facts_of(known, model, chosen, kernels.error),
         **table,
@@ -156,7 +153,6 @@ def replay(
         "window": how["window"],
         "segment": segment,
         "phase": "averaged" if sent.is_complex() else "signal",
-        "signal_error": error,
         "level_check": "not checked by replay",
         **origin_facts(plane, model, None, None),
     }
@@ -182,7 +178,7 @@ def replay(
     }
     chief = averages[averaging].liner
     notes = [*review_record(plane, asked), *review_liner(plane, model), *known.notes]
-    notes += _review_replay(kernels, wave, sent, error, chief)
+    notes += _review_replay(kernels, wave, sent, chief)
     runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
     if segment is not None and interval is not None and runs < FEWEST_RUNS:
         text = f"error bars rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
@@ -241,60 +237,30 @@ def _velocity_limit(stated: float | None, largest: Tensor, plane: VelocityPlane,
     return limit
 
 
-@torch.no_grad()
-def _still_error(
-    kernels: KernelTable, wave: Incident, frequency: Tensor, speed: float, samples: int, how: dict[str, Any]
-) -> float:
-    """Error in R of this wave, edge, window and segments where |v| never changes from about ``speed``, m/s: a segment
-    misses replies to its own end and meets some to what was sent before it. ``how``: as of ``engine.transfer``."""
-    level = int((kernels.grid.speeds - speed).abs().argmin())
-    v = kernels.grid.speeds[level].expand(samples, 1)
-    signal = Replay(Held(lambda low, high: v[low:high], samples, 1, v.device), kernels, wave, Drive())
-    found = transfer(signal, wave, frequency, kernels.sampling_rate, **how).reflection[0]
-    return float((found - kernels.response(frequency)[level]).abs().max())
-
-
-def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, still: float, chief: Educed) -> list[Note]:
-    """Warnings; ``sent`` is the wave, ``still`` the ``_still_error``, ``chief`` the R to quote."""
+def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, chief: Educed) -> Iterator[Note]:
+    """Warnings; ``sent`` is the wave, ``chief`` the R to quote."""
     low, high = kernels.band
     size = float((1 + chief.impedance.detach()).abs().square().max()) / 2  # of dZ, over that of dR
-    remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
-    lasting = 1e3 * kernels.taps.shape[1] / kernels.sampling_rate
-    found = [
-        (
-            "kernel",
-            kernels.error,
-            kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN,
+    if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
+        remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
+        text = (
             f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
-            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); {remedy}",
-        ),
-        (
-            "levels",
-            kernels.level_error,
-            kernels.level_error > LARGEST_ERROR,
+            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); {remedy} (in Z "
+            f"up to {kernels.error * size:.2g})"
+        )
+        yield Note("kernel", text, kernels.error * size)
+    if kernels.level_error > LARGEST_ERROR:
+        text = (
             f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
-            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic'",
-        ),
-        (
-            "signal",
-            still,
-            still > STILL_ERROR,
-            f"where |v| never changes, R from {wave.label} is off by {still:.2g} (limit {STILL_ERROR:g}): replies last "
-            f"{lasting:.3g} ms and cross the ends of the segments; take longer ones, or lines of noise over the record",
-        ),
-    ]
-    notes = [
-        Note(code, f"{text} (in Z up to {error * size:.2g})", error * size) for code, error, told, text in found if told
-    ]
+            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic' (in Z up to "
+            f"{kernels.level_error * size:.2g})"
+        )
+        yield Note("levels", text, kernels.level_error * size)
     if wave.band is None:
         power = torch.fft.rfft(sent).abs().square()
         lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)
         share = float(power[(lines < low) | (lines > high)].sum() / power.sum())
         if share > LARGEST_SHARE:
-            text = (
-                f"{100 * share:.2g} % of the energy of {wave.label} lies outside {low:g}-{high:g} Hz, the band of the"
-            )
-            notes.append(
-                Note("signal-band", f"{text} kernels, where the reflected signal is not the liner's; filter it")
-            )
-    return notes
+            text = f"{100 * share:.2g} % of the energy of {wave.label} lies outside {low:g}-{high:g} Hz, the band of"
+            where = "the kernels, where the reflected signal is not the liner's; filter it"
+            yield Note("signal-band", f"{text} {where}")

@@ -9,10 +9,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
-from torchliner.engine.blocks import MOST_BLOCKS, Blocks
-from torchliner.engine.drives import FEWEST_BLOCKS
-from torchliner.engine.intervals import FEWEST_BLOCKS as FEWEST_FOR_INTERVALS
-from torchliner.engine.intervals import FEWEST_RUNS, SMALLEST_WIDTH
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, OfOneLiner, interpolation_error
 from torchliner.fluid import gas_warnings
@@ -27,12 +25,10 @@ from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 
 FEWEST_SAMPLES_PER_PERIOD = 8.0
-EVEN = 1.01  # largest over smallest area of probes that count alike
 LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degrees
 DOUBTFUL_MEAN, LARGEST_MEAN = 3.0, 10.0  # |mean| over rms of v, half of the probes beyond: noted, refused
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
 NEAR = (0.45, 0.55)  # hole diameters that count as half of one, the height at which a quiet run's rms acts
-CHANCE = 0.01  # of probes that pass a limit of coherence without any tone, above which a warning is given
 
 
 def require_periods(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> None:
@@ -51,16 +47,13 @@ def require_periods(plane: VelocityPlane, frequency: Tensor, chosen: Choices) ->
 
 
 def review_record(plane: VelocityPlane, frequency: Tensor) -> Iterator[Note]:
-    """Null tests, units, areas, and the sampling rate against the frequencies asked for."""
+    """Null tests, units, and the sampling rate against the frequencies asked for."""
     if plane.liner == "hard wall":
         text = "there is a hard wall below and no liner: the values only show what this model makes of such a velocity"
         yield Note("null-test", f"null test: {plane.name}: {text}")
     for text in plane_unit_warnings(plane, float(frequency.min())):
         yield Note("units", text)
-    area, highest = plane.area, float(frequency.max())
-    if area is not None and float(area.max()) > EVEN * float(area.min()):
-        text = f"the areas of the probes differ, {float(area.min()):.3g} to {float(area.max()):.3g} m2"
-        yield Note("areas", f"{plane.name}: {text}; averages weigh probes alike, not by area")
+    highest = float(frequency.max())
     if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
         text = f"{steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         yield Note("coarse-sampling", f"{plane.name} has {text}: the corners of |v| are not resolved")
@@ -104,16 +97,10 @@ def review_reading(
             text = f"all of {1e3 * length:.3g} mm counts as one cell, {length / wave:.2g} wavelengths, over which the"
             text += " phase of the tone turns; state cell_pitch, or choose averaging='admittance'"
             yield Note("no-cell-pitch", f"{name}: the liner states no cell_pitch, so that {text}")
-    if blocks.count < min(MOST_BLOCKS, blocks.periods):
-        text = f"of its {plane.probes} probes sums are kept over {blocks.count} blocks instead of {MOST_BLOCKS}"
-        yield Note("many-probes", f"{name}: {text}, which saves memory and makes the error bars rougher")
-    if chosen.interval is not None and blocks.count < FEWEST_FOR_INTERVALS:
+    if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
         text = f"no error bars, since the record holds {blocks.periods} whole periods of the tone"
-        least = f"{FEWEST_FOR_INTERVALS} are the least, and 16 periods give a fair interval"
+        least = f"{FEWEST_BLOCKS} are the least, and 16 periods give a fair interval"
         yield Note("no-intervals", f"{name}: {text}; {least}")
-    if locked and blocks.count < FEWEST_BLOCKS and not chosen.allow_short:
-        text = "is too short to tell what of v is periodic and what is turbulence: all that a fit of the tone finds"
-        yield Note("short-for-phase-locked", f"{name} {text} counts as periodic; {FEWEST_BLOCKS} periods are due")
     diameter = None if liner is None else liner.hole_diameter
     if quiet is not None and quiet.source and diameter and quiet.height is not None:
         share = quiet.height / diameter
@@ -249,19 +236,14 @@ def review_walls(known: Moments, wall: Tensor | None, frequency: Tensor, limit: 
         yield Note("wall-filter", text)
 
 
-def review_rule(held: Tensor, count: int, chosen: Choices) -> Iterator[Note]:
-    """How many values fell back to ``averaged``, bool (P, F), and how many pass by chance with ``count`` blocks."""
+def review_rule(held: Tensor, chosen: Choices) -> Iterator[Note]:
+    """How many values fell back to ``averaged``, bool (P, F)."""
     if chosen.phase != "self-consistent":
         return
     limit = chosen.minimum_coherence
     if not bool(held.all()):
         text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {limit:g} with the tone"
         yield Note("phase-fell-back", f"self-consistent phase: {text}; they are 'averaged' instead")
-    chance = (1 - limit) ** (count - 1)
-    if chance > CHANCE and limit > 0:
-        text = f"with {count} blocks, {100 * chance:.2g} % of probes pass a coherence of {limit:g} without any tone"
-        remedy = "a longer record or a higher minimum_coherence is safer"
-        yield Note("coherence-by-chance", f"self-consistent phase: {text}; {remedy}")
 
 
 def review_intervals(plane: VelocityPlane, liner: Educed, blocks: Blocks, frequency: Tensor) -> Iterator[Note]:
