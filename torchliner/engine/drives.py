@@ -162,16 +162,3 @@ def survey_of_locked(drive: Drive, of_v: Survey) -> Survey:
     largest = drive.taken[0].abs() + torch.hypot(drive.taken[1 : 1 + count], drive.taken[1 + count :]).sum(0)
     sums, peaks = scale * of_v.sums - gram @ drive.taken, scale * of_v.peaks + largest
     return dataclasses.replace(of_v, sums=sums, squares=squares.clamp(min=0), peaks=peaks)
-
-
-def tone_variances(drive: Drive, seen: Survey, cells: Membership) -> tuple[float, float, float]:
-    """Mean of v, m/s, variance of what is periodic with the tone, and of the rest of v*, m2/s2, over all cells."""
-    rows, samples = seen.rows_of_harmonics(), seen.lengths.sum()
-    gram, sums = gram_of(seen.blocks, seen.lines[: seen.harmonics]).sum(0), seen.sums.sum(0)[rows]
-    fit, gram = torch.linalg.pinv(gram, hermitian=True, rtol=1e-9).to(sums) @ sums, gram.to(sums)
-    of_cells = cells.mean(fit)
-    periodic = (of_cells * (gram @ of_cells)).sum(0) / samples - of_cells[0] ** 2
-    scale = 1.0 if drive.scale is None else drive.scale**2
-    rest = (seen.mean_square - (fit * sums).sum(0) / samples).clamp(min=0) * scale
-    rest = cells.sum(rest).sum() / cells.sizes.sum()
-    return float(of_cells[0].mean()), float(periodic.clamp(min=0).mean()), float(rest)

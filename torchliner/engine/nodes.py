@@ -29,7 +29,6 @@ CENTRES = tuple(round(6.4 * 2 ** (0.4 * i)) / 64 for i in range(16))  # m/s, 0.0
 CHECKED, FIRST_CHECKED = 500, 150  # speeds at which R is compared; in the search for nodes
 MOST_ASKED = 31  # frequencies by which K and c are chosen; the error is stated over all
 PARTS = (4, 8, 16, 32)  # of a table's step between two kinks
-STEPS = 25  # uniform in the root of |v|, of a liner with a largest |v| and no kinks
 ROUNDED = 1e-6  # relative, of the largest |v| of a table
 TILE = 1 << 17  # velocities whose temporaries stay in the cache of a CPU
 FASTER = {"cpu": "torchliner.engine.native", "cuda": "torchliner.engine.triton_sums"}  # by kind of device
@@ -254,7 +253,7 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
     if ends := [liner.speed_max for liner in liners if liner.speed_max is not None]:
         top = min(ends)
         kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
-        kinks = kinks or {top * (i / STEPS) ** 2 for i in range(STEPS)}
+        kinks = kinks or {top * (i / 25) ** 2 for i in range(25)}  # of a liner that states none
         for parts in PARTS:
             best = Levels((*sorted(kinks | {0.0}), top), parts)
             if max(interpolation_error(best, liner, frequency, top)[0] for liner in liners) <= tolerance:

@@ -126,14 +126,9 @@ class Job:
 def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
     """Read a record once and give what each job asks for.
 
-    Args:
-        record: what is read.
-        blocks: of the record.
-        jobs: they share the reading.
-        only: blocks that this worker has, rising; default all.
     Returns:
-        For each job float64, (S, R, K, N): the rows of ``only``. Rows of several workers, in order of time, are the
-        same bits as one reading of all.
+        For each job float64, (S, R, K, N), the rows of the blocks ``only``, rising; default all. Rows of several
+        workers, in order of time, are the same bits as one reading.
     """
     taken, device = range(blocks.count) if only is None else list(only), record.device
     on_cpu, reach = device.type == "cpu", max(job.reach for job in jobs)

@@ -87,22 +87,19 @@ def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
     return (wanted * cosine - end) / (1 - 1j * wanted * sine) - z
 
 
-def ratio_of_pressures(known: KnownPressure) -> Callable[[Tensor], Tensor]:
-    """Implied over known pressure of the whole plane as a function of its Z, (..., F), complex.
+def ratio_of_pressures(known: KnownPressure, *, every: bool = False) -> Callable[[Tensor], Tensor]:
+    """Implied over known pressure of the whole plane, complex, as a function of its Z, (..., F); with ``every`` of Z of
+    all blocks and without each of them, (B, F). Its phase means something where ``known.has_phase``."""
+    velocity, height, fluid = cell_velocity(known)[:, :1], known.height or 0.0, known.moments.plane.fluid
 
-    Its phase means something where ``known.has_phase``.
-    """
-    velocity, fluid = cell_velocity(known)[0, :1], known.moments.plane.fluid
-    height = known.height or 0.0
-    return lambda z: implied_pressure(known.kind, fluid, known.frequency, height, z[None], velocity)[0] / known.liner
+    def ratio(z: Tensor) -> Tensor:
+        own = velocity[: len(z)] if every else velocity[0]
+        z = z[:, None] if every else z[None]
+        pressure = implied_pressure(known.kind, fluid, known.frequency, height, z, own)
+        found = (pressure[:, 0] if every else pressure[0]) / known.liner
+        return found / known.replicates[: len(z), 0] if every and known.replicates is not None else found
 
-
-def ratios_of_liner(known: KnownPressure, z: Tensor) -> Tensor:
-    """Implied over known pressure of the whole plane from its Z, of all blocks and without each of them, (B, F)."""
-    velocity, fluid = cell_velocity(known)[: len(z), :1], known.moments.plane.fluid
-    pressure = implied_pressure(known.kind, fluid, known.frequency, known.height or 0.0, z[:, None], velocity)[:, 0]
-    ratio = pressure / known.liner
-    return ratio if known.replicates is None else ratio / known.replicates[: len(z), 0]
+    return ratio
 
 
 def cell_velocity(known: KnownPressure) -> Tensor:

@@ -23,7 +23,7 @@ from torchliner.records.level_check import LevelMatched
 from torchliner.records.notes import Note
 from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.known_pressure import known_pressure
-from torchliner.velocity.level_check import ratios_of_liner
+from torchliner.velocity.level_check import ratio_of_pressures
 from torchliner.velocity.reading import Reading
 
 RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
@@ -55,7 +55,7 @@ def match_level(
     if isinstance(pressures, str):
         return None, [Note("level-matched", f"{name}: no level-matched answer: {pressures}")]
     scale = torch.ones_like(known.survey.mean) if known.locked.scale is None else known.locked.scale
-    seen = dict[float, tuple[Tensor, Tensor]]()
+    seen, ratio = dict[float, tuple[Tensor, Tensor]](), ratio_of_pressures(pressures, every=True)
     lengths, notes = known.survey.lengths.cpu(), []
 
     def at(place: float) -> tuple[Tensor, Tensor]:
@@ -65,7 +65,7 @@ def match_level(
             moments = known if place == 0 else reading.with_drive(known, drive)
             found = average(moments, Asked.of(moments, liner, frequency, chosen), "phase-locked")
             z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
-            seen[place] = z, ratios_of_liner(pressures, z).log()
+            seen[place] = z, ratio(z).log()
         return seen[place]
 
     def matched(i: int) -> list[complex] | str:

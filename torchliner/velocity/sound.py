@@ -11,10 +11,9 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import impedance_from_reflection
-from torchliner.engine.drives import tone_variances
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import response
-from torchliner.engine.survey import coherence_by_chance
+from torchliner.engine.survey import coherence_by_chance, gram_of
 from torchliner.liners.model import LinerModel
 from torchliner.records.notes import Note
 from torchliner.velocity.choices import Choices
@@ -71,10 +70,18 @@ class Sound(NamedTuple):
 
 def sound_of(known: Moments) -> Sound | None:
     """None unless the plane states its tone and averaging is ``phase-locked``."""
-    if known.locked is None or known.plane.frequency is None or not known.survey.harmonics:
+    locked, seen, cells = known.locked, known.survey, known.membership
+    if locked is None or known.plane.frequency is None or not seen.harmonics:
         return None
-    mean, periodic, rest = tone_variances(known.locked, known.survey, known.membership)
-    return Sound(periodic / max(periodic + rest, 1e-300), mean, periodic**0.5, rest**0.5)
+    gram = gram_of(seen.blocks, seen.lines[: seen.harmonics]).sum(0)
+    sums, samples = seen.sums.sum(0)[seen.rows_of_harmonics()], seen.lengths.sum()
+    fit, gram = torch.linalg.pinv(gram, hermitian=True, rtol=1e-9).to(sums) @ sums, gram.to(sums)
+    of_cells = cells.mean(fit)
+    periodic = ((of_cells * (gram @ of_cells)).sum(0) / samples - of_cells[0] ** 2).clamp(min=0).mean()
+    left = (seen.mean_square - (fit * sums).sum(0) / samples).clamp(min=0)
+    rest = cells.sum(left if locked.scale is None else left * locked.scale**2).sum() / cells.sizes.sum()
+    share = periodic / (periodic + rest).clamp(min=1e-300)
+    return Sound(*map(float, (share, of_cells[0].mean(), periodic.sqrt(), rest.sqrt())))
 
 
 def gaussian_impedance(
