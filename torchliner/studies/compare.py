@@ -178,12 +178,12 @@ def compare_models(
     averaging, psi = chosen.averaging, reference_phase
     variants = [Variant({"model": n}, known, model, averaging, chosen, psi) for n, model in models.items()]
     rows = evaluate(variants, lines, known)
-    own_notes = [*review_liner(facts, first), *review_table(facts, known, first, lines, found.answer)[1]]
+    own_notes = [*review_liner(facts, first), *review_table(known, first, lines, found.answer)[1]]
     notes += [note.text for note in found.notes if note not in own_notes and note.code != "level-check"]
     for name, model in models.items():
         require_fitting(known, model, lines, chosen)
         z = torch.tensor([row.impedance for row in rows if row.model == name])
-        errors[name], doubts = review_table(facts, known, model, lines, z)
+        errors[name], doubts = review_table(known, model, lines, z)
         notes += [f"{name}: {note.text}" for note in (*review_liner(facts, model), *doubts)]
     tell(notes)
     tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
