@@ -29,7 +29,7 @@ def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Rec
     stated = set(options.reading) - {"holes"}
     holes = {"holes": tl.read_holes(options.reading["holes"])} if "holes" in options.reading else {}
     found: list[Record] = []
-    for path in paths if getattr(options, "cluster", None) is None else [path.absolute() for path in paths]:
+    for path in paths:
         if not holds_moments(path):
             found += read_planes([path], options)
         elif stated:

@@ -49,7 +49,6 @@ READING = (
 )
 ANY = "of any format, or moments; 'run_*.nc' joins restarts"
 WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav file; default: --frequency"
-WORKERS = "that read the data: local:N, N processes here; tcp://HOST:PORT of a dask scheduler, or its .json file"
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
 BASE = "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
 BASE += "level_uncertainty level_matched allow_short device dtype"
@@ -77,10 +76,6 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
     "figure": (Option("--figure", "draw the result there", PICTURE),),
     "figures": (Option("--figure", "draw pictures there", FOLDER),),
     "strict": (Option("--strict", "exit code 1 where the level check fails for the answer"),),
-    "cluster": (
-        Option("--cluster", f"workers {WORKERS}; default: none, this process", TEXT),
-        Option("--wait", "for its scheduler and its first worker, s; default 30", NUMBER),
-    ),
     "seen": (fact("--incident-level", SPL), fact("--source-side", "that the sound comes from", names.SOURCE_SIDES)),
     "case": (
         *(fact("--frequency", "tone in Hz"), fact("--mach", "bulk Mach number")),

@@ -26,7 +26,7 @@ GROUPS = {
     "educe an impedance from velocity above the liner": {
         "educe": row(
             "velocity:educe",
-            "planes liner tone map figures strict cluster seen educed",
+            "planes liner tone map figures strict seen educed",
             Option("--in-situ", "pressure record, whose impedance is added to the results", FILE),
             Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", FILE),
         ),
@@ -199,10 +199,14 @@ GROUPS = {
         ),
         "run": row(
             "files:run",
-            "cluster",
+            "",
             Option("campaign", "TOML file of a campaign", FILE),
             Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
             Option("--dry-run", "say what would be done, and write nothing"),
+            Option(
+                "--cluster", "workers: local:N, N processes; tcp://HOST:PORT of a dask scheduler, or its .json", TEXT
+            ),
+            Option("--wait", "for its scheduler and its first worker, s; default 30", NUMBER),
         ),
         "follow": row(
             "files:follow",

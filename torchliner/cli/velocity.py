@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from torchliner.campaign.cluster import open_cluster
 from torchliner.cli.inputs import (
     incident_signal,
     liners_of,
@@ -19,7 +18,6 @@ from torchliner.cli.inputs import (
     with_facts,
 )
 from torchliner.cli.show import progress_bar, show
-from torchliner.engine.moments import Moments
 from torchliner.io.microphone_file import read_wall_pressure
 from torchliner.io.result_writers import require_result
 from torchliner.io.whole_file import writable
@@ -36,12 +34,9 @@ def educe(options: argparse.Namespace) -> int:
     planes = planes_of(records)
     outputs = _outputs(options, planes, len(options.frequency or [0]))
     liners, found = liners_of(options, records, options.planes), []
-    with open_cluster(options.cluster, options.wait) as client, progress_bar(samples_of(planes), options) as step:
+    with progress_bar(samples_of(planes), options) as step:
+        about = {"pressure": wall or pressure, "progress": step} | options.chosen
         for record, liner in zip(records, liners, strict=True):
-            if client is not None and not isinstance(record, Moments):
-                summed = {key: value for key, value in options.chosen.items() if key != "reference_phase"}
-                record = tl.moments(record, liner, options.frequency, client=client, progress=step, **summed)
-            about = {"pressure": wall or pressure, "progress": step} | options.chosen
             found.append(tl.educe(record, liner, options.frequency, **about))
     if pressure is not None:
         found = with_in_situ(found, planes, pressure)
