@@ -26,6 +26,7 @@ from torchliner.io.multipole_file import plain_multipole
 from torchliner.studies.heights import study_heights
 
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")
+PRESSURE = DATA / "pressure_n130.h5"
 CHANNEL = str(DATA / "channel_y1.04mm.h5")
 
 
@@ -244,6 +245,16 @@ REFUSED = [  # words, and what the one line names
     (f"replay {SLIT} --incident noise:300:3500 --reflected a.h5 -o ./a.h5", "another output"),
     ("duct modes", "required"),
     ("duct modes b2a --liner polito --impedance 1", "--impedance and --liner"),
+    ("duct solve b2", "unknown duct 'b2'"),
+    ("duct solve b2a --bulk-mach 1", "bulk_mach = 1.0: input should be less than 1"),
+    ("duct solve b2a -o x.txt", r"x\.txt ends in '\.txt'"),
+    ("duct solve b2a --frequency -5", r"frequency\.0 = -5\.0: input should be greater than 0"),
+    ("duct solve b2a --mesh 0", r"mesh column \(m\) is 0"),
+    (f"insitu {SLIT}", "torchliner pressure 1"),
+    (f"insitu {PRESSURE} --frequency 60000", "at or above Nyquist"),
+    (f"insitu {PRESSURE} -o {PRESSURE}", "is an input"),
+    (f"insitu {PRESSURE} --microphones 0 9", "microphones 0 to 4, not 9"),
+    (f"educe {SLIT} --in-situ {DATA}/pressure_n115.h5", r"not one case: incident_level is 130\.0 and 115\.0"),
     ("ir-tdibc polito --level 120", "--frequency"),
     ("kt x.csv --method field --rank 3", "x.csv: no such file"),
     (f"sensitivity {SLIT} --tolerance porosity", "NAME=VALUE"),

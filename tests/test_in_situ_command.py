@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import pytest
 import torch
 from conftest import DATA
 
@@ -32,20 +31,6 @@ def test_command_prints_writes_and_draws(tmp_path, capsys):
     assert tl.read_points(points).cell_impedance.shape == (2, 1)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ([str(DATA / "slit_n130_y2.5mm.h5")], "torchliner pressure 1"),
-        ([str(DATA / "pressure_n130.h5"), "--frequency", "60000"], "at or above Nyquist"),
-        ([str(DATA / "pressure_n130.h5"), "-o", str(DATA / "pressure_n130.h5")], "is an input"),
-        ([str(DATA / "pressure_n130.h5"), "--microphones", "0", "9"], "microphones 0 to 4, not 9"),
-    ],
-)
-def test_command_refuses(arguments, match, capsys):
-    assert main(["insitu", *arguments]) == 2
-    assert match in capsys.readouterr().err
-
-
 def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     """educe --in-situ: in the table, in the file and back, in the figures."""
     plane, pressure = DATA / "slit_n130_y2.5mm.h5", DATA / "pressure_n130.h5"
@@ -67,14 +52,3 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     with h5py.File(target, "a") as file:
         del file["alongside_0"]
     assert tl.read_map(target).alongside == ()
-    assert main(["educe", str(plane), "--in-situ", str(pressure), "-o", str(pressure)]) == 2
-    assert "is an input" in capsys.readouterr().err
-
-
-def test_another_case_is_refused(capsys):
-    """Another level, flow or case does not stand beside the educed values."""
-    arguments = ["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--in-situ"]
-    assert main([*arguments, str(DATA / "pressure_n115.h5")]) == 2
-    assert "are not one case: incident_level is 130.0 and 115.0" in capsys.readouterr().err
-    assert main([*arguments, str(DATA / "no.h5")]) == 2
-    assert "no.h5: no such file" in capsys.readouterr().err
