@@ -8,9 +8,8 @@ import shutil
 import time
 import warnings
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from torchliner.campaign.campaign_file import Campaign
 from torchliner.campaign.index import DONE, FAILED, full_row, read_index, write_index
@@ -26,29 +25,22 @@ from torchliner.velocity.educe import educe, moments
 from torchliner.velocity.reading import Progress
 from torchliner.version import __version__
 
+READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once
 FOLDERS = ("moments", "maps", "lines", "units", "figures")  # of the results
 Rows = list[dict[str, Any]]
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What is to be done."""
+class Plan(NamedTuple):
+    """What is to be done: units with their states, and rows of planes that could not be opened."""
 
-    units: tuple[Unit, ...]  # all that could be made out
-    failed: tuple[dict[str, Any], ...]  # rows of planes that could not be opened
-    current: frozenset[str]  # units whose results stand
-
-    def state(self, unit: Unit) -> str:
-        """In words."""
-        if unit.name in self.current:
-            return "up to date"
-        return "from moments" if unit.moments.exists() else "reads data"
+    units: list[tuple[Unit, str]]  # up to date, from moments, reads data
+    failed: Rows
 
     @property
     def to_read(self) -> dict[Path, Unit]:
         """A unit for each file of moments that is missing."""
-        return {u.moments: u for u in self.units if self.state(u) == "reads data"}
+        return {unit.moments: unit for unit, state in self.units if state == READS}
 
 
 def plan(campaign: Campaign) -> Plan:
@@ -74,19 +66,22 @@ def plan(campaign: Campaign) -> Plan:
             if unit.name in units:
                 raise ValueError(f"{campaign.path}: two units are called {unit.name}; rename a plane or a liner's file")
             units[unit.name] = unit
-    current = frozenset(name for name, unit in units.items() if _kept_rows(unit) is not None)
-    return Plan(tuple(units.values()), tuple(failed), current)
+    return Plan([(unit, _state(unit)) for unit in units.values()], failed)
+
+
+def _state(unit: Unit) -> str:
+    if _kept_rows(unit) is not None:
+        return "up to date"
+    return "from moments" if unit.moments.exists() else READS
 
 
 def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress | None = None) -> Rows:
-    """Do what is not done yet, and write the index.
+    """Do what is not done yet, and write the index, whose rows are returned; a unit that failed has its error there.
 
     Args:
         campaign: of ``read_campaign``.
         client: of dask.distributed, whose workers read the planes; None: all of it here.
         progress: called with numbers of samples read, 2 T for each of ``Plan.to_read``.
-    Returns:
-        Rows of the index; a unit that failed stands there with its error.
     Raises:
         OSError: the folder cannot be written, or another run is at work in it.
         ValueError: as ``plan``.
@@ -102,7 +97,7 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
             path: pool.submit(_reduce, unit, progress, client) for path, unit in ahead.items()
         }
         try:
-            for unit in found.units:
+            for unit, _ in found.units:
                 try:
                     kept = _kept_rows(unit)
                     if kept is None:

@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     """A campaign: planes, liners, choices; resumable."""
     campaign = read_campaign(options.campaign, options.output)
     planned = plan(campaign)
-    units = [{"unit": unit.name, "state": planned.state(unit)} for unit in planned.units]
+    units = [{"unit": unit.name, "state": state} for unit, state in planned.units]
     units += [{"unit": row["unit"], "state": f"cannot be opened: {row['error']}"} for row in planned.failed]
     to_read = planned.to_read.values()
     summary = f"{len(units)} units; {len(to_read)} planes to read, {sum(unit.bytes for unit in to_read) / 1e9:.3g} GB"

@@ -6,15 +6,17 @@ import sys
 
 try:
     import io
+    import re
     import signal
     import threading
     import traceback
+    import warnings
     from argparse import Namespace
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from contextlib import contextmanager
 
     from torchliner.cli.gate import passed
     from torchliner.cli.parser import BAD_INPUT, Parser
-    from torchliner.cli.screen import error_text, warnings_on_stderr
     from torchliner.cli.table import COMMANDS, GROUPS
     from torchliner.io.whole_file import printable
     from torchliner.names import did_you_mean, resolve
@@ -29,6 +31,11 @@ EXAMPLES = """examples:
 
 torchliner COMMAND --help: its options; torchliner --version: the version."""
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
+EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
+NO_MEMORY = ("can't allocate memory", "out of memory", "Unable to allocate")
+PLANNED = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)  # by libraries
+NUMBERS = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+WARNINGS_SHOWN = 3  # without --verbose
 
 
 def overview() -> str:
@@ -78,7 +85,7 @@ def _run(parser: Parser, options: Namespace) -> int:
     """The command, between the gate and what is said of its errors."""
     inputs: list[str] = []
     try:
-        with warnings_on_stderr(options, parser, inputs), passed(options.command, parser.options, options) as named:
+        with warnings_on_stderr(parser, options), passed(options.command, parser.options, options) as named:
             inputs += named
             return int(resolve(f"torchliner.cli.{COMMANDS[options.command].home}")(options) or DONE)
     except BrokenPipeError:
@@ -89,6 +96,41 @@ def _run(parser: Parser, options: Namespace) -> int:
         words = parser.in_words(error_text(error, inputs))
         print(printable(f"torchliner {options.command}: {words}"), file=sys.stderr)
         return BAD_INPUT
+
+
+def error_text(error: Exception, inputs: Sequence[str]) -> str:
+    """One message of an error; of one that was not foreseen with the first input, which a library does not name."""
+    text, lead = str(error) or type(error).__name__, "".join(f"{name}: " for name in inputs[:1])
+    if isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY):
+        return f"{lead}not enough memory: {text}; take fewer probes or samples"
+    if isinstance(error, EXPECTED) and not isinstance(error, RecursionError):
+        return text
+    return (
+        f"{lead}{type(error).__name__}: {text.splitlines()[0]}; this is a fault of torchliner: please report it, with "
+        "the file and with what --debug prints"
+    )
+
+
+@contextmanager
+def warnings_on_stderr(parser: Parser, options: Namespace) -> Iterator[None]:
+    """Each warning once, but for its numbers, what moves Z most first: three, all with --verbose, none with --quiet."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore" if options.quiet else "always")
+        try:
+            yield
+        finally:
+            sizes = {str(note): getattr(note, "size", None) for note in getattr(options, "notes", ())}  # of the result
+            seen: dict[str, str] = {}
+            for each in caught:
+                if not issubclass(each.category, PLANNED):
+                    seen.setdefault(re.sub(NUMBERS, "#", str(each.message)), str(each.message))
+            texts = sorted(seen.values(), key=lambda text: -(sizes.get(text) or 0.0))
+            shown = texts if options.verbose else texts[:WARNINGS_SHOWN]
+            for text in shown:
+                lead = "" if sizes.get(text) is None else f" (may move Z by {sizes[text]:.2g})"
+                print(f"warning{lead}: {printable(parser.in_words(text))}", file=sys.stderr)
+            if len(texts) > len(shown):
+                print(f"warning: {len(texts) - len(shown)} more; --verbose prints them", file=sys.stderr)
 
 
 if __name__ == "__main__":
