@@ -112,7 +112,7 @@ class Of:
         return [self._option(name, *parameters(self.home)[name]) for name in self.wanted.split()]
 
     def _option(self, name: str, annotation: str, default: Any, text: str) -> Option:
-        if text.startswith(("as for", "as of", "one of")) or not text:
+        if name in parameters(CHOICES) and (not text or text.startswith(("as for", "as of", "one of"))):
             text = parameters(CHOICES)[name][2]
         if default is not None and default is not False and not re.search(r"\bdefault\b", text):
             text += f"; default {default:g}" if isinstance(default, float) else f"; default {default}"
