@@ -15,7 +15,7 @@ from conftest import FREQUENCY, RATE, plane_of, turbulence
 from test_cli import run
 
 import torchliner as tl
-from torchliner.campaign.follow import Following, Frames, follow
+from torchliner.campaign.follow import Following, Frames
 
 PROBES, SAMPLES = 4, 2400  # 80 periods
 
@@ -47,7 +47,7 @@ def followed(path, *steps, until=None, **choices):
     """Standings at each change, and whether the wish was reached."""
     found: list = []
     following = Following(Frames(path), tl.load_liner("polito"), until=until, **choices)
-    reached = follow(following, found.append, every=1.0, idle=3.0, sleep=Solver(*steps))
+    reached = following.run(found.append, every=1.0, idle=3.0, sleep=Solver(*steps))
     return found, reached, following
 
 
@@ -182,7 +182,7 @@ def test_the_command(capsys, tmp_path, velocity, monkeypatch):
     def stop(_seconds: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(follow, "__kwdefaults__", {"sleep": stop})
+    monkeypatch.setattr(Following.run, "__kwdefaults__", {"sleep": stop})
     code, _, err = run(capsys, *words)
     assert (code, err) == (130, "torchliner: interrupted\n")
     assert tl.read_moments(output).plane.samples == SAMPLES
@@ -232,7 +232,7 @@ def test_what_may_become_a_plane_is_waited_for(tmp_path, name):
                 file[key] = values
                 file[key].attrs["units"] = unit
     with pytest.raises((OSError, ValueError), match=r"plane.h5"):
-        follow(Following(Frames(path), tl.load_liner("polito")), print, every=1.0, idle=3.0, sleep=sleep)
+        Following(Frames(path), tl.load_liner("polito")).run(print, every=1.0, idle=3.0, sleep=sleep)
     assert sleep.looks == 3
 
 

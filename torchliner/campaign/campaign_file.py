@@ -79,16 +79,12 @@ class CampaignTable(Strict):
 
     @model_validator(mode="after")
     def _check_choices(self) -> CampaignTable:
-        for each in self.choice_sets():
+        for each in choice_sets(self.choices.model_dump(exclude_unset=True)):  # type: ignore[attr-defined]
             try:
                 Choices(**each)
             except TypeError as error:
                 raise ValueError(f"choices: {error}") from None
         return self
-
-    def choice_sets(self) -> list[dict[str, Any]]:
-        """Every combination of the choices of which several values are stated."""
-        return choice_sets(self.choices.model_dump(exclude_unset=True))  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
@@ -154,7 +150,7 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
             found[match] = each
     names = unique_names(found)
     cases = [_case(*each, name, table.liners, folder) for each, name in zip(found.items(), names, strict=True)]
-    sets = table.choice_sets()
+    sets = choice_sets(table.choices.model_dump(exclude_unset=True))  # type: ignore[attr-defined]
     varied = {key for key in sets[0] if len({repr(one[key]) for one in sets}) > 1}
     choices = tuple((one, {key: one[key] for key in one if key in varied}) for one in sets)
     return Campaign(path, target, tuple(cases), tuple(table.frequencies), choices, table.title, table.figures)

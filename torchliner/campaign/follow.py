@@ -165,38 +165,33 @@ class Following:
             raise ValueError(f"{self.frames.path}: no samples have come")
         return self.going.moments()
 
+    def run(
+        self,
+        tell: Callable[[list[Standing]], None],
+        *,
+        every: float,
+        idle: float,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> bool:
+        """Look every few seconds, until the interval is small enough or nothing has come for a while, both in s.
 
-def follow(
-    following: Following,
-    tell: Callable[[list[Standing]], None],
-    *,
-    every: float,
-    idle: float,
-    sleep: Callable[[float], None] = time.sleep,
-) -> bool:
-    """Wait for frames, until the interval is small enough or none have come for a while.
-
-    Args:
-        following: is updated.
-        tell: called with each new standing.
-        every: s between two looks.
-        idle: s without new samples that end it.
-        sleep: waits.
-    Returns:
-        Whether the wished half-width was reached.
-    Raises:
-        OSError, ValueError: the last file could not be read for so long; as ``Frames.new``.
-    """
-    waited = 0.0
-    while True:
-        if following.update():
-            waited = 0.0
-            tell(rows := following.standing())
-            if rows and following.until and all(r.half_width <= following.until for r in rows):
-                return True
-        elif waited >= idle:
-            if following.frames.error is not None:
-                raise following.frames.error
-            return False
-        sleep(every)
-        waited += every
+        Args:
+            tell: called with each new standing.
+        Returns:
+            Whether the wished half-width was reached.
+        Raises:
+            OSError, ValueError: the last file could not be read for so long; as ``Frames.new``.
+        """
+        waited = 0.0
+        while True:
+            if self.update():
+                waited = 0.0
+                tell(rows := self.standing())
+                if rows and self.until and all(row.half_width <= self.until for row in rows):
+                    return True
+            elif waited >= idle:
+                if self.frames.error is not None:
+                    raise self.frames.error
+                return False
+            sleep(every)
+            waited += every

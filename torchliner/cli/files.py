@@ -10,9 +10,9 @@ from importlib.util import find_spec
 from typing import Any
 
 import torchliner as tl
-from torchliner.campaign import follow as growing
 from torchliner.campaign.campaign_file import read_campaign
 from torchliner.campaign.cluster import open_cluster
+from torchliner.campaign.follow import Following, Frames
 from torchliner.campaign.index import FAILED, index_table
 from torchliner.campaign.page import report_campaign
 from torchliner.campaign.run import plan, run_campaign
@@ -124,10 +124,10 @@ def follow(options: argparse.Namespace) -> int:
     """Impedance and its interval while a plane is being written."""
     for name in ("every", "idle"):
         require_positive(f"--{name}", getattr(options, name))
-    frames = growing.Frames(options.plane, options.reading)
+    frames = Frames(options.plane, options.reading)
     first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
     (liner,) = liners_of(options, [first], [options.plane])
-    following = growing.Following(frames, liner, options.frequency, until=options.until, **options.chosen)
+    following = Following(frames, liner, options.frequency, until=options.until, **options.chosen)
     output, options.output = options.output, None  # written once, at the end
     if not options.json:
         print("".join(f"{name:12s}" for name in STANDING), flush=True)
@@ -138,7 +138,7 @@ def follow(options: argparse.Namespace) -> int:
 
     reached = False
     try:
-        reached = growing.follow(following, print_rows, every=options.every, idle=options.idle)
+        reached = following.run(print_rows, every=options.every, idle=options.idle)
     finally:  # whatever ends it leaves what there is
         if output is not None and following.going is not None and following.going.periods:
             following.moments().write(output)
