@@ -275,7 +275,7 @@ def test_command_prints_sorts_and_draws(capsys, tmp_path, small):
     [
         (["--tolerance", "orifice_diameter=0.02"], "m, mm"),
         (["--tolerance", "orifice_diameter"], "write NAME=VALUE"),
-        (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "porosity twice"),
+        (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "each name once"),
         (["--tolerance", "porosity=1 %", "-o", SLIT], "is an input"),
         (["-o", "rows.h5"], ".csv"),
     ],
