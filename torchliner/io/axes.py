@@ -77,11 +77,6 @@ def read_clock(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[
     return variables.read_times(_field(group, key, path))[:3]
 
 
-def find_time_axis(dataset: h5py.Dataset, samples: int, path: Path) -> int:
-    """0 or -1; as ``variables.time_axis``."""
-    return variables.time_axis(variables.field_of(dataset.parent, dataset.name.rpartition("/")[2], path), samples)
-
-
 def read_coordinate(file: h5py.Group, key: str, shape: tuple[int, ...], path: Path) -> np.ndarray | None:
     """x or z of probes, m; None if the file has none, or numbers its columns alone; as ``variables.coordinate``."""
     if not is_there(file, key, path):

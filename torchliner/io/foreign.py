@@ -146,12 +146,8 @@ def _stored_variables(path: Path, group: str | None) -> Any:
 
 
 def require_written(path: Path, group: str | None, name: str, packing: Packing = PLAIN) -> None:
-    """Refuse an array of a store whose chunks are not all there, and would read as numbers.
-
-    Args:
-        path, group, name: of it.
-        packing: how it is stored; a fill value that it marks as missing is no number.
-    """
+    """Refuse an array of a store whose chunks are not all there, and would read as numbers: not as marks of what is
+    missing, by its packing."""
     import zarr
 
     folder = path / (group or "").strip("/") / name

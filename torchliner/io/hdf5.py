@@ -207,19 +207,15 @@ def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any
     text = text_attribute(file, key)
     if not text:
         return default
-    found = parse_json(text, f"{path}: attribute {key!r}")
-    wanted, kind = (list, "a list") if isinstance(default, tuple | list) else (dict, "an object")
-    if isinstance(default, tuple | list | dict) and not isinstance(found, wanted):
-        raise ValueError(f"{path}: attribute {key!r} is {text[:40]!r}; {kind} is needed")
-    return found
-
-
-def parse_json(text: str, label: str) -> Any:
-    """JSON of a file; a ValueError names what is none, or is nested too deep."""
+    label = f"{path}: attribute {key!r}"
     try:
-        return json.loads(text)
+        found = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{label} is not JSON ({error}); repair or remove it") from error
+    wanted, kind = (list, "a list") if isinstance(default, tuple | list) else (dict, "an object")
+    if isinstance(default, tuple | list | dict) and not isinstance(found, wanted):
+        raise ValueError(f"{label} is {text[:40]!r}; {kind} is needed")
+    return found
 
 
 def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:

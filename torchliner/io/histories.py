@@ -50,16 +50,11 @@ def _numbers(cells: Sequence[str]) -> int:
 
 
 def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of histories.
+    """The plane of a file of histories; ``points`` is a list of them, text or array.
 
-    Args:
-        path: text.
-        request: ``points``, a list of them, text or array, whose columns are x, y, z, or named in
-            it, or in the order of ``axes``; units that the files do not state; ``sampling_rate``
-            where the times have no unit; ``normal``.
     Raises:
-        ValueError: a unit is missing; another number of points than columns; as ``TextFile.rows``,
-            ``clock_of`` and ``place``.
+        ValueError: a unit, or the rate of times without one, is missing; another number of points than columns; as
+            ``TextFile.rows``, ``clock_of`` and ``place``.
     """
     text, label = open_text(path), str(path)
     heading = [line.strip("# \t\r") for line in text.heading]
@@ -155,15 +150,8 @@ def _length(unit: str | None, request: PlaneRequest, path: Path) -> float:
 
 
 def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
-    """Points of a list, m, (N, 3).
-
-    Args:
-        path: text, or an array (N, 3) of .npy, .mat, .h5.
-        request: ``length_units`` where the list states none; ``axes``, the order of its columns
-            where it names none.
-    Raises:
-        ValueError: no unit; columns that are not x, y, z.
-    """
+    """Points of a list, text or an array of .npy, .mat, .h5, m, (N, 3); ``length_units`` and ``axes``, the order of its
+    columns, count where it says none."""
     axes, units = request.axis_names or list(AXES), set[str]()
     if path.suffix.lower() in ARRAY_ENDINGS:
         values = read_array(path).astype(float)

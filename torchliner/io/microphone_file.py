@@ -17,9 +17,9 @@ import torch
 
 from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
-from torchliner.io.axes import FLUID_UNITS, find_time_axis, read_case, read_times
+from torchliner.io.axes import FLUID_UNITS, read_case, read_signal, read_times
 from torchliner.io.flow_noise import reject_flow_noise
-from torchliner.io.hdf5 import get_dataset, is_there, open_file, place, read_si
+from torchliner.io.hdf5 import get_dataset, is_there, open_file, place
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.stated_lines import read_stated
 from torchliner.io.stored_values import read_values
@@ -105,8 +105,7 @@ def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: 
     if "frequency" not in head:
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
     rate, samples = read_times(file, path)
-    axis = find_time_axis(get_dataset(file, "pressure", path), samples, path)
-    signals = np.moveaxis(read_si(file, "pressure", "Pa", path), axis, -1).astype(np.float64)
+    signals = read_signal(file, "pressure", "Pa", samples, path).astype(np.float64)
     reference = read_values(get_dataset(file, "reference", path), place(file, "reference", path), path)
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),

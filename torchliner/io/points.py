@@ -130,8 +130,10 @@ def place(
     Warns:
         DataWarning: the normal follows from points or names; the points stand at several heights.
     """
-    if not len(points) or not np.isfinite(points).all():
-        raise Unwritten(f"{label} has {len(points)} points; they must be some, with finite coordinates")
+    if not len(points):
+        raise Unwritten(f"{label} has no points")
+    if not np.isfinite(points).all():
+        raise ValueError(f"{label} has points whose coordinates are not finite")
     require_plausible(points, "length", f"{label}: points")
     axis, sign = _wall_normal(points, request, label, component, facing)
     height = points[:, axis]

@@ -64,11 +64,8 @@ def _row(values: np.ndarray, kind: type = float) -> np.ndarray:
 
 
 def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a measurement.
+    """The plane of a measurement; ``variable`` is of ``variable_short_names``, ``group`` of ``face_names``.
 
-    Args:
-        path: .snc, .fnc, .psnc, .pfnc.
-        request: ``variable``, of ``variable_short_names``; ``group``, of ``face_names``.
     Raises:
         OSError: the file is truncated or damaged.
         ValueError: a variable is missing or of another shape; several faces, of which none is

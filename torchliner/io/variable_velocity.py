@@ -92,11 +92,7 @@ def velocity_of(
     clock: Clock | None = None,
     part: dict[int, slice] | None = None,
 ) -> VariableVelocity:
-    """The velocity of a variable; arguments as of ``VariableVelocity``.
-
-    Raises:
-        ValueError: as ``require_stored`` and ``packing_of``; a sample that does not fit into memory.
-    """
+    """The velocity of a variable; arguments as of ``VariableVelocity``, errors as of ``require_stored``."""
     require_numbers(each.array, each.label)
     if isinstance(each.array, h5py.Dataset):
         require_stored(each.array, each.label, each.path)

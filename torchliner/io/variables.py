@@ -164,11 +164,9 @@ def references_of(fields: Fields) -> dict[str, complex]:
 
 
 def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
-    """Sampling rate, Hz, number of samples, time of the first, s, and the epoch that they count from.
+    """Sampling rate, Hz, number of samples, time of the first, s, and the epoch that they count from; the rate may be
+    ``stated`` where the times have no units, or as they have it.
 
-    Args:
-        field: times.
-        stated: sampling rate, Hz, where the times have no units, or as they have it.
     Raises:
         ValueError: the times are not finite, not uniform, or of another rate than stated.
     Warns:

@@ -44,12 +44,9 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a series of frames.
+    """The plane of a series of frames: a collection, any of the numbered files, or their folder. ``group`` names the
+    series where a folder has several, or the block; units are always to be stated, the rate where no file has times.
 
-    Args:
-        path: collection, any of the numbered files, or their folder.
-        request: units of length and velocity, which VTK does not state; ``group`` names the series
-            where a folder has several, or the block; ``sampling_rate`` where none states its time, or not in s.
     Raises:
         ImportError: pyvista is not installed.
         ValueError: VTK cannot read a frame; a unit or the rate is missing; several series; fewer than two frames;
