@@ -5,10 +5,9 @@ possible draws is the mean over stations of the mean over segments, so that no d
 :math:`s_n^2` of a station's admittances over its segments the draws scatter by :math:`\sqrt{\sum s_n^2}/N`. This is
 neither the spread along the line nor the uncertainty of the result.
 
-For the latter results are computed without each segment of each station in turn (``engine.intervals``). Stations are
-measured one after another, so that their variances add, with the degrees of freedom of Welch and Satterthwaite. A mean
-over segments is also off because each segment is short and Z is not linear in R: by the mean of Z less Z of the mean R,
-right to second order. The bounds are without that bias, which is stated.
+For the latter results are computed without each segment of each station in turn (``engine.intervals``). Variances of
+stations add, with the degrees of freedom of Welch and Satterthwaite. As segments are short and Z is not linear in R, a
+mean over them is off by the mean of Z less Z of the mean R, right to second order. The bounds are without that bias.
 
 The level check is that of planes (``velocity.level_check``), where a station is a cell of its own; the standard errors
 of Z and of V, :math:`\sqrt{(1-\gamma^2)/(2 n \gamma^2)}` of itself from its coherence over n blocks, add as independent

@@ -164,7 +164,7 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
             if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
                 both = f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}"
                 raise ValueError(f"{both}; the stations of a line share one case")
-    joined: dict[str, Any] = {}
+    joined: dict[str, Any] = {"average": None, "interval": None}
     for name, value in vars(first).items():
         values = [getattr(line, name) for line in lines]
         if name in OF_SEGMENTS:  # nan for the segments that a shorter station lacks
@@ -175,7 +175,7 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
             joined[name] = torch.cat(values)
         elif isinstance(value, tuple):
             joined[name] = sum(values, ())
-    return dataclasses.replace(first, **joined | {"average": None, "interval": None, "notes": ()})
+    return dataclasses.replace(first, **joined | {"notes": ()})
 
 
 def _case(line: ImpedanceLine) -> dict[str, Any]:
@@ -190,7 +190,7 @@ def _case(line: ImpedanceLine) -> dict[str, Any]:
 
 
 def _digest(liner: LinerModel, task: Task, *more: Any) -> str:
-    """Hash of what a finished station follows from, 32 hexadecimal digits: the name of a table says too little."""
+    """Hash of what a finished station follows from: the name of a liner's table says too little."""
     station, channel, phase = task[0], _channel(task[1], task[0]), task[2]
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
@@ -207,30 +207,29 @@ def _digest(liner: LinerModel, task: Task, *more: Any) -> str:
 def notes_of(line: ImpedanceLine) -> Iterator[Note]:
     """One note for each thing about a line that is doubtful, with numbers."""
     count, choices, rate = line.stations, line.choices, float(line.rate.min())
-    flagged = [i for i, flags in enumerate(line.flags) if flags]
-    if flagged:
-        shown = ", ".join(line.names[i] for i in flagged[:SHOWN]) + ", ..." * (len(flagged) > SHOWN)
+    if flagged := [i for i, flags in enumerate(line.flags) if flags]:
         counted = "count in the averages all the same" if bool(line.used.all()) else "do not count in the averages"
-        text = f"{len(flagged)} of {count} stations are flagged and {counted}: {shown}; the first: "
-        yield Note("flagged-stations", text + line.flags[flagged[0]][0])
+        text = f"{len(flagged)} of {count} stations are flagged and {counted}: "
+        shown = ", ".join(line.names[i] for i in flagged[:SHOWN]) + ", ..." * (len(flagged) > SHOWN)
+        yield Note("flagged-stations", f"{text}{shown}; the first: {line.flags[flagged[0]][0]}")
     for i, f in enumerate(line.frequency.tolist()):
         sizes = line.attenuation[:, i].abs()
         if float(sizes.min()) < DAMPED:
-            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean of the "
             mended = "corrected, the turbulence is not" if bool(line.corrected[:, i].all()) else "not corrected"
-            yield Note("damped-tone", f"{text}stations (least {float(sizes.min()):.3f}); the tone is {mended}")
+            text = f"{choices['method']} reconstruction damps {f:g} Hz to {float(sizes.mean()):.3f} in the mean"
+            yield Note("damped-tone", f"{text} (least {float(sizes.min()):.3f}); the tone is {mended}")
         if rate < ARRIVALS_A_PERIOD * f:
             text = f"{rate / f:.3g} arrivals a period of {f:g} Hz (limit {ARRIVALS_A_PERIOD:g})"
             yield Note("few-arrivals", f"{text}: |v(t)| between them is guessed")
         if line.wall is not None:
-            text = f"wall filter: {int(line.wall[:, i].sum())} of {count} stations have a squared coherence below"
-            text = f"{text} {choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0, in the averages"
-            yield Note("wall-filter", text)
+            text = f"{int(line.wall[:, i].sum())} of {count} stations have a squared coherence below"
+            yield Note(
+                "wall-filter", f"{text} {choices['wall_filter']:g} with {f:g} Hz and count as wall, admittance 0"
+            )
         if line.level_check is not None and (sentence := line.level_check.sentence("stations", f, i)):
             yield Note("level-check", sentence)
-    noted = [i for i, notes in enumerate(line.station_notes) if notes]
-    if noted:
-        text = f"{len(noted)} of {count} stations have notes of their own (station_notes); the first, of "
-        yield Note("station-notes", f"{text}{line.names[noted[0]]}: {line.station_notes[noted[0]][0]}")
+    if noted := [i for i, notes in enumerate(line.station_notes) if notes]:
+        first = f"{line.names[noted[0]]}: {line.station_notes[noted[0]][0]}"
+        yield Note("station-notes", f"{len(noted)} of {count} stations have notes (station_notes); the first, {first}")
     if line.interval is None and choices["interval"] is not None:
         yield Note("no-intervals", f"no error bars: a station has {int(line.segments.min())} segments, four are needed")

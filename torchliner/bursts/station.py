@@ -61,28 +61,28 @@ def educe_station(
     if choices.phase == "given" and reference is None and reference_phase is None:
         raise ValueError("phase='given' needs a reference channel, or reference_phase in rad")
     cut = cut_into_segments(station.kept, wanted, own)
-    grid, known = cut.signal, segment_means(cut.plane, liner, wanted, choices, own.window)
-    seen, clock = known.moments.survey, 2 * torch.pi * torch.outer(cut.start, wanted)
-    phases, velocity, each = clock, known.velocity, seen.coherence(wanted).cpu()
+    a, b, velocity, weights, known, model_error = segment_means(cut.plane, liner, wanted, choices, own.window)
+    grid, seen = cut.signal, known.survey
+    phases, follows, each = 2 * torch.pi * torch.outer(cut.start, wanted), velocity, seen.coherence(wanted).cpu()
     if reference is not None:
-        phases, velocity, each = follow_reference(cut, reference, wanted, known)
+        phases, follows, each = follow_reference(cut, reference, wanted, weights, seen.blocks.count)
     coherence = each if reference is not None else each.mean(0)
     held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
-    sound = Sound(velocity, held, phases + (reference_phase or 0.0))
-    reviewed = (*known.moments.notes, *review_rule(held, choices))
+    sound = Sound(follows, held, phases + (reference_phase or 0.0))
+    reviewed = (*known.notes, *review_rule(held, choices))
     notes = [*station.kept.notes, *(note.text for note in reviewed), *cut.notes]
-    for f, follows in zip(wanted.tolist(), coherence.tolist(), strict=True):
-        if reference is not None and follows < NO_TONE:
-            text = f"the squared coherence of v with the reference is {follows:.2g} at {f:g} Hz (limit {NO_TONE:g})"
+    for f, square in zip(wanted.tolist(), coherence.tolist(), strict=True):
+        if reference is not None and square < NO_TONE:
+            text = f"the squared coherence of v with the reference is {square:.2g} at {f:g} Hz (limit {NO_TONE:g})"
             notes.append(f"{text}: it tells nothing of the phase of the sound there")
-    vertical, nodes = station.moments.components["wall_normal"], known.moments.nodes
+    vertical, nodes = station.moments.components["wall_normal"], known.nodes
     numbers = {axis: math.nan if (value := getattr(record, axis)) is None else value for axis in "xyz"}
     numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
     numbers |= {"rate": grid.mean_rate, "grid_rate": grid.rate, "longest_gap": grid.longest_gap[0]}
     tensors: dict[str, Any] = {
-        "reflection": PHASE_RULES[choices.phase](known.a, known.b, sound),
+        "reflection": PHASE_RULES[choices.phase](a, b, sound),
         "segment_start": cut.start,
-        "velocity_amplitude": 2 * (known.velocity * torch.exp(-1j * phases)).mean(0),
+        "velocity_amplitude": 2 * (velocity * torch.exp(-1j * phases)).mean(0),
         "coherence": coherence,
         "attenuation": cut.attenuation,
         "corrected": cut.corrected,
@@ -110,7 +110,7 @@ def educe_station(
             "blocks": seen.blocks.count,
             "referred": reference is not None,
             "nodes": None if nodes is None else nodes.describe(),
-            "model_error": known.model_error,
+            "model_error": model_error,
             **asdict(own),
         },
         **{key: value[None] for key, value in tensors.items()},
@@ -180,24 +180,15 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     return Segments(plane, signal, start, hop, damping.factor, corrected, notes)
 
 
-@dataclass(frozen=True, eq=False)
-class SegmentMeans:
-    """What the segments leave for a phase rule: ``a``, ``b``, <R> and <R e^{-2 j omega t}>; ``velocity``, half the
-    complex peak amplitude of v into the liner, m/s, all (S, F); ``weights`` of the samples of a segment; ``moments`` of
-    the segments as probes; ``model_error`` of the interpolation over |v|, in R."""
-
-    a: Tensor
-    b: Tensor
-    velocity: Tensor
-    weights: Tensor
-    moments: Moments
-    model_error: float
-
-
 def segment_means(
     plane: VelocityPlane, liner: LinerModel, frequency: Tensor, choices: Choices, window: str
-) -> SegmentMeans:
-    """Read segments, a probe each, (S, n), as ``educe`` reads a plane, under a window; ``frequency`` in Hz, (F,)."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Moments, float]:
+    """What segments, (S, n), read as ``educe`` reads a plane under a window, leave for a phase rule.
+
+    Returns:
+        <R>, <R e^{-2 j omega t}> and half the complex peak amplitude of v into the liner, m/s, (S, F); the window,
+        (n,); the moments, a probe a segment; the error in R of the interpolation over |v|.
+    """
     rate, samples, (kind, orders) = plane.sampling_rate, plane.samples, WINDOWS[window]
     shifts = rate / samples * torch.tensor(list(orders), dtype=torch.float64)  # Hz, (Q,)
     shares = torch.tensor(list(orders.values()), dtype=torch.float64)
@@ -227,18 +218,18 @@ def segment_means(
         b = torch.einsum("q,fqk,fqks->sf", shares.to(c), c, back) / zero - twice / zero * a
         error = interpolation_error(nodes, liner, frequency, known.top_speed(liner))[0]
     velocity = -tone_amplitudes(plane.load().velocity, frequency, rate, weights)
-    return SegmentMeans(a, b, velocity, weights, known, error)
+    return a, b, velocity, weights, known, error
 
 
 def follow_reference(
-    cut: Segments, reference: ReferenceChannel, frequency: Tensor, known: SegmentMeans
+    cut: Segments, reference: ReferenceChannel, frequency: Tensor, weights: Tensor, blocks: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The tone of a reference channel on the clock of the arrivals in the segments, and what of v follows it.
+    """What of v follows a reference channel.
 
     Returns:
         Phase of the reference at each segment's first sample, rad, and half the complex peak amplitude of the v into
-        the liner that follows it, (S, F); squared coherence of the two, over pieces as long as the blocks of ``known``,
-        (F,), 0 where the reference is 0 throughout.
+        the liner that follows it, (S, F); squared coherence of the two, over pieces as long as ``blocks`` of a segment
+        have, (F,), 0 where the reference is 0 throughout.
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
     """
@@ -248,7 +239,7 @@ def follow_reference(
             f"{reference.name} is sampled at {reference.sampling_rate:g} Hz, less than {COARSE:g} times a period of "
             f"{highest:g} Hz; its phase between the samples would be wrong"
         )
-    block = cut.plane.duration / known.moments.survey.blocks.count
+    block = cut.plane.duration / blocks
     values, found = reference.at(grid.times), []
     for f in frequency.tolist():
         piece, apart = block, 0.0 if tone is None else abs(f - tone * max(1, round(f / tone)))
@@ -258,6 +249,6 @@ def follow_reference(
             piece = max(block, min(2 / apart, grid.samples / grid.rate / FEWEST_PIECES))
         at = torch.tensor([f], dtype=torch.float64)
         found.append(transfer_function(values, cut.signal.values, at, grid.rate, segment=piece))
-    amplitude = tone_amplitudes(values.unfold(0, cut.plane.samples, cut.hop), frequency, grid.rate, known.weights)
+    amplitude = tone_amplitudes(values.unfold(0, cut.plane.samples, cut.hop), frequency, grid.rate, weights)
     coherence = torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0)
     return amplitude.angle(), -torch.cat([each.response for each in found]) * amplitude, coherence

@@ -55,8 +55,7 @@ def impedance_at(rho: Tensor) -> Tensor:
 
 
 def like_rigid(rho: Tensor, covariance: Tensor, errors: float = 2.0) -> Tensor:
-    """Whether a rigid wall lies within some standard errors of rho, (...); everything does where the microphones say
-    nothing of the wall, since |1 - rho| of a passive one is at most 2."""
+    """Whether a rigid wall lies within some standard errors of rho, (...)."""
     variance = covariance.diagonal(dim1=-2, dim2=-1).sum(-1)
     return (1 - rho).abs() < errors * variance.clamp(min=0).sqrt()
 
@@ -72,17 +71,12 @@ def impedance_covariance(rho: Tensor, covariance: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class FieldModel:
-    """Responses of a duct to the waves sent into it.
-
-    Args:
-        solver: the duct.  sources: sides that waves are sent from, (K,).  places: x, m, (N,).
-        wall: of the places, ``opposite`` or ``lined``.
-    """
+    """Responses of a duct to the waves sent into it."""
 
     solver: DuctSolver
-    sources: Sequence[str]
-    places: Tensor
-    wall: str
+    sources: Sequence[str]  # sides that waves are sent from, (K,)
+    places: Tensor  # x, m, (N,)
+    wall: str  # of the places, ``opposite`` or ``lined``
 
     def fields(self, rho: Tensor) -> list[DuctField]:
         """For each source, of walls (B, F, 1); warnings of a trial are not passed on."""
@@ -111,12 +105,8 @@ class FieldModel:
             return self.fields(rho)[0].energy.fed
 
     def heard(self, rho: Tensor, amplitude: Tensor, along: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What walls (B, F, 1) and amplitudes (B, F, K) make.
-
-        Returns:
-            Pressure at the places, Pa, (B, F, N), and at ``along`` (m, (X,)), (B, F, X); of the end away from the first
-            source the plane-like mode in over out, (B, F).
-        """
+        """Pressure of walls (B, F, 1) and amplitudes (B, F, K) at the places, Pa, (B, F, N), and at ``along`` (m,
+        (X,)), (B, F, X); of the end away from the first source the plane-like mode in over out, (B, F)."""
         found, end = [], other_side(self.sources[0])
         for some, a in zip(rho.split(TOGETHER), amplitude.split(TOGETHER), strict=True):
             fields = self.fields(some)
@@ -172,8 +162,8 @@ def search(
 
 
 def best_wall(model: FieldModel, pressure: Tensor, weights: tuple[float, float], poor: float) -> Minimum:
-    """The best wall for pressures (B, F, N), with no guess: from a coarse grid of impedances, and from a fine one where
-    chi squared is above ``poor``, since a wrong minimum looks like a wrong duct."""
+    """The best wall for pressures (B, F, N), with no guess: from a coarse grid of impedances, and a fine one where chi
+    squared is above ``poor``, since a wrong minimum looks like a wrong duct."""
     found = from_grid(model, pressure, weights, COARSE)
     again = (found.cost > poor).any(-1)
     if bool(again.any()):

@@ -1,11 +1,9 @@
 """Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
-No mode is singled out and nothing is assumed of the waves in the duct but the equations: reflected and evanescent waves
-of a short liner are part of the model. ``field_model.py`` says what is minimised.
-
-An end that reflects is a wave that comes in there. With the far end ``fitted`` it is a second amplitude, and since the
-field is linear in both, no reflection is iterated on; with the far end ``stated`` it is what the case says, and a
-reflection of 0.05 that the case does not know of moves Z by more than any error of the microphones.
+Reflected and evanescent waves of a short liner are part of the model; ``field_model.py`` says what is minimised. An end
+that reflects is a wave that comes in there. With the far end ``fitted`` it is a second amplitude, in which the field is
+linear; with the far end ``stated`` it is what the case says, and a reflection of 0.05 that the case does not know of
+moves Z by more than any error of the microphones.
 """
 
 from __future__ import annotations
@@ -71,11 +69,10 @@ def fit_field(
         The fit, without gradients.
     Raises:
         ValueError: too few microphones (four; three with the far end stated) or one outside the duct, an error below
-            1e-4, a solver for other frequencies, another height, Mach number, sound speed or liner, or with several
-            patches; a stated far end whose reflection is stated for a source on the other side.
+            1e-4, a solver for another duct, frequency or liner, or with several patches; a stated far end whose
+            reflection is stated for a source on the other side.
     Warns:
-        DataWarning: the answer is doubtful; the same text is in ``notes``, with a code: unsettled, model-misfit,
-            rigid-wall, near-rigid-wall, active-wall, active-end, growing-wave, lost-draws.
+        DataWarning: the answer is doubtful; the same text is in ``notes``, with a code.
     """
     require_choice("far_end", far_end, FAR_ENDS)
     assumed = MicrophoneErrors(**errors)
@@ -85,20 +82,10 @@ def fit_field(
     model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
     weights = (1 / assumed.parts[0], 1 / assumed.parts[1])
     freedom = 2 * (line.microphones - waves - 1)
-    choices = {
-        "method": "field",
-        "wall": wall,
-        "far_end": far_end,
-        **assumed.choices,
-        "largest_misfit": largest_misfit(freedom, CONTRADICTED),
-        "draws": assumed.draws,
-        "source_side": line.source_side,
-        "source": line.name,
-        "microphones": line.microphones,
-        "mach": float(solver.case.profile.bulk_mach),
-        "unknowns": solver.mesh.unknowns,
-        "version": __version__,
-    }
+    choices = {"method": "field", "wall": wall, "far_end": far_end, **assumed.choices, "draws": assumed.draws}
+    choices |= {"largest_misfit": largest_misfit(freedom, CONTRADICTED), "source_side": line.source_side}
+    choices |= {"source": line.name, "microphones": line.microphones, "mach": float(solver.case.profile.bulk_mach)}
+    choices |= {"unknowns": solver.mesh.unknowns, "version": __version__}
     pressure = line.pressure.detach().to(torch.complex128)
     target = _cases(pressure)
     if start is None:

@@ -1,10 +1,10 @@
 r"""Impedance from evenly spaced microphones: Kumaresan and Tufts' wavenumber, then the dispersion relation.
 
 Damped exponentials :math:`p_n = \sum_k a_k\lambda_k^n`, conjugated and read backwards, obey
-:math:`p^*_n = -\sum_{l=1}^{L} b_l\,p^*_{n+l}`, and each :math:`1/\lambda_k^*` is a root of
-:math:`z^L + b_1 z^{L-1} + \dots + b_L`, outside the unit circle, the L - K roots that stand for nothing inside. Solved
-through the K largest singular values. Of the K exponentials that run with the source the one with most energy is the
-wave whose impedance is returned; a short liner's reflected and higher waves fold into it (``docs/wall_pressure.md``).
+:math:`p^*_n = -\sum_{l=1}^{L} b_l\,p^*_{n+l}`, solved through the K largest singular values, and each
+:math:`1/\lambda_k^*` is a root of :math:`z^L + b_1 z^{L-1} + \dots + b_L` outside the unit circle. Of the exponentials
+that run with the source the one with most energy is the wave whose impedance is returned; a short liner's reflected and
+higher waves fold into it (``docs/wall_pressure.md``).
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ def kumaresan_tufts(
             source or Mach number.
         RuntimeError: no wave runs with the source at any frequency.
     Warns:
-        DataWarning: the answer is doubtful; the same text is in ``notes``, with a code: higher-modes, aliasing,
-            no-wave, lost-draws, source-side, conjugated-phases, rigid-wall, active-wall, model-misfit.
+        DataWarning: the answer is doubtful; the same text is in ``notes``, with a code.
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
     seen = seen_from_source(line.over_liner(margin), source_side)
@@ -63,7 +62,7 @@ def kumaresan_tufts(
     length = seen.line.microphones // 2 if order is None else whole_number("order", order)
     if order is None and rank > length > 0:
         count = f"{seen.line.microphones} microphones allow an order of {length}, half of them, below the rank, {rank}"
-        raise ValueError(f"{line.name}: {count}; use at least {2 * rank} microphones, or keep fewer waves (rank)")
+        raise ValueError(f"{line.name}: {count}; use {2 * rank} microphones, or keep fewer waves (rank)")
 
     def waves_of(pressure: Tensor) -> Waves:
         found = find_exponentials(pressure.movedim(-2, -1), rank, length)
@@ -100,16 +99,11 @@ class Exponentials(NamedTuple):
 
 
 def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
-    r"""Ratios and amplitudes of K exponentials by backward linear prediction.
+    """Ratios and amplitudes of K exponentials of signals (..., N) by backward linear prediction.
 
-    Args:
-        signal: complex, (..., N).
-        rank: K, 1 to L.
-        order: L, at most N/2.
     Raises:
-        ValueError: rank or order out of range.
-    Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833, the method that Watson et al. (2015) and section 5.5.5
-        of Roncen et al. (2026) use; neither rank nor order is stated there.
+        ValueError: ``rank``, K, is not 1 to L; ``order``, L, is above N/2.
+    Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833.
     """
     samples = signal.shape[-1]
     if order < 1 or samples < 2 * order:

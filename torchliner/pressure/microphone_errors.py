@@ -103,13 +103,10 @@ def draw_pressures(
     scale: Tensor | None = None,
     freedom: float = math.inf,
 ) -> Tensor:
-    """Pressures with errors, (D, ..., N, F).
+    """Complex pressures (..., N, F) with errors, (D, ..., N, F), as of ``MicrophoneErrors``.
 
     Args:
-        pressure: complex, Pa, (..., N, F).  draws: D.  generator: of random numbers, on the CPU.
-        level_error, phase_error: standard deviations, dB and degrees.
-        scale: factor of both errors, (..., F); where it is above 1 it was estimated.
-        freedom: real degrees of freedom behind it.
+        scale: factor of both errors, (..., F); above 1 it was estimated with ``freedom`` real degrees of freedom.
     Source: Roncen et al. (2026), section 5.5.5: 0.1 dB, 0.1 degrees, 500 realisations, no misfit.
     """
     level, phase = MicrophoneErrors(level_error, phase_error).parts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import torch
 from torch import Tensor
@@ -22,7 +21,6 @@ HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
 ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 Notes = tuple[Note, ...]
-Where = Mapping[str, tuple[Tensor, str]]  # by code: where it holds, (..., F), and what is said of it
 
 
 def wave_notes(result: WallEduction, freedom: float) -> Notes:
@@ -37,56 +35,49 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
     against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
     # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
     sign, spacing = 1 if result.source_side == "upstream" else -1, choices.get("spacing", 0.0)
-    along = 1 + sign * choices["mach"]
+    along, side = 1 + sign * choices["mach"], result.source_side
     highest = choices["sound_speed"] * along / (2 * spacing) if spacing else math.inf
     k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
     rigid = ((result.wavenumber - sign * k / along).abs() * span < LIKE_RIGID) & (z.abs() > HARD)
     weak, feeds = result.energy_share < LEAST_SHARE, z.real < FEEDS
-    poor, limit, errors = _poor(result, freedom)
+    poor, misfit = _misfit(result, max(largest_misfit(freedom, POOR / z.numel()), choices["largest_misfit"]))
     poor &= residual > ROUNDING
     size = None
     if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
         spread = result.standard_error if result.draws is None else result.standard_deviation
         size = float(spread[poor].abs().max())
-    where = {
-        "aliasing": (
-            result.frequency >= highest,
-            f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a rigid "
-            "duct's wave; wavenumbers may be off by 2 pi/spacing",
-        ),
-        "no-wave": (
-            ~torch.isfinite(result.wavenumber),
-            f"no wave runs away from a source {result.source_side}; they are nan",
-        ),
-        "source-side": (
+    all_of_them = against & (2 * against.sum() > against.numel())
+    rows = [
+        ("aliasing", result.frequency >= highest, f"above {highest:.4g} Hz wavenumbers may be off by 2 pi/spacing"),
+        ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; they are nan"),
+        (
+            "source-side",
             weak,
-            f"the wave that runs away from a source {result.source_side} has at worst "
-            f"{least(result.energy_share, weak):.2g} of the energy of the strongest wave: the source may be on the "
-            "other side (source_side), or phases be those of exp(-j omega t)",
+            f"the wave that runs away from a source {side} has at worst {least(result.energy_share, weak):.2g} of the "
+            "energy of the strongest wave: the source may be on the other side, or phases be of exp(-j omega t)",
         ),
-        "conjugated-phases": (
-            against & (2 * against.sum() > against.numel()),
-            "the strongest wave grows where its phase runs to: the phases look conjugated; exp(+j omega t) is needed",
-        ),
-        "rigid-wall": (
+        ("conjugated-phases", all_of_them, "the phases look conjugated; exp(+j omega t) is needed"),
+        (
+            "rigid-wall",
             rigid,
             f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall looks rigid, "
             f"and the impedance, |Z| {least(z.abs(), rigid):.3g} and more, is only hard",
         ),
-        "active-wall": (
+        (
+            "active-wall",
             feeds,
             f"the resistance is negative, {least(z.real, feeds):.3g} at least: the wave gains energy at the wall, or "
             "is not the one assumed",
         ),
-        "model-misfit": (
+        (
+            "model-misfit",
             poor,
-            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, "
-            f"{most(result.misfit, poor) ** 0.5:.3g} times what {choices['level_error']:g} dB and "
-            f"{choices['phase_error']:g} degrees leave (limit {limit**0.5:.3g}): other waves, or errors of {errors}, "
-            "which draws take; compare ranks, margins and methods",
+            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, {misfit}, which draws take: "
+            "there are other waves, or larger errors; compare ranks, margins and methods",
         ),
-    }
-    found = [*duct_notes(result.line), *_lost_draws(result), *_noted(result, where, size)]
+    ]
+    found = [*duct_notes(result.line), *_lost_draws(result)]
+    found += [_note(result, *row, size if row[0] == "model-misfit" else None) for row in rows if bool(row[1].any())]
     if choices.get("unsettled"):
         text = f"{choices['unsettled']} of {z.numel()} fits did not settle; their waves may not be the best"
         found.insert(0, Note("unsettled", f"{choices['source']}: {text}"))
@@ -102,35 +93,37 @@ def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) ->
         gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
     """
     assert result.freedom is not None
-    end, settled = result.end_reflection.abs(), result.converged
-    feeds = (result.impedance.real < FEEDS) & ~(rigid & settled)
-    poor, limit, errors = _poor(result, result.freedom)
-    where = {
-        "unsettled": (~settled, "the fit did not settle; Z is the best one met"),
-        "model-misfit": (
+    end, settled, z = result.end_reflection.abs(), result.converged, result.impedance
+    feeds = (z.real < FEEDS) & ~(rigid & settled)
+    poor, misfit = _misfit(result, largest_misfit(result.freedom, POOR / z[..., 0].numel()))
+    rows = [
+        ("unsettled", ~settled, "the fit did not settle; Z is the best one met"),
+        (
+            "model-misfit",
             poor,
-            f"the residuals are {most(result.misfit, poor) ** 0.5:.3g} times the stated errors of the microphones "
-            f"(limit {limit**0.5:.3g}): duct, flow, far end or wall ({result.choices['wall']}) are not those of the "
-            f"measurement, this is not the deepest minimum (--start, start=), or the errors are {errors}, which error "
-            "bars take",
+            f"the residuals are {misfit}, which error bars take: duct, flow, far end or wall "
+            f"({result.choices['wall']}) are not those of the measurement, or this is not the deepest minimum (start=)",
         ),
-        "rigid-wall": (
+        (
+            "rigid-wall",
             rigid & settled,
             "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
         ),
-        "near-rigid-wall": (
+        (
+            "near-rigid-wall",
             hard & ~rigid & settled,
             "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
         ),
-        "active-wall": (feeds, f"the resistance is {least(result.impedance.real, feeds):.3g}, below 0"),
-        "active-end": (end > GAINS, f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
-        "growing-wave": (
+        ("active-wall", feeds, f"the resistance is {least(z.real, feeds):.3g}, below 0"),
+        ("active-end", end > GAINS, f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
+        (
+            "growing-wave",
             gains > 0,
             f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the energy that comes "
             "in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
         ),
-    }
-    return (*_noted(result, where), *_lost_draws(result))
+    ]
+    return (*(_note(result, *row) for row in rows if bool(row[1].any())), *_lost_draws(result))
 
 
 def duct_notes(line: MicrophoneLine) -> Notes:
@@ -148,16 +141,17 @@ def duct_notes(line: MicrophoneLine) -> Notes:
     return tuple(notes)
 
 
-def _poor(result: WallEduction | FieldFit, freedom: float) -> tuple[Tensor, float, str]:
-    """Where the model does not fit, (..., F), from which misfit on, and the errors that are used there."""
+def _misfit(result: WallEduction | FieldFit, limit: float) -> tuple[Tensor, str]:
+    """Where the misfit is above a limit, (..., F), and what it says of the errors."""
     assert result.misfit is not None
-    cases = result.misfit.numel() if isinstance(result, WallEduction) else result.misfit[..., 0].numel()
-    limit = largest_misfit(freedom, POOR / cases)
-    if isinstance(result, WallEduction):
-        limit = max(limit, result.choices["largest_misfit"])
-    poor = result.misfit > limit
+    poor, choices = result.misfit > limit, result.choices
     level, phase = (most(used, poor) for used in result.used_errors)
-    return poor, limit, f"{level:.2g} dB and {phase:.2g} degrees"
+    stated = f"times the {choices['level_error']:g} dB and {choices['phase_error']:g} degrees stated"
+    limits = f"(limit {limit**0.5:.3g})"
+    return (
+        poor,
+        f"{most(result.misfit, poor) ** 0.5:.3g} {stated} {limits}, as of {level:.2g} dB and {phase:.2g} degrees",
+    )
 
 
 def _lost_draws(result: WallEduction | FieldFit) -> Notes:
@@ -168,17 +162,11 @@ def _lost_draws(result: WallEduction | FieldFit) -> Notes:
     return (Note("lost-draws", f"{result.choices['source']}: {text}"),)
 
 
-def _noted(result: WallEduction | FieldFit, where: Where, misfit: float | None = None) -> Notes:
-    """A warning for each code that holds anywhere: how often, where first, and what; ``misfit``: how far Z may be off
-    by a misfit of the model."""
-    notes = []
-    for code, (which, said) in where.items():
-        if bool(which.any()):
-            first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
-            place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
-            size = misfit if code == "model-misfit" else None
-            notes.append(Note(code, f"{result.choices['source']}: {place}, {said}", size))
-    return tuple(notes)
+def _note(result: WallEduction | FieldFit, code: str, which: Tensor, said: str, size: float | None = None) -> Note:
+    """Of a code that holds somewhere: how often, where first, and what; ``size``: how far Z may be off by it."""
+    first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
+    place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
+    return Note(code, f"{result.choices['source']}: {place}, {said}", size)
 
 
 def least(values: Tensor, which: Tensor) -> float:

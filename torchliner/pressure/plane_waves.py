@@ -93,8 +93,7 @@ def decompose_waves(
         velocities: use the velocities at the microphones as well.
         cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``Tones``.
     Raises:
-        ValueError: microphones are missing, too few or half a wavelength apart; one has no pressure; the record is too
-            short; a frequency is at or above Nyquist.
+        ValueError: as ``Tones``; microphones are missing, too few or half a wavelength apart; one has no pressure.
     Warns:
         DataWarning: badly conditioned, or not two plane waves; the same text is in ``notes``.
     """
@@ -165,8 +164,7 @@ def sort_waves(
             it.
         source_side: ``upstream`` or ``downstream``; default what the line says.
     Raises:
-        ValueError: fewer than two microphones, microphones half a wavelength apart, no known side of the source, a
-            place that is not finite.
+        ValueError: fewer than two microphones or half a wavelength apart, no known side of the source.
     Warns:
         DataWarning: badly conditioned, or higher modes cut on; the same text is in ``notes``.
     """
@@ -192,8 +190,7 @@ def sort_waves(
 
 
 def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
-    """k+ (towards the surface) and k- (away from it), 1/m, (F,), of frequencies, Hz, with a mean flow of Mach number
-    \\|M\\| < 1 away from the surface."""
+    """k+ (towards the surface) and k- (away from it), 1/m, (F,), with a mean flow away from the surface."""
     if not abs(mach) < 1:
         raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
     k = 2 * torch.pi * frequency / sound_speed
@@ -239,10 +236,9 @@ def split_waves(
     if float(condition[worst]) >= SINGULAR:
         half = sound_speed * (1 - mach**2) / (2 * float(frequency[worst]))
         span = float(places.max() - places.min())
-        raise ValueError(
-            f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz: their spacing is "
-            f"{span / half:.4g} times half a wavelength, {1e3 * half:.4g} mm; take another frequency or another pair"
-        )
+        apart = f"their spacing is {span / half:.4g} times half a wavelength, {1e3 * half:.4g} mm"
+        where = f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz"
+        raise ValueError(f"{where}: {apart}; take another frequency or another pair")
     right = measured.movedim(-1, -2)  # (..., F, equations)
     _, waves, left = solve_linear(rows, right)
     residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)

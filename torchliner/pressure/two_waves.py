@@ -39,19 +39,13 @@ def two_wave_fit(
     margin: float = 0.0,
     **errors: Any,
 ) -> WallEduction:
-    """Impedance by least squares over a wave with the source and one against it.
+    """Impedance by least squares over a wave with the source and one against it, the first two of ``modes``.
 
     Args:
         line: microphones at any places; those over the liner are used, all if it names no liner.
         source_side, condition, margin, errors: as for ``kumaresan_tufts``.
-        tied: both wavenumbers belong to one impedance; else each is free, and the impedance is that of the wave with
-            the source.
-    Returns:
-        Wavenumbers of both waves in ``modes``, the one with the source first.
-    Raises:
-        ValueError: fewer than four microphones (five if free), as for ``kumaresan_tufts``.
-    Warns:
-        DataWarning: as for ``kumaresan_tufts``; unsettled: a fit did not settle.
+        tied: both wavenumbers belong to one impedance; else each is free, and it is that of the wave with the source.
+    Raises, Warns: as ``kumaresan_tufts``; fewer than four microphones (five if free); fits that did not settle.
     """
     seen = seen_from_source(line.over_liner(margin), source_side)
     count, fewest = seen.line.microphones, FEWEST + (not tied)

@@ -42,11 +42,8 @@ class FromSource(NamedTuple):
 
 
 def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSource:
-    """The line along s; ``source_side`` None is what the line says.
-
-    Raises:
-        ValueError: the side of the source or the Mach number is not known.
-    """
+    """The line along s; ``source_side`` None is what the line says; ValueError where that or the Mach number is not
+    known."""
     side = line.source_side if source_side is None else source_side
     if side not in SOURCES:
         raise ValueError(f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream'")
@@ -89,22 +86,13 @@ def educe_waves(
     require_choice("condition", condition, CONDITIONS)
     line, pressure, count, spare = seen.line, seen.pressure, seen.line.microphones, seen.line.microphones - unknowns
     freedom = errors.freedom(spare)
-    choices = {
-        **choices,
-        "condition": condition,
-        "source_side": seen.source_side,
-        "source": line.name,
-        "microphones": count,
-        "mach": line.stated_mach,
-        "sound_speed": float(line.fluid.sound_speed),
-        "version": __version__,
-        **errors.choices,
-        "largest_misfit": largest_misfit(freedom, CONTRADICTED),
-    }
+    duct = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
+    choices = choices | {"condition": condition, "source_side": seen.source_side, "source": line.name}
+    choices |= {"microphones": count, "mach": line.stated_mach, "sound_speed": float(line.fluid.sound_speed)}
+    choices |= {"version": __version__, **errors.choices, "largest_misfit": largest_misfit(freedom, CONTRADICTED)}
 
     def impedance_of(waves: Waves) -> Tensor:
         frequency = line.frequency.to(waves.wavenumber.device)
-        duct = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
         return impedance_from_wavenumber(waves.wavenumber, frequency, **duct, condition=condition)
 
     def record_of(pressure: Tensor) -> WallEduction:
@@ -131,10 +119,8 @@ def educe_waves(
 
     result = record_of(pressure)
     if not bool(torch.isfinite(result.wavenumber).any()):
-        raise RuntimeError(
-            f"{line.name}: none of the waves found runs away from a source {seen.source_side}; it may be on the other "
-            "side, or the phases of the other sign (exp(+j omega t) is needed)"
-        )
+        text = f"none of the waves found runs away from a source {seen.source_side}; it may be on the other side"
+        raise RuntimeError(f"{line.name}: {text}, or the phases of the other sign (exp(+j omega t) is needed)")
     if spare > 0 and pressure.ndim == 2:
         # Slopes of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions,
         # of all microphones as one batch.
