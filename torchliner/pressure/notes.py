@@ -48,7 +48,12 @@ def wave_notes(result: WallEduction, freedom: float) -> Notes:
         size = float(spread[poor].abs().max())
     all_of_them = against & (2 * against.sum() > against.numel())
     rows = [
-        ("aliasing", result.frequency >= highest, f"above {highest:.4g} Hz wavenumbers may be off by 2 pi/spacing"),
+        (
+            "aliasing",
+            result.frequency >= highest,
+            f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a rigid "
+            "duct's wave; wavenumbers may be off by 2 pi/spacing",
+        ),
         ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; they are nan"),
         (
             "source-side",
