@@ -68,7 +68,7 @@ def test_coincident_export(tmp_path, how):
     assert record.transit_time.tolist() == pytest.approx([2e-5, 1e-5, 4e-5], rel=1e-12)
     assert record.streamwise.tolist() == [30.25, 31.5, 28.0]
     assert record.wall_normal.tolist() == [-0.5, 0.25, 1.0]
-    assert record.position == pytest.approx((1e-3, -2.5e-3, 5e-4))
+    assert (record.x, record.y, record.z) == pytest.approx((1e-3, -2.5e-3, 5e-4))
     assert (record.frequency, record.dropped) == (1500, {})
     assert record.provenance["channels"] == {"LDA1": "streamwise", "LDA2": "wall_normal"}
 

@@ -18,7 +18,7 @@ import numpy as np
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID
 from torchliner.io.hdf5 import set_texts, write_references
-from torchliner.io.tables import Axes, dims_of, new_file, write_attribute, write_row, write_variables
+from torchliner.io.tables import dims_of, new_file, write_attribute, write_row, write_variables
 from torchliner.names import RESULT_WRITERS, resolve
 from torchliner.records.declared import PARTS, Part, Variable, flat, parts_of
 from torchliner.records.outlets import Result
@@ -59,18 +59,12 @@ def _fill_groups(group: h5py.Group, stem: str, several: Sequence[Any]) -> None:
         fill(group.create_group(f"{stem}_{i}"), one)
 
 
-def fill(group: h5py.Group, record: Any, unsaid: Sequence[str] = (), axes: Axes | None = None) -> None:
-    """A record into an open file, or a group of one; coordinates first, then what stands along them.
-
-    Args:
-        group: where to.
-        record: what.
-        unsaid: fields that are left out.
-        axes: default those of the record.
-    """
+def fill(group: h5py.Group, record: Any, unsaid: Sequence[str] = ()) -> None:
+    """A record but its fields ``unsaid`` into an open file, or a group of one; coordinates first, then what stands
+    along them."""
     if hasattr(record, "SCHEMA"):
         set_texts(group, schema=record.SCHEMA)
-    axes = getattr(record, "axes", {}) if axes is None else axes
+    axes = getattr(record, "axes", {})
     rows = [(row, value) for row, value in flat(record) if row.field not in unsaid]
     for row, value in sorted(rows, key=lambda each: dims_of(each[0], axes) != [each[0].name]):
         if row.name not in group or row.kind != "text":  # averagings stand there once

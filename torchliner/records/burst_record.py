@@ -82,13 +82,6 @@ class BurstRecord(Written, OfOneTone):
         return {n: getattr(self, n) for n in COMPONENTS if getattr(self, n) is not None}
 
     @property
-    def position(self) -> tuple[float, float, float] | None:
-        """(x, y, z), m, if all three are known."""
-        if self.x is None or self.y is None or self.z is None:
-            return None
-        return (self.x, self.y, self.z)
-
-    @property
     def weights(self) -> Tensor:
         """Transit times, s, or ones where none were recorded or all are 0, (N,)."""
         if self.transit_time is None or not bool((self.transit_time > 0).any()):

@@ -20,6 +20,7 @@ from torchliner.records.outlets import Reported, Written
 
 FINE = 201  # places of a level along the microphones
 LEVEL = 0.95  # of the interval in the file
+INTERVAL = f"{100 * LEVEL:g} % statistical interval"
 EACH = ("draws", "frequency")
 
 
@@ -58,15 +59,9 @@ class DrawnImpedance(Written, Reported):
     )
 
     DERIVED: ClassVar[tuple[Variable, ...]] = (
-        Variable(
-            "low", dims=("frequency",), name="{}_low", text=f"lower bound, {100 * LEVEL:g} % statistical interval"
-        ),
-        Variable(
-            "high", dims=("frequency",), name="{}_high", text=f"upper bound, {100 * LEVEL:g} % statistical interval"
-        ),
-        Variable(
-            "deviation", dims=("frequency",), name="{}_deviation", text="standard deviation, by draws or first order"
-        ),
+        Variable("low", "1", ("frequency",), name="{}_low", text=f"lower bound, {INTERVAL}"),
+        Variable("high", "1", ("frequency",), name="{}_high", text=f"upper bound, {INTERVAL}"),
+        Variable("deviation", "1", ("frequency",), name="{}_deviation", text="standard deviation, or to first order"),
     )
     GROUPS: ClassVar = ("torchliner wall 1", "eduction")  # schema of a file of several, name of each
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,7 +11,6 @@ from torchliner.records.declared import part, record, var
 
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
 DEGREES_PER_DB = math.degrees(math.log(10) / 20)  # of equal weight in a complex ratio: 6.6
-FACTS = ("averaging", "known", "kind", "limit", "uncertainty", "confidence")  # plain fields
 PASSES, INCONCLUSIVE, FAILS = "passes", "inconclusive", "fails"
 
 
@@ -125,23 +123,6 @@ class LevelCheck:
             f"{float(self.pressure_level[index]) + off:.1f} dB, which Z and velocity imply"
         )
         return f"{start}. {excluded}; {tried}"
-
-    def plain(self, frequency: list[float]) -> dict[str, Any]:
-        """For JSON."""
-        rows = [
-            {
-                "averaging": averaging,
-                "frequency": f,
-                "verdict": self.verdict(averaging, i),
-                **self.liner.at(o, i),
-                "sentence": self.sentence(averaging, f, i),
-                "cells": [self.cells.at(o, c, i) for c in range(self.cells.level.shape[1])],
-            }
-            for o, averaging in enumerate(self.averagings)
-            for i, f in enumerate(frequency)
-        ]
-        facts = {name: getattr(self, name) for name in FACTS}
-        return facts | {"pressure_level": self.pressure_level.tolist(), "failed": self.failed, "rows": rows}
 
 
 def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:

@@ -33,30 +33,39 @@ class Summarised:
         """'ImpedanceMap 'title': 2 x 3 probes, 1 cell, 1400 Hz'."""
         of: Any = getattr(self, "plane", self)
         title = f" {of.title!r}" if getattr(of, "title", "") else ""
+        rows = [(row.dims[0], getattr(of, row.field)) for row in variables_of(type(of)) if len(row.dims) == 1]
+        sizes = {dim: tuple(each.shape) for dim, each in rows if isinstance(each, Tensor) and dim not in UNSAID}
         if hasattr(of, "probe_shape"):
-            words = [shape_words(of.probe_shape, "probe"), f"{of.samples} samples at {of.sampling_rate:g} Hz"]
-        else:
-            rows = [(row.dims[0], getattr(of, row.field)) for row in variables_of(type(of)) if len(row.dims) == 1]
-            sizes = {dim: tuple(each.shape) for dim, each in rows if isinstance(each, Tensor) and dim not in UNSAID}
-            words = [shape_words(shape, dim.removesuffix("s")) for dim, shape in sizes.items()]
-            if isinstance(of.frequency, Tensor):
-                words.append(frequency_words(of.frequency))
+            sizes = {"probe": of.probe_shape}
+        words = [_count(shape, dim.removesuffix("s")) for dim, shape in sizes.items()]
+        if hasattr(of, "sampling_rate"):
+            words.append(f"{of.samples} samples at {of.sampling_rate:g} Hz")
+        if isinstance(f := of.frequency, Tensor):
+            several = f"{len(f)} frequencies, {float(f.min()):g} to " if len(f) > 1 else ""
+            words.append(f"{several}{float(f.max()):g} Hz")
         return f"{type(self).__name__}{title}: {', '.join(words)}"
 
     def _facts(self) -> Facts:
-        """Z at each frequency, or what is stated."""
+        """Z at each frequency, with the bounds of its interval, or what is stated."""
         of: Any = getattr(self, "plane", self)
-        if (known := self._answer()) is not None:
-            return impedance_facts(of.frequency, *known)
-        stated = [(row, getattr(of, row.field)) for row in variables_of(type(of)) if not row.dims]
-        return [
-            *((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))),
-            *(
-                (row.field, f"{float(value):g} {row.unit}".removesuffix(" 1"))
-                for row, value in stated
-                if value is not None
-            ),
-        ]
+        if (known := self._answer()) is None:
+            stated = [(row, getattr(of, row.field)) for row in variables_of(type(of)) if not row.dims]
+            return [
+                *((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))),
+                *(
+                    (row.field, f"{float(each):g} {row.unit}".removesuffix(" 1"))
+                    for row, each in stated
+                    if each is not None
+                ),
+            ]
+        impedance, interval, level = known
+        texts = [f"Z = {z:.3f}" for z in impedance.tolist()]
+        if interval is not None and level is not None:
+            for i in range(len(texts)):
+                low, high = interval.bounds(i)
+                texts[i] += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}"
+                texts[i] += f", X {low.imag:.3f} to {high.imag:.3f}"
+        return [(f"{f:g} Hz", text) for f, text in zip(of.frequency.tolist(), texts, strict=True)]
 
     def __repr__(self) -> str:
         facts = self._facts()
@@ -162,25 +171,7 @@ class DrawnAtFrequency(Drawn):
         return self._draw(path, ax, frequency_index=index)
 
 
-def shape_words(shape: tuple[int, ...], noun: str) -> str:
+def _count(shape: tuple[int, ...], noun: str) -> str:
     """'2 x 3 probes'."""
     count = " x ".join(map(str, shape)) or "1"
     return f"{count} {noun}{'' if count == '1' else 's'}"
-
-
-def frequency_words(frequency: Tensor) -> str:
-    """'1400 Hz', or how many from where to where."""
-    low, high = float(frequency.min()), float(frequency.max())
-    return f"{low:g} Hz" if len(frequency) == 1 else (f"{len(frequency)} frequencies, {low:g} to {high:g} Hz")
-
-
-def impedance_facts(frequency: Tensor, impedance: Tensor, interval: Any = None, level: float | None = None) -> Facts:
-    """Z at each frequency, with the bounds of a statistical interval where there is one."""
-    found = []
-    for i, (f, z) in enumerate(zip(frequency.tolist(), impedance.tolist(), strict=True)):
-        text = f"Z = {z:.3f}"
-        if interval is not None and level is not None:
-            low, high = interval.bounds(i)
-            text += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}, X {low.imag:.3f} to {high.imag:.3f}"
-        found.append((f"{f:g} Hz", text))
-    return found

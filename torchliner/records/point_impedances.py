@@ -72,11 +72,6 @@ class PointImpedances(Result):
         known = self.uncertainty
         return None if known is None else getattr(known, f"liner{order}").bounds(index)
 
-    def bounds_of_cell(self, cell: int, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
-        """Of one cell's statistical interval; as ``bounds_of_liner``."""
-        known = self.uncertainty
-        return None if known is None else getattr(known, f"cells{order}").bounds(cell, index)
-
     def at(self, frequency: float) -> int | None:
         """Index of a frequency (Hz), None if it is not among these."""
         return index_of_frequency(self.frequency, frequency)

@@ -133,9 +133,21 @@ class VelocityPlane(Drawn, AtProbes):
     def scaled(self, length: float, velocity: float) -> VelocityPlane:
         """The same flow with lengths and velocities times a factor each; time scales by length/velocity, and
         incident_level, of the velocities as they were, is left out, with a ``DataWarning``."""
-        loaded, numbers = self.load(), scaled_numbers(self, length, velocity)
-        streamwise = None if loaded.streamwise is None else loaded.streamwise * velocity
-        return replace(loaded, velocity=loaded.velocity * velocity, streamwise=streamwise, **numbers)
+        require_positive("length scale", length)
+        require_positive("velocity scale", velocity)
+        loaded, per_time = self.load(), velocity / length
+        factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
+        factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time, "start": 1 / per_time}
+        factors |= {"velocity": velocity, "streamwise": velocity}
+        known = {name: (getattr(loaded, name), factor) for name, factor in factors.items()}
+        level = self.incident_level if velocity == 1 else None
+        if level != self.incident_level:
+            tell(
+                f"{self.name}: incident_level, {self.incident_level:g} dB, is that of the velocities before they were "
+                "scaled and is left out; state incident_level=... of those after"
+            )
+        scaled = {name: value * factor for name, (value, factor) in known.items() if value is not None}
+        return replace(loaded, incident_level=level, **scaled)
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""
@@ -149,20 +161,3 @@ def restated(plane: VelocityPlane, facts: Mapping[str, Any]) -> VelocityPlane:
     said = {name: fact for name, fact in facts.items() if isinstance(fact, str | int | float)}
     told = {"restated": said} if said else {}
     return replace(plane, **facts, provenance={**plane.provenance, **told})
-
-
-def scaled_numbers(plane: VelocityPlane, length: float, velocity: float) -> dict[str, Any]:
-    """Of ``VelocityPlane.scaled`` all but the velocities: lengths, areas, rates and times."""
-    require_positive("length scale", length)
-    require_positive("velocity scale", velocity)
-    per_time = velocity / length
-    factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
-    factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time, "start": 1 / per_time}
-    found = {name: value * factor for name, factor in factors.items() if (value := getattr(plane, name)) is not None}
-    if velocity != 1 and plane.incident_level is not None:
-        tell(
-            f"{plane.name}: incident_level, {plane.incident_level:g} dB, is that of the velocities "
-            "before they were scaled and is left out; state incident_level=... of those after"
-        )
-        found["incident_level"] = None
-    return found
