@@ -68,7 +68,6 @@ def main() -> None:
         picture = FIGURES / f"audit_{case.split('_')[1]}.png"
         torchliner(["audit", *names, "--quiet", "--figure", str(picture)])
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
-    torchliner(["liner", "onera", "polito", "--figure", str(FIGURES / "liners_linear.png")])
     reasons = [truth_page.reasons_of(case) for case in truth_page.REASONED]
     rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
     truth_page.draw(rows, reasons, FIGURES)

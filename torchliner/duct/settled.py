@@ -1,8 +1,7 @@
 """A duct solved on two meshes at least: by how much a finer one moves the answer.
 
 The answer is that of the coarsest mesh which the next one confirms, so that a duct whose mesh was fine enough keeps its
-numbers. Each next mesh has 1.5 times the columns and rows and half the cell at the walls, and columns that resolve the
-growing wave, if there is one, as far as ``NARROWEST`` goes.
+numbers. Each next mesh has 1.5 times the columns and rows and half the cell at the walls.
 """
 
 from __future__ import annotations
@@ -18,13 +17,12 @@ from torchliner.checks import frequency_tensor, noted, tell
 from torchliner.duct.case import DuctCase
 from torchliner.duct.field import DuctField
 from torchliner.duct.growing_wave import growth_over_liner
-from torchliner.duct.mesh import FEWEST, DuctMesh, build_mesh
+from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.solver import DuctSolver
 
 SETTLED, REFUSED = 0.05, 1.0  # dB
 MOST_GROWTH = 100.0  # dB over the liner: beyond, a field of linear sound has no meaning
 FINER, THINNER = 1.5, 2.0  # columns and rows; cells at the walls
-NARROWEST = 6.0  # of the height over a column, for a growing wave
 TRIES = 2  # meshes beyond the first
 WEAK = 20.0  # dB below the loudest microphone: the levels of standing-wave nodes are not compared
 DEGREE = 4
@@ -64,7 +62,7 @@ def solve_settled(
         field = DuctSolver(case, wanted, mesh).solve(impedance)
         moved, unknowns = torch.full(wanted.shape, math.nan, dtype=torch.float64), None
         for step in range(1, TRIES + 1) if mesh is None else ():
-            other = DuctSolver(case, wanted, _finer_mesh(case, wanted, step, growing)).solve(impedance)
+            other = DuctSolver(case, wanted, _finer_mesh(case, wanted, step)).solve(impedance)
             moved, unknowns = _difference(field, other, torch.as_tensor(places), wall), other.mesh.unknowns
             if float(moved.max()) <= SETTLED:
                 break
@@ -77,15 +75,11 @@ def solve_settled(
     return replace(field, **about, notes=tuple(notes))
 
 
-def _finer_mesh(case: DuctCase, frequency: Tensor, step: int, growing: Tensor) -> DuctMesh:
-    """The mesh ``step`` times refined, its columns fit for a growing wave alpha (1/m, (F,))."""
+def _finer_mesh(case: DuctCase, frequency: Tensor, step: int) -> DuctMesh:
+    """The mesh ``step`` times refined."""
     highest = float(frequency.max())
     first = build_mesh(case, highest, degree=DEGREE)
     rows, column = first.y[1:] - first.y[:-1], float(first.widths.max()) / FINER**step
-    fastest = float(torch.nan_to_num(growing.real).max())
-    if fastest > 0:
-        needed = 2 * math.pi / fastest * (DEGREE + 1) / FEWEST[DEGREE] / FINER ** (step - 1)
-        column = min(column, max(needed, case.height / NARROWEST / 5))
     row, wall = float(rows.max()) / FINER**step, float(rows[0]) / THINNER**step
     return build_mesh(case, highest, degree=DEGREE, column=column, row=row, wall_cell=wall)
 

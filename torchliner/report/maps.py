@@ -12,7 +12,7 @@ from torchliner.records import ImpedanceMap
 from torchliner.records.holes import Holes, merged_bands
 from torchliner.report import figure as look
 from torchliner.report.numbers import COMPLEX_PART, part_of
-from torchliner.report.table import Table, table_of
+from torchliner.report.table import Table, rows_of, table_of
 
 ENDS = (1, 99)  # %, of the probes: single ones over a hard spot would hide the rest
 FLAT = 1e-3  # mm, within which places lie on a line
@@ -117,7 +117,6 @@ def _draw_holes(axis: Any, holes: Holes | None) -> None:
 def probes_table(result: ImpedanceMap, index: int) -> Table:
     """A row a probe: x, z, R and X."""
     places = places_of(result) / (1.0 if result.x is None else 1e3)
-    columns = dict(zip(("x (m)", "z (m)"), places.tolist(), strict=True))
-    for part in COMPLEX_PART:
-        columns[part] = part_of(result.impedance[..., index], part).reshape(-1).tolist()
-    return table_of([dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
+    named = dict(zip(("x (m)", "z (m)"), places, strict=True))
+    rows = rows_of(**named, impedance=result.impedance[..., index].detach().cpu().reshape(-1))
+    return table_of(rows, csv=",".join([*named, "impedance"]))
