@@ -165,8 +165,8 @@ def test_references_are_of_the_tone():
 
 
 def test_many_numbers_are_not_written_out():
-    """Their extent; short lists of numbers as they are."""
-    assert words([[1.0, 3.0]] * 12) == "24 values, 1 to 3"
+    """The first; short lists of numbers as they are."""
+    assert words([[1.0, 3.0]] * 12).endswith("1, 3 ... (12 values)")
     assert words([1.0, 2.5]) == "1, 2.5"
 
 

@@ -23,7 +23,7 @@ from torchliner.records.origin import origin_of
 from torchliner.report.curves import draw_liner
 from torchliner.report.fields import draw_field
 from torchliner.report.numbers import impedance_over_band
-from torchliner.report.of_duct import of_field, of_modes
+from torchliner.report.of_duct import of_modes
 from torchliner.report.table import format_complex
 
 FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
@@ -81,7 +81,7 @@ def solve(options: argparse.Namespace) -> None:
         files = [("duct", options.duct), ("liner", options.liner or ""), *beside]
         setup.line_of(field, **origin_of(files, command=options.typed)).write(path)
 
-    show(options, of_field(field, setup), write)
+    show(options, setup.line_of(field), write)
 
 
 def modes(options: argparse.Namespace) -> None:

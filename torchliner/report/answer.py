@@ -78,8 +78,7 @@ class Answer:
         step: what to do next, one sentence; "" where nothing is to be done.
         state: of the level check: ``passes``, ``inconclusive``, ``fails`` or "".
         pictures: the first is the one that a command draws.
-        results: whose ``choices`` name inputs, versions and the command.
-        choices: that are shown; default those of the first result.
+        results: whose ``choices`` name inputs, versions and the command; those of the first are shown.
         more: values by name for JSON alone.
         source: file of the result.
     """
@@ -96,7 +95,6 @@ class Answer:
     state: str = ""
     pictures: Sequence[Picture] = ()
     results: Sequence[Any] = ()
-    choices: Mapping[str, Any] = field(default_factory=dict)
     more: Any = field(default_factory=dict)
     source: Path | None = None
 
@@ -106,9 +104,13 @@ class Answer:
         if not self.tables:
             return plain_of(self.more)
         tables = {grid.name: grid.table.rows for grid in self.grids}
-        choices = self.choices or next((one.choices for one in self.results), {})
-        found = {"title": self.title, "rows": self.table.rows, "notes": self.notes, "choices": choices}
+        found = {"title": self.title, "rows": self.table.rows, "notes": self.notes, "choices": self.choices}
         return plain_of({**tables, **found, **self.more})
+
+    @property
+    def choices(self) -> Mapping[str, Any]:
+        """Those behind the result."""
+        return next((one.choices for one in self.results), {})
 
     @property
     def tables(self) -> list[Grid]:

@@ -17,7 +17,7 @@ from torchliner.engine.kernels import BAND
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
-from torchliner.report.table import Table, table_of
+from torchliner.report.table import Table, rows_of, table_of
 from torchliner.velocity.reading import time_moments
 
 Array = NDArray[np.float64]
@@ -53,17 +53,7 @@ class Curves:
     @property
     def table(self) -> Table:
         """A row a value of the variable."""
-        return table_of_curves([self])
-
-
-def table_of_curves(several: Sequence[Curves]) -> Table:
-    """Curves one below the other, with a column of their labels where there are several."""
-    rows = []
-    for one in several:
-        about = {"curve": one.label} if len(several) > 1 else {}
-        columns = {one.variable: one.at.tolist()} | {name: values.tolist() for name, values in one.values.items()}
-        rows += [about | dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    return table_of(rows)
+        return table_of(rows_of(**{self.variable: self.at}, **self.values))
 
 
 def height_label(height: float | None) -> str:
@@ -115,10 +105,7 @@ def main_of(result: ImpedanceMap) -> int:
 
 
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> Curves:
-    """Resistance and reactance along x, and the bounds of their statistical intervals if known.
-
-    Where there is a z the admittance is averaged over it.
-    """
+    """Resistance and reactance along x, the admittance averaged over z, and the bounds of their intervals if known."""
     x, average = over_z(result.x, result.probes["admittance"].admittance[..., frequency_index])
     values = _parts(impedance_from_admittance(average))
     interval = _interval_along_x(result, len(x))
@@ -154,8 +141,7 @@ def impedance_over_band(liner: Liner, speed: float = 0.0, label: str = "") -> Cu
 
 
 def impedance_over_frequency(result: ImpedanceMap) -> Curves:
-    """Whole-liner impedance in all averagings, the statistical interval of the answer, and quartiles over the probes
-    that were not left out, which are no uncertainty."""
+    """Whole-liner impedance in all averagings, and the statistical interval of the answer."""
     values, answer = dict[str, Array](), result.liner[result.averaging]
     for part in COMPLEX_PART:
         values[part] = part_of(answer.impedance, part)
@@ -163,8 +149,6 @@ def impedance_over_frequency(result: ImpedanceMap) -> Curves:
         values |= {f"{part}, {name}": part_of(result.liner[name].impedance, part) for name in others}
         if answer.interval is not None:
             values |= {f"{part} {end}": part_of(getattr(answer.interval, end), part) for end in ("low", "high")}
-        flat = part_of(result.impedance, part).reshape(-1, len(result.frequency))
-        values |= {f"{part}, {share} % of probes": np.nanpercentile(flat, share, axis=0) for share in (25, 75)}
     return Curves(result.frequency.cpu().numpy(), values, height_label(result.height), "frequency (Hz)")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,25 +13,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import DataWarning
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.settled import SETTLED
 from torchliner.file_names import frequency_ends
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
+from torchliner.report import fields
 from torchliner.report.answer import Answer, Grid, Picture, picture, row_words
-from torchliner.report.fields import (
-    LEVEL,
-    draw_along,
-    draw_line,
-    draw_modes,
-    draw_spectra,
-    draw_wall,
-    draw_walls,
-    spectrum_of,
-)
-from torchliner.report.numbers import distinct, table_of_curves
+from torchliner.report.fields import LEVEL
+from torchliner.report.numbers import distinct
 from torchliner.report.table import Row, bounds_of, rows_of, table_of
 
 EDUCED = ("impedance", "low", "high", "deviation", "wavenumber", "energy_share", "end_reflection", "residual")
@@ -65,8 +54,11 @@ def of_wall(found: Sequence[Educed], source: Path | None = None) -> Answer:
             known=line.wall_impedance,
         )
     ]
-    main = _best_fitted(found)
-    at = [row for row in rows if row["frequency"] == main]
+    by_frequency = {
+        f: [row for row in rows if row["frequency"] == f] for f in dict.fromkeys(r["frequency"] for r in rows)
+    }
+    # The frequency of all at which the worst fitted is fitted best.
+    main, at = min(by_frequency.items(), key=lambda pair: (-len(pair[1]), max(map(_misfit, pair[1]))))
     sentences = [
         f"{row_words(row, LEVEL)}{'' if bounds_of(row) else ' without an interval'} in units of ρc at {main:g} Hz, "
         f"{row['eduction'] if several else row['method']}."
@@ -84,33 +76,17 @@ def of_wall(found: Sequence[Educed], source: Path | None = None) -> Answer:
         brief=table_of(rows if len(rows) > len(at) else [], f"{shown}residual,known"),
         caption="Z = p/(ρc v) with exp(jωt - jαx), x along the flow. Residual: rms of what is left over that of the "
         "pressures. Misfit: residuals over the errors of the microphones, 1 if the duct is right.",
-        remarks=[*known, *(f"{label}: {_basis(one)}." for label, one in zip(labels, found, strict=True))],
+        remarks=list(known),
         notes=[note for one, line in zip(found, lines, strict=True) for note in (*line.notes, *one.notes)],
-        pictures=_pictures(found, lines, labels, main),
+        pictures=_pictures(found, labels, main, rows),
         results=list(found),
-        choices={label: dict(one.choices) for label, one in zip(labels, found, strict=True)},
         source=source,
     )
 
 
-def _basis(found: Educed) -> str:
-    """Where the interval comes from."""
-    if found.draws is not None:
-        return f"interval over {len(found.draws.impedance)} draws of the microphones' errors"
-    if found.covariance is None:
-        return "no interval, the waves leave no degree of freedom"
-    if isinstance(found, FieldFit):
-        return "interval by the microphones' stated errors"
-    return f"interval by what the waves leave, {found.freedom} degrees of freedom"
-
-
-def _best_fitted(found: Sequence[Educed]) -> float:
-    """The frequency of all, Hz, at which the worst fitted is fitted best."""
-    residuals: dict[float, list[float]] = {}
-    for one in found:
-        for f, residual, z in zip(one.frequency.tolist(), one.residual.tolist(), one.impedance.tolist(), strict=True):
-            residuals.setdefault(f, []).append(residual if z == z else math.inf)
-    return min(residuals, key=lambda f: (-len(residuals[f]), max(residuals[f])))
+def _misfit(row: Row) -> float:
+    """What is left of the pressures, where there is a Z."""
+    return float(row["residual"]) if cmath.isfinite(row["impedance"]) else math.inf
 
 
 def _microphones(line: MicrophoneLine) -> list[Row]:
@@ -120,23 +96,25 @@ def _microphones(line: MicrophoneLine) -> list[Row]:
     return rows_of(frequency=line.frequency[:, None], x=line.x, spl=level, phase=phase)
 
 
-def _pictures(found: Sequence[Educed], lines: Any, labels: Sequence[str], main: float) -> list[Picture]:
+def _pictures(found: Sequence[Educed], labels: Sequence[str], main: float, rows: Sequence[Row]) -> list[Picture]:
     there = [(i, one.frequency.tolist().index(main)) for i, one in enumerate(found) if main in one.frequency.tolist()]
-    rows = [
-        {"eduction": labels[i]} | row for i, _ in there for row in _microphones(lines[i]) if row["frequency"] == main
+    along_wall = [
+        {"eduction": labels[i]} | row
+        for i, _ in there
+        for row in _microphones(found[i].source_line)
+        if row["frequency"] == main
     ]
     words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
-    along = picture("along-wall", words, partial(draw_along, found, there, labels), rows)
-    curves = table_of_curves([spectrum_of(one, label) for one, label in zip(found, labels, strict=True)])
+    along = picture("along-wall", words, partial(fields.draw_along, found, there, labels), along_wall)
     if any(len(one.frequency) > 1 for one in found):
         words = "Impedance over frequency; shaded: 95 % intervals."
-        return [Picture("spectrum", words, partial(draw_spectra, found, labels), lambda: curves), along]
+        return [picture("spectrum", words, partial(fields.draw_spectra, found, labels), rows), along]
     words = "Impedance, with its draws, and levels along the wall, with the range of the draws."
-    return [Picture("impedance", words, partial(draw_wall, found, labels), lambda: curves), along]
+    return [picture("impedance", words, partial(fields.draw_wall, found, labels), rows), along]
 
 
 def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answer:
-    """Of a solved duct, from the line of microphones that ``torchliner duct solve`` writes.
+    """Of a solved duct, from its line of microphones: what it takes from sound, and whether the mesh is fine enough.
 
     Raises:
         ValueError: microphones that were measured: no result, but what one is educed from.
@@ -150,23 +128,6 @@ def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answ
         )
     at = torch.linspace(0, len(modes) - 1, min(len(modes), MOST_DRAWN)).round().int().tolist()
     liner = (solved.get("duct") or {}).get("liner") or []
-    return _answer(line, solved, modes, {"": lambda path: draw_line(line, at, liner, path)}, source)
-
-
-def of_field(field: DuctField, setup: DuctSetup) -> Answer:
-    """Of a solved field, along the wall of the microphones of its setup; all of its frequencies are drawn."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)  # they are notes of the line
-        line = setup.line_of(field)
-    ends = frequency_ends(setup.frequency.tolist())
-    draw = {end: partial(draw_walls, [(setup, field)], frequency_index=f) for f, end in enumerate(ends)}
-    return _answer(line, setup.facts, field.rows(), draw)
-
-
-def _answer(
-    line: MicrophoneLine, solved: Any, modes: list[Row], draw: Mapping[str, Any], source: Path | None = None
-) -> Answer:
-    """What the duct takes from sound, where its energy goes, whether the mesh is fine enough."""
     row, grown = (max(modes, key=lambda each: each.get(name) or 0.0) for name in (MESH, GROWTH))
     check, moved = "no second mesh was solved", row.get(MESH)
     if moved is not None:
@@ -190,9 +151,8 @@ def _answer(
         brief=microphones,
         grids=[Grid("microphones", "At the microphones.", microphones)],
         notes=line.notes,
-        pictures=[picture(f"along-wall{end}", words, each, microphones.rows) for end, each in draw.items()],
-        results=[SimpleNamespace(choices=line.provenance)],
-        choices=about,
+        pictures=[picture("along-wall", words, partial(fields.draw_line, line, at, liner), microphones.rows)],
+        results=[SimpleNamespace(choices=about)],
         more={"duct": solved},
         source=source,
     )
@@ -225,7 +185,7 @@ def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Ans
         at = ", ".join(f"{row['frequency']:g}" for row in grown)
         wave = f"a hydrodynamic wave without a number grows downstream at {at} Hz"
     words, ends = "|p| of each mode over the height", frequency_ends(setup.frequency.tolist())
-    draw = [partial(draw_modes, dict(modes), frequency_index=f) for f in range(len(ends))]
+    draw = [partial(fields.draw_modes, dict(modes), frequency_index=f) for f in range(len(ends))]
     return Answer(
         title=f"Modes of {setup.name}",
         lines=[

@@ -10,17 +10,10 @@ import torch
 
 from torchliner.records import ImpedanceLine, ImpedanceMap
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
+from torchliner.report import numbers
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, picture, row_words
 from torchliner.report.curves import ORDERS, alongside_at, draw_along_x, draw_spectrum
 from torchliner.report.maps import draw_map, over_surface, probes_table
-from torchliner.report.numbers import (
-    case_title,
-    impedance_along_x,
-    impedance_over_frequency,
-    interval_words,
-    labels_of,
-    main_of,
-)
 from torchliner.report.planes import draw_complex_plane, known_of
 from torchliner.report.table import STATISTICAL, Row, rows_of, table_of
 from torchliner.studies.validation import nearest_case
@@ -32,10 +25,10 @@ NULL_TEST = "Null test: the wall is hard and has no liner; the values show how t
 
 def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answer:
     """Z with its interval and level check, a row a run and frequency; all averagings; what is known from elsewhere."""
-    first, several, main = results[0], len(results) > 1, main_of(results[0])
+    first, several, main = results[0], len(results) > 1, numbers.main_of(results[0])
     rows = [
         ({"run": label} if several else {}) | row
-        for one, label in zip(results, labels_of(results), strict=True)
+        for one, label in zip(results, numbers.labels_of(results), strict=True)
         for row in map_rows(one)
     ]
     answers = [row for row in rows if row["averaging"] in (first.averaging, MATCHED)]
@@ -45,7 +38,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         lines = [_line(first, main), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
-    name = (case_title(first) if several else first.title) or (source.name if source else "")
+    name = (numbers.case_title(first) if several else first.title) or (source.name if source else "")
     return Answer(
         title=("Impedance map" + "s" * several) + (f": {name}" if name else ""),
         lines=[*dict.fromkeys([*lines, *(line for one in results for line in _known_lines(one))])],
@@ -54,7 +47,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         caption="Z = R + jX of the whole liner over ρc, by averaging, beside what is known from elsewhere; the "
         f"interval is {STATISTICAL}; the spread is that over probes, no uncertainty.",
         grids=[Grid(f"cells{i or ''}", "Each cell.", table_of(_cells(one), CELLS)) for i, one in enumerate(results)],
-        remarks=[*dict.fromkeys(filter(None, map(nearest_case, results))), _basis(first)],
+        remarks=[*dict.fromkeys(filter(None, map(nearest_case, results)))],
         notes=[
             note for one in results for notes in (one.notes, *(each.notes for each in one.alongside)) for note in notes
         ],
@@ -176,25 +169,14 @@ def _cells(result: ImpedanceMap) -> list[Row]:
     )
 
 
-def _basis(result: ImpedanceMap) -> str:
-    """Conventions and what the numbers rest on."""
-    choices, words = result.choices, "Z is p/(ρc v), exp(+jωt)"
-    words += "".join(f", {name} {choices[name]}" for name in ("phase", "drive") if name in choices)
-    if (error := choices.get("model_error")) is not None:
-        words += f"; model-table error in R {error:.1e}"
-    if result.level is not None:
-        words += f"; {interval_words(result)}: a jackknife over blocks of time, as the record is finite"
-    return f"{words}."
-
-
 def _pictures(result: ImpedanceMap, index: int) -> list[Picture]:
     """At the tone, and over frequency where there are several."""
     at, found = f"{float(result.frequency[index]):g} Hz", list[Picture]()
-    bars = f"; bands and bars: {interval_words(result)}" if result.level is not None else ""
+    bars = f"; bands and bars: {numbers.interval_words(result)}" if result.level is not None else ""
     if len(result.frequency) > 1:
         words = f"Impedance of the whole liner over frequency{bars}. The axes end before poles of Z."
         draw = partial(draw_spectrum, [result])
-        found.append(Picture("spectrum", words, draw, lambda: impedance_over_frequency(result).table))
+        found.append(Picture("spectrum", words, draw, lambda: numbers.impedance_over_frequency(result).table))
     if over_surface(result):
         words = f"Resistance and reactance over ρc at each probe, {at}; colours from the 1st to the 99th percentile."
         draw_surface = partial(draw_map, result, frequency_index=index)
@@ -202,7 +184,7 @@ def _pictures(result: ImpedanceMap, index: int) -> list[Picture]:
     if result.mean_velocity.numel() > 1:
         words = f"Impedance along x at {at}, the admittance averaged over z{bars}."
         draw = partial(draw_along_x, [result], frequency_index=index)
-        found.append(Picture("along-x", words, draw, lambda: impedance_along_x(result, index).table))
+        found.append(Picture("along-x", words, draw, lambda: numbers.impedance_along_x(result, index).table))
     words = f"Z over ρc in the complex plane at {at}; crosses: intervals of R and of X."
     near = [row for row in (*map_rows(result), *_cells(result)) if row["frequency"] == float(result.frequency[index])]
     return [*found, picture("complex-plane", words, partial(draw_complex_plane, result, index=index), near)]

@@ -7,16 +7,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from torchliner.report import studies
 from torchliner.report.answer import Answer, Grid, impedance_words, picture
 from torchliner.report.curves import draw_comparison
-from torchliner.report.studies import (
-    draw_audit,
-    draw_contributions,
-    draw_heights,
-    draw_levels,
-    draw_models,
-    draw_modulation,
-)
 from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
@@ -52,8 +45,8 @@ def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
         remarks=[*skipped, *([found.nearest_case] if found.nearest_case else [])],
         notes=found.notes,
         step="" if most is None else f"say why {most.factor} is as it is: no other choice moves Z as far",
-        pictures=[picture("audit", words, partial(draw_audit, found), found.rows)],
-        choices=found.choices,
+        pictures=[picture("audit", words, partial(studies.draw_audit, found), found.rows)],
+        results=[found],
         more=found,
         source=source,
     )
@@ -90,7 +83,7 @@ def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
         brief=table_of(found.rows, brief),
         caption="Z by each model.",
         notes=found.notes,
-        pictures=[picture("models", f"{found.title}: models", partial(draw_models, found), found.rows)],
+        pictures=[picture("models", f"{found.title}: models", partial(studies.draw_models, found), found.rows)],
         more=found,
         source=source,
     )
@@ -133,7 +126,7 @@ def of_sensitivities(
             )
     first = [row for row in rows if row.frequency == frequency[0] and row.parameter != "combined"]
     title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
-    draw = partial(draw_contributions, first, title, total=combined)
+    draw = partial(studies.draw_contributions, first, title, total=combined)
     return Answer(
         title=f"Sensitivities: {found.found.title}",
         lines=lines[:3],
@@ -168,10 +161,10 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         for name, words in (("decay", "cell-periodic modulation"), ("first_decay", "first harmonic of v_rms"))
         if study[name] is not None
     ]
-    pictures = [picture("heights", f"{study.title}: Z over height", partial(draw_heights, study), study.rows)]
+    pictures = [picture("heights", f"{study.title}: Z over height", partial(studies.draw_heights, study), study.rows)]
     if any(row.modulation is not None for row in study.rows):
         words = "Cell-periodic modulation over height"
-        pictures.append(picture("modulation", words, partial(draw_modulation, study), study.rows))
+        pictures.append(picture("modulation", words, partial(studies.draw_modulation, study), study.rows))
     judged = table_of([] if found is None else found.rows, "averaging,height,name,value,limit,passed")
     return Answer(
         title=f"Heights: {study.title}, {study.frequency:g} Hz",
@@ -184,7 +177,7 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         notes=study.notes,
         step=step,
         pictures=pictures,
-        choices=study.choices,
+        results=[study],
         more=study if found is None else {**study, "heights": found.heights, "height": found.height},
         source=source,
     )
@@ -220,7 +213,7 @@ def of_curve(curves: Sequence[LevelCurve], source: Path | None = None) -> Answer
         table=table_of(rows, "level,frequency,impedance,spread,rms_speed,peak_speed,fixed_point,frozen,drift,residual"),
         brief=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point"),
         remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
-        pictures=[picture("levels", words, partial(draw_levels, curve), rows)],
+        pictures=[picture("levels", words, partial(studies.draw_levels, curve), rows)],
         results=[curve],
         source=source,
     )

@@ -12,8 +12,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from torchliner.file_checks import naming
 from torchliner.io.csv_rows import fill_csv
 from torchliner.io.hdf5 import open_file, text_attribute
@@ -99,8 +97,7 @@ def page_of(answer: Answer) -> str:
     css, script, template = ((home / f"page.{end}").read_text(encoding="utf-8") for end in ("css", "js", "html"))
     environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=shown)
     environment.globals.update(cell=cell, csv=csv_link, svg=svg_link, typeset=lambda text: typeset(shown(text)))
-    choices = answer.choices or next((one.choices for one in answer.results), {})
-    rows = [{"choice": name, "value": text} for name, text in _flat(choices)]
+    rows = [{"choice": name, "value": text} for name, text in _flat(answer.choices)]
     html = environment.from_string(template).render(
         answer=answer,
         warnings=ordered([*changed(*answer.results), *answer.notes]),
@@ -168,13 +165,10 @@ def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, st
 
 
 def words(value: Any) -> str:
-    """A value in one line; of many numbers their extent."""
-    if isinstance(value, list | tuple) and len(value) <= MOST_LISTED:
-        return ", ".join(map(words, value))
+    """A value in one line; of many values the first."""
     if isinstance(value, list | tuple):
-        numbers = np.concatenate([np.ravel(each) for each in value])
-        if numbers.dtype.kind in "if":
-            return f"{numbers.size} values, {numbers.min():.7g} to {numbers.max():.7g}"
+        more = f" ... ({len(value)} values)" if len(value) > MOST_LISTED else ""
+        return ", ".join(map(words, value[:MOST_LISTED])) + more
     return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 

@@ -192,13 +192,14 @@ def table_of(rows: Iterable[Mapping[str, Any]], shown: str = "", csv: str | None
     return Table(rows, known, None if csv is None else csv.split(","))
 
 
-def rows_of(interval: Any = None, **columns: Any) -> list[Row]:
+def rows_of(**columns: Any) -> list[Row]:
     """A row a value of columns: tensors, arrays and single values (also None) that go together by broadcasting.
 
-    Args:
-        interval: with ``low`` and ``high``, which become columns; None without.
+    An ``interval``, or None, becomes ``low`` and ``high``.
     """
-    columns |= {end: getattr(interval, end, None) for end in ("low", "high")} if "low" not in columns else {}
+    if "interval" in columns:
+        interval = columns.pop("interval")
+        columns |= {end: getattr(interval, end, None) for end in ("low", "high")}
     plain = [value.tolist() if hasattr(value, "tolist") else value for value in columns.values()]
     arrays = np.broadcast_arrays(*(np.asarray(value, dtype=object) for value in plain))
     return [dict(zip(columns, values, strict=True)) for values in zip(*(each.flat for each in arrays), strict=True)]
