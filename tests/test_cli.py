@@ -10,7 +10,6 @@ import subprocess
 import sys
 import warnings
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -301,16 +300,6 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     assert float(rows[3]["resistance"]) == pytest.approx(float(found.resistance[3, 0]), rel=1e-6)
 
 
-def test_frequencies_are_told_apart(capsys, tmp_path, small):
-    """Ranges and values, each once; alike in six digits they keep names of their own."""
-    words = ["--frequency", "1400:1401:1", "1400", "1400.0001", "--quiet", "--interval", "none"]
-    plane = str(small / "y0.5mm.h5")
-    assert run(capsys, "educe", plane, *words, "-o", str(tmp_path / "m.vtkhdf"))[0] == DONE
-    with h5py.File(tmp_path / "m.vtkhdf") as file:
-        fields = file["VTKHDF/PointData"]
-        assert {f"resistance_{f}Hz" for f in ("1400", "1401", "1400.0001")} <= set(fields)
-
-
 def test_null_test_is_labelled(capsys):
     """A hard wall under the data is said in the output."""
     code, out, err = run(capsys, "educe", CHANNEL, "--liner", "polito", "--frequency", "1400")
@@ -348,24 +337,6 @@ def test_info_describes_and_checks(capsys, tmp_path):
     assert "1 nan or inf at 1 of 2 probes, the first at probe 1, sample 7" in out
     assert "1 of 2 probes are constant" in out
     assert "misaligned" in out
-
-
-def test_convert_array(capsys, tmp_path):
-    """An array with stated axes and units."""
-    v = np.random.default_rng(1).normal(size=(200, 3, 4)).astype(np.float32)
-    np.save(tmp_path / "v.npy", v)
-    np.save(tmp_path / "x.npy", np.arange(4) * 1.0)
-    words = (
-        f"convert {tmp_path}/v.npy --axes time,z,x --velocity-units mm/s --sampling-rate 50000 --x {tmp_path}/x.npy "
-        f"--length-units mm --height 1e-3 --normal=-y -o {tmp_path}/plane.h5"
-    )
-    code, text, _ = run(capsys, *words.split())
-    assert code == DONE
-    assert "3x4 probes, 200 samples at 50000 Hz" in text
-    plane = tl.read_plane(tmp_path / "plane.h5")
-    assert np.allclose(plane.velocity.numpy(), -1e-3 * np.moveaxis(v, 0, -1), atol=1e-8)
-    assert plane.x.tolist() == pytest.approx([0, 0.001, 0.002, 0.003])
-    assert plane.height == pytest.approx(1e-3)
 
 
 @pytest.mark.parametrize(

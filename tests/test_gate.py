@@ -307,11 +307,3 @@ def test_damage_that_hides_attributes_is_no_absence(capsys, folder):
     (folder / "plane.h5").write_bytes(data)
     code, out, err = run(capsys, "info", "plane.h5")
     assert (code, out, "plane.h5 is damaged" in err) == (BAD_INPUT, "", True), err
-
-
-@pytest.mark.parametrize("cell", ["1_000", "\u0661\u0662"])
-def test_numbers_that_python_alone_reads_are_refused(capsys, folder, cell):
-    """A slip of the keyboard, in every table of text."""
-    (folder / "table.csv").write_text(TABLE.replace("300,", f"{cell},", 1), encoding="utf-8")
-    code, _, err = run(capsys, "liner", "lt.toml")
-    assert (code, "a number is needed" in err) == (BAD_INPUT, True), err

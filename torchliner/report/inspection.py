@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.signal
 import torch
 from torch import Tensor
 
@@ -158,5 +157,7 @@ def _spectrum_peak(plane: VelocityPlane) -> float:
     """Frequency of the largest line of the mean spectrum of up to 64 probes and 2^18 samples (Welch), Hz."""
     step, count = max(1, plane.probes // SPECTRUM_PROBES), min(plane.samples, SPECTRUM_SAMPLES)
     v = torch.cat([plane.read(*bounds)[:, ::step] for bounds in slab_bounds(count, plane.probes)]).double().numpy()
-    frequency, power = scipy.signal.welch(v, plane.sampling_rate, nperseg=min(count, SPECTRUM_SEGMENT), axis=0)
+    from scipy.signal import welch  # takes half a second to import
+
+    frequency, power = welch(v, plane.sampling_rate, nperseg=min(count, SPECTRUM_SEGMENT), axis=0)
     return float(frequency[1:][np.argmax(power[1:].mean(1))]) if count > 2 else 0.0
