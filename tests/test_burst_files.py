@@ -12,7 +12,7 @@ from test_moments_file import same_bits
 import torchliner as tl
 from torchliner.io.burst_sources import read_bursts, write_bursts
 from torchliner.io.burst_text import STATED, read_burst_columns, read_burst_csv
-from torchliner.io.dantec import NO_PARTNER, read_dantec
+from torchliner.io.dantec import read_dantec
 from torchliner.records.burst_record import UNITS
 
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
@@ -80,16 +80,13 @@ def test_components_are_named_and_turned(tmp_path):
 
 
 def test_non_coincident_export(tmp_path):
-    """Columns of unequal length; without a window the wall-normal channel stands alone."""
+    """Columns of unequal length: the wall-normal channel stands alone."""
     path = dxex(tmp_path / "b.txt", LONE, APART)
     alone = read_dantec(path)
     assert alone.wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
     assert alone.arrival_time.tolist() == pytest.approx([5e-4, 1.001e-3, 3.002e-3, 7e-3])
     assert alone.streamwise is None
     assert "streamwise (3 bursts)" in alone.notes[0]
-    paired = read_dantec(path, coincidence_window=5e-6)
-    assert (paired.wall_normal.tolist(), paired.streamwise.tolist()) == ([0.2, 0.3], [30, 32])
-    assert paired.dropped == {NO_PARTNER: 2}
     first = read_dantec(path, ["wall_normal", "skip"])  # that which is skipped may be the longer one
     assert (first.wall_normal.tolist(), first.notes) == ([30, 31, 32], ())
     assert read_dantec(path, ["skip", "wall_normal"]).wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
@@ -124,7 +121,6 @@ def edited(row, column, text):
         ({}, {"components": ["wall_norml", "skip"]}, ["did you mean 'wall_normal'"]),
         ({}, {"components": ["skip", "skip"]}, ["one at least"]),
         ({}, {"components": ["streamwise", "-streamwise"]}, ["at most once"]),
-        ({"rows": LONE, "names": APART}, {"coincidence_window": 1e-8}, ["within 0.01 us"]),
         ({"rows": edited(1, 5, ""), "names": APART}, {}, ["line 8", "'transit_time' is ''"]),
         ({"rows": edited(3, 6, ""), "names": APART}, {}, ["line 10", "'wall_normal' is ''"]),
     ],
@@ -280,9 +276,7 @@ def test_faulty_csv_is_refused(tmp_path, text, words):
 # Folders
 
 
-@pytest.mark.parametrize(
-    "option", [{"components": ["-wall_normal"]}, {"coincidence_window": 1e-5}, {"separator": "comma"}]
-)
+@pytest.mark.parametrize("option", [{"components": ["-wall_normal"]}, {"separator": "comma"}])
 def test_options_of_other_formats_are_refused(tmp_path, option):
     """A minus in ``components`` turned nothing in a file with a header."""
     tl.BurstRecord([0.1, 0.2], wall_normal=[1.0, 2.0], x=0.0, y=1e-3, z=0.0).write(tmp_path / "a.h5")

@@ -24,7 +24,6 @@ from torchliner.bursts.stations import (
 )
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
-from torchliner.io.dantec import pair_coincident
 from torchliner.report.bursts import intervals_of
 
 REAL = SHARED / "data" / "lda_bursts"
@@ -110,17 +109,6 @@ def test_outliers_of_either_component_are_dropped():
     assert kept.dropped == {OUTLIER: 3}
     assert float(kept.wall_normal.abs().max()) < 4
     assert validate_bursts(dirty, BurstFilters(outliers=None)).bursts == 3000
-
-
-def test_coincident_bursts_are_paired_once_and_mutually():
-    """Worked by hand: 1.2 is nearer to 1.3 than to 1.0; 9 has nobody; 5 is just at the window."""
-    first, second = np.array([1.0, 1.2, 5.0, 9.0]), np.array([0.1, 1.3, 5.5, 20.0])
-    mine, theirs = pair_coincident(first, second, 0.5)
-    assert (mine.tolist(), theirs.tolist()) == ([1, 2], [1, 2])
-    again = pair_coincident(second, first, 0.5)
-    assert (again[0].tolist(), again[1].tolist()) == ([1, 2], [1, 2])
-    with pytest.raises(ValueError, match="coincidence window"):
-        pair_coincident(first, second, 0.0)
 
 
 # Records

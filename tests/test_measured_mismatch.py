@@ -79,18 +79,3 @@ def test_one_wall_has_no_mismatch(tmp_path, capsys):
         positive = float(row["alpha_real_per_m"]) > 0
         assert (row["direction"] == "downstream") == positive
     assert (tmp_path / "measured_mismatch.png").stat().st_size > 50_000
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # one case in the place of another does not fit
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"names": [*NAMES[:-1], "run"]}, r"without \['case'\]; 22 columns"),
-        ({"cases": (0, 3)}, "the file holds no rows of case 2"),
-    ],
-)
-def test_other_files_are_refused(tmp_path, change, match):
-    """A header that names other columns, a case that is missing."""
-    write_duct(tmp_path / "duct.txt", **change)
-    with pytest.raises(ValueError, match=match):
-        load_script("measured_mismatch").main([str(tmp_path / "duct.txt"), "-o", str(tmp_path), "--draws", "2"])

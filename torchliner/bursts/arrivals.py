@@ -39,6 +39,8 @@ class GridSignal:
         arrival_times: s, increasing, float64, (N,).  rate: of the grid, Hz.
         method: ``linear``, ``hold`` or ``band-limited``.  band: B of ``band-limited``, Hz.
         name: how messages call the data.
+        start: of the grid, s on the clock of the arrivals.  samples: T.
+        mean_rate: arrivals a second.  longest_gap: between them, and where it begins, s.
     """
 
     values: Tensor
@@ -47,37 +49,15 @@ class GridSignal:
     method: str
     band: float
     name: str
-
-    @property
-    def start(self) -> float:
-        """Of the grid, s on the clock of the arrivals."""
-        return float(self.arrival_times[0])
-
-    @property
-    def seconds(self) -> float:
-        """From the first arrival to the last one."""
-        return float(self.arrival_times[-1] - self.arrival_times[0])
-
-    @property
-    def samples(self) -> int:
-        """T."""
-        return math.floor(self.seconds * self.rate + ROUNDING) + 1
+    start: float
+    samples: int
+    mean_rate: float
+    longest_gap: tuple[float, float]
 
     @property
     def times(self) -> Tensor:
         """s, (T,), float64."""
         return self.start + torch.arange(self.samples, dtype=torch.float64) / self.rate
-
-    @property
-    def mean_rate(self) -> float:
-        """Arrivals a second: intervals over their sum."""
-        return (len(self.arrival_times) - 1) / self.seconds
-
-    @property
-    def longest_gap(self) -> tuple[float, float]:
-        """Between arrivals, s, and where it begins, s on their clock."""
-        length, place = self.arrival_times.diff().max(0)
-        return float(length), float(self.arrival_times[place])
 
     def rebuilt(self, values: Tensor) -> Tensor:
         """Other values at the same arrivals on the same grid: (..., N) to (..., T)."""
@@ -136,14 +116,15 @@ def onto_grid(
             f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {1 + seconds * rate:.3g} points for {len(times)} "
             f"arrivals; 2 to {MOST_POINTS} for each are possible: are the times in s?"
         )
-    empty = GridSignal(times.new_empty(0), times, float(rate), method, float(band), name)
-    length, begin = empty.longest_gap
+    length, begin = float(times.diff().max()), float(times[times.diff().argmax()])
+    samples, about = math.floor(seconds * rate + ROUNDING) + 1, (float(rate), method, float(band), name)
+    signal = GridSignal(numbers, times, *about, float(times[0]), samples, own, (length, begin))
     if length * own > LONG_GAP:
         tell(
             f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
             f"{length * own:.3g} mean intervals (limit {LONG_GAP:g}); what lies in it is made up"
         )
-    return replace(empty, values=empty.rebuilt(numbers))
+    return replace(signal, values=signal.rebuilt(numbers))
 
 
 def _checked(arrival_times: Any, values: Any, name: str) -> tuple[Tensor, Tensor]:

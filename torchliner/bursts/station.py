@@ -152,8 +152,9 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     count, (gap, begin) = 1 + (signal.samples - length) // hop, signal.longest_gap
     if not 2 <= count <= MOST_SEGMENTS:
         raise ValueError(
-            f"{name}: {record.bursts} bursts over {signal.seconds:.4g} s hold {count} segments of {choices.segment:g} s"
-            f" that overlap by {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Change segment and overlap"
+            f"{name}: {record.bursts} bursts over {signal.samples / signal.rate:.4g} s hold {count} segments of "
+            f"{choices.segment:g} s that overlap by {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Change "
+            "segment and overlap"
         )
     if gap > choices.segment:
         raise ValueError(

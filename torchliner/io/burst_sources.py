@@ -77,7 +77,6 @@ def list_stations(
     columns: str | Sequence[str] | None = None,
     separator: str = "blank",
     components: Sequence[str] | None = None,
-    coincidence_window: float | None = None,
     **about: Any,
 ) -> list[StationSource]:
     """Stations of a file or folder in the order of x, y, z; by name without positions.
@@ -85,7 +84,7 @@ def list_stations(
     Args:
         path: a file of our HDF5 or CSV, a DXEX export, columns without a header; or a folder of files of one station.
         columns, separator: of files without a header, as in ``read_burst_columns``.
-        components, coincidence_window: of DXEX files, as in ``read_dantec``.
+        components: of DXEX files, as in ``read_dantec``.
         about: further fields of each record, e.g. ``frequency``; not for HDF5, which states its own.
     Raises:
         FileNotFoundError, OSError: no such file or folder, or it cannot be read.
@@ -94,7 +93,6 @@ def list_stations(
     """
     path, files = Path(path), [Path(path)]
     options: dict[str, Any] = {"columns": columns, "separator": separator, "components": components}
-    options |= {"coincidence_window": coincidence_window}
     if path.is_dir():
         files = [each for each in sorted(path.iterdir()) if each.is_file() and not each.name.startswith(".")]
         files = [each for each in files if each.suffix.lower() in SUFFIXES]

@@ -12,40 +12,34 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from torchliner.checks import require_choice, require_positive
+from torchliner.checks import require_choice
 from torchliner.io.burst_text import HEAD, QUANTITIES, BurstFormat, read_bursts_of, record_of
 from torchliner.records import BurstRecord
 from torchliner.records.burst_record import COMPONENTS
-from torchliner.text_columns import Array, Column, read_lines
+from torchliner.text_columns import Column, read_lines
 from torchliner.units import si_factor
 
 HEADER_LINES = 6
-NO_PARTNER = "no partner within the coincidence window"
 USUAL = {2: ("streamwise", "wall_normal"), 3: ("streamwise", "wall_normal", "skip")}
 MEANINGS = (*COMPONENTS, *(f"-{name}" for name in COMPONENTS), "skip")
 POSITION = re.compile(r"([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)\s*(.*)")  # 1.50 mm
 LABEL = re.compile(r"([A-Za-z]+)(\d*)(?:\{(\d+)\})?\s*(?:\[(.*)\])?")  # LDA2{2} [m/s]
 
 
-def read_dantec(
-    path: str | Path, components: Sequence[str] | None = None, coincidence_window: float | None = None, **about: Any
-) -> BurstRecord:
+def read_dantec(path: str | Path, components: Sequence[str] | None = None, **about: Any) -> BurstRecord:
     """Bursts of one exported file.
 
     Args:
         path: DXEX v3 or v5, UTF-8 or latin-1, decimal point or comma.
         components: what LDA1, LDA2 and so on hold, in order: ``streamwise``, ``wall_normal`` or ``skip``, with a minus
             where the optics count the other way. Default for two and three channels: streamwise, wall_normal(, skip); a
-            single one must be stated.
-        coincidence_window: s; pairs the channels of a non-coincidence file. Without it the wall-normal channel is read
-            alone, and a note says so.
+            single one must be stated. Of channels with their own arrival times the wall-normal one is read, and a note
+            says so.
         about: further fields of the record, e.g. ``frequency``, ``fluid``; x, y, z override the position line.
     Raises:
         FileNotFoundError, OSError: no such file, a folder.
         ValueError: empty, another version, no position, a column missing or with a wrong unit, an unreadable cell,
-            mixed decimal marks; times of two channels that do not increase.
+            mixed decimal marks.
     """
     lines = read_lines(path)
     place = _place(lines, path)
@@ -53,10 +47,12 @@ def read_dantec(
     names = [name.strip().strip('"').strip() for name in header.split("\t")]
     groups, chosen = _channels(names, components, path)
     read = [read_bursts_of(lines, HEADER_LINES + 1, group, path, len(names), "\t") for group in groups]
-    columns, more = (read[0], {}) if len(read) == 1 else _joined(read, coincidence_window, path)
+    columns, *others = sorted(read, key=lambda each: "wall_normal" not in each)
+    text = "not in coincidence: {} ({} bursts) has its own arrival times and is left out"
+    left_out = [(name, len(each["arrival_time"])) for each in others for name in each if name in COMPONENTS]
     provenance = {"format": version, "project": project, "time": time, "label": label, "channels": chosen}
     facts = dict(zip("xyz", place, strict=True)) | {"title": label or Path(path).stem, "provenance": provenance}
-    return record_of(columns, path, **facts | more | about)
+    return record_of(columns, path, **facts | {"notes": tuple(text.format(*each) for each in left_out)} | about)
 
 
 def _place(lines: Sequence[str], path: str | Path) -> tuple[float, float, float]:
@@ -110,55 +106,9 @@ def _channels(
     return list(groups.values()), dict(zip(labels, meant, strict=True))
 
 
-def _joined(
-    read: Sequence[dict[str, Array]], window: float | None, path: str | Path
-) -> tuple[dict[str, Array], dict[str, Any]]:
-    """One set of bursts from two channels, and what is said of it."""
-    wall, other = sorted(read, key=lambda columns: "wall_normal" not in columns)
-    if window is None:
-        name = next(name for name in other if name in COMPONENTS)
-        text = f"{name} ({len(other['arrival_time'])} bursts) has its own arrival times and is left out"
-        return wall, {"notes": (f"not in coincidence: {text}; a coincidence window pairs it",)}
-    if any(bool((np.diff(columns["arrival_time"]) < 0).any()) for columns in read):
-        raise ValueError(f"{path}: arrival times run backwards, and coincidence needs them in order; sort the export")
-    mine, partner = pair_coincident(wall["arrival_time"], other["arrival_time"], window)
-    if len(mine) == 0:
-        raise ValueError(f"{path}: no two bursts of the channels are within {1e6 * window:g} us; widen the window")
-    joined = {name: values[mine] for name, values in wall.items()}
-    joined |= {n: v[partner] for n, v in other.items() if n in COMPONENTS}
-    # The wall-normal channel is the record; what it misses is what was dropped.
-    return joined, {"dropped": {NO_PARTNER: len(wall["arrival_time"]) - len(mine)}}
-
-
-def pair_coincident(first: Array, second: Array, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bursts of two channels that belong to the same particle: mutually nearest, no further apart than the window.
-
-    Args:
-        first, second: arrival times, s, increasing, (N,), (M,).  window: s, largest difference.
-    Returns:
-        Indices of the pairs into ``first`` and ``second``, each (P,).
-    Raises:
-        ValueError: the window is not above 0.
-    """
-    require_positive("coincidence window (s)", window)
-    there, back = _nearest(first, second), _nearest(second, first)
-    mine = np.arange(len(first))
-    mutual = (back[there] == mine) & (np.abs(second[there] - first) <= window)
-    return mine[mutual], there[mutual]
-
-
-def _nearest(times: Array, others: Array) -> np.ndarray:
-    """Index of the nearest of ``others``, increasing, to each of ``times``."""
-    right = np.searchsorted(others, times).clip(max=len(others) - 1)
-    left = (right - 1).clip(min=0)
-    return np.where(np.abs(times - others[left]) <= np.abs(times - others[right]), left, right)
-
-
 FORMAT = BurstFormat(
     recognises=lambda path, _: read_lines(path, HEAD)[0].lstrip().startswith("DXEX"),
     places=lambda path: [_place(read_lines(path, HEAD), path)],
-    read=lambda path, _, options, about: read_dantec(
-        path, options["components"], options["coincidence_window"], **about
-    ),
-    takes=("components", "coincidence_window"),
+    read=lambda path, _, options, about: read_dantec(path, options["components"], **about),
+    takes=("components",),
 )

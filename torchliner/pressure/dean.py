@@ -56,7 +56,7 @@ def in_situ(
         record: facesheet and backplate pressure, cavity depth and porosity.
         frequency: Hz, one or several; default the record's own tone.
         losses: of the wave in the cavity, ``none`` or ``viscothermal`` (needs the cavity's hydraulic radius).
-        cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``Tones``.
+        cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``pressure.tones.Tones``.
     Returns:
         Impedances in both orders of averaging (see the module), with the coherence of the two pressures over the
         segments, or of two periods each if there is only one; intervals from blocks of whole periods, or segments.

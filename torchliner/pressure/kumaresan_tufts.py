@@ -44,7 +44,8 @@ def kumaresan_tufts(
         source_side: ``upstream`` or ``downstream``; default what the line says.
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
-        errors: ``draws``, ``level_error``, ``phase_error`` and ``generator``, as of ``MicrophoneErrors``.
+        errors: ``draws``, ``level_error``, ``phase_error`` and ``generator``, as of
+            ``pressure.microphone_errors.MicrophoneErrors``.
     Returns:
         Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:

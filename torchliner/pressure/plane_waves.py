@@ -91,7 +91,7 @@ def decompose_waves(
         frequency: Hz, one or several; default the record's own tone.
         microphones: indices, ``all``, or ``pair``: the two best conditioned.
         velocities: use the velocities at the microphones as well.
-        cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``Tones``.
+        cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``pressure.tones.Tones``.
     Raises:
         ValueError: as ``Tones``; microphones are missing, too few or half a wavelength apart; one has no pressure.
     Warns:
