@@ -369,14 +369,6 @@ def test_dates_of_pandas_tables_and_arrays_without_units():
     )
 
 
-@pytest.mark.parametrize("order", ["time z x", "x z time", "x time z", "x y time"])
-def test_an_array_with_names_is_taken_by_them(order):
-    """Given to VelocityPlane itself: time last, x before it, whatever the order was."""
-    data = dataset().v.rename(z="y") if "y" in order else dataset().v
-    found = tl.VelocityPlane(data.transpose(*order.split()), sampling_rate=RATE, x=X, z=Z)
-    same_plane(found)
-
-
 def test_a_lazy_dataset_stays_so(tmp_path):
     """Of dask or a file: nothing is read before a slab is asked for."""
     path = written(dataset(), tmp_path, "netcdf4")

@@ -1,9 +1,6 @@
 """Restarts joined in time, parts of planes, and the conversion that streams."""
 
-import os
 import resource
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import pairwise
 
@@ -193,32 +190,6 @@ def test_a_frame_of_nan_is_told_and_kept(tmp_path, capsys):
     assert bool(tl.read_plane(tmp_path / "a.h5").velocity[..., 7].isnan().all())
     assert main(["info", str(tmp_path / "a.h5")]) == 1
     assert "12 nan or inf at 12 of 12 probes, the first at probe 0, sample 7" in (capsys.readouterr().out)
-
-
-GROW = """
-import h5py, numpy as np, sys
-with h5py.File(sys.argv[1], "r+") as file:
-    for name in ("time", "wall_normal_velocity"):
-        file[name].resize(80, axis=0)
-    file["time"][60:] = 0.5 + np.arange(60, 80) / 5e4
-    file["wall_normal_velocity"][60:] = 7.0
-"""
-
-
-def test_a_file_that_grows_is_that_which_was_opened(tmp_path):
-    """Samples added later are in a plane opened later."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        values = np.moveaxis(WHOLE.velocity.numpy(), -1, 0).reshape(60, 12)
-        for name, data, unit in (("time", 0.5 + np.arange(60) / RATE, "s"), ("wall_normal_velocity", values, "m/s")):
-            file.create_dataset(name, data=data, maxshape=(None, *data.shape[1:]))
-            file[name].attrs["units"] = unit
-    lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
-    before = lazy.read(0, 60)
-    grow = [sys.executable, "-c", GROW, str(tmp_path / "a.h5")]
-    subprocess.run(grow, check=True, env={**os.environ, "HDF5_USE_FILE_LOCKING": "FALSE"})
-    assert torch.equal(lazy.read(0, 99), before)
-    del lazy
-    assert tl.read_plane(tmp_path / "a.h5").samples == 80
 
 
 WRONG = [

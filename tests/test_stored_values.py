@@ -95,7 +95,7 @@ PLANES = {
     "a link elsewhere": (linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
     "raw storage": (raw_storage, rf"{V} keeps its values outside the file; .*h5repack"),
     "a virtual set": (virtual, rf"{V} keeps its values outside the file; .*h5repack"),
-    "x of index units": (set_attribute("x", "units", "1"), "x has units '1', but is no index"),
+    "x of index units": (set_attribute("x", "units", "1"), "x has units '1'; a length is needed"),
     "x not finite": (lambda f: replaced(f, "x", [0, 1, np.nan, 2.0]), "x has .* all finite"),
     "x absurd": (lambda f: replaced(f, "x", [0, 1, 2, 1e300]), r"x holds 1e\+300 m, which is"),
     "texts": (lambda f: replaced(f, "height", "1 mm"), "height is object; numbers are needed"),
