@@ -264,7 +264,7 @@ def test_other_files_are_refused(tmp_path):
     line_of().write(tmp_path / "c.h5")
     with h5py.File(tmp_path / "c.h5", "a") as file:
         del file["pressure_real"]
-    with pytest.raises(ValueError, match="c.h5:/.* is missing; the file holds"):
+    with pytest.raises(ValueError, match=r"c.h5:/.* is missing; the file holds"):
         read_microphones(tmp_path / "c.h5")
 
 
