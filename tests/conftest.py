@@ -28,6 +28,17 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+PARAMETERS = {  # of a liner, each to be differentiated
+    "facesheet_thickness": 1e-3,
+    "orifice_diameter": 1e-3,
+    "porosity": 0.06,
+    "cavity_depth": 38e-3,
+    "cavity_hydraulic_radius": 4e-3,
+    "cavity_porosity": 0.9,
+    "open_area_fraction": 0.8,
+    "vena_contracta": 0.78,
+    "impedance_offset": 0.03 - 0.02j,
+}
 RATE, FREQUENCY = 42000.0, 1400.0  # 30 samples a period, so that whole periods are whole samples
 
 

@@ -58,9 +58,6 @@ def test_one_run_is_seen_and_bounded_from_above():
     case = {"data": {"case": "n130"}}
     one, other = (replace(each, choices={**each.choices, **case}) for each in (made(0), made(1)))
     assert tl.compare(one, other).same_run  # two heights of a run
-    mean = made(0).mean_velocity.clone()
-    mean.flatten()[0] = torch.nan  # a probe that one of them left out
-    assert tl.compare(made(0), replace(again, mean_velocity=mean)).same_run
 
 
 @pytest.mark.parametrize("same", [False, True])
@@ -124,12 +121,6 @@ def test_averagings_must_be_held_by_both():
     moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
     with pytest.raises(ValueError, match="other cells"):
         tl.compare(made(0), moved)
-
-
-def test_without_intervals_the_difference_stands_alone():
-    found = tl.compare(made(0), made(1, interval=None))
-    assert (found.level, found.rows[0].low, found.rows[0].differs_in) == (None, None, "")
-    assert "no intervals" in found.words
 
 
 def test_the_command_prints_and_writes_rows(tmp_path, capsys):

@@ -100,18 +100,6 @@ def test_moments_serve_as_well(tmp_path):
         tl.compare_models(known, liners, cell_pitch=5e-3)
 
 
-def test_tables_and_models_share_one_pass():
-    """A table over |v| has kinks and an end; the smooth models beside it are still known."""
-    liner = tl.load_liner("polito")
-    speeds = torch.linspace(0, 12, 25, dtype=torch.float64)
-    axis = torch.tensor([1400.0, 1500.0, 1600.0], dtype=torch.float64)
-    table = tl.TabulatedLiner(axis, liner.impedance(axis[:, None], speeds), speeds)
-    found = tl.compare_models(noisy(), {"model": liner, "table": table})
-    first, second = (row.impedance for row in found.rows)
-    assert abs(first - second) < 0.05
-    assert max(row.model_error for row in found.rows) < 1e-4
-
-
 @pytest.mark.filterwarnings("always::torchliner.DataWarning")
 def test_cells_belong_to_the_data():
     """Those of the preset that the plane names, or of the first model, or as stated; the others are told."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, plane_of, turbulence
+from conftest import FREQUENCY, PARAMETERS, RATE, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
@@ -13,17 +13,6 @@ from torchliner.forward_mode import dual_level
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),
 ]
-PARAMETERS = {
-    "facesheet_thickness": 1e-3,
-    "orifice_diameter": 1e-3,
-    "porosity": 0.06,
-    "cavity_depth": 38e-3,
-    "cavity_hydraulic_radius": 4e-3,
-    "cavity_porosity": 0.9,
-    "open_area_fraction": 0.8,
-    "vena_contracta": 0.78,
-    "impedance_offset": 0.03 - 0.02j,
-}
 STEP = 1e-5  # relative
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from conftest import DATA, plane_of, turbulence
+from conftest import DATA, plane_of
 
 import torchliner as tl
 from torchliner.cli.main import main
@@ -59,19 +59,6 @@ def test_porosity_counts_as_the_speed_does():
     assert distance_of(HOLE, HOLE) == 0
     assert distance_of(HOLE, Row(HOLE, hole="slit")) == 1
     assert distance_of(HOLE, Row(HOLE, mach=0.3)) == pytest.approx(3)
-
-
-def test_nothing_is_said_where_there_are_no_holes(liner):
-    plane = plane_of(turbulence((2, 480)), liner="hard wall")
-    assert nearest_case(tl.educe(plane, liner, interval=None)) == ""
-
-    class Plain:
-        def impedance(self, frequency, speed=0.0):
-            return liner.impedance(frequency, speed)
-
-    found = tl.educe(plane_of(turbulence((2, 480))), Plain(), interval=None)
-    assert setting_of(found) is None
-    assert nearest_case(found) == ""
 
 
 def test_a_grazing_tone_is_not_averaged_away(liner):

@@ -7,37 +7,21 @@ import json
 
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, Resistive, frozen_plane, plane_of, turbulence
+from conftest import DATA, FREQUENCY, PARAMETERS, Resistive, frozen_plane, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.liners.cell import air_state
-from torchliner.studies.sensitivities import covariance_of
+from torchliner.cli.main import DONE, main
 from torchliner.units import parse_tolerance
 
 pytestmark = [pytest.mark.filterwarnings("ignore::torchliner.DataWarning")]
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")
 SPEEDS = 1e-6  # differences with steps of 1e-5; interpolation over |v| leaves 1e-8
-RESISTIVE = Resistive(0.2, 0.15, 1e-4, 0.04)
 TOLERANCES = {"orifice_diameter": "0.02 mm", "porosity": "2 %", "cavity_depth": "0.1 mm"}
 
 
 def model(**changes):
-    given = {
-        "facesheet_thickness": 1e-3,
-        "orifice_diameter": 1e-3,
-        "porosity": 0.06,
-        "cavity_depth": 38e-3,
-        "cavity_hydraulic_radius": 4e-3,
-        "cavity_porosity": 0.9,
-        "open_area_fraction": 0.8,
-        "vena_contracta": 0.78,
-        "impedance_offset": 0.03 - 0.02j,
-        "velocity_gain": 0.9,
-        "velocity_reading": "conserved",
-        "cell_pitch": 5e-3,
-        "fluid": tl.Fluid.from_temperature(300.0, 9e4),
-    }
+    about = {"velocity_gain": 0.9, "velocity_reading": "conserved", "cell_pitch": 5e-3}
+    given = {**PARAMETERS, **about, "fluid": tl.Fluid.from_temperature(300.0, 9e4)}
     return tl.SDoFLiner(**{**given, **changes})
 
 
@@ -80,20 +64,6 @@ def test_every_parameter_against_differences(wrapped, name):
         assert largest(wrapped.liner[averaging][row], wanted) < SPEEDS
 
 
-def test_any_model_that_states_numbers_is_differentiated():
-    """dZ/dp of a model of one's own, at two frequencies, and its tolerances."""
-    options = {"frequency": [1000.0, FREQUENCY], "dtype": "float64"}
-    found = tl.sensitivities(cells_plane(), RESISTIVE, **options)
-    assert tuple(found.numbers) == ("r0", "a", "m", "length")
-    for i, (name, number) in enumerate(RESISTIVE.numbers().items()):
-        slopes = differences(lambda value, name=name: RESISTIVE.replace(**{name: value}), number.value, **options)
-        for averaging, wanted in slopes.items():
-            assert largest(found.liner[averaging][i], wanted) < SPEEDS
-    budget = found.propagate({"length": "0.1 mm", "a": "0.01"}, limits="standard")
-    rows = budget.of(averaging="admittance", frequency=FREQUENCY)
-    assert [(row.unit, row.half_width) for row in rows] == [("s/m", 0.01), ("m", pytest.approx(1e-4))]
-
-
 @pytest.mark.parametrize("choices", [{"drive": "running-rms"}, {"mean": "removed"}], ids=str)
 def test_choices_of_the_speed_are_followed(choices):
     found = tl.sensitivities(cells_plane(), model(), None, ["porosity"], **choices)
@@ -127,20 +97,6 @@ def test_numbers_of_the_slit():
     assert float((found.per_percent().liner["velocity"][:, 0] - wanted).abs().max()) < 2e-6
 
 
-def test_state_of_air():
-    """Temperature and pressure come back from the gas they made."""
-    assert air_state(tl.Fluid.from_temperature(280.0, 8e4)) == pytest.approx((280.0, 8e4))
-
-
-@pytest.mark.parametrize("reading", ["as_measured", "conserved"])
-def test_velocity_gain_scales_the_velocity(reading):
-    """Z with gain g at |v| is Z without at g |v|."""
-    plain = model(velocity_gain=1.0, velocity_reading=reading)
-    speeds = torch.tensor([0.0, 0.3, 2.0, 9.0], dtype=torch.float64)
-    found = plain.replace(velocity_gain=1.7).impedance(FREQUENCY, speeds)
-    assert largest(found, plain.impedance(FREQUENCY, 1.7 * speeds)) < 1e-14
-
-
 def test_one_tolerance_is_one_contribution(wrapped):
     """Rectangular limits are divided by sqrt 3, a standard uncertainty is taken as it is."""
     row = [*wrapped.numbers].index("orifice_diameter")
@@ -165,12 +121,6 @@ def test_the_budget_against_monte_carlo():
     wanted = torch.cov(torch.view_as_real(impedance.reshape(-1)).T)
     # 600 draws scatter by some 5 %; the second order of these tolerances is below that.
     assert largest(budget.covariance["velocity"][0], wanted) < 0.15
-
-
-def test_covariance_by_hand():
-    """Two independent changes, 3 + 4j and 1 - 2j."""
-    changes, between = torch.tensor([3 + 4j, 1 - 2j], dtype=torch.complex128), torch.eye(2, dtype=torch.float64)
-    assert covariance_of(changes, between).tolist() == [[10.0, 10.0], [10.0, 20.0]]
 
 
 @pytest.mark.parametrize(
@@ -268,18 +218,3 @@ def test_command_prints_sorts_and_draws(capsys, tmp_path, small):
     assert main(["sensitivity", small, "--parameters", "porosity", "cavity_depth", "--json"]) == DONE
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert [(row["parameter"], row["unit"]) for row in rows] == [("cavity_depth", "m"), ("porosity", "1")]
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--tolerance", "orifice_diameter=0.02"], "m, mm"),
-        (["--tolerance", "orifice_diameter"], "write NAME=VALUE"),
-        (["--tolerance", "porosity=1 %", "--tolerance", "porosity=2 %"], "each name once"),
-        (["--tolerance", "porosity=1 %", "-o", SLIT], "is an input"),
-        (["-o", "rows.h5"], ".csv"),
-    ],
-)
-def test_command_refuses(capsys, words, message):
-    assert main(["sensitivity", SLIT, *words]) == BAD_INPUT
-    assert message in capsys.readouterr().err
