@@ -168,7 +168,7 @@ def test_the_command_is_kept_as_it_was_typed(files):
     """With its phase, its pressure and what is read of the plane."""
     words = (
         "educe p0.h5 --liner l.toml --phase given --reference-phase -0.5 --every 2 --wall-pressure w.h5 "
-        "--no-intervals --quiet -o map.h5"
+        "--interval none --quiet -o map.h5"
     ).split()
     alone(*words)
     found = tl.read_map("map.h5")

@@ -145,16 +145,11 @@ class ImpedanceMap(DrawnAtFrequency, Result, Found):
         return self.impedance.imag
 
     @property
-    def incident_pressure(self) -> Tensor:
-        """Complex peak amplitude, Pa, (..., F), of the wave that gives the measured v at f where v is coherent with
-        the tone, rho c V/(1 - R)."""
-        scale = self.fluid.characteristic_impedance
-        return scale * self.velocity_amplitude / (1 - self.probes["admittance"].reflection)
-
-    @property
     def inferred_incident_level(self) -> Tensor:
-        """Level of ``incident_pressure``, dB re 20 uPa rms, (..., F)."""
-        return spl_from_pressure_amplitude(self.incident_pressure)
+        """Level of the wave that gives the measured v at f where v is coherent with the tone, of the amplitude
+        rho c V/(1 - R), dB re 20 uPa rms, (..., F)."""
+        wave = self.velocity_amplitude / (1 - self.probes["admittance"].reflection)
+        return spl_from_pressure_amplitude(self.fluid.characteristic_impedance * wave)
 
     @property
     def liner_spread(self) -> Tensor:
