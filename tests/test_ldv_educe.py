@@ -14,7 +14,6 @@ from test_stations import station
 
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
-from torchliner.campaign.cluster import open_cluster
 from torchliner.cli.main import main
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -162,11 +161,3 @@ def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
                 del file["grid_rate"]
         assert torch.equal(tl.educe_bursts(folder, liner, parts=parts, segment=0.04).reflection, wanted)
         assert len(seen) == count
-
-
-def test_two_workers_give_the_line_of_one_machine(folder, known):
-    """Stations are read where they are educed; the line is the same to the bit."""
-    with open_cluster("local:2") as client:
-        line = tl.educe_bursts(folder, tl.load_liner("onera"), segment=0.04, client=client)
-    assert torch.equal(line.impedance, known.impedance)
-    assert torch.equal(line.average.impedance, known.average.impedance)

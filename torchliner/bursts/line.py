@@ -12,17 +12,15 @@ import torch
 from torch import Tensor
 
 from torchliner.bursts.averages import average_line, line_level_check
-from torchliner.bursts.choices import StationChoices, split_choices
+from torchliner.bursts.choices import split_choices
 from torchliner.bursts.station import CASE, educe_station
 from torchliner.checks import phase_tensor, tell
-from torchliner.engine.workers import tasks_in_order
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import BurstRecord, ImpedanceLine, LevelCheck, ReferenceChannel
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of, with_choices
-from torchliner.velocity.choices import Choices
 from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
@@ -43,7 +41,6 @@ def educe_bursts(
     reference_phase: Any = None,
     parts: str | Path | LineParts | None = None,
     progress: Callable[[int], None] | None = None,
-    client: Any = None,
     **choices: Any,
 ) -> ImpedanceLine:
     """Impedance along a line of stations of bursts, segment by segment, and its averages.
@@ -65,7 +62,6 @@ def educe_bursts(
         parts: folder where each finished station is kept; a run that was broken off takes up what was made from the
             same data with the same choices.
         progress: called with 1 after each station.
-        client: of dask.distributed, whose workers take a station each; the line is the same to the bit.
         choices: see ``StationChoices`` and ``Choices``.
     Returns:
         The line in the order of x, y, z, with the average (5.2) over the stations that count.
@@ -85,13 +81,15 @@ def educe_bursts(
             (reference_phase,) = reference_phase
     tasks = _tasks(stations, reference, reference_phase)
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    keys = [_digest(model, task, frequency, own, chosen.describe()) if kept else "" for task in tasks]
-    done = [kept.load(key) if kept else None for key in keys]
-    missing = [task for task, part in zip(tasks, done, strict=True) if part is None]
-    made, lines = tasks_in_order(client, _read_and_educe, (model, frequency, own, chosen), missing), []
-    for key, part in zip(keys, done, strict=True):
+    lines = list[ImpedanceLine]()
+    for station, given, psi in tasks:
+        channel = _channel(given, station)
+        key = _digest(model, station, channel, psi, frequency, own, chosen.describe()) if kept else ""
+        part = kept.load(key) if kept else None
         if part is None:
-            part = kept.keep(key, next(made)) if kept else next(made)
+            record = station.read() if isinstance(station, StationSource) else station
+            part = educe_station(record, model, frequency, own, chosen, channel, psi)
+            part = kept.keep(key, part) if kept else part
         lines.append(part)
         if progress is not None:
             progress(1)
@@ -133,13 +131,6 @@ def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
     if channel is not None and not isinstance(channel, ReferenceChannel):
         raise TypeError(f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples first")
     return channel
-
-
-def _read_and_educe(
-    model: LinerModel, frequency: Any, own: StationChoices, chosen: Choices, station: Station, channel: Any, phase: Any
-) -> ImpedanceLine:
-    record = station.read() if isinstance(station, StationSource) else station
-    return educe_station(record, model, frequency, own, chosen, _channel(channel, station), phase)
 
 
 def _inputs(tasks: Sequence[Task], liner: LinerModel) -> Iterator[tuple[str, str]]:
@@ -189,14 +180,13 @@ def _case(line: ImpedanceLine) -> dict[str, Any]:
     }
 
 
-def _digest(liner: LinerModel, task: Task, *more: Any) -> str:
+def _digest(liner: LinerModel, station: Station, channel: ReferenceChannel | None, *more: Any) -> str:
     """Hash of what a finished station follows from: the name of a liner's table says too little."""
-    station, channel, phase = task[0], _channel(task[1], task[0]), task[2]
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
     with torch.no_grad():
         response = [liner.impedance(f, speeds) for f in torch.linspace(float(low), float(high), 9).tolist()]
-    facts = [torch.stack([*map(torch.as_tensor, response)]), liner.describe(), station.name, phase, *more]
+    facts = [torch.stack([*map(torch.as_tensor, response)]), liner.describe(), station.name, *more]
     facts += [station.digest()] if isinstance(station, StationSource) else vars(station).values()
     digest = hashlib.sha256(__version__.encode())
     for fact in facts + ([] if channel is None else [*vars(channel).values()]):
