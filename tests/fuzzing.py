@@ -145,7 +145,8 @@ def _dropped(answer: Any) -> float:
     if isinstance(answer, dict):
         own = answer.get("dropped")
         inside = [value for key, value in answer.items() if key != "dropped"]
-        return (sum(own.values()) if isinstance(own, dict) else 0) + _dropped(inside)
+        here = sum(own.values()) if isinstance(own, dict) else own if isinstance(own, int) else 0
+        return here + _dropped(inside)
     return sum(map(_dropped, answer)) if isinstance(answer, list) else 0
 
 
