@@ -184,7 +184,7 @@ def test_modes_list_the_growing_wave(tmp_path, capsys):
 
 
 def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
-    """Z(f) of a preset, or of a table over frequency; a picture a frequency."""
+    """Z(f) of a preset, or of a table over frequency."""
     wanted = tl.load_liner("polito").impedance([900.0, 1200.0], 2.0)
     (tmp_path / "z.csv").write_text(
         "frequency [kHz],resistance,reactance\n"
@@ -195,12 +195,12 @@ def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
         ["solve", "b2a", "--liner", "polito", "--speed", "2", *about, "--figure", str(tmp_path / "w.png")], capsys
     )
     other = told(["solve", "b2a", "--liner", str(tmp_path / "z.csv"), *about], capsys)
-    for row, same in zip(one["plane_mode"], other["plane_mode"], strict=True):
+    for row, same in zip(one["rows"], other["rows"], strict=True):
         assert {k: v or 0 for k, v in row.items()} == pytest.approx({k: v or 0 for k, v in same.items()})
     assert one["duct"]["sound"]["liner"] == "polito"
-    assert {p.name for p in tmp_path.glob("w*.png")} == {"w_900Hz.png", "w_1200Hz.png"}
+    assert (tmp_path / "w.png").exists()
     case = tl.load_duct("b2a", bulk_mach=0.0).case
-    for f, z, row in zip((900.0, 1200.0), wanted.tolist(), one["plane_mode"], strict=True):
+    for f, z, row in zip((900.0, 1200.0), wanted.tolist(), one["rows"], strict=True):
         mesh = build_mesh(case, 1200.0, column=0.01, row=0.01)
         alone = solve_duct(case, f, z, mesh)
         assert abs(complex(alone.transmission)) == pytest.approx(row["transmission"], rel=1e-9)
