@@ -104,11 +104,6 @@ def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     rows, count, harmonics = seen.rows_of_harmonics(), len(seen.sums), seen.harmonics
     gram = gram_of(seen.blocks, seen.lines[:harmonics])  # made again on the host: nothing is read back
     whole, *each = torch.linalg.pinv(torch.cat([gram.sum(0)[None], gram]), hermitian=True, rtol=1e-9).to(seen.sums)
-    within = cells.labels < cells.count
-
-    def away(values: Tensor) -> Tensor:
-        """What deviates from the mean over the cell; 0 outside of cells."""
-        return values * within - cells.spread(cells.mean(values))
 
     def by_line(of_probes: Tensor) -> Tensor:
         """Sums over cosine and sine of each line and the probes of each cell: (1 + 2 H, P) to (1 + H, C)."""
@@ -116,18 +111,19 @@ def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
         return torch.cat([found[:1], found[1 : 1 + harmonics] + found[1 + harmonics :]])
 
     fit = whole @ seen.sums.sum(0)[rows]
-    periodic = away(fit)
+    periodic = cells.away(fit)
     if count < FEWEST_BLOCKS:
         return fit, periodic, fit.new_ones(1 + harmonics, cells.count)
-    mean = sum(own @ sums[rows] for own, sums in zip(each, seen.sums, strict=True)) / count
-    squares, products, before = torch.zeros_like(fit), torch.zeros_like(fit), torch.zeros_like(fit)
-    for own, sums in zip(each, seen.sums, strict=True):  # one block after another, never held together
-        now = away(own @ sums[rows] - mean)
-        squares.addcmul_(now, now)
-        products.addcmul_(now, before)
+    first = before = total = squares = products = torch.zeros_like(fit)
+    for block in range(count):  # one after another, never held together
+        now = cells.away(each[block] @ seen.sums[block, rows])
+        first = first if block else now
+        total, squares, products = total + now, torch.addcmul(squares, now, now), torch.addcmul(products, now, before)
         before = now
-    variance = by_line(squares)
-    rho = correlation(variance, by_line(products), count)
+    mean = total / count  # of which blocks are to deviate
+    variance = by_line((squares - count * mean**2).clamp(min=0))
+    products = by_line(products + mean * (first + before - (count + 1) * mean))
+    rho = correlation(variance, products, count)
     noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
     return fit, periodic, (1 - noise / by_line(periodic.square()).clamp(min=1e-300)).clamp(min=0)
 

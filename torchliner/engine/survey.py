@@ -77,6 +77,13 @@ class Membership:
         """Over the probes of each cell: (..., P) to (..., C)."""
         return self.sum(values) / self.sizes.to(values)
 
+    def away(self, values: Tensor) -> Tensor:
+        """What deviates from the mean over the cell, 0 at probes of no cell, (..., P)."""
+        if self.ordered:
+            members = values.unflatten(-1, self.places.shape)
+            return (members - members.mean(-1, keepdim=True)).flatten(-2)
+        return values * (self.labels < self.count) - self.spread(self.mean(values))
+
     def spread(self, of_cells: Tensor) -> Tensor:
         """The value of its cell at each probe, 0 at probes of no cell: (..., C) to (..., P)."""
         return torch.nn.functional.pad(of_cells, (0, 1)).index_select(-1, self.labels)

@@ -115,13 +115,14 @@ def tasks_in_order(
                 return
             if not threads:  # the work waits already, so that a cluster that adapts starts its first worker
                 seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
-                client.wait_for_workers(1, timeout=seconds)
+                where = client.scheduler.address
+                try:
+                    client.wait_for_workers(1, timeout=seconds)
+                except TimeoutError as error:
+                    text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
+                    raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
             yield waiting[0].result()
             waiting.popleft()  # the worker may forget it
-    except TimeoutError as error:
-        where = client.scheduler.address
-        text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
-        raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
     except Exception as error:
         name = type(error).__name__
         if name == "KilledWorker":
