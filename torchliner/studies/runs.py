@@ -45,9 +45,8 @@ class Run:
         liner: of the plane, whose parameters are varied.
         weights, share: W, complex128, (C, K) for C columns; of each in the mean admittance, (C,).
         group: label of the run: planes of one run share one reference.
-        wanted: reference impedance, (F,); None where a level, or nothing, is known.
-        noise: u(R) + j u(X), (F,); of a level u (nepers).
-        ratio: implied over known pressure, from Z (F,); None with references.
+        wanted, noise: reference impedance, (F,), and its u(R) + j u(X), of a level u (nepers).
+        ratio: implied over known pressure, from Z (F,), where that is held to.
     """
 
     known: Moments

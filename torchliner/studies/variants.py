@@ -66,10 +66,9 @@ class Variant:
 
 
 def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> list[Row]:
-    """Z of each variant; ``base`` has the velocity at the tone, for the level check.
+    """A row a variant and frequency: its labels, averaging, frequency, impedance, low, high, level_check.
 
-    Returns:
-        A row a variant and frequency: its labels, averaging, frequency, impedance, low, high, level_check.
+    ``base`` has the velocity at the tone, for the level check.
     """
     pressure, rows = known_pressure(base, frequency), list[Row]()
     ratio = None if isinstance(pressure, str) else ratio_of_pressures(pressure)
@@ -92,12 +91,8 @@ def read_for(
     turns: Sequence[float] = (),
     progress: Progress | None = None,
 ) -> tuple[Moments, Reading]:
-    """Moments of a plane for several liners, the first one's cells, and how it was read.
-
-    Args:
-        plane, liners, frequency, chosen, progress: as for ``educe``.
-        turns: Hz, of waves that the sums are weighed with beside those of the phase rule.
-    """
+    """Moments of a plane for several liners, the first one's cells, and how it was read; ``turns``: Hz, of waves that
+    the sums are weighed with beside those of the phase rule."""
     nodes = choose_nodes(liners, frequency, chosen.tolerance(plane.velocity.dtype))
     reading = reading_of(plane, [], frequency, chosen, cell_pitch=liners[0].cell_pitch, nodes=nodes)
     reading = dataclasses.replace(reading, turns=torch.cat([reading.turns, reading.turns.new_tensor([*turns])]))
@@ -151,11 +146,8 @@ def of_blocks(known: Moments, part: slice) -> Moments:
 
 
 def every_second(known: Moments) -> Moments:
-    """Moments of the samples 0, 2, ... alone, whose weight is (1 + (-1)^n)/2: of |v| as it is, for phase ``averaged``.
-
-    Args:
-        known: with half the sampling rate among its ``turns``.
-    """
+    """Moments of samples 0, 2, ... alone, whose weight is (1 + (-1)^n)/2; ``known`` has half the sampling rate among
+    its ``turns``."""
     seen, rate = known.survey, known.plane.sampling_rate / 2
     row = 1 + int((known.turns == rate).nonzero()[0])
     gram = seen.gram.clone()
