@@ -33,7 +33,7 @@ def read_signal(path: str | Path, sampling_rate: float | None = None, channel: i
             raise ValueError(f"{path} says {rate:g} Hz, sampling_rate {sampling_rate:g} Hz; one of them is wrong")
     else:
         if sampling_rate is None:
-            raise ValueError(f"{path} does not state its sampling rate; give it in Hz (--incident-rate)")
+            raise ValueError(f"{path} does not state its sampling rate; give sampling_rate in Hz")
         rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
         values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
     columns = values[:, None] if values.ndim == 1 else values
