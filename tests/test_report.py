@@ -126,8 +126,7 @@ def test_labels_name_what_differs(liner):
     facts = ({"height": 1e-3}, {"height": 2e-3}), ({"source_side": "upstream"}, {"source_side": "downstream"}), ({}, {})
     wanted = ["y = 1 mm", "y = 2 mm"], ["source upstream", "source downstream"], ["run, 1", "run, 2"]
     for (a, b), labels in zip(facts, wanted, strict=True):
-        assert numbers.labels_of([made(**a), made(**b)])[0].startswith(labels[0].split(",")[0][:6])
-        assert len({*numbers.labels_of([made(**a), made(**b)])}) == 2
+        assert numbers.labels_of([made(**a), made(**b)]) == labels
 
 
 # --- numbers

@@ -24,7 +24,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.of_fits import drive_label
 from torchliner.report.typesetting import typeset
 from torchliner.studies.rows import Row
 from torchliner.studies.validation import DEFAULT, DRIVES
@@ -70,8 +69,9 @@ def draw_truth_errors(rows: Sequence[Row], path: str | Path | None = None) -> Fi
         _dress_errors(axis, part, places)
     axes[0, 0].set_yticks(range(len(places)), [f"{case}, {averaging}" for case, averaging in places])
     axes[0, 1].set_yticks([])
-    for i, each in enumerate(DRIVES):
-        axes[0, 0].plot([], [], "-", color=COLOURS[i], linewidth=2, label=drive_label(*each))
+    for i, (drive, mean) in enumerate(DRIVES):
+        label = drive + (", mean removed" if mean == "removed" else "")
+        axes[0, 0].plot([], [], "-", color=COLOURS[i], linewidth=2, label=label)
     for marker, phase in zip(MARKERS, PHASES, strict=False):
         axes[0, 0].plot([], [], marker, color="k", markerfacecolor="none", label=f"phase {phase}")
     axes[0, 0].plot([], [], color="0.6", linewidth=4, label="95 % interval of the default rule")

@@ -143,11 +143,6 @@ def _curve(found: Fit) -> Table:
     return table_of(rows, "frequency,speed,impedance,interval,seen")
 
 
-def drive_label(drive: str, mean: str) -> str:
-    """'instantaneous' or 'instantaneous, mean removed'."""
-    return drive + (", mean removed" if mean == "removed" else "")
-
-
 def truth_table(rows: Sequence[Any]) -> Table:
     """Every rule of every plane."""
     return table_of(rows, "case,height,drive,mean,phase,averaging,educed,true,error", TRUTH)

@@ -150,9 +150,8 @@ def _along_x(found: PointImpedances, what: str, **about: Any) -> Picture:
 
 def point_rows(found: PointImpedances) -> list[Row]:
     """The whole surface and the cells, each in both orders, a row a frequency."""
-    names = [
-        f"cell {c}" + (f", x = {1e3 * x:.1f} mm" if x == x else "") for c, x in enumerate(found.cell_x.tolist(), 1)
-    ]
+    x = [f", x = {1e3 * at:.1f} mm" if at == at else "" for at in found.cell_x.tolist()]
+    names = [f"cell {c}{at}" for c, at in enumerate(x, 1)]
     rows, mean = list[Row](), found.coherence.mean(0, keepdim=True)
     for end, order in ORDERS:
         ends: list[Any] = [None, None]
@@ -227,15 +226,9 @@ def of_pressures(
         at_tone = [row for row in rows if abs(row["frequency"] / tone - 1) < 1e-6]
         for row in at_tone:
             row |= {"true": true, "distance_to_true": abs(row["impedance"] - true)}
-    first = [
-        row
-        for row in rows
-        if row["frequency"] == rows[0]["frequency"] and row["place"] in ("surface", rows[0]["place"])
-    ]
+    first = [row for row in rows if all(row[key] == rows[0][key] for key in ("frequency", "place"))]
     level, name = options.get("interval", LEVEL), record.title or record.name
-    lines = [
-        f"{row_words(row, level)} in units of ρc at {row['frequency']:g} Hz, {row['method']}." for row in first[:2]
-    ]
+    lines = [f"{row_words(row, level)} in units of ρc at {row['frequency']:g} Hz, {row['method']}." for row in first]
     shown = "method,place,frequency,impedance,interval,distance_to_true"
     return Answer(
         title=name,
