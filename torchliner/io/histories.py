@@ -28,6 +28,7 @@ LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
 NO_PROBE = re.compile(r"(iter(ation)?s?|(time ?)?steps?|cycles?|frames?)\b.*|.*:(\d|magnitude)", re.IGNORECASE)
 INDEX = re.compile(r"(index|unnamed.*)?", re.IGNORECASE)  # of a table of pandas
+NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?"
 Labels = list[tuple[str, str]]  # names and units
 
 
@@ -123,13 +124,25 @@ def _columns(heading: Sequence[str], width: int, path: Path, request: PlaneReque
 def _points_of(
     heading: Sequence[str], count: int, unit: str | None, request: PlaneRequest, path: Path
 ) -> np.ndarray | None:
-    """Points in lines of a heading, one for each coordinate, m; None without. A line that begins as one of them and
-    cannot be read is a ValueError, as are lines of one axis alone."""
+    """Points in lines of a heading, one for each coordinate, m; None without.
+
+    Raises:
+        ValueError: a line of a coordinate that cannot be read, or as many numbers in a row as there are columns, or a
+            triple of numbers in brackets, in any other line; a coordinate along the wall is missing.
+    """
     lines: dict[str, np.ndarray] = {}
-    for at, found in enumerate(map(COORDINATE.match, heading), 1):
+    listed = re.compile(rf"({NUMBER}[\s,;()]+){{{max(count, 2) - 1}}}{NUMBER}|\(({NUMBER}[\s,;]+){{2}}{NUMBER}\)", re.I)
+    for at, line in enumerate(heading, 1):
+        found = COORDINATE.match(line)
         cells = _cells(found[4]) if found else []
-        if found is None or not _numbers(cells):
+        if not _numbers(cells):
+            if listed.search(line) is not None and not _counts(line):
+                raise ValueError(
+                    f"{path}, line {at} looks like coordinates: {line[:60]!r}; write a line for each of x, y, z, as "
+                    "'# x, 0.1, 0.2, ...', or state the points (--points FILE)"
+                )
             continue
+        assert found is not None
         if _numbers(cells) != len(cells) or len(cells) != count:
             raise ValueError(
                 f"{path}, line {at} looks like coordinates, but {_numbers(cells)} of its {len(cells)} cells are "
@@ -137,10 +150,17 @@ def _points_of(
             )
         lines[found[1].lower()] = np.array(cells, float) * _length(found[2] or found[3] or unit, request, path)
     absent = [axis for axis in AXES if axis not in lines]
-    if len(absent) == 2:
+    normal = (request.normal or "").lstrip("+-")
+    if lines and absent and absent != [normal or absent[0]]:
         raise ValueError(f"{path}: its heading states {', '.join(lines)} of the points, not {', '.join(absent)}")
     # The coordinate along the normal may be left out.
     return np.stack([lines.get(axis, np.zeros(count)) for axis in AXES], 1) if lines else None
+
+
+def _counts(line: str) -> bool:
+    """Whether the numbers of a line are 0, 1, 2, ... or 1, 2, 3, ...: names of columns."""
+    values = [value for cell in _cells(line) if (value := number_of(cell)[0]) is not None]
+    return values[:1] in ([0], [1]) and values == [values[0] + i for i in range(len(values))]
 
 
 def _length(unit: str | None, request: PlaneRequest, path: Path) -> float:
