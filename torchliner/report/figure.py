@@ -119,7 +119,11 @@ def _shown() -> Any:
 
     class Shown(Figure):
         caption = ""
-        savefig = styled(Figure.savefig)  # fonts are looked up when a figure is saved
+
+        @styled
+        def savefig(self, *arguments: Any, **options: Any) -> Any:
+            """Fonts are looked up when a figure is saved."""
+            return super().savefig(*arguments, **options)
 
         def _repr_png_(self) -> bytes:
             self.savefig(picture := io.BytesIO(), format="png")
