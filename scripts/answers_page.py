@@ -3,7 +3,7 @@
     python scripts/answers_page.py [--write | --check]
 
 Each liner is calibrated on runs without flow; then every case is answered by the preset, by the calibrated liner, with
-the run without sound, and by the level. ``--write`` puts tables into docs/truth.md, docs/background.md and README.md,
+the run without sound, and by the level. ``--write`` puts tables into docs/validation.md and docs/background.md,
 pictures and their numbers into docs/figures. ``--check`` only fits the curve of the share of the incoherent velocity
 against the velocity ratio again, and fails where the package states another.
 """
@@ -35,7 +35,7 @@ from torchliner.velocity.averages import Asked, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import measure, reading_of
 from torchliner.velocity.sound import likely_share
-from truth_page import page_table, write_tables
+from validation_page import page_table, write_tables
 
 FOLDER = RESULTS / "answers"
 FITTED = {"n": ("n115", "n130"), "o": ("o115", "o130"), "t": ("t00_130",)}  # by the letter of a lattice
@@ -389,7 +389,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_rows(shares, folder / "velocity_ratio.csv", ".5g")
         draw_background(needed, folder / "background.png")
     if options.write:
-        for page in ("truth.md", "background.md"):
+        for page in ("validation.md", "background.md"):
             write_tables(ROOT / "docs" / page, tables)
     return 0
 

@@ -1,4 +1,4 @@
-"""How often the 95 % intervals hold the truth: synthetic turbulence whose impedance is known.
+"""How often the 95 % intervals hold the known value: synthetic turbulence whose impedance is known.
 
     python scripts/coverage.py [--trials 2000] [--csv FILE]
 
@@ -10,7 +10,7 @@ error of 0.5 %.
 A (z, x) plane holds many trials: each column is a liner of its own, whose admittance averaged over z goes the same way
 through the code as that of a whole liner; its cells and probes are trials, too. A short record is off in the mean,
 because the admittance of probes is not linear in it, and phase-locked averaging takes off some of its turbulence: the
-intervals are to hold the truth nevertheless.
+intervals are to hold the known value nevertheless.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def trials_of(found: tl.ImpedanceMap, column: Column, averaging: str) -> dict[st
 
 
 def summary(parts: Sequence[Educed], true: complex) -> dict[str, object]:
-    """Share of intervals that hold the truth, median widths, and how far the values are off in the mean, in their own
+    """Share of intervals that hold the known value, their median widths, and the mean error of the values in their own
     standard deviations."""
     interval = Interval.joined([part.interval.map(Tensor.flatten) for part in parts if part.interval is not None])
     value = torch.cat([part.impedance.flatten() for part in parts])

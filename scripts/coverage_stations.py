@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of laser Doppler stations hold the truth: ``coverage.py`` of bursts.
+"""How often the 95 % intervals of laser Doppler stations hold the known value: ``coverage.py`` of bursts.
 
     python scripts/coverage_stations.py [--trials 600]
 

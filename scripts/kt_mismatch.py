@@ -5,7 +5,7 @@
 Wall pressures of a duct whose liner has ONE impedance, 2.33-0.30j, are computed by the linearised
 Euler equations with the source upstream and downstream, and educed with uniform flow (Ingard-Myers)
 as the paper does. What differs between the two sides is the method's own: figures 14 and 19 with a
-known truth, then over flow, liner length, rank, order, noise, end reflection and Z varying along x.
+known impedance, then over flow, liner length, rank, order, noise, end reflection and Z varying along x.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 @styled
 def draw_truth(rows: Sequence[Row], path: Path) -> Figure:
-    """Figure 14a with a known truth: what each method makes of one impedance, by flow."""
+    """Figure 14a with a known impedance: what each method makes of one impedance, by flow."""
     figure, axes = subplots(1, 2, 3.4)
     for axis, (method, title) in zip(axes[0], (("KT", "KT, rank 2"), ("two waves", "two-wave fit")), strict=True):
         for i, flow in enumerate(FLOWS):
@@ -167,7 +167,7 @@ def draw_truth(rows: Sequence[Row], path: Path) -> Figure:
                 axis.plot(z.real, z.imag, MARKERS[i], color=DARK[side], zorder=3, label=label)
         for side, z in PAPER.items():
             axis.plot(z.real, z.imag, "x", color=DARK[side], markersize=7, label=f"paper, {side}")
-        axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="truth, and LEE fit", zorder=4)
+        axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="known Z, and LEE fit", zorder=4)
         axis.set(xlabel=PARTS[0][1], ylabel=PARTS[1][1], xlim=(0.8, 3.4), ylim=(-0.8, 0.4), title=title)
     return finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
 
@@ -222,7 +222,7 @@ def draw_choices(rows: Sequence[Row], path: Path) -> Figure:
         entry(axes[0, 0], name, **style | {"linestyle": "none"})
     for side, dashes in sides.items():
         entry(axes[0, 0], f"source {side}", color="k", markersize=3, **{"marker": "o"} | dashes)
-    entry(axes[0, 0], "truth", color="0.6", linewidth=2)
+    entry(axes[0, 0], "known Z", color="0.6", linewidth=2)
     return finish(figure, path, "sheared flow, liner 150 mm", legend=3)
 
 
@@ -242,7 +242,7 @@ def draw_ends(rows: Sequence[Row], path: Path) -> Figure:
     axes[0, 0].set_ylim(0.5, 3.5)
     axes[0, 1].set_ylim(-1.5, 0.5)
     legend_below(figure, axes[0, 0], 2)
-    words = "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) truth"
+    words = "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) known Z"
     return finish(figure, path, words)
 
 

@@ -1,4 +1,4 @@
-"""What the way onto a grid does to laser Doppler velocities, on bursts whose truth is known.
+"""What the way onto a grid does to laser Doppler velocities, on bursts whose true velocity is known.
 
     python scripts/ldv_interpolation.py [-o FOLDER] [--draws 200]
 
@@ -29,7 +29,7 @@ from torchliner.names import GRID_METHODS
 from torchliner.report.numbers import Curves
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
-KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the record that is truth
+KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the true record
 RATES = (8e3, 10e3, 15e3, 20e3, 25e3, 35e3, 50e3, 100e3)
 PUBLISHED = {15e3: 0.84, 25e3: 0.94, 50e3: 0.98}
 SHORT, LONG = 0.1, 2.0  # s; records for the errors of amplitudes, and for all else
@@ -134,7 +134,7 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
     panels = []
     for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
         shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}
-        panels.append((f"{label}, over the truth", Curves(np.array(RATES), shown, label, VARIABLE), 1.0))
+        panels.append((f"{label}, over the true value", Curves(np.array(RATES), shown, label, VARIABLE), 1.0))
     return panels, Curves(np.array(RATES), numbers, "effects", VARIABLE)
 
 

@@ -16,7 +16,7 @@ import frequencies_page
 import kt_mismatch
 import ldv_interpolation
 import side_by_side
-import truth_page
+import validation_page
 from common import DATA, FIGURES, plane_files
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
@@ -68,9 +68,9 @@ def main() -> None:
         picture = FIGURES / f"audit_{case.split('_')[1]}.png"
         torchliner(["audit", *names, "--quiet", "--figure", str(picture)])
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
-    reasons = [truth_page.reasons_of(case) for case in truth_page.REASONED]
-    rows = [row for case in truth_page.CASES for row in truth_page.rows_of(case)]
-    truth_page.draw(rows, reasons, FIGURES)
+    reasons = [validation_page.reasons_of(case) for case in validation_page.REASONED]
+    rows = [row for case in validation_page.CASES for row in validation_page.rows_of(case)]
+    validation_page.draw(rows, reasons, FIGURES)
     ldv_interpolation.study(FIGURES, 200)
     torchliner(["duct", "solve", "b2a", "--quiet", "--field", str(FIGURES / "duct_field.png")])
     b2a_line.main(["-o", str(FIGURES)])  # half an hour

@@ -393,8 +393,8 @@ def draw(
         dots.set_ylim(-len(methods) + 0.5, 0.5)
     legend_below(figure, axes[:, 0], 2)
     words = (
-        f"SIMULATED, truth known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
-        "\n(c), (d): averages along x, lines: truth; bars: 95 % of what the record or the draws "
+        f"SIMULATED, Z known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
+        "\n(c), (d): averages along x, lines: known Z; bars: 95 % of what the record or the draws "
         "leave"
     )
     return finish(figure, path, words)

@@ -32,7 +32,7 @@ def test_the_command_prints_what_the_page_shows(tmp_path, monkeypatch, capsys):
 
 
 def test_the_measured_sample_says_what_the_page_says():
-    """Both presets against the measured Z, from 500 and from 800 to 2500 Hz: docs/truth.md."""
+    """Both presets against the measured Z, from 500 and from 800 to 2500 Hz: docs/validation.md."""
     measured = tl.load_liner(ROOT / "data" / "ufsc_measured.csv")
     frequency, rows = measured.frequency, []
     for name in ("polito", "polito_as_printed"):
@@ -48,5 +48,5 @@ def test_the_measured_sample_says_what_the_page_says():
                 away = (impedance - measured.impedance(frequency))[frequency >= low]
                 off += [f"{float(part.square().mean().sqrt()):.3f}" for part in (away.real, away.imag)]
             rows.append(f"| `{name}` | {low}–2500 | {' | '.join(off)} |")
-    page = (ROOT / "docs" / "truth.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
     assert "\n".join(rows) in page, "\n".join(rows)

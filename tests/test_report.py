@@ -283,7 +283,7 @@ def test_a_figure_over_height_needs_heights(liner):
 # --- validation
 
 
-def test_truth_table_covers_every_rule_once(liner):
+def test_rule_table_covers_every_rule_once(liner):
     """4 drives x 3 phase rules x 3 averagings a plane; 'given' uses the true wave's phase."""
     plane = plane_of(turbulence((3, 480)), height=1e-3, reference={"true": 1 - 0.2j})
     rows = validation_table([plane], lambda _: liner)

@@ -143,7 +143,7 @@ def _curve(found: Fit) -> Table:
     return table_of(rows, "frequency,speed,impedance,interval,seen")
 
 
-def truth_table(rows: Sequence[Any]) -> Table:
+def table_of_rules(rows: Sequence[Any]) -> Table:
     """Every rule of every plane."""
     return table_of(rows, "case,height,drive,mean,phase,averaging,educed,true,error", TRUTH)
 
@@ -155,7 +155,7 @@ def of_validation(several: Sequence[Any], source: Path | None = None) -> Answer:
     return Answer(
         title="Validation: |Z - Z_true| of the default rules",
         lines=[],
-        table=truth_table(several),
+        table=table_of_rules(several),
         brief=table_of(default, "case,height,averaging,educed,true,error"),
         caption="Every rule of every plane.",
         grids=[

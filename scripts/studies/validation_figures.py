@@ -1,4 +1,4 @@
-"""The truth page's pictures: errors of every rule, and what the model can reach."""
+"""The pictures of the validation page: errors of every rule, and what the model can reach."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from studies.limits import reach
-from studies.truth_reasons import FASTEST, Reason
+from studies.validation_reasons import FASTEST, Reason
 from torchliner.liners.sdof import SDoFLiner
 from torchliner.names import AVERAGINGS, PHASES
 from torchliner.report.figure import (
@@ -34,7 +34,7 @@ MARKED_SPEEDS = (0.3, 1.0, 3.0)  # m/s, on the model's curve
 
 
 @styled
-def draw_truth_errors(rows: Sequence[Row], path: str | Path | None = None) -> Figure:
+def draw_validation_errors(rows: Sequence[Row], path: str | Path | None = None) -> Figure:
     """dR and dX of every rule: a line per case and averaging, drives beside it; the median over the
     heights, and their range.
 

@@ -1,6 +1,6 @@
 """IR-TDIBC beside the true impedances without flow: the tables and the picture of docs/ir_tdibc.md.
 
-    python scripts/ir_tdibc_truth.py [--write]
+    python scripts/ir_tdibc_validation.py [--write]
 
 The incident wave of each case, at the level its planes state, drives the model of its preset;
 nothing else of the case is used. ``--write`` puts the tables into the page, but for that of speed,
@@ -33,7 +33,7 @@ from torchliner.report.figure import (
 )
 from torchliner.report.table import format_complex
 from torchliner.velocity.ir_tdibc_wall import step_in_time
-from truth_page import table, write_tables
+from validation_page import table, write_tables
 
 PAGE, STEM = ROOT / "docs" / "ir_tdibc.md", "ir_tdibc"
 TONE = 1400.0

@@ -1,9 +1,9 @@
-"""Everything in docs/truth.md: all rules on all resolved cases, and why they miss.
+"""Everything in docs/validation.md: all rules on all resolved cases, and why they miss.
 
-    python scripts/truth_page.py [--write] [--rows FILE]
+    python scripts/validation_page.py [--write] [--rows FILE]
 
-Rows, tables and pictures go to results/truth. ``--write`` puts rows and pictures into docs/figures,
-the tables into docs/truth.md, and the default rules into the package, where ``educe``
+Rows, tables and pictures go to results/validation. ``--write`` puts rows and pictures into docs/figures,
+the tables into docs/validation.md, and the default rules into the package, where ``educe``
 and ``audit`` find them. ``--rows`` takes the rows from a CSV instead of computing them again, which
 takes minutes.
 """
@@ -20,12 +20,12 @@ from typing import Any
 
 import torchliner as tl
 from common import DATA, FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from studies.truth_figures import ReachPanel, draw_reach, draw_truth_errors
-from studies.truth_reasons import Reason, reason_of
+from studies.validation_figures import ReachPanel, draw_reach, draw_validation_errors
+from studies.validation_reasons import Reason, reason_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
-from torchliner.report.of_fits import truth_table
+from torchliner.report.of_fits import table_of_rules
 from torchliner.report.table import format_complex
 from torchliner.studies.rows import Row
 from torchliner.studies.validation import (
@@ -37,7 +37,7 @@ from torchliner.studies.validation import (
     validation_table,
 )
 
-PAGE, FOLDER = ROOT / "docs" / "truth.md", RESULTS / "truth"
+PAGE, FOLDER = ROOT / "docs" / "validation.md", RESULTS / "validation"
 KNOWN = ROOT / "torchliner" / "studies" / TABLE
 QUIET = ("n115", "n130", "o115", "o130", "t00_130")  # up to 130 dB without flow
 LOUD, FLOW = ("n145", "o145"), ("g01_145", "g03_145", "t03_130", "t015_145")
@@ -79,7 +79,7 @@ def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list
     return [Row(row, in_situ=dean) for row in rows]
 
 
-def truth_row_of(row: dict[str, str]) -> Row:
+def stored_row(row: dict[str, str]) -> Row:
     """The row of such a CSV again."""
 
     def pair(key: str) -> complex:
@@ -98,15 +98,15 @@ def truth_row_of(row: dict[str, str]) -> Row:
 def read_rows(path: Path) -> list[Row]:
     """Rows of an earlier run."""
     with path.open(newline="") as file:
-        return [truth_row_of(row) for row in csv.DictReader(file)]
+        return [stored_row(row) for row in csv.DictReader(file)]
 
 
-def write_truth_rows(rows: Sequence[Row], path: Path) -> None:
+def write_rule_rows(rows: Sequence[Row], path: Path) -> None:
     """As CSV, to ``PRINTED`` digits."""
     write_rows(
         [
             {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.items()}
-            for row in truth_table(rows).as_rows()
+            for row in table_of_rules(rows).as_rows()
         ],
         path,
     )
@@ -249,8 +249,8 @@ def write_tables(page: Path, tables: dict[str, str]) -> None:
 
 def draw(rows: Sequence[Row], reasons: Sequence[Reason], folder: Path) -> None:
     """Both pictures and the numbers behind them."""
-    draw_truth_errors(rows, folder / "truth_errors.png")
-    write_truth_rows(rows, folder / "truth_errors.csv")
+    draw_validation_errors(rows, folder / "validation_errors.png")
+    write_rule_rows(rows, folder / "validation_errors.csv")
     panels = [
         ReachPanel(title, liner_of(name), 1400.0, [r for r in reasons if r.case[0] in letters])
         for title, name, letters in (
@@ -259,12 +259,12 @@ def draw(rows: Sequence[Row], reasons: Sequence[Reason], folder: Path) -> None:
             ("coarser lattice", "t03_130", "t"),
         )
     ]
-    draw_reach(panels, folder / "truth_reach.png")
-    write_rows([row.plain() for row in reasons], folder / "truth_reach.csv")
+    draw_reach(panels, folder / "validation_reach.png")
+    write_rows([row.plain() for row in reasons], folder / "validation_reach.csv")
 
 
 def everything(rows: Sequence[Row] | None, say: Callable[[str], None]) -> dict[str, str]:
-    """Tables by name; numbers and pictures in results/truth."""
+    """Tables by name; numbers and pictures in results/validation."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     if rows is None:
         rows = []
@@ -273,7 +273,7 @@ def everything(rows: Sequence[Row] | None, say: Callable[[str], None]) -> dict[s
             rows += rows_of(case)
     reasons = [reasons_of(case) for case in REASONED]
     draw(rows, reasons, FOLDER)
-    rows = read_rows(FOLDER / "truth_errors.csv")  # so that the tables follow from the file
+    rows = read_rows(FOLDER / "validation_errors.csv")  # so that the tables follow from the file
     return {
         "default": default_table(rows),
         "rules": rule_table(rows),
@@ -293,11 +293,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     if options.write:
-        for path in FOLDER.glob("truth_*"):
+        for path in FOLDER.glob("validation_*"):
             with written_whole(FIGURES / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
         write_tables(PAGE, tables)
-        write_rows(known_rows(read_rows(FOLDER / "truth_errors.csv")), KNOWN, end="\n")
+        write_rows(known_rows(read_rows(FOLDER / "validation_errors.csv")), KNOWN, end="\n")
     print(f"\nNumbers and pictures are in {FOLDER}")
     return 0
 

@@ -1,4 +1,4 @@
-"""The truth page: laws of reach, hole velocity and phase-locked power; its numbers."""
+"""The validation page: laws of reach, hole velocity and phase-locked power; its numbers."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from test_audit import Counted
 import torchliner as tl
 from studies.hole_velocity import hole_velocity
 from studies.limits import reach, speed_that_gives
-from torchliner.report.of_fits import truth_table
+from torchliner.report.of_fits import table_of_rules
 from torchliner.studies.validation import validate
 
-page = load_script("truth_page")
+page = load_script("validation_page")
 PAGE = page.PAGE.read_text(encoding="utf-8")
 TABLES = page.blocks_of(PAGE)
-ROWS = page.read_rows(page.FIGURES / "truth_errors.csv")
+ROWS = page.read_rows(page.FIGURES / "validation_errors.csv")
 reasons_of = functools.cache(page.reasons_of)
 
 # --- what a model can return
@@ -108,9 +108,9 @@ def test_hole_velocity_of_a_tone():
 
 
 def test_rows_survive_their_csv(tmp_path):
-    some = truth_table([ROWS[0], ROWS[36]])  # phases averaged: with an interval
+    some = table_of_rules([ROWS[0], ROWS[36]])  # phases averaged: with an interval
     some.write_csv(tmp_path / "rows.csv")
-    assert truth_table(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
+    assert table_of_rules(page.read_rows(tmp_path / "rows.csv")).as_rows() == some.as_rows()
 
 
 @pytest.mark.filterwarnings("ignore:self-consistent phase")
