@@ -288,7 +288,6 @@ def of_foam(kind: str) -> Callable[..., Made]:
 # PowerFLOW
 
 CELL, SPEED, TICK = 2e-3, 340.0, 0.5  # lx_scales[0], [3] and [-1]
-SECONDS = TICK * CELL / SPEED  # of a time step
 OFFSET = np.array([3.0, -2.0, 1.0])
 NAMES = ("static_pressure", "x_velocity", "y_velocity", "z_velocity", "density")
 

@@ -26,7 +26,6 @@ import torchliner as tl
 from torchliner.campaign.campaign_file import choice_sets, read_campaign
 from torchliner.campaign.index import COLUMNS, Z
 from torchliner.engine import workers
-from torchliner.file_names import unique_names
 from torchliner.io import whole_file
 from torchliner.io.kept_rows import KeptRows
 from torchliner.io.whole_file import locked
@@ -407,13 +406,6 @@ def test_choices_are_combined(stated):
     assert len(found) == count
     assert all(set(one) == set(stated) for one in found)
     assert choice_sets({"mean": "kept", "interval": False}) == [{"mean": "kept", "interval": None}]
-
-
-@given(st.lists(st.tuples(*[st.sampled_from("ab")] * 3), min_size=1, max_size=8, unique=True))
-def test_names_tell_planes_apart(parts):
-    """Whatever folders share their names."""
-    paths = [Path("/", *part[:2], f"{part[2]}.h5") for part in parts]
-    assert len(set(unique_names(paths))) == len(paths)
 
 
 def test_results_stay_in_their_folder(capsys, campaign, tmp_path):

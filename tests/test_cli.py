@@ -17,7 +17,7 @@ from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.cli.gate import passed
-from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, COMMANDS, DONE, EXAMPLES, INTERRUPTED, main, overview, parsed
+from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, COMMANDS, DONE, INTERRUPTED, main
 from torchliner.cli.options import Kind
 from torchliner.cli.parser import Parser
 from torchliner.duct.presets import duct_names
@@ -204,17 +204,6 @@ def test_json_is_the_result_of_python(capsys, small, monkeypatch, words):
     assert set(wanted) <= known
 
 
-def test_overview_fits(capsys):
-    """Every command with its one line, and examples, which parse; `torchliner` alone asks for it."""
-    out = overview()
-    assert run(capsys) == run(capsys, "--help") == (DONE, f"{out}\n", "")
-    assert all(re.search(rf"^  {name} +{re.escape(each.summary)}$", out, re.M) for name, each in COMMANDS.items())
-    for words in re.findall(r"^  torchliner (.*)$", EXAMPLES, re.M):
-        assert parsed(words.split())
-    assert max(map(len, out.splitlines())) <= 100
-    assert run(capsys, "--version") == (DONE, f"torchliner {tl.__version__}\n", "")
-
-
 REFUSED = [  # words, and what the one line names
     ("educ", "'educe'"),
     ("duct", "duct solve, duct modes"),
@@ -300,12 +289,6 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     assert float(rows[3]["resistance"]) == pytest.approx(float(found.resistance[3, 0]), rel=1e-6)
 
 
-def test_null_test_is_labelled(capsys):
-    """A hard wall under the data is said in the output."""
-    code, out, err = run(capsys, "educe", CHANNEL, "--liner", "polito", "--frequency", "1400")
-    assert (code, "null test" in out, "warning: null test" in err) == (DONE, True, True)
-
-
 def test_liner_prints_geometry_and_draws(capsys, tmp_path):
     """Geometry, resonance, table; a picture; a preset to edit, which is not overwritten."""
     figure, copy = tmp_path / "liner.png", tmp_path / "mine.toml"
@@ -379,9 +362,3 @@ def test_an_interrupt_is_quiet_and_exits_with_130(capsys, tmp_path, monkeypatch,
     monkeypatch.setattr(f"torchliner.{where}", stop)
     code, _, err = run(capsys, *words)
     assert (code, err.splitlines()[-1], list(tmp_path.iterdir())) == (INTERRUPTED, "torchliner: interrupted", [])
-
-
-def test_the_module_is_the_same_program():
-    """`python -m torchliner`, with its exit code."""
-    found = subprocess.run([sys.executable, "-m", "torchliner", "inf"], capture_output=True, text=True)
-    assert (found.returncode, "did you mean 'info'" in found.stderr) == (BAD_INPUT, True)

@@ -98,22 +98,6 @@ def test_a_liner_is_read_refused_written_educed_and_differentiated(plate):
     assert [each.unit for each in slopes.numbers.values()] == ["m", "m", "1", "m"]
 
 
-def test_a_liner_is_printed(plate, capsys):
-    """Without another line of code."""
-    assert main(["liner", str(plate), "--frequency", "1000", "--speed", "0", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["liner"]["model"] == "mpp"
-    wanted = complex(tl.load_liner(plate).impedance(1000.0))
-    assert found["table"][0]["impedance"]["resistance"] == pytest.approx(wanted.real)
-
-
-def test_the_plate_at_rest(plate):
-    """At low frequency its resistance is that of Poiseuille flow through the holes."""
-    liner = tl.load_liner(plate)
-    poiseuille = 32 * liner.fluid.kinematic_viscosity * 0.5e-3 / (0.01 * 343.2 * 0.3e-3**2)
-    assert complex(liner.impedance(1e-4)).real == pytest.approx(poiseuille, rel=1e-3)
-
-
 def test_a_format_is_read(added, tmp_path):
     """From its file to a plane, with the units that were stated, or refused."""
     velocity = np.random.default_rng(0).normal(size=(50, 3))

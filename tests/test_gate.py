@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
 import stat
 import subprocess
 import sys
-import time
 import warnings
 
 import numpy as np
@@ -18,8 +16,7 @@ from test_cli import run
 
 import torchliner as tl
 from torchliner.cli import files
-from torchliner.cli.main import BAD_INPUT, COMMANDS, DONE, INTERRUPTED
-from torchliner.cli.parser import Parser
+from torchliner.cli.main import BAD_INPUT, DONE, INTERRUPTED
 from torchliner.io import whole_file
 from torchliner.io.csv_rows import text_cell, write_rows
 
@@ -206,33 +203,6 @@ def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
     assert "Traceback" in run(capsys, "info", "plane.h5", "--debug")[2]
 
 
-def test_texts_of_libraries_get_the_file(capsys, folder, monkeypatch):
-    """An OSError from elsewhere names nothing; memory that is not there has a remedy."""
-
-    def of_a_library(*_):
-        np.frombuffer(b"abc", dtype=np.float64)
-
-    monkeypatch.setattr(files, "read_records", of_a_library)
-    assert "torchliner info: buffer size" in run(capsys, "info", "plane.h5")[2]
-    monkeypatch.setattr(files, "read_records", lambda *_: np.empty(1 << 50))
-    assert "plane.h5: not enough memory: " in run(capsys, "info", "plane.h5")[2]
-
-
-def test_options_are_named_as_the_command_has_them(capsys, folder):
-    """Not as Python has them."""
-    plane_of(turbulence((2, 100)), liner="polito").write("short.h5")
-    code, _, err = run(capsys, "educe", "short.h5")
-    assert (code, "--allow-short" in err, "allow_short" in err) == (BAD_INPUT, True, False)
-    parser = Parser("educe", COMMANDS["educe"])
-    wanted = {
-        "use device='cpu'": "use --device cpu",
-        "give frequency=..., in Hz": "give --frequency ..., in Hz",
-        "try interval=None.": "try --interval None.",
-        "y(t) = cos(2 pi f t), q=3, a==b": "y(t) = cos(2 pi f t), q=3, a==b",
-    }
-    assert {text: parser.in_words(text) for text in wanted} == wanted
-
-
 def test_titles_do_not_steer_a_terminal_nor_a_spreadsheet(capsys, folder):
     """Neither in a table, nor in a warning, nor in a CSV."""
     evil = "\x1b[2J\x1b]0;owned\x07=1+1"
@@ -285,18 +255,6 @@ def test_an_interrupt_while_modules_are_imported(folder, name):
     code = IMPATIENT.format(name=name)
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (found.returncode, "Traceback" in found.stderr) == (INTERRUPTED, False), found.stderr
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_command_quietly(folder, number):
-    """A command that waits for samples ends with 130 and one line."""
-    words = [sys.executable, "-m", "torchliner", "follow", "plane.h5", "--every", "0.1"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-        running.stdout.readline()
-        time.sleep(0.5)
-        running.send_signal(number)
-        _, err = running.communicate(timeout=60)
-    assert (running.returncode, err.splitlines()[-1]) == (INTERRUPTED, "torchliner: interrupted")
 
 
 def test_damage_that_hides_attributes_is_no_absence(capsys, folder):

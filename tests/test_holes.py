@@ -90,11 +90,6 @@ def test_holes_outside_the_plane_are_left_out():
         tl.Holes((0.0, 1.0), (MM, MM), (0.0,))
 
 
-def test_words_say_how_many_and_where():
-    assert repr(TWO) == "Holes: 2 holes, x = 2 to 6 mm"
-    assert tl.Holes((2 * MM,), (0.5 * MM,)).words == "1 slit, x = 2 to 2 mm"
-
-
 def test_a_slip_of_units_is_refused():
     with pytest.raises(ValueError, match=r"is 0\.684 m; it must be positive, and at most 0\.1 m"):
         tl.Holes((6.2e-3,), (0.684,))

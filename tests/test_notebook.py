@@ -47,23 +47,6 @@ def records(maps):
     return [plane, maps["grid"], tl.moments(plane, cell_pitch=0.01)]
 
 
-def test_records_are_shown_in_two_lines(maps):
-    """Shape, frequencies, Z with its interval; no tensors."""
-    for record in records(maps):
-        text = repr(record)
-        assert len(text.splitlines()) <= 2
-        assert "3 x 4 probes" in text
-        assert "tensor" not in text
-    found = maps["grid"]
-    text = repr(found)
-    low, high = found.bounds_of_liner(found.averaging)
-    assert f"1400 Hz: Z = {complex(found.answer[0]):.3f}, 95 %: R {low.real:.3f} to" in text
-    assert f"{high.imag:.3f} (1 more)" in text
-    assert "2 frequencies, 1000 to 1400 Hz" in text
-    bare = tl.educe(plane_at("grid"), tl.load_liner("polito"), interval=None)
-    assert "%" not in repr(bare)
-
-
 def test_notebooks_get_a_table_whose_titles_are_text(maps):
     for record in records(maps):
         html = record._repr_html_()
@@ -195,10 +178,3 @@ def test_the_wheel_carries_the_demo(tmp_path):
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, env={"PATH": ""}
     )
     assert "0.174-0.063j" in found.stdout, found.stderr
-
-
-def test_the_page_of_the_package_leads_nowhere_that_is_not_there():
-    """An index shows it without the files beside it; its example is that of the demo."""
-    text = (DATA.parent / "docs" / "package.md").read_text(encoding="utf-8")
-    assert "docs/package.md" in (DATA.parent / "pyproject.toml").read_text(encoding="utf-8")
-    assert all(link.startswith("https://") for link in re.findall(r"\]\(([^)]*)\)", text))

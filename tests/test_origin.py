@@ -17,7 +17,7 @@ from test_cli import run
 import torchliner as tl
 from torchliner.cli.main import DONE
 from torchliner.records import origin
-from torchliner.records.origin import input_file, named_file, origin_of, standing
+from torchliner.records.origin import input_file, standing
 from torchliner.report.page import inputs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -87,18 +87,6 @@ def test_a_folder_is_its_files_with_their_names(small, tmp_path):
     for i in range(3):
         write(frames / f"t{i}.vtk", bytes([i]) * 9)
     assert input_file("velocity", frames / "t0.vtk")["bytes"] == 27  # any stands for all
-
-
-def test_names_that_are_no_files(tmp_path, monkeypatch):
-    """Data in memory; a folder that is called as they are by default."""
-    monkeypatch.chdir(tmp_path)
-    for name in ("velocity", "reference"):
-        (tmp_path / name).mkdir()
-        assert named_file(name) is None
-    assert str(named_file("velocity:/points")) == "velocity"
-    for name in ("", "no\0name", "a" * 5000, "none.h5:/v"):
-        assert named_file(name) is None
-    assert origin_of([("velocity", "velocity"), ("liner", "")])["inputs"] == []
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """The plane file: written, read back, refused; for damaged files see test_own_files.py."""
 
 import math
-import pickle
 from dataclasses import replace
 
 import h5py
@@ -92,20 +91,6 @@ def test_references_come_back_under_any_name(tmp_path):
     found = tl.read_plane(tmp_path / "a.h5")
     assert found.reference == plane.reference
     assert found.name.endswith("a.h5:/wall_normal_velocity")
-
-
-def test_lazy_plane_reads_the_same_slabs(tmp_path):
-    plane = make_plane(samples=30, streamwise=make_plane(samples=30).velocity)
-    plane.write(tmp_path / "a.h5")
-    lazy = tl.read_plane(tmp_path / "a.h5", lazy=True)
-    assert not isinstance(lazy.velocity, torch.Tensor)
-    assert (lazy.samples, lazy.probe_shape) == (30, (3, 4))
-    for begin, end in ((0, 30), (3, 7), (29, 30), (25, 99)):
-        assert torch.equal(lazy.read(begin, end), plane.read(begin, end))
-    again = pickle.loads(pickle.dumps(lazy.velocity))
-    assert torch.equal(again.load(), plane.velocity)
-    assert torch.equal(lazy.load().velocity, plane.velocity)
-    assert torch.equal(lazy.streamwise.load(), plane.velocity)
 
 
 def test_lazy_plane_may_be_written_over_its_own_file(tmp_path):

@@ -9,12 +9,10 @@ import pytest
 import torch
 import xarray
 import zarr
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.io import netcdf_file, savemat
 
 import torchliner as tl
-from torchliner.units import canonical_unit, si_factor
+from torchliner.units import si_factor
 
 RATE = 40e3
 VALUES = np.random.default_rng(3).normal(size=(30, 3, 4)).astype("f4")  # (time, z, x)
@@ -395,9 +393,3 @@ def test_units_are_read_as_they_are_spelled(quantity):
     for wrong in ("M/s", "m/s2", "m", "s/m", "m s", "1/m"):
         with pytest.raises(ValueError, match="a velocity is needed"):
             si_factor("velocity", wrong, "v")
-
-
-@given(st.text(max_size=12))
-def test_spelling_is_settled_once(text):
-    """What is canonical stays so."""
-    assert canonical_unit(canonical_unit(text)) == canonical_unit(text) or "-" in text

@@ -1,6 +1,5 @@
 """Restarts joined in time, parts of planes, and the conversion that streams."""
 
-import resource
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,7 +15,6 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.io.plane_join import join_planes
 from torchliner.io.plane_selection import parse_region, select
-from torchliner.io.plane_writer import write_plane
 
 RATE = 50e3
 WHOLE = make_plane(samples=60, x=[0.0, 0.001, 0.002, 0.003], z=[0.0, 0.01, 0.02], start=0.5)
@@ -182,16 +180,6 @@ def test_a_region_keeps_rows_and_columns(tmp_path, lazy):
     assert some.area.tolist() == [3.0]
 
 
-def test_a_frame_of_nan_is_told_and_kept(tmp_path, capsys):
-    """It is no gap in time: which probes and which sample is said."""
-    plane = piece(0, 60)
-    plane.velocity[..., 7] = torch.nan
-    plane.write(tmp_path / "a.h5")
-    assert bool(tl.read_plane(tmp_path / "a.h5").velocity[..., 7].isnan().all())
-    assert main(["info", str(tmp_path / "a.h5")]) == 1
-    assert "12 nan or inf at 12 of 12 probes, the first at probe 0, sample 7" in (capsys.readouterr().out)
-
-
 WRONG = [
     ({"start": 0.7}, r"no sample from 0.7 to inf s; it runs from 0.5 to 0.50118 s"),
     ({"stop": 0.4}, r"no sample from 0.5 to 0.4 s"),
@@ -238,21 +226,6 @@ def test_a_level_is_not_that_of_other_velocities():
     assert plane.scaled(2.0, 1.0).incident_level == 145.0
     with pytest.warns(tl.DataWarning, match=r"incident_level, 145 dB, .* before they were scaled"):
         assert plane.scaled(1.0, 10.0).incident_level is None
-
-
-def test_a_full_disk_leaves_the_old_file(tmp_path):
-    """One sentence before HDF5, which crashes on a full disk, has written a byte of the velocity."""
-    plane, out = make_plane((40,), 3000, dtype=torch.float32), tmp_path / "out.h5"
-    out.write_bytes(b"old")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
-    try:
-        with pytest.raises(OSError, match=r"out.h5 cannot be written: .*[Ff]ile too large"):
-            write_plane(plane, out)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert out.read_bytes() == b"old"
-    assert [each.name for each in tmp_path.iterdir()] == ["out.h5"]
 
 
 def test_convert_takes_any_format(tmp_path, capsys):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import h5py
 import numpy as np
 import pytest
 import torch
-from conftest import DATA, turbulence
-from test_moments_file import same_bits
+from conftest import turbulence
 
 import torchliner as tl
 
@@ -153,23 +150,3 @@ def test_a_file_without_signals_is_refused(tmp_path):
         tl.read_pressure(tmp_path / "empty.h5")
     with pytest.raises(ValueError, match="has 1 sample"):
         tl.PressureRecord(torch.ones(1), torch.ones(1), sampling_rate=1.0).write(tmp_path / "x.h5")
-
-
-def test_points_go_through_files(tmp_path):
-    """What a method found comes back from netCDF-4, and stands in CSV."""
-    found = tl.in_situ(tl.read_pressure(DATA / "pressure_g01_145.h5"), [1000.0, 1400.0])
-    found.write(tmp_path / "z.h5")
-    again = tl.read_points(tmp_path / "z.h5")
-    assert same_bits(again.uncertainty, found.uncertainty)
-    assert again.at(1400.0) == 1
-    assert again.at(1401.0) is None
-    found.write(tmp_path / "z.csv")
-    lines = (tmp_path / "z.csv").read_text().splitlines()
-    assert len(lines) == 1 + 2 * (292 + 2 + 1)
-    last = found.to_dataframe("liners").iloc[-1]
-    last = complex(last["resistance_pressure_first"], last["reactance_pressure_first"])
-    assert last == complex(found.liner_impedance_pressure_first[1])
-    with pytest.raises(ValueError, match=r"cell_z has shape \(1,\)"):
-        dataclasses.replace(found, cell_z=torch.zeros(1))
-    with pytest.raises(TypeError, match="a complex tensor is needed"):
-        dataclasses.replace(found, liner_impedance=torch.zeros(2))

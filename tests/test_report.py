@@ -16,11 +16,9 @@ from torchliner.records.notes import Note
 from torchliner.report import curves, maps, numbers, planes
 from torchliner.report.answer import answer_of, ordered
 from torchliner.report.fields import level_and_phase
-from torchliner.report.figure import AVERAGINGS as COLOUR_OF
 from torchliner.report.figure import RC
 from torchliner.report.pictures import draw_pictures
 from torchliner.report.studies import draw_level_check
-from torchliner.report.table import table_of
 from torchliner.studies.heights import recommend_height, study_heights
 from torchliner.studies.validation import DEFAULT, reference_wave_phase, validation_table
 
@@ -114,21 +112,6 @@ def test_warnings_go_by_what_they_may_move():
     assert [note.text for note in ordered(notes)] == ["level", "large", "small", "unknown", "text"]
 
 
-def test_complex_values_are_two_columns_and_of_values_by_name_each_is_one():
-    rows = table_of([{"impedance": 1 + 2j, "low": 0j, "first": 3j, "distance": {"a": 1.0}, "n": [1]}], "impedance")
-    names = ["resistance", "reactance", "resistance_low", "reactance_low", "first_resistance", "first_reactance"]
-    assert list(rows.as_rows()[0]) == [*names, "distance a"]
-    assert rows.as_text().splitlines()[1].strip() == "1.000+2.000j"
-
-
-def test_labels_name_what_differs(liner):
-    """Heights, sides, levels; the number where nothing does."""
-    facts = ({"height": 1e-3}, {"height": 2e-3}), ({"source_side": "upstream"}, {"source_side": "downstream"}), ({}, {})
-    wanted = ["y = 1 mm", "y = 2 mm"], ["source upstream", "source downstream"], ["run, 1", "run, 2"]
-    for (a, b), labels in zip(facts, wanted, strict=True):
-        assert numbers.labels_of([made(**a), made(**b)]) == labels
-
-
 # --- numbers
 
 
@@ -213,15 +196,6 @@ def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_
     assert {key: matplotlib.rcParams[key] for key in RC} == before
 
 
-def test_an_averaging_has_one_colour_everywhere(found, liner):
-    """Along x, over frequency, in the complex plane."""
-    spectrum = tl.educe(made(), liner, [500.0, 1000.0, 1500.0])
-    drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), planes.draw_complex_plane(found[0])]
-    for figure in drawn:
-        colours = {line.get_label().split(", ")[-1]: line.get_color() for line in figure.axes[0].lines}
-        assert {name: colours[name] for name in AVERAGINGS} == COLOUR_OF
-
-
 def test_two_runs_in_one_pair_of_axes(found):
     """``plot(ax=)`` twice: two colours, and limits that show both."""
     axes = matplotlib.figure.Figure().subplots(1, 2)
@@ -272,12 +246,6 @@ def test_pictures_of_a_run(liner, tmp_path):
     }
     assert len([*tmp_path.glob("*")]) < 20
     assert (tmp_path / "p2" / "along_x.png").exists()
-
-
-def test_a_figure_over_height_needs_heights(liner):
-    result = tl.educe(plane_of(turbulence((2, 480)), title="bare"), liner, interval=None)
-    with pytest.raises(ValueError, match="bare states no height; a figure over height needs one"):
-        planes.draw_against_height([result])
 
 
 # --- validation

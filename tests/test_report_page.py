@@ -28,7 +28,7 @@ from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
 from torchliner.report.answer import answer_of
 from torchliner.report.numbers import main_of
-from torchliner.report.page import changed, inputs_of, words
+from torchliner.report.page import changed, inputs_of
 from torchliner.report.table import format_bounds, format_complex
 from torchliner.report.typesetting import typeset
 
@@ -143,15 +143,6 @@ def test_the_command_gives_the_map_again(capsys, page, shipped, tmp_path):
     assert again.level_check.limit == shipped.level_check.limit == 0.2
 
 
-def test_the_paper_is_cited_as_the_citation_file_has_it(page):
-    """Title, doi and every family name; the version of the program."""
-    text = (DATA.parent / "CITATION.cff").read_text(encoding="utf-8")
-    paper = text.partition("preferred-citation:")[2].partition("references:")[0]
-    words = re.findall(r'(?:title|doi|family-names): "?([^",\n]+)', paper)
-    assert len(words) == 8
-    assert [word for word in (*words, tl.__version__) if word not in page.text["main"]] == []
-
-
 def test_references_are_of_the_tone():
     """What a file states is known at its tone alone."""
     plane = tl.read_plane(DATA / "slit_n130_y1.0mm.h5")
@@ -162,12 +153,6 @@ def test_references_are_of_the_tone():
         rows = answer_of(found).table.rows
         known = {(row["averaging"], row["frequency"]) for row in rows if row["averaging"] in found.reference}
         assert known == {(name, 1400.0) for name in found.reference if wanted is not None}
-
-
-def test_many_numbers_are_not_written_out():
-    """The first; short lists of numbers as they are."""
-    assert words([[1.0, 3.0]] * 12).endswith("1, 3 ... (12 values)")
-    assert words([1.0, 2.5]) == "1, 2.5"
 
 
 def test_inputs_that_changed_are_told(tmp_path, monkeypatch):

@@ -161,19 +161,6 @@ def test_csv_by_hand(tmp_path):
         assert [float(row[name]) for row in rows] == pytest.approx(values, abs=1e-4), name
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_csv_rows_follow_the_probes(tmp_path, place):
-    result = made(place)
-    result.write(tmp_path / "a.csv")
-    rows = read_rows(tmp_path / "a.csv")
-    found = [complex(float(r["resistance"]), float(r["reactance"])) for r in rows]
-    assert found == pytest.approx(result.impedance.reshape(-1).tolist(), rel=1e-8)
-    assert [float(r["frequency (Hz)"]) for r in rows[:2]] == TONES
-    if place == "plane":
-        assert [float(r["x (m)"]) for r in rows[::2]] == PLACES[place][1]["x"] * 2
-        assert [float(r["z (m)"]) for r in rows[::2]] == [0.0] * 3 + [0.01] * 3
-
-
 def test_rows_of_probes_and_cells():
     result = made()
     rows = result.to_dataframe()
@@ -301,8 +288,3 @@ def test_matlab_has_complex_arrays(tmp_path):
     assert found["averaging"].tolist() == list(result.averagings)
     assert found["x"].tolist() == PLACES["plane"][1]["x"]
     assert f'"averaging": "{result.averaging}"' in found["choices"]
-
-
-def test_a_line_without_an_average_has_no_answer():
-    with pytest.raises(ValueError, match="the stations have no average; join them"):
-        _ = dataclasses.replace(line(), average=None).answer

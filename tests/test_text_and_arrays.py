@@ -2,7 +2,6 @@
 
 import io
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from torchliner.io.arrays import read_array
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.microphone_file import read_microphones
 from torchliner.io.signal_file import read_signal
-from torchliner.toml_files import parse_toml
 
 LINER = "frequency, resistance, reactance"
 BURSTS = "arrival_time [ms], wall_normal [m/s]"
@@ -59,13 +57,6 @@ def test_cells_that_are_none_are_refused(tmp_path, kind, text, message):
         READERS[kind](stored(tmp_path, text))
 
 
-@pytest.mark.parametrize("line", ["# 9, 1000, 119, 20", "#9, 1000, 119, 20", "#N/A", ""])
-def test_remarks_are_passed_over(tmp_path, line):
-    """A row that was taken out by hand is a remark, as are words."""
-    text = f"{LINE}{line}\n200, 1000, 119, 20\n"
-    assert read_microphones(stored(tmp_path, text)).microphones == 2
-
-
 @pytest.mark.parametrize("kind", READERS)
 def test_only_regular_files_are_tables(tmp_path, kind):
     """No device, no line of a gigabyte, no more than memory; nothing of it is kept before."""
@@ -107,11 +98,6 @@ def test_toml_that_is_none(tmp_path, text, error, message):
     """Devices, depth, length, numbers and lists of mistakes without an end."""
     with pytest.raises(error, match=message):
         tl.load_liner(stored(tmp_path, text, "a.toml"))
-
-
-def test_toml_of_one_letter_too_many():
-    """The limit is where it says."""
-    assert parse_toml("#" * (1 << 20), Path("a.toml")) == {}
 
 
 def wav(channels=1, size=None, samples=100):
