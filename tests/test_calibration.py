@@ -19,7 +19,7 @@ from torchliner.studies.calibrate import calibrate
 from torchliner.studies.fit import fit_law
 from torchliner.studies.laws import Knots, parameter_law
 from torchliner.studies.runs import held, read_runs
-from torchliner.studies.solve import impedances, residuals_of
+from torchliner.studies.solve import impedances
 from torchliner.velocity.choices import Choices
 
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}
@@ -82,37 +82,6 @@ def test_moments_stand_for_planes():
     assert torch.allclose(found.values, wanted.values, rtol=1e-10)
     (predicted,) = found.predict(reduced[1], start())
     assert predicted.impedance == pytest.approx(found.rows[1].impedance, abs=1e-9)
-
-
-def run_of(averaging="velocity", liner=None):
-    chosen = Choices(dtype="float64", averaging=averaging, interval=None)
-    return read_runs(plane(3.0), liner or start(), None, chosen)[0]
-
-
-@pytest.mark.parametrize("averaging", AVERAGINGS)
-def test_the_sum_over_speeds_is_the_eduction(averaging):
-    """For every liner, one that had no part in the choice of the speeds included."""
-    run = run_of(averaging)
-    for liner in (start(), true_liner(), tl.load_liner("onera").replace(cell_pitch=5e-3)):
-        found = run.impedance(liner.impedance(run.frequency[:, None], run.nodes.speeds))[0]
-        wanted = impedance(plane(3.0), liner, averaging)
-        assert abs(complex(found - wanted)) < 1e-7 * abs(complex(wanted))
-
-
-def test_gradient_equals_differences():
-    """The Jacobian of the least squares; R over u(R), X over u(X)."""
-    law = parameter_law({"vena_contracta": (0.5, 1.0), "cavity_depth": (0.01, 0.05)}, start())
-    runs, at = held([run_of()], [1 + 0.2j], noise=0.01 + 0.02j), torch.tensor([0.7, 0.038], dtype=torch.float64)
-    _, slopes = residuals_of(law, at, runs)
-    assert slopes.shape == (2, 2)
-    for i, step in enumerate((1e-6, 1e-8)):
-        along = torch.zeros(2, dtype=torch.float64)
-        along[i] = step
-        above, below = (residuals_of(law, at + sign * along, runs)[0] for sign in (1, -1))
-        difference = (above - below) / (2 * step)
-        assert float((slopes[:, i] - difference).abs().max()) < 1e-6 * float(slopes[:, i].abs().max())
-    found = runs[0].residuals(torch.tensor([1.03 + 0.3j], dtype=torch.complex128))
-    assert found.tolist() == pytest.approx([3.0, 5.0])
 
 
 def test_intervals_cover_the_truth():

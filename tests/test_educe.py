@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 
 import numpy as np
 import pytest
@@ -130,20 +129,6 @@ def test_drives(liner):
     # a running window longer than twice the record is the rms
     long = tl.educe(plane_of(v), liner, drive="running-rms", running_window=1.0)
     assert relative_error(long.impedance, found.impedance) < 1e-9
-
-
-def test_gradients_in_the_liner(liner):
-    """gradcheck of educed R over liner parameters."""
-    plane = plane_of(turbulence((2, 130), seed=14))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-
-        def parts(contraction, porosity):
-            model = liner.replace(vena_contracta=contraction, porosity=porosity)
-            return torch.view_as_real(reflection(tl.educe(plane, model)))
-
-        values = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (0.8, 0.055)]
-        assert torch.autograd.gradcheck(parts, values, eps=1e-6, atol=1e-6)
 
 
 def test_both_orders_of_averaging(liner):

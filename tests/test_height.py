@@ -15,7 +15,6 @@ from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.studies.heights import cell_modulation, fit_decay, recommend_height, study_heights
-from torchliner.studies.rows import Row, Study
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PITCH, SPACING = 12.44e-3, 1e-3
@@ -53,15 +52,6 @@ def test_modulation_finds_harmonics_on_any_grid(count, spacing):
     assert found.harmonics[:3] == pytest.approx((0.5, 0.0, 0.2), abs=1e-10)
     assert found.rms == pytest.approx(math.sqrt((0.25 + 0.04) / 2), abs=1e-10)
     assert found.between is None if count == 12 else found.between < 1e-10
-
-
-def test_modulation_is_the_fourier_sum_on_whole_cells():
-    """An independent transform, 24 probes to each of three cells."""
-    profile = np.tile(np.random.default_rng(1).random(24), 3) + 1
-    lines = np.abs(np.fft.rfft(profile)) / 36
-    found = cell_modulation(PITCH / 24 * np.arange(72), profile, PITCH)
-    # The random cell has more harmonics than are fitted; they do not leak but for the growth.
-    assert found.harmonics == pytest.approx(lines[3:25:3], abs=0.02)
 
 
 def test_what_is_not_periodic_lies_between():
@@ -129,32 +119,6 @@ def test_the_drift_is_that_of_grazing_sound(liner, side):
     assert facts.drift == (pytest.approx(0.05 + 0.06j) if side == "upstream" else None)
 
 
-def test_turbulence_averages_out_of_the_cell(liner):
-    """Averaging velocity does not hold in turbulence, though its Z may have settled."""
-    planes = [line_plane(turbulence((26, 480), seed=i), 1e-3 * (1 + i)) for i in (0, 1)]
-    found = recommend_height(study_heights(planes, liner), 9, 9, 9)
-    assert found.heights["velocity"] is None
-    assert found.heights["admittance"] == 1e-3
-    (one,) = [j for j in found.rows if (j.height, j.name) == (1e-3, "turbulence")]
-    assert (one.averaging, one.passed) == ("velocity", False)
-
-
-def test_the_level_check_decides_alone(liner):
-    """Where the level is known nothing else is asked, and the highest plane may stand."""
-    study = study_heights(evanescent_planes([1e-3, 3e-3]), liner)
-    gaps = (
-        {"admittance": -0.9, "velocity": 0.31, "phase-locked": 0.4},
-        {"admittance": 0.2, "velocity": -0.1, "phase-locked": 0.3},
-    )
-    facts = tuple(
-        Row(one, impedance=dict.fromkeys(gap, 1 + 0j), level_check=gap, level_limit=0.3)
-        for one, gap in zip(study.rows, gaps, strict=True)
-    )
-    found = recommend_height(Study(study, rows=facts))
-    assert found.heights == dict.fromkeys(gaps[0], 3e-3)
-    assert {(j.name, j.limit) for j in found.rows} == {("level check", 0.3)}
-
-
 def shipped(case: str):
     planes = [tl.read_plane(path, lazy=True) for path in sorted(DATA.glob(f"{case}_y*.h5"))]
     return planes, tl.load_liner(planes[0].liner)
@@ -204,21 +168,6 @@ LOW = line_plane(V, 1e-3, mach=0.1)
 def test_bad_input_is_refused(liner, given, options, message):
     with pytest.raises(ValueError, match=message):
         study_heights(given, liner, **options)
-
-
-def test_one_plane_without_a_cell_says_what_cannot_be_judged(liner):
-    """A user's liner without a pitch, one height: an answer, with its gaps named."""
-
-    class Plain:
-        def impedance(self, frequency, speed=0.0):
-            return liner.impedance(frequency, speed)
-
-    study = study_heights([line_plane(V)], Plain())
-    found = recommend_height(study)
-    assert found.height is None
-    assert {(row.name, row.value) for row in found.rows if row.averaging == "phase-locked"} == {("change", None)}
-    assert "no cell pitch is known" in " ".join(study.notes)
-    assert "states no x" in " ".join(study_heights([line_plane(V, x=None)], liner).notes)
 
 
 G03 = [str(DATA / f"slit_g03_145_y{y}mm.h5") for y in ("0.5", "1.5", "2.5")]

@@ -10,8 +10,7 @@ import torch
 from scipy.special import stdtrit
 from torch import Tensor
 
-import torchliner as tl
-from torchliner.conversions import impedance_from_reflection, reflection_from_impedance
+from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.intervals import FROM_REFLECTION, ITSELF, impedance_interval, jackknife, replicates
 from torchliner.records.educed import Interval
 
@@ -116,20 +115,3 @@ def test_blocks_that_do_not_vary_give_no_width_and_a_rigid_wall_no_bounds() -> N
     assert float(still.widths.abs().max()) < 1e-12
     wall = jackknife(*means_of(torch.ones(8, 3, dtype=torch.complex128)), 0.95)
     assert bool((wall.widths == math.inf).all())
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")
-def test_intervals_of_a_plane_hold_the_truth(liner: tl.SDoFLiner) -> None:
-    frequency = torch.fft.rfftfreq(1024, 1 / 42000)
-    white = torch.randn(300, 513, dtype=torch.complex64) * ((frequency > 0) & (frequency < 1000))
-    velocity = torch.fft.irfft(white, n=1024)
-    velocity *= 3 / velocity.std()
-    found = tl.educe(tl.VelocityPlane(velocity[:, :480], sampling_rate=42e3, frequency=1400.0), liner)
-    speed = torch.linspace(0, 30, 20001, dtype=torch.float64)
-    density = torch.exp(-(speed**2) / 18)
-    mean = (reflection_from_impedance(liner.impedance(1400.0, speed)) * density).sum() / density.sum()
-    true, each = impedance_from_reflection(mean), found.probes["admittance"].interval
-    assert each is not None
-    low, high = (torch.view_as_real(end - true)[:, 0] for end in (each.low, each.high))
-    held = 100 * ((low <= 0) & (high >= 0)).double().mean(0)
-    assert bool(((held > 91.5) & (held < 99)).all()), held

@@ -7,16 +7,13 @@ import math
 
 import numpy as np
 import pytest
-import scipy.linalg
 import torch
 
 from oracles.mode_matching import match_modes
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import Rows, condense_column
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
-from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import solve_duct
 from verify_duct import exact_mode_error, order_table
 
@@ -103,46 +100,6 @@ def test_field_above_the_liner_is_one_of_six_modes(name, source):
 
     assert left_by(B2A) < (1e-4 if name == "sheared" else 1e-5)
     assert left_by(1.5 * B2A) > 5e-4  # twelve exponentials do not fit just anything
-
-
-@pytest.mark.parametrize(
-    ("profile", "wall_cell", "tolerance"),
-    [(STILL, None, 1e-6), (PLUG, None, 1e-6), (TANH, 1e-3, 1e-4)],
-    ids=["no flow", "uniform", "sheared"],
-)
-def test_wavenumbers_of_the_lined_duct(profile, wall_cell, tolerance):
-    """Waves that a lined column passes on unchanged but for a factor exp(-j alpha h)."""
-    case = case_of(profile, slip_condition=VELOCITY)
-    mesh = build_mesh(case, FREQUENCY, wall_cell=wall_cell)
-    basis = Basis.of_degree(mesh.degree)
-    rows, width = Rows.of_flow(basis, mesh.y, profile), 0.01
-    k = torch.tensor([K], dtype=torch.float64)
-    block = condense_column(k, width, basis, rows, profile.bulk_mach > 0, lined=True).block
-    reflection = (B2A - 1) / (B2A + 1)
-    inner = torch.eye(basis.count) - reflection * block("wall", "wall")
-
-    def closed(to, side):
-        passed = torch.linalg.solve(inner, reflection * block("wall", side))
-        return (block(to, side) + block(to, "wall") @ passed)[0]
-
-    # a' = S_aa a + S_ab b', b = S_ba a + S_bb b', with a' = s a, b' = s b.
-    forth, back = closed("right", "left").shape[0], closed("left", "right").shape[0]
-    zero, one = torch.zeros(forth, back), torch.eye(back, dtype=torch.complex128)
-    left = torch.cat([torch.cat([closed("right", "left"), zero], 1), torch.cat([-closed("left", "left"), one], 1)])
-    one = torch.eye(forth, dtype=torch.complex128)
-    right = torch.cat(
-        [torch.cat([one, -closed("right", "right")], 1), torch.cat([zero.mT, closed("left", "right")], 1)]
-    )
-    factors = scipy.linalg.eigvals(left.numpy(), right.numpy())
-    for direction in ("downstream", "upstream"):
-        wanted = (
-            duct_modes(profile, FREQUENCY, B2A, count=2, direction=direction, slip_condition=VELOCITY)
-            .wavenumber[0]
-            .numpy()
-        )
-        for alpha in wanted:
-            nearest = factors[np.abs(factors - np.exp(-1j * alpha * width)).argmin()]
-            assert abs(1j * np.log(nearest) / width / alpha - 1) < tolerance
 
 
 # --- laws ---------------------------------------------------------------------------------------

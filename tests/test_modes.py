@@ -27,14 +27,6 @@ def k_of(frequency):
     return 2 * math.pi * frequency / SPEED
 
 
-def pole_free(alpha, k, mach, impedance, myers):
-    """k Z g sin(g H) - j (k - a M)^2 cos(g H), the dispersion relation without its poles."""
-    local = k - alpha * mach
-    g = np.sqrt(local**2 - alpha**2 + 0j)
-    left = impedance * g * np.sin(g * HEIGHT) * (k if myers else 1)
-    return left - 1j * local ** (2 if myers else 1) * np.cos(g * HEIGHT)
-
-
 def shoot(profile, alpha, k, height=HEIGHT):
     """p, v at y = 0 from p = 1, v = 0 at y = H: the Euler equations as they stand, by DOP853.
 
@@ -91,27 +83,6 @@ def test_modes_of_uniform_flow_are_those_of_the_dispersion_relation(height, dire
     duct = {"height": height, "mach": 0.3, "sound_speed": SPEED, "condition": condition, "direction": direction}
     wanted = tl.wavenumber_from_impedance(walls[..., None], frequency[:, None], mode=torch.arange(4), **duct)
     assert torch.allclose(found, wanted, rtol=1e-8, atol=0)
-
-
-@pytest.mark.parametrize("direction", BOTH)
-def test_homotopy_is_that_of_small_steps(direction):
-    """600 steps of the closed relation along R = 1..R, Newton with differences: the same modes.
-
-    The walls lie about 0.4-0.3j, where modes 0 and 1 meet at this frequency and a jump is easy.
-    """
-    generator = np.random.default_rng(0)
-    walls = generator.uniform(0.02, 0.9, 60) + 1j * generator.uniform(-1, 0.2, 60)
-    modes = duct_modes(UNIFORM, 1500.0, walls[:, None], count=3, direction=direction, slip_condition=VELOCITY)
-    rigid, k = duct_modes(UNIFORM, 1500.0, count=3, direction=direction), k_of(1500.0)
-    alpha = np.repeat(rigid.wavenumber.numpy(), 60, 0)
-    for s in np.linspace(0, 1, 601)[1:]:
-        impedance = ((walls + 1) / s - 1)[:, None]
-        for _ in range(3):
-            h = 1e-4
-            value, ahead, behind = (pole_free(alpha + i * h, k, 0.3, impedance, False) for i in (0, 1, -1))
-            alpha = alpha - value * 2 * h / (ahead - behind)
-    found = modes.wavenumber[:, 0].numpy()
-    assert np.abs(found - alpha).max() < 1e-6 * np.abs(alpha).max()
 
 
 # --- sheared flow -------------------------------------------------------------------------------

@@ -199,5 +199,4 @@ def test_intervals_are_those_of_that_velocity(onera, phase):
         (found.cells["phase-locked"].interval, wanted.cells["admittance"].interval),
     ):
         ratio = mine.standard_error.real / theirs.standard_error.real
-        print(ratio)
         assert 0.9 < float(ratio.mean()) < 1.5

@@ -17,7 +17,6 @@ from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.modes import cut_on_frequency
 from torchliner.names import CONDITIONS
 from torchliner.pressure.kumaresan_tufts import find_exponentials, kumaresan_tufts
-from torchliner.pressure.microphone_errors import draw_pressures
 from torchliner.records import MicrophoneLine
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
@@ -160,21 +159,6 @@ def test_drawn_deviation_is_the_scatter_of_realisations():
         seen = getattr(scatter, part).std(0)[1:]
         assert drawn.tolist() == pytest.approx(seen.tolist(), rel=0.2)
     assert float((found.mean - WALLS).abs()[2]) < 4 * float(found.standard_deviation[2].abs())
-
-
-def test_drawn_errors_are_what_they_say():
-    """0.1 dB and 0.1 degrees, independent of each other and of place."""
-    pressure = torch.full((2, 3), 5j, dtype=torch.complex128)
-    drawn = draw_pressures(pressure, 20000, torch.Generator().manual_seed(0), level_error=0.1, phase_error=0.2)
-    assert drawn.shape == (20000, 2, 3)
-    level = 20 * torch.log10(drawn.abs() / 5)
-    phase = torch.rad2deg((drawn / pressure).angle())
-    # 1/sqrt(40000) = 0.5 % on each deviation; six places.
-    assert float((level.std(0) / 0.1 - 1).abs().max()) < 0.02
-    assert float((phase.std(0) / 0.2 - 1).abs().max()) < 0.02
-    both = torch.cat([level.reshape(20000, 6), phase.reshape(20000, 6)], 1)
-    correlation = torch.corrcoef(both.T) - torch.eye(12, dtype=torch.float64)
-    assert float(correlation.abs().max()) < 0.03
 
 
 # --- batches ------------------------------------------------------------------------------------
