@@ -37,7 +37,7 @@ from validation_page import table, write_tables
 
 PAGE, STEM = ROOT / "docs" / "ir_tdibc.md", "ir_tdibc"
 TONE = 1400.0
-CASES = {  # with the usual vena contracta, and that fitted without flow (PHYSICS, section 8)
+CASES = {  # with the usual contraction coefficient, and that fitted without flow
     "slit": (("n115", "n130", "n145"), (0.8,)),
     "orifice": (("o115", "o130", "o145"), (0.8, 0.444)),
     "orifice, coarser lattice": (("t00_130",), (0.8, 0.415)),
@@ -49,7 +49,7 @@ STEPS = ((28e3, 10e-3), (56e3, 10e-3), (112e3, 10e-3), (56e3, 5e-3), (56e3, 20e-
 
 
 def case_rows() -> list[dict[str, Any]]:
-    """One per case and vena contracta."""
+    """One per case and contraction coefficient."""
     rows = []
     for name, (cases, contractions) in CASES.items():
         for contraction in contractions:

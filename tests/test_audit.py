@@ -163,8 +163,8 @@ def test_sorted_by_what_moves_most(found):
     factors = list(dict.fromkeys(each.factor for each in rows.rows))
     sizes = [max(abs(r.change) for r in rows.of(factor=factor)) for factor in factors]
     assert sizes == sorted(sizes, reverse=True)
-    wanted = "kernel,vena contracta,velocity reading,porosity reading,half the record,sampling rate,phase rule,drive"
-    assert set(factors) == {*wanted.split(","), "mean velocity", "averaging", "averaging length", "height"}
+    wanted = "kernel,contraction coefficient,velocity reading,porosity reading,half the record,sampling rate,phase rule"
+    assert set(factors) == {*wanted.split(","), "drive", "mean velocity", "averaging", "averaging length", "height"}
 
 
 def test_data_are_read_three_times(onera):
@@ -190,7 +190,7 @@ def test_what_does_not_apply_is_listed(onera):
     plane = plane_of(turbulence((3, 7 * 10), rms=2.0), sampling_rate=14000.0)
     skipped = audit(plane, Plain(onera), minimum_coherence=1.0).skipped
     for factor, words in {
-        "vena contracta": "Plain has no such parameter",
+        "contraction coefficient": "Plain has no such parameter",
         "velocity reading": "no such parameter",
         "porosity reading": "no such parameter",
         "half the record": "3 whole periods, fewer than 4",

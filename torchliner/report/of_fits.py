@@ -74,7 +74,7 @@ def of_fit(
             f"({noise}); {title}"
         ],
         notes=found.notes,
-        step="--predict other planes" if not predicted else "",
+        step="predict other planes: --predict PLANE ..." if not predicted else "",
         pictures=[Picture("predictions", title, draw, lambda: prediction_table(drawn))],
         more=_about(found),
         source=source,

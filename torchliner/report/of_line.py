@@ -237,6 +237,6 @@ def of_pressures(
         brief=table_of(rows, shown),
         remarks=[WHY],
         notes=notes,
-        step="torchliner educe PLANE --in-situ of this file puts these beside the educed Z" if points else "",
+        step="put this beside an educed Z: torchliner educe PLANE --in-situ RECORD" if points else "",
         pictures=[] if points is None else [_along_x(points, f"{name}, in situ (Dean)", true=true, title=name)],
     ), points

@@ -166,7 +166,7 @@ def _contraction(liner: SDoFLiner) -> dict[str, SDoFLiner]:
 
 
 LINERS: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
-    "vena contracta": (SDoFLiner, _contraction),
+    "contraction coefficient": (SDoFLiner, _contraction),
     "velocity reading": (CellLiner, velocity_readings),
     "porosity reading": (SDoFLiner, porosity_readings),
 }
