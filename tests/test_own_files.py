@@ -214,7 +214,9 @@ def test_another_shape_is_refused_with_its_place(written):
         assert str(path) in fault(read, path) or name in UNTOLD, name
 
 
-@pytest.mark.parametrize("kind", ["map, plane", "line of stations", "points", "waves", "microphones", "moments", "pressure, line"])
+@pytest.mark.parametrize(
+    "kind", ["map, plane", "line of stations", "points", "waves", "microphones", "moments", "pressure, line"]
+)
 def test_damage_is_refused(kind, tmp_path):
     """Another schema, no unit, another unit, half a file, no file at all, another ending."""
     make, read = RECORDS[kind]
