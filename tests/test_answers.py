@@ -52,9 +52,6 @@ def codes(found: tl.ImpedanceMap) -> list[str]:
     return [note.code for note in found.notes]
 
 
-# The flow without sound.
-
-
 def test_a_number_and_a_plane_of_that_rms_agree(liner):
     """And the record's own rms, or any that is larger, changes nothing."""
     plane, quiet = plane_of(), quiet_of()
@@ -127,9 +124,6 @@ def test_backgrounds_that_are_refused(liner, given, words):
     assert all(word in str(fault.value) for word in words), str(fault.value)
 
 
-# How strong the sound is.
-
-
 def test_velocity_ratio_in_closed_form(liner):
     """|V1|/(phi M c), with a note above 0.1 that a background silences."""
     found = tl.educe(plane_of(2.0), liner)
@@ -150,9 +144,6 @@ def test_the_curve_is_fitted_to_the_cases():
     assert curve.differs(rows) == []
     moved = [row | {"velocity_ratio": 1.1 * row["velocity_ratio"]} for row in rows]
     assert len(curve.differs(moved)) >= 2
-
-
-# The tone.
 
 
 def test_noise_of_a_stated_tone_has_none(liner):
@@ -186,9 +177,6 @@ def test_chance_is_what_it_says(liner):
         share = sum(each > coherence_by_chance(blocks, chance) for each in found) / len(found)
         assert share == pytest.approx(chance, abs=3 * math.sqrt(chance * (1 - chance) / len(found)))
     assert coherence_by_chance(3, CHANCE) == pytest.approx(0.9)
-
-
-# The level.
 
 
 def test_a_level_that_agrees_changes_nothing(liner):
@@ -283,9 +271,6 @@ def test_a_value_beyond_the_limit_counts(liner, low, high, value, verdict, faile
     assert (check.verdict(check.averaging), check.failed) == (verdict, failed)
     sentence = check.sentence(check.averaging, TONE)
     assert ("+0.50 dB" in sentence and "beyond the limit of 0.3 dB" in sentence) == failed
-
-
-# The liner from runs without flow.
 
 
 def read(case: str) -> tl.VelocityPlane:

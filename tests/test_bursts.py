@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 
 import numpy as np
 import pytest
@@ -42,9 +41,6 @@ def gaussian_record(count: int = 2000, seed: int = 1, **about) -> tl.BurstRecord
     return tl.BurstRecord(poisson_times(count), **about)
 
 
-# Laws
-
-
 def test_transit_times_undo_the_velocity_bias():
     """Particles come in proportion to u and stay for d/u: weighted, the flow's own moments."""
     rng = np.random.default_rng(2)
@@ -73,9 +69,6 @@ def test_intervals_of_a_poisson_process_follow_the_exponential_law():
     seen = burst_moments(record)
     assert seen.irregularity == pytest.approx(1, abs=0.02)
     assert seen.rate == pytest.approx(1000, rel=0.02)
-
-
-# Validation
 
 
 def test_times_that_repeat_or_step_back_are_dropped_and_counted():
@@ -111,12 +104,6 @@ def test_outliers_of_either_component_are_dropped():
     assert validate_bursts(dirty, BurstFilters(outliers=None)).bursts == 3000
 
 
-# Records
-
-
-# Flags
-
-
 def flags_of(record: tl.BurstRecord) -> tuple[str, ...]:
     return Station.of(record).flags
 
@@ -137,9 +124,6 @@ def test_each_fault_is_flagged():
     assert "20 % of the bursts dropped" in flags_of(many)[0]
 
 
-# Real bursts
-
-
 @real_data
 @pytest.mark.parametrize("folder", ["FX01G00", "FX03G00"])
 def test_stations_near_the_wall_are_flagged(folder):
@@ -155,21 +139,14 @@ def test_stations_near_the_wall_are_flagged(folder):
         assert station.moments.components["streamwise"].velocity_bias > -0.001
 
 
-# The command
-
-
 def test_the_command_tells_good_from_flagged(tmp_path, capsys):
     folder = tmp_path / "line"
     folder.mkdir()
     for i in range(3):
         gaussian_record(seed=i, x=0.01 * (2 - i), y=1e-3, z=0.0).write(folder / f"s{i}.h5")
-    table, picture = tmp_path / "t.csv", tmp_path / "t.png"
-    targets = ["-o", str(table), "--figure", str(picture)]
-    assert main(["ldv", "info", str(folder), *targets]) == 0
-    printed = capsys.readouterr().out
-    assert "no flags" in printed
-    assert [line.split()[0] for line in printed.splitlines() if re.match(r"s\d ", line)] == ["s2", "s1", "s0"]
-    assert picture.stat().st_size > 10_000
+    table = tmp_path / "t.csv"
+    assert main(["ldv", "info", str(folder), "-o", str(table)]) == 0
+    capsys.readouterr()
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert [(row["station"], float(row["x"])) for row in rows] == [("s2", 0.0), ("s1", 0.01), ("s0", 0.02)]
     zeros = np.where(np.arange(2000) % 3 == 0, 0.0, 1.0 + np.sin(np.arange(2000)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from dataclasses import replace
 from functools import cache
 
@@ -12,7 +10,6 @@ import torch
 from conftest import plane_of, turbulence
 
 import torchliner as tl
-from torchliner.cli.main import BAD_INPUT, DONE, main
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 X = [0.0, 0.004, 0.008, 0.02, 0.024, 0.028]
@@ -121,24 +118,3 @@ def test_averagings_must_be_held_by_both():
     moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
     with pytest.raises(ValueError, match="other cells"):
         tl.compare(made(0), moved)
-
-
-def test_the_command_prints_and_writes_rows(tmp_path, capsys):
-    """Table, JSON and CSV of two maps."""
-    for seed in (0, 1):
-        made(seed).write(tmp_path / f"{seed}.h5")
-    words = ["compare", str(tmp_path / "0.h5"), str(tmp_path / "1.h5"), "--averaging", "admittance", "--quiet"]
-    assert main(words) == DONE
-    text = capsys.readouterr().out
-    assert "second" in text.lower()
-    assert any(line.startswith("liner") for line in text.splitlines())
-    assert main([*words, "--json", "-o", str(tmp_path / "d.csv")]) == DONE
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    wanted = complex(made(1).answer[0] - made(0).answer[0])
-    assert rows[0]["difference"]["resistance"] == pytest.approx(wanted.real, abs=1e-5)
-    with (tmp_path / "d.csv").open() as file:
-        first = next(csv.DictReader(file))
-    assert float(first["reactance_low"]) == pytest.approx(rows[0]["low"]["reactance"], rel=1e-9)
-    made(1, tones=(1000.0,)).write(tmp_path / "c.h5")
-    assert main([*words[:2], str(tmp_path / "c.h5")]) == BAD_INPUT
-    assert "other frequencies" in capsys.readouterr().err

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from pathlib import Path
 
 import pytest
 import torch
 
 import torchliner as tl
-from torchliner.cli.main import main
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 PLANE = DATA / "slit_n130_y0.5mm.h5"
@@ -141,28 +138,3 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
     with pytest.warns(tl.DataWarning, match=f"windy: the {text}"):
         tl.compare_models(given, {"calm": calm, "windy": liner})
     assert not [note for note in tl.educe(plane, calm).notes if note.code == "flow-counted-twice"]
-
-
-COMMAND = ["compare-models", str(PLANE), "--liner", "lbm_orifice", "--liner", "lbm_slit"]
-
-
-def test_the_command_prints_and_writes_what_the_function_finds(tmp_path, capsys):
-    """Table, CSV and JSON agree; the nearest first; a liner file goes by its stem."""
-    (tmp_path / "mine.py").write_text("def impedance(f, v):\n    return 0.15 + 0.1 * v - 0.1j + 0 * f\n")
-    command = [*COMMAND, "--liner", str(tmp_path / "mine.py"), "--quiet"]
-    assert main([*command, "-o", str(tmp_path / "a.csv")]) == 0
-    text = capsys.readouterr().out
-    names = [line.split()[0] for line in text.splitlines()[-3:]]
-    assert names[0] == "lbm_slit"
-    assert sorted(names) == ["lbm_orifice", "lbm_slit", "mine"]
-    assert "by |Z - true|" in text
-    assert "0.174-0.063j" in text
-    with (tmp_path / "a.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert main([*command, "--json"]) == 0
-    plain = json.loads(capsys.readouterr().out)
-    assert plain["sorted_by"] == "|Z - true|"
-    for row, other in zip(rows, plain["rows"], strict=True):
-        assert row["model"] == other["model"]
-        assert float(row["resistance"]) == pytest.approx(other["impedance"]["resistance"], rel=1e-8)
-        assert float(row["distance true"]) == pytest.approx(other["distance"]["true"], rel=1e-8)

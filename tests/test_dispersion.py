@@ -75,9 +75,6 @@ def chebyshev_wavenumbers(impedance: complex, mach: float, condition: str, point
     return found[np.isfinite(found)]
 
 
-# --- closed forms -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("mach", [0.0, 0.3, -0.3, 0.9])
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_rigid_wall(mach, condition):
@@ -108,9 +105,6 @@ def test_cremers_optimum_is_a_double_root():
     for mode in (0, 1):
         found = complex(wavenumber_from_impedance(exact(best), FREQUENCY, mode=mode, **DUCT))
         assert abs(found - wanted) < 1e-4 * abs(wanted)  # sqrt of the digits of CREMER
-
-
-# --- round trip and independent solver ----------------------------------------------------------
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
@@ -150,9 +144,6 @@ def test_eigen_solver_and_argument_principle(condition, mach, impedance):
     # Ingard-Myers in flow has up to two hydrodynamic modes that no rigid mode becomes.
     spare = 2 if condition == "ingard-myers" and mach else 0
     assert len(inside) <= round(count) <= len(inside) + spare
-
-
-# --- identity of the modes ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)

@@ -138,8 +138,7 @@ def test_a_change_replaces_what_says_the_same(tmp_path):
 def test_solve_prints_what_it_writes(tmp_path, capsys):
     """JSON, HDF5 and pictures; the file is a line of microphones that kt reads."""
     words, out = ["duct", "solve", "b2a", *SMALL, *MESH, "--quiet"], tmp_path / "m.h5"
-    pictures = ["--figure", str(tmp_path / "wall.png"), "--field", str(tmp_path / "field.png")]
-    assert main([*words, "--json", *pictures]) == 0
+    assert main([*words, "--json", "--field", str(tmp_path / "field.png")]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["microphones"][0]["x"] == -0.027
     assert main([*words, "-o", str(out)]) == 0
@@ -147,16 +146,10 @@ def test_solve_prints_what_it_writes(tmp_path, capsys):
     line = tl.read_microphones(out)
     assert line.level[:, 0].tolist() == pytest.approx([row["spl"] for row in told["microphones"]])
     assert (line.liner_end, line.source_side, line.duct_height) == (0.15, "upstream", 0.05)
-    assert abs(kt_impedance(out, capsys) - (2.33 - 0.30j)) < 0.4  # what the liner's ends do to KT at 900 Hz
+    found = complex(tl.kumaresan_tufts(line).impedance[0])
+    assert abs(found - (2.33 - 0.30j)) < 0.4  # what the liner's ends do to KT at 900 Hz
     assert told["rows"][0]["transmission"] < 1
-    for name in ("wall.png", "field.png"):
-        assert (tmp_path / name).stat().st_size > 10_000
-
-
-def kt_impedance(path, capsys):
-    assert main(["kt", str(path), "--quiet", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["rows"][0]["impedance"]
-    return complex(found["resistance"], found["reactance"])
+    assert (tmp_path / "field.png").stat().st_size > 10_000
 
 
 def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import warnings
@@ -39,9 +38,6 @@ def coarse(case, impedance, **about):
     return solve_duct(case, 1500.0, impedance, build_mesh(case, **COARSE, **about))
 
 
-# --- energy -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("profile", "condition", "impedance", "within"),
     [
@@ -65,9 +61,6 @@ def test_energy_is_kept(profile, condition, impedance, within, source):
         assert float(balance.out) == pytest.approx(1, abs=1e-6)
     else:
         assert float(balance.absorbed) > 0.1
-
-
-# --- the growing wave ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("wall", [B2A, 0.3 + 0j, 1.0 - 0.5j])
@@ -118,9 +111,6 @@ def test_ducts_without_a_growing_wave(profile, wall, condition):
     assert bool(torch.isnan(growing_wave(profile, 1500.0, wall, condition).real).all())
 
 
-# --- the second mesh ----------------------------------------------------------------------------
-
-
 def test_a_mesh_that_was_fine_enough_keeps_its_numbers():
     case = case_of(TANH)
     with warnings.catch_warnings():
@@ -146,9 +136,6 @@ def test_fields_of_no_meaning_are_refused(monkeypatch):
         solve_settled(case_of(STILL), 1500.0, B2A)
 
 
-# --- commands -----------------------------------------------------------------------------------
-
-
 def told(words, capsys):
     assert main(["duct", *words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
@@ -164,23 +151,7 @@ def test_solve_states_its_doubts(tmp_path, capsys):
     assert row["mesh difference (dB)"] is None
     total = row["energy out"] + row["energy absorbed"] + row["energy missing"]
     assert total == pytest.approx(1)
-    out = capsys.readouterr()
-    assert f"{row['growth over the liner (dB)']:.3g} dB" in out.out
-    assert f"{row['transmission loss (dB)']:.2f} dB" in out.out
-    assert f"{row['energy out']:.3g} times" in out.err
-
-
-def test_modes_list_the_growing_wave(tmp_path, capsys):
-    words = ["modes", "b2a", "--impedance", "0.3", "--count", "1"]
-    assert main(["duct", *words, "-o", str(tmp_path / "m.csv")]) == 0
-    assert "grows downstream at 1500 Hz" in capsys.readouterr().out
-    *_, growing = csv.DictReader((tmp_path / "m.csv").read_text().splitlines())
-    assert (growing["direction"], growing["mode"]) == ("downstream", "")
-    assert float(growing["frequency"]) == 1500
-    assert float(growing["wavenumber_real"]) == pytest.approx(227.297, abs=1e-3)
-    assert float(growing["decay over liner (dB)"]) == pytest.approx(-49.65, abs=0.01)
-    assert main(["duct", "modes", "b2a", "--count", "1", "--impedance", "rigid"]) == 0
-    assert "no growing wave was found" in capsys.readouterr().out
+    assert f"{row['energy out']:.3g} times" in capsys.readouterr().err
 
 
 def test_a_liner_is_a_ducts_wall(tmp_path, capsys):

@@ -38,9 +38,6 @@ def held(v: Tensor) -> Held:
     return Held(lambda begin, end: v[begin:end], len(v), v.shape[1], CPU)
 
 
-# ---------------------------------------------------------------------------------------------------- blocks
-
-
 @given(st.integers(40, 20_000), st.floats(1e3, 1e6), st.floats(4.0, 300.0))
 @settings(max_examples=60)
 def test_blocks_hold_all_whole_periods_as_equal_as_can_be(samples: int, rate: float, per_period: float) -> None:
@@ -56,9 +53,6 @@ def test_blocks_hold_all_whole_periods_as_equal_as_can_be(samples: int, rate: fl
     left = samples - blocks.periods * per_period
     assert -0.05 * per_period - 1 <= left <= 0.95 * per_period + 1
     assert float(blocks.lengths.max() - blocks.lengths.min()) <= per_period + 2  # samples of rounding
-
-
-# ---------------------------------------------------------------------------------------------------- the one loop
 
 
 def every_job(nodes: Chebyshev | Levels) -> list[Job]:
@@ -101,18 +95,12 @@ def test_float32_sums_keep_seven_digits() -> None:
     assert torch.allclose(found.sum(0)[0, 0], v[: blocks.borders[-1]].double().square().sum(0), rtol=3e-7)
 
 
-# ---------------------------------------------------------------------------------------------------- nodes
-
-
 @pytest.mark.parametrize("preset", tl.preset_names())
 def test_nodes_reach_the_tolerance_that_they_are_chosen_for(preset: str) -> None:
     liner = tl.load_liner(preset)
     f = torch.tensor([TONE], dtype=torch.float64)
     top = liner.speed_max or 100.0
     assert interpolation_error(choose_nodes([liner], f, 1e-6), liner, f, top)[0] <= 1e-6
-
-
-# ---------------------------------------------------------------------------------------------------- survey and drives
 
 
 def test_a_running_rms_is_that_of_a_plain_loop() -> None:
@@ -126,8 +114,6 @@ def test_a_running_rms_is_that_of_a_plain_loop() -> None:
     assert torch.allclose(inner, wanted[50 + drive.reach : 150 - drive.reach], atol=1e-12)
 
 
-# ---------------------------------------------------------------------------------------------------- phase rules
-
 DISC = st.complex_numbers(max_magnitude=0.6, allow_nan=False, allow_infinity=False)
 
 
@@ -140,9 +126,6 @@ def test_the_self_consistent_wave_gives_the_measured_velocity(a: complex, b: com
     wave = ((1 - mean).conj() * velocity + turned * velocity.conj()) / ((1 - mean).abs() ** 2 - turned.abs() ** 2)
     assert complex((1 - mean) * wave - turned * wave.conj()) == pytest.approx(complex(velocity), abs=1e-9)
     assert complex(found) == pytest.approx(complex(mean + turned * wave.conj() / wave), abs=1e-9)
-
-
-# ---------------------------------------------------------------------------------------------------- Z
 
 
 def plane_of(v: Tensor, **facts: object) -> tl.VelocityPlane:

@@ -245,9 +245,6 @@ def test_bad_input_is_refused(changes, message):
         tl.identify(planes()[:count], base(), **options)
 
 
-# The liner with factors.
-
-
 def test_each_factor_does_what_it_says():
     """Against the paper's terms, worked by hand for polito at 1400 Hz."""
     plain = base()
@@ -274,21 +271,14 @@ def test_each_factor_does_what_it_says():
     assert change(2.0, mass_loss_speed=3.0) == pytest.approx(1j * (lost[0] - lost[1]))
 
 
-# The command.
-
-
 def files(*cases):
     return [str(DATA / f"orifice_{case}_y0.5mm.h5") for case in cases]
 
 
-def test_command_writes_a_liner_that_is_read(tmp_path, capsys, unrendered):
-    table, picture = tmp_path / "mine.toml", tmp_path / "a.png"
-    words = ["--rest", "0.01+0.01j", "--freedom", "1", "-o", str(table), "--figure", str(picture), "--quiet"]
-    code = main(["identify", *files("o115", "o130", "o145"), *words])
-    shown = capsys.readouterr().out
-    assert code == DONE
-    assert picture.exists()
-    assert "curve, freedom 1 predicts best what it has not seen" in shown
+def test_command_writes_a_liner_that_is_read(tmp_path):
+    table = tmp_path / "mine.toml"
+    words = ["--rest", "0.01+0.01j", "--freedom", "1", "-o", str(table), "--quiet"]
+    assert main(["identify", *files("o115", "o130", "o145"), *words]) == DONE
     liner = tl.load_liner(table)
     assert liner.cell_pitch == 0.004428
     assert complex(liner.impedance(1400.0, 0.0)) == pytest.approx(0.205 - 0.208j, abs=0.01)

@@ -53,9 +53,6 @@ def as_the_file(record: tl.PressureRecord) -> dict:
     return {"window": "boxcar", "start": record.duration - periods / record.frequency}
 
 
-# --- Dean's formula -----------------------------------------------------------------------------
-
-
 def test_a_standing_wave_returns_its_impedance():
     """Pressures made by hand for a known Z come back as it, for any cavity porosity."""
     for porosity, impedance in ((1.0, 1.2 - 0.3j), (0.65, 0.2 + 0.9j)):
@@ -110,9 +107,6 @@ def test_cells_have_their_own_backplate(how):
     assert abs(complex(found.liner_impedance_pressure_first[0]) - 1 / (0.5 + 1j)) < 1e-11
 
 
-# --- the resolved cases -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_pressure_first_is_the_files_own_dean(case):
     """Over the periods the file used, its Z_dean comes back: the data are read rightly."""
@@ -135,9 +129,6 @@ def test_coherence_tells_turbulence():
     """No flow: 1. Mach 0.3 over the slit: clearly less."""
     assert float(tl.in_situ(file_of("n130")).coherence.min()) > 0.999
     assert 0.5 < float(tl.in_situ(file_of("g03_145")).coherence.min()) < 0.95
-
-
-# --- bad input ----------------------------------------------------------------------------------
 
 
 def test_the_node_is_named():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import math
 
 import numpy as np
@@ -14,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.cli.main import main
 from torchliner.engine.kernels import KernelTable, build_kernels, interpolate
 from torchliner.liners.model import LinerModel
 from torchliner.names import STEP_KERNELS
@@ -39,14 +37,6 @@ class Steady(LinerModel):
         return (z + 0 * frequency).to(torch.complex128)
 
 
-class Linear(LinerModel):
-    """A mass, a resistance and a spring; |v| changes nothing."""
-
-    def impedance(self, frequency, speed=0.0):
-        omega = 2 * torch.pi * frequency + 0 * torch.as_tensor(speed)
-        return torch.complex(0.5 + 0 * omega, 1e-4 * omega - 9e3 / omega)
-
-
 @pytest.fixture(scope="module")
 def slit() -> tl.SDoFLiner:
     return tl.load_liner("lbm_slit")
@@ -64,9 +54,6 @@ def noise(columns: int, samples: int, size: float = 1.0) -> torch.Tensor:
 def one(curve: tl.LevelCurve) -> complex:
     """Z of the only frequency of the first level."""
     return complex(curve.impedance[0, 0])
-
-
-# The implicit step.
 
 
 @settings(max_examples=60)
@@ -104,9 +91,6 @@ def test_the_newest_tap_is_solved(taps, sent, memory, past, share, spacing, inte
     # sqrt|v| of the table's places is as steep as it likes towards rest.
     assert abs(left(found)) < (1e-6 if spacing == "sqrt" else 1e-10)
     assert rows.max() < 8
-
-
-# Against what is known otherwise.
 
 
 @pytest.mark.parametrize("kernel", ["causal", "periodic"])
@@ -197,9 +181,6 @@ def test_fixed_point_by_hand():
     assert all(abs(s - 2 / (1 + 0.2 + 5 / (1 + (s / 0.5) ** 8))) < 1e-9 for s in found)
 
 
-# Convergence, statistics, energy.
-
-
 def test_a_level_does_not_know_the_others(slit):
     """Batch and single, but for the rounding of small products."""
     both = tl.ir_tdibc(slit, [120, 140], 1400.0, **FAST)
@@ -239,9 +220,6 @@ def test_every_preset_up_to_160_db(name, kernel):
         assert float(curve.reflected_energy.max()) < 1
 
 
-# Signals.
-
-
 def test_a_recording_is_a_wave_like_the_others(slit):
     wave = tl.BandNoise(800, 2500)
     kept = tl.Recorded(wave.sampled(2000, 20000.0), 20000.0, "noise.wav")
@@ -249,9 +227,6 @@ def test_a_recording_is_a_wave_like_the_others(slit):
     found = tl.ir_tdibc(slit, 120, kept, frequency=1400, band=wanted.choices["kernel_band"])
     assert found.choices["duration"] == 0.1
     assert abs(one(found) - one(wanted)) < 1e-9
-
-
-# Bad input.
 
 
 def test_a_recording_outside_the_band_is_told_of(slit):
@@ -319,21 +294,3 @@ def test_what_does_not_settle_is_refused(slit, monkeypatch):
     monkeypatch.setattr(ir_tdibc_wall, "MOST_ITERATIONS", 3)
     with pytest.raises(ValueError, match="at 140 dB the iteration over a period does not converge"):
         tl.ir_tdibc(slit, [140, 150], 1400.0, kernel="periodic", **FAST)
-
-
-# The command.
-
-
-def test_command(tmp_path, capsys, unrendered):
-    """Table, CSV, figure, JSON."""
-    words = ["ir-tdibc", "lbm_slit", "--frequency", "1400", "--level", "115", "130", "--duration", "0.02"]
-    words += ["--sampling-rate", "28000", "--quiet"]
-    assert main([*words, "-o", str(tmp_path / "z.csv"), "--figure", str(tmp_path / "z.png")]) == 0
-    assert "130.0  1400.0" in capsys.readouterr().out
-    assert (tmp_path / "z.png").exists()
-    assert len((tmp_path / "z.csv").read_text().splitlines()) == 3
-    assert main([*words, "--json", "--kernel", "periodic"]) == 0
-    assert [row["level"] for row in json.loads(capsys.readouterr().out)["rows"]] == [115, 130]
-    for more, message in ((["--velocity-max", "0.1"], "give --velocity-max"),):
-        assert main([*words, *more]) == 2
-        assert message in capsys.readouterr().err

@@ -38,9 +38,6 @@ def solve(impedance=B2A, frequency=FREQUENCY, mesh_options=None, **about):
     return solve_duct(case, frequency, impedance, mesh)
 
 
-# --- order of accuracy --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("direction", ["downstream", "upstream"])
 @pytest.mark.parametrize("flow", ["no flow", "sheared"])
 def test_order_of_accuracy(flow, direction):
@@ -58,9 +55,6 @@ def test_order_of_accuracy(flow, direction):
 def test_ninth_digit():
     """No flow, degree 4, 32 x 16 elements over 150 x 50 mm: 1e-9 of p."""
     assert exact_mode_error(STILL, 4, 32, 16)[0] < 1e-9
-
-
-# --- against other methods ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("impedance", [B2A, 0.3 - 0.6j, 0.05 + 0.8j])
@@ -100,9 +94,6 @@ def test_field_above_the_liner_is_one_of_six_modes(name, source):
 
     assert left_by(B2A) < (1e-4 if name == "sheared" else 1e-5)
     assert left_by(1.5 * B2A) > 5e-4  # twelve exponentials do not fit just anything
-
-
-# --- laws ---------------------------------------------------------------------------------------
 
 
 def test_energy_without_flow():

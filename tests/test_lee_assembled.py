@@ -29,8 +29,6 @@ B2A = 2.33 - 0.30j
 K = 2 * math.pi * FREQUENCY / SPEED
 
 
-# --- scikit-fem ---------------------------------------------------------------------------------
-
 X_EDGES = np.array([0.0, 0.03, 0.05, 0.07, 0.1])
 Y_EDGES = np.array([0.0, 0.01, 0.03, 0.05])
 LINED = (0.03, 0.07)
@@ -150,8 +148,6 @@ def test_scikit_fem_gives_the_same(degree):
         assert np.abs(field.numpy() - expected).max() < 1e-10
     assert np.abs(wanted).max() > 1
 
-
-# --- the package's elements as one matrix -------------------------------------------------------
 
 FLOWS = {
     "sheared": TanhProfile(0.3, HEIGHT, 0.1, SPEED),

@@ -22,9 +22,6 @@ GROWS = pytest.mark.filterwarnings("ignore:at .* times the energy that comes in 
 COARSE = {"frequency": FREQUENCY, "column": 0.025, "row": 0.0125, "wall_cell": 2e-3}
 
 
-# --- walls --------------------------------------------------------------------------------------
-
-
 def test_wall_traces_meet_the_walls_law():
     """p* = Z rho c v* on the liner, v* = 0 on rigid parts, to rounding, with shear and without."""
     for profile in (STILL, TANH):
@@ -79,9 +76,6 @@ def test_walls_that_vary_along_the_liner():
     assert errors[2] < 1e-3
 
 
-# --- ends, amplitudes ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("profile", [PLUG, TANH], ids=["plug", "tanh"])
 @pytest.mark.parametrize("source", BOTH)
 def test_given_end_reflections(source, profile):
@@ -101,9 +95,6 @@ def test_given_end_reflections(source, profile):
     assert np.abs(field.wall_pressure(x)[0].numpy() - wave).max() < 3e-6
     assert abs(complex(field.transmission) - np.exp(-1j * out * length)) < 3e-6
     assert abs(complex(field.reflection) - far * np.exp(-1j * (out + back) * length)) < 3e-6
-
-
-# --- batches, gradients, types ------------------------------------------------------------------
 
 
 @GROWS

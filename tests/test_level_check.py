@@ -14,7 +14,6 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.records.level_check import Gap
-from torchliner.report.answer import answer_of
 from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes
 
@@ -155,8 +154,6 @@ def test_the_facesheets_pressure_gives_level_and_phase(turn, factor):
     assert float(found.liner.level[1, 0]) == pytest.approx(-20 * math.log10(factor), abs=1e-6)
     assert float(found.liner.phase[1, 0]) == pytest.approx(-turn, abs=1e-5)
     assert found.failed == (turn != 0 or factor != 1)
-    if turn and factor == 1:
-        assert "it is the reactance of the model" in found.sentence("velocity", FREQUENCY)
 
 
 def test_microphones_in_front_of_the_surface_and_along_the_wall():
@@ -369,7 +366,4 @@ def test_levels_alone_give_the_parameters(order):
     assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
     assert found.data == 3
     assert max(abs(row.level_check) for row in found.rows) < 1e-5
-    text = answer_of(found).screen(verbose=True)
-    assert "level check" in text
-    assert "3 data, 2 parameters" in text
     assert found.rows[0].true is None

@@ -47,9 +47,6 @@ def shoot(profile, alpha, k, height=HEIGHT):
     return state
 
 
-# --- uniform flow: closed forms -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("direction", BOTH)
 @pytest.mark.parametrize("mach", [0.0, 0.3, 0.6])
 def test_rigid_uniform_duct(mach, direction):
@@ -84,8 +81,6 @@ def test_modes_of_uniform_flow_are_those_of_the_dispersion_relation(height, dire
     wanted = tl.wavenumber_from_impedance(walls[..., None], frequency[:, None], mode=torch.arange(4), **duct)
     assert torch.allclose(found, wanted, rtol=1e-8, atol=0)
 
-
-# --- sheared flow -------------------------------------------------------------------------------
 
 SHEARED = {
     "tanh": TANH,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from pathlib import Path
@@ -12,7 +11,6 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.cli.main import main
 from torchliner.conversions import admittance_from_reflection
 from torchliner.liners.multipole import Multipole
 
@@ -139,25 +137,6 @@ def test_coefficient_lists_give_r_and_the_admittance(tmp_path: Path, poles: int)
     r = model.reflection(FREQUENCY)
     torch.testing.assert_close(read_back(text, "reflection"), r)
     torch.testing.assert_close(read_back(text, "admittance"), admittance_from_reflection(r))
-
-
-def test_the_command_writes_what_python_gives(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    plane = tl.read_plane("data/orifice_t03_130_y0.5mm.h5")
-    found = tl.educe(plane, tl.load_liner("lbm_orifice"), torch.linspace(600, 3000, 13), averaging="velocity")
-    found.write(tmp_path / "map.h5")
-    file = tmp_path / "liner.json"
-    words = ["export", str(tmp_path / "map.h5"), "--poles", "4", "--band", "600", "2800", "-o", str(file)]
-    assert main(words) == 0
-    assert "stable and passive" in capsys.readouterr().out
-    assert main([*words[:-2], "--json"]) == 0
-    written = json.loads(file.read_text())
-    assert json.loads(capsys.readouterr().out) == written
-    model = found.time_domain(4, band=(600, 2800))
-    assert excess(model) < 1e-11
-    assert written["band"] == [600, 2800]
-    assert written["error"] == pytest.approx(model.error)
-    pairs = [each for each in model.poles.tolist() if each.imag > 0]
-    assert [row[1] for row in written["reflection"]["complex_poles"]] == pytest.approx([each.imag for each in pairs])
 
 
 @pytest.mark.parametrize(

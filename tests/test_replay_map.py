@@ -21,9 +21,6 @@ def codes(found: tl.ImpedanceMap) -> set[str]:
     return {note.code for note in found.notes}
 
 
-# Laws.
-
-
 @pytest.mark.parametrize(
     "wave", [tl.BandNoise(300, 5000), tl.Sweep(300, 5000), tl.Sweep(300, 5000, "logarithmic")], ids=lambda w: w.label
 )
@@ -136,9 +133,6 @@ def test_gradients_pass_to_velocity_and_liner():
     assert float(dp) == pytest.approx(float(of_p), rel=1e-4)
 
 
-# Lines, notes and files.
-
-
 def test_what_is_doubtful_is_noted(liner):
     """Kernels, levels, energy beyond the band, and replies that cross the ends of segments, with sizes in Z."""
     plane = plane_of(turbulence((2, SAMPLES), rms=5.0))
@@ -171,8 +165,6 @@ def test_the_reflected_signal_is_written(liner, tmp_path, segment):
     found.write(tmp_path / "map.h5")
     assert torch.equal(tl.read_map(tmp_path / "map.h5").answer, found.answer)
 
-
-# Refusals.
 
 NOISE = tl.BandNoise(300, 5000)
 REFUSED = [

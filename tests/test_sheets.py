@@ -97,9 +97,6 @@ def test_perforate_is_the_papers_liner_without_its_cavity():
         assert z(make("perforate"), 1500.0, speed) == pytest.approx(wanted, rel=1e-12)
 
 
-# Other methods.
-
-
 def oscillating_flow(radius: float, omega: float, viscosity: float, rings: int = 4000) -> complex:
     """Mean of u, of j omega u = 1 + nu (u'' + u'/r), u(radius) = 0, by finite volumes."""
     step = radius / rings
@@ -167,9 +164,6 @@ def test_maa_against_his_approximation(constant):
     assert found.imag == pytest.approx(omega * thickness / (porosity * c) * shape, rel=0.065)
 
 
-# Limits.
-
-
 @pytest.mark.parametrize(
     ("law", "longer"), [("maa", 0.0), ("melling", 0.849 * 0.689), ("goodrich", 0.85 * 0.843), ("two-parameter", 0.0)]
 )
@@ -184,9 +178,6 @@ def test_slow_flow_is_poiseuilles(law, longer):
     assert z(make("guess"), 1e-3).real < 0.01 * wanted
 
 
-# Flow.
-
-
 @pytest.mark.parametrize("law", GRAZED)
 def test_flow_adds_resistance_and_takes_mass(law):
     """Mach 0 is no flow; else R rises by ``flow_resistance`` (and what friction in the lost end
@@ -198,9 +189,6 @@ def test_flow_adds_resistance_and_takes_mass(law):
     assert difference.real == pytest.approx(moved.flow_resistance, abs=0.05)
     lost = 0.85e-3 * (1 - 0.7 * 0.05**0.5) * (1 - 1 / 9.235) * 1500 * math.tau / 0.05 / 343.2
     assert difference.imag == pytest.approx(-lost, rel=0.12)
-
-
-# Everywhere, and derivatives.
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])
@@ -253,8 +241,6 @@ def test_derivatives(law):
     slopes = torch.autograd.grad(found.sum(), ones[4:])
     assert all(float(slope.abs()) > 1e-9 for slope in slopes), "a parameter does not enter"
 
-
-# Bad input.
 
 BAD = [
     ("melling", {"porosity": 5.5}, r"'melling': porosity is 5.5; .* at most 1 \(5 % is 0.05\)"),

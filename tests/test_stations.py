@@ -107,8 +107,6 @@ def test_the_tone_is_put_back(onera):
     assert float(mended.velocity_level[0, 0]) == pytest.approx(2.0, abs=0.03)
     assert not bool(plain.corrected[0, 0])
     assert bool(mended.corrected[0, 0])
-    assert any("the tone is not corrected" in note.text for note in plain.notes)
-    assert any("the tone is corrected, " in note.text for note in mended.notes)
     true = complex(*_true_impedance(onera, record, 2.0))
     errors = [abs(complex(each.impedance[0, 0]) - true) for each in (plain, mended)]
     assert errors[1] < 0.4 * errors[0]
@@ -131,10 +129,6 @@ def test_the_tone_is_corrected_whatever_is_asked_for(onera):
     both = educed([record], onera, frequency=[FREQUENCY, 1000.0])
     assert float((alone.reflection[..., 0] - both.reflection[..., 1]).abs().max()) < 1e-12
     assert alone.corrected.tolist() == [[False]]
-    assert any(
-        "the stated tone of 1500 Hz, of which linear reconstruction leaves 0.7" in note
-        for note in alone.station_notes[0]
-    )
     as_is = educed([record], onera, frequency=1000.0, correction="none")
     assert float((as_is.impedance - alone.impedance).abs()) > 0.05
     sparse = station(3, rate=2500.0, seconds=1.0)
@@ -163,9 +157,6 @@ def test_flagged_stations_are_never_used_in_silence(onera):
     assert found.used.tolist() == [True, False]
     assert found.average.stations == 1
     assert "33 % of wall_normal are exactly 0" in found.flags[1][0]
-    assert any(
-        "1 of 2 stations are flagged and do not count in the averages: zeros" in note.text for note in found.notes
-    )
     alone = educed([good], onera)
     assert torch.equal(found.average.impedance, alone.average.impedance)
     used = educed([good, bad], onera, flagged="use")

@@ -101,9 +101,6 @@ def test_ties_and_drawn_errors():
     assert bool((found.standard_deviation.abs() < others.standard_deviation.abs()).all())
 
 
-# --- waves in the rigid duct --------------------------------------------------------------------
-
-
 def rigid_line(mach=0.25, side="upstream", **about) -> MicrophoneLine:
     """120 dB downstream and half of it back at x = 0, before a liner from 0.2 to 0.6 m."""
     x = torch.tensor([-0.3, -0.11, -0.05, 0.3, 0.5, 0.9, 1.15], dtype=torch.float64)[:, None]

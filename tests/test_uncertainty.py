@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import warnings
 
-import numpy as np
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, load_script, plane_of, turbulence
@@ -64,22 +63,6 @@ def test_intervals_hold_the_known_value(column):
     for row in rows:
         for part in "RX":
             assert row[f"{part} inside (%)"] > (91.5 if row["trials"] >= 400 else 86), row
-
-
-def test_map_file_keeps_intervals_and_spread_apart(tmp_path, liner):
-    """Written and read: the same bounds."""
-    plane = plane_of(turbulence((3, 4, SAMPLES)), x=[0, 1e-3, 2e-3, 3e-3], z=[0, 1e-3, 2e-3])
-    found = tl.educe(plane, liner, [FREQUENCY, 900.0])
-    found.write(tmp_path / "map.h5")
-    again = tl.read_map(tmp_path / "map.h5")
-    assert again.level == found.level
-    for one, other in zip(every_part(found), every_part(again), strict=True):
-        for name, values in vars(one.interval).items():
-            assert torch.equal(getattr(other.interval, name), values)
-    xarray = pytest.importorskip("xarray")
-    with xarray.open_dataset(tmp_path / "map.h5", engine="h5netcdf") as file:
-        assert "spread over positions" in file.liner_spread_resistance.attrs["long_name"]
-        assert np.allclose(file.liner_spread_resistance, found.resistance.reshape(-1, 2).std(0))
 
 
 @pytest.mark.parametrize("averaging", ["admittance", "velocity", "phase-locked"])

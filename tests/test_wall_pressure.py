@@ -49,9 +49,6 @@ def line_of(pressure, side="upstream", x=X, **about) -> MicrophoneLine:
     return MicrophoneLine(x, pressure, about.pop("frequency", FREQUENCY), **about)
 
 
-# --- without noise ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("side", OTHER)
 @pytest.mark.parametrize(("rank", "order"), [(1, 1), (1, 6), (2, 2), (2, 4), (3, 6), (6, 6)])
 @pytest.mark.parametrize("condition", CONDITIONS)
@@ -128,9 +125,6 @@ def test_exponentials_by_hand():
     assert complex(growing.amplitude[0]) == pytest.approx(0.125)
 
 
-# --- errors of the microphones ------------------------------------------------------------------
-
-
 def noisy(pressure, count: int, seed: int):
     """Independent realisations, through levels and phases, 0.1 dB and 0.1 degrees."""
     random = np.random.default_rng(seed)
@@ -159,12 +153,6 @@ def test_drawn_deviation_is_the_scatter_of_realisations():
         seen = getattr(scatter, part).std(0)[1:]
         assert drawn.tolist() == pytest.approx(seen.tolist(), rel=0.2)
     assert float((found.mean - WALLS).abs()[2]) < 4 * float(found.standard_deviation[2].abs())
-
-
-# --- batches ------------------------------------------------------------------------------------
-
-
-# --- doubts and bad input -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -82,9 +82,6 @@ def test_least_squares_average_noise():
     assert 0 < float(many.residual[0]) < 0.05
 
 
-# --- the resolved cases -------------------------------------------------------------------------
-
-
 @pytest.mark.filterwarnings("ignore:.*two plane waves leave:torchliner.DataWarning")
 @pytest.mark.parametrize("case", ["n115", "n130", "g01_145", "g03_145", "o115", "o145"])
 def test_the_files_own_waves(case):
@@ -106,9 +103,6 @@ def test_vortices_bias_the_microphones():
     assert abs(complex(two.impedance[0]) - record.reference["two microphones"]) < 0.002
     both = tl.decompose_waves(record, velocities=True)
     assert abs(complex(both.impedance[0]) - true) < 0.02
-
-
-# --- bad input ----------------------------------------------------------------------------------
 
 
 def test_half_a_wavelength_is_singular():

@@ -33,9 +33,6 @@ def off(line: MicrophoneLine, size: float, seed: int) -> MicrophoneLine:
     return dataclasses.replace(line, pressure=line.pressure + size * rms * noise)
 
 
-# --- the Mach number ----------------------------------------------------------------------------
-
-
 def test_no_mach_number_is_refused_and_0_says_it(tmp_path, capsys):
     """M = 0 is never assumed: Z 1.93+0.02j would become 0.61+0.99j; what was taken is in JSON."""
     path = str(tmp_path / "line.h5")
@@ -58,9 +55,6 @@ def test_every_method_of_waves_asks_for_it(method):
         method(line)
 
 
-# --- another side, other phases, a rigid wall ---------------------------------------------------
-
-
 @pytest.mark.parametrize("side", OTHER)
 @pytest.mark.parametrize("share", [0.0, 0.3 + 0.2j])
 def test_conjugated_phases_are_noticed(side, share):
@@ -70,9 +64,6 @@ def test_conjugated_phases_are_noticed(side, share):
         found = free_wave_fit(line)
     assert any("the phases look conjugated" in str(one.message) for one in told)
     assert [str(one.message) for one in told] == [str(note) for note in found.notes]
-
-
-# --- intervals ----------------------------------------------------------------------------------
 
 
 def test_intervals_from_the_residual_hold_the_truth():
