@@ -162,14 +162,11 @@ def test_a_liner_is_a_ducts_wall(tmp_path, capsys):
         + "".join(f"{f},{z.real:.17g},{z.imag:.17g}\n" for f, z in zip((0.9, 1.2), wanted.tolist(), strict=True))
     )
     about = ["--bulk-mach", "0", "--frequency", "900", "1200", *MESH, "--quiet"]
-    one = told(
-        ["solve", "b2a", "--liner", "polito", "--speed", "2", *about, "--figure", str(tmp_path / "w.png")], capsys
-    )
+    one = told(["solve", "b2a", "--liner", "polito", "--speed", "2", *about], capsys)
     other = told(["solve", "b2a", "--liner", str(tmp_path / "z.csv"), *about], capsys)
     for row, same in zip(one["rows"], other["rows"], strict=True):
         assert {k: v or 0 for k, v in row.items()} == pytest.approx({k: v or 0 for k, v in same.items()})
     assert one["duct"]["sound"]["liner"] == "polito"
-    assert (tmp_path / "w.png").exists()
     case = tl.load_duct("b2a", bulk_mach=0.0).case
     for f, z, row in zip((900.0, 1200.0), wanted.tolist(), one["rows"], strict=True):
         mesh = build_mesh(case, 1200.0, column=0.01, row=0.01)

@@ -13,9 +13,9 @@ import torchliner as tl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
-from torchliner.duct.presets import duct_text, load_duct
+from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.pressure.fit_field import fit_field, fit_line
+from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
@@ -53,13 +53,6 @@ def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes
     """Pressures of one impedance in a small duct, and its solver."""
     setup, solver = small_duct(side, frequency, **changes)
     return heard_in(setup, impedance, solver)
-
-
-@functools.cache
-def of_preset(side, frequency, wall):
-    """The preset between nearer ends, its solver and the pressures of a wall."""
-    setup = load_duct("b2a", start=-0.2, end=0.35, frequency=[frequency], source_side=side)
-    return heard_in(setup, wall, DuctSolver(setup.case, setup.frequency))
 
 
 @pytest.fixture(scope="module")
@@ -121,25 +114,6 @@ def test_walls_at_the_ends_of_the_range(wall):
         warnings.filterwarnings("ignore", ".*a wave of its shear layer grows")  # of the wall found
         found = fit_field(line, solver)
     assert abs(complex(found.impedance[0]) - wall) < 1e-6 * (1 + abs(wall))
-
-
-def test_the_duct_of_a_line(tmp_path):
-    """From a file: the frequencies are the line's, the wall of the microphones the file's."""
-    setup = solved_setup(900.0, 1500.0, wall="lined")
-    solver = DuctSolver(setup.case, setup.frequency)
-    line, _ = heard_in(setup, TRUE, solver)
-    text = (
-        duct_text("b2a")
-        .replace('profile = "tanh"', 'profile = "uniform"')
-        .replace("shear = 0.1 ", "# ")
-        .replace("start = -0.300", "start = -0.12")
-        .replace("end = 0.450", "end = 0.27")
-        .replace('wall = "opposite"', 'wall = "lined"')
-    )
-    (tmp_path / "mine.toml").write_text(text)
-    fitted = fit_line(line, duct=tmp_path / "mine.toml", start=1.0)
-    assert fitted.choices["wall"] == "lined"
-    assert complex(fitted.impedance[0]) == pytest.approx(TRUE, abs=1e-6)
 
 
 def test_a_fit_that_leans_on_a_growing_wave_says_so():

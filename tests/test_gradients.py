@@ -48,34 +48,6 @@ def test_backward_is_forward(phase):
     assert float((backward - wanted).abs().max()) < 1e-9 * float(wanted.abs().max())
 
 
-SQUARE = torch.tensor([[2 + 1j, 1], [0.5, 3 - 1j]], dtype=torch.complex128)
-
-
-@pytest.mark.parametrize(
-    "work",
-    [
-        lambda d: 0.1 * d + 2 - d / 3,
-        lambda d: 1 - 2 / (d + 1),
-        lambda d: (0.1 + 0.2j) * d.real,
-        lambda d: (d.real.float() + 0.1) * (0.1 + 0.2j),
-        lambda d: d * (SQUARE.real > 1) + torch.arange(2),
-        lambda d: SQUARE / d - d @ SQUARE,
-        lambda d: SQUARE.mul(d).conj(),
-        lambda d: torch.linalg.solve(d, SQUARE) + torch.linalg.solve(SQUARE, d),
-    ],
-)
-def test_constants_have_the_tangent_zero(work):
-    """Values, derivatives and dtypes of torch's own dual level, which is slower by far."""
-    found = []
-    for level in (forward_ad.dual_level, dual_level):
-        with level():
-            dual = forward_ad.make_dual(SQUARE + 1, SQUARE.mT.contiguous())
-            found.append(forward_ad.unpack_dual(work(dual)))
-    for wanted, mine in zip(*found, strict=True):
-        assert mine.dtype == wanted.dtype
-        assert float((mine - wanted).abs().max()) < (1e-15 if mine.dtype.itemsize == 16 else 1e-7)
-
-
 def test_second_derivative():
     """Smooth enough for Newton's method."""
     value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)

@@ -12,7 +12,6 @@ import torch
 from conftest import RATE, turbulence
 from one_device import OneDevice
 
-import torchliner as tl
 from torchliner.engine import replay as engine
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
@@ -128,19 +127,6 @@ def test_bits_depend_neither_on_neighbours_nor_on_cuts(kernels, edge, monkeypatc
 
 
 LINES = torch.tensor([500.0, 800.0, 1400.0, 3000.0], dtype=F64)  # whole periods in 840 samples, 20 ms
-
-
-@pytest.mark.parametrize("kind", ["two-sided", "causal"])
-@pytest.mark.parametrize("wave", [Tones(LINES), ComplexTones(LINES), BandNoise(300, 3500)])
-def test_a_frozen_velocity_gives_the_kernels_response(liner, kind, wave):
-    """H1 with the window of the wave (Hann for tones), and the model within the stated error."""
-    kernels = build_kernels(liner, RATE, velocity_max=16.0, kind=kind, levels=40)
-    v = kernels.grid.speeds[[0, 9, 21, 39]] * torch.ones(840, 1, dtype=F64)
-    signal = Replay(held(v), kernels, wave, Drive(), edge="periodic")
-    found = transfer(signal, wave, LINES, RATE).reflection
-    assert float((found - kernels.response(LINES)[[0, 9, 21, 39]]).abs().max()) < 1e-9
-    model = tl.reflection_from_impedance(liner.impedance(LINES, v[0][:, None]))
-    assert float((found - model).abs().max()) < kernels.error + 1e-9
 
 
 def test_the_mean_over_phases_and_passivity(liner):

@@ -14,7 +14,6 @@ from scipy.linalg import solve_banded
 from scipy.special import j0, jn_zeros, jv
 
 import torchliner as tl
-from torchliner.liners.cavity import cavity_impedance
 from torchliner.liners.laws import LAWS as ROWS
 from torchliner.liners.parameters import parameters_of
 from torchliner.liners.plates import TONE, Sheet, fok_sum, tube_impedance
@@ -85,16 +84,6 @@ def test_what_speed_adds_by_hand(law, wanted):
     sheet = tl.sheet(law, **HAND, **stated)
     added = z(sheet, HAND_FREQUENCY, HAND_SPEED, ROUND) - z(sheet, HAND_FREQUENCY, 0.0, ROUND)
     assert added == pytest.approx(wanted, abs=2e-6)
-
-
-def test_perforate_is_the_papers_liner_without_its_cavity():
-    """An SDoFLiner less its cavity, at three speeds."""
-    liner = tl.SDoFLiner(0.8e-3, 1e-3, 0.05, 38e-3, 5e-3)
-    omega, depth, radius = torch.tensor([1500 * math.tau, 38e-3, 5e-3], dtype=torch.float64)
-    cavity = complex(cavity_impedance(omega, depth, radius, AIR))
-    for speed in (0.0, 1.0, 7.0):
-        wanted = complex(liner.impedance(1500.0, speed)) - cavity
-        assert z(make("perforate"), 1500.0, speed) == pytest.approx(wanted, rel=1e-12)
 
 
 def oscillating_flow(radius: float, omega: float, viscosity: float, rings: int = 4000) -> complex:

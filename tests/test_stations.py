@@ -107,19 +107,14 @@ def test_the_tone_is_put_back(onera):
     assert float(mended.velocity_level[0, 0]) == pytest.approx(2.0, abs=0.03)
     assert not bool(plain.corrected[0, 0])
     assert bool(mended.corrected[0, 0])
-    true = complex(*_true_impedance(onera, record, 2.0))
+    generator = np.random.default_rng(2)  # of the station's own noise
+    generator.exponential(1.0, int(1.3 * 10e3) + 50)
+    times = np.arange(60_000) / 60e3
+    velocity = noise(times, generator, 0.3) + 2.0 * np.cos(2 * np.pi * FREQUENCY * times + 0.3)
+    plane = tl.VelocityPlane(velocity[None], sampling_rate=60e3, frequency=FREQUENCY)
+    true = complex(tl.educe(plane, onera, interval=None).impedance[0, 0])
     errors = [abs(complex(each.impedance[0, 0]) - true) for each in (plain, mended)]
     assert errors[1] < 0.4 * errors[0]
-
-
-def _true_impedance(liner, record, tone):
-    times = np.arange(60_000) / 60e3
-    generator = np.random.default_rng(2)
-    generator.exponential(1.0, int(1.3 * 10e3) + 50)
-    velocity = noise(times, generator, 0.3) + tone * np.cos(2 * np.pi * FREQUENCY * times + 0.3)
-    plane = tl.VelocityPlane(velocity[None], sampling_rate=60e3, frequency=FREQUENCY)
-    found = tl.educe(plane, liner, interval=None).impedance[0, 0]
-    return float(found.real), float(found.imag)
 
 
 def test_the_tone_is_corrected_whatever_is_asked_for(onera):

@@ -43,15 +43,6 @@ def test_interval_holds_its_value(noisy, liner, drive):
                 assert (width < 7).all()
 
 
-def test_excluded_probes_have_no_interval(noisy, liner):
-    velocity = noisy.velocity.clone()
-    velocity[1, 7] = torch.nan
-    with pytest.warns(tl.DataWarning, match="excluded"):
-        found = tl.educe(dataclasses.replace(noisy, velocity=velocity), liner, missing="exclude")
-    assert found.probes["admittance"].interval.low[1].isnan().all()
-    assert found.liner["admittance"].interval.low.real.isfinite().all()
-
-
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 @pytest.mark.parametrize("column", [0, 1])
 def test_intervals_hold_the_known_value(column):

@@ -8,12 +8,12 @@ import math
 
 import pytest
 import torch
-from conftest import DATA, turbulence
+from conftest import turbulence
+from test_in_situ import CASES, FLUID, FREQUENCY, RATE, as_the_file, file_of
 
 import torchliner as tl
 
-RATE, FREQUENCY, SAMPLES = 40000.0, 1400.0, 457
-FLUID = tl.Fluid()
+SAMPLES = 457
 WAVELENGTH = FLUID.sound_speed / FREQUENCY
 
 
@@ -42,15 +42,6 @@ def record_of(
         frequency=frequency,
         **about,
     )
-
-
-def file_of(case: str) -> tl.PressureRecord:
-    return tl.read_pressure(DATA / f"pressure_{case}.h5")
-
-
-def as_the_file(record: tl.PressureRecord) -> dict:
-    periods = record.provenance["periods_behind_truth"]
-    return {"window": "boxcar", "start": record.duration - periods / record.frequency}
 
 
 @pytest.mark.parametrize("mach", [0.0, 0.3, -0.3, 0.9])
@@ -83,7 +74,7 @@ def test_least_squares_average_noise():
 
 
 @pytest.mark.filterwarnings("ignore:.*two plane waves leave:torchliner.DataWarning")
-@pytest.mark.parametrize("case", ["n115", "n130", "g01_145", "g03_145", "o115", "o145"])
+@pytest.mark.parametrize("case", CASES)
 def test_the_files_own_waves(case):
     """Over the periods the file used, its own values: by five microphones, by p and v."""
     record = file_of(case)
