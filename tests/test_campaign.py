@@ -18,12 +18,10 @@ from pathlib import Path
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
-from hypothesis import given
-from hypothesis import strategies as st
 from test_cli import run
 
 import torchliner as tl
-from torchliner.campaign.campaign_file import choice_sets, read_campaign
+from torchliner.campaign.campaign_file import read_campaign
 from torchliner.campaign.index import COLUMNS, Z
 from torchliner.engine import workers
 from torchliner.io import whole_file
@@ -391,18 +389,6 @@ def test_a_full_disk(capsys, smallest, monkeypatch):
     assert all("cannot be written: [Errno 28] No space left" in row["error"] for row in rows)
     monkeypatch.setattr(whole_file.os, "replace", replace)
     assert done(capsys, smallest)[0] == 0
-
-
-@given(st.dictionaries(st.sampled_from("abcd"), st.lists(st.integers(0, 9), min_size=1, max_size=3)))
-def test_choices_are_combined(stated):
-    """Every combination once, those of one value alike in all."""
-    found = choice_sets(stated)
-    count = 1
-    for values in stated.values():
-        count *= len(values)
-    assert len(found) == count
-    assert all(set(one) == set(stated) for one in found)
-    assert choice_sets({"mean": "kept", "interval": False}) == [{"mean": "kept", "interval": None}]
 
 
 def test_results_stay_in_their_folder(capsys, campaign, tmp_path):

@@ -12,7 +12,6 @@ import torch
 from conftest import plane_of, turbulence
 
 import torchliner as tl
-from torchliner.engine.nodes import OfOneLiner
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 CHOICES = [
@@ -93,16 +92,6 @@ def test_other_moments_and_planes(tmp_path):
     for name, known in cases.items():
         known.write(tmp_path / "m.h5")
         assert same_bits(tl.read_moments(tmp_path / "m.h5"), known), name
-
-
-def test_moments_of_one_liner_alone_have_no_file(tmp_path):
-    known = tl.moments(grid_plane())
-    nodes = OfOneLiner.of(known.nodes, torch.ones(1, known.nodes.count) + 0j, torch.tensor([1400.0]))
-    known = dataclasses.replace(known, nodes=nodes)
-    with pytest.raises(
-        ValueError, match=r"m\.h5: moments of one liner at \[1400\.0\] Hz have no file; use tl\.moments"
-    ):
-        known.write(tmp_path / "m.h5")
 
 
 @pytest.fixture(scope="module")

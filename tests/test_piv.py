@@ -44,20 +44,3 @@ def test_a_mat_file_of_images_gives_a_map(images, tmp_path, capsys):
     by_hand = tl.VelocityPlane(velocity[2], sampling_rate=RATE, frequency=FREQUENCY, x=known.x)
     wanted = tl.educe(by_hand, tl.load_liner("onera"), interval=None)
     assert float((tl.read_map(out).impedance - wanted.impedance).abs().max()) < 1e-12
-
-
-def test_a_vector_that_was_not_found_is_a_probe_left_out(images):
-    """nan of particle images: refused with the place, or excluded."""
-    _, velocity = images
-    velocity = velocity.copy()
-    velocity[2, 4, 17] = np.nan
-    plane = tl.VelocityPlane(velocity[2], sampling_rate=RATE, frequency=FREQUENCY)
-    with pytest.raises(
-        ValueError,
-        match=r"nan or inf at 1 of 10 probes, the first at probe "
-        r"\(4,\), sample 17",
-    ):
-        tl.educe(plane, tl.load_liner("onera"))
-    with pytest.warns(tl.DataWarning, match="1 of 10 probes hold nan or inf; excluded"):
-        found = tl.educe(plane, tl.load_liner("onera"), missing="exclude", interval=None)
-    assert torch.isnan(found.impedance.real).sum() == 1

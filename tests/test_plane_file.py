@@ -1,6 +1,5 @@
 """The plane file: written, read back, refused; for damaged files see test_own_files.py."""
 
-import math
 from dataclasses import replace
 
 import h5py
@@ -210,15 +209,3 @@ def test_single_sample_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match="velocity has 1 sample; at least two times are needed"):
         make_plane(samples=1).write(tmp_path / "a.h5")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("shape", [(3, 4), (5,), ()])
-def test_areas_are_kept(tmp_path, shape):
-    """In the order of the probes, whatever their shape; none of negative size."""
-    probes = math.prod(shape)
-    area = 1e-8 * torch.arange(1, probes + 1, dtype=torch.float64)
-    plane = replace(make_plane(shape), area=area)
-    plane.write(tmp_path / "plane.h5")
-    assert torch.equal(tl.read_plane(tmp_path / "plane.h5").area, area)
-    with pytest.raises(ValueError, match="area"):
-        replace(plane, area=-area)

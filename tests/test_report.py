@@ -196,17 +196,6 @@ def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_
     assert {key: matplotlib.rcParams[key] for key in RC} == before
 
 
-def test_two_runs_in_one_pair_of_axes(found):
-    """``plot(ax=)`` twice: two colours, and limits that show both."""
-    axes = matplotlib.figure.Figure().subplots(1, 2)
-    for one in found:
-        curves.draw_along_x([one], axes=axes)
-    drawn = [line for line in axes[0].lines if len(line.get_xdata()) == 6]
-    assert len({line.get_color() for line in drawn}) == 2
-    low, high = axes[0].get_ylim()
-    assert all(low <= value <= high for line in drawn for value in line.get_ydata())
-
-
 def test_a_phase_does_not_jump():
     """Along a line, and beside a curve."""
     level, phase = level_and_phase(20e-6 * 2**0.5 * np.exp(1j * np.radians([170.0, -170.0, -150.0])))

@@ -20,7 +20,7 @@ import torch
 from conftest import DATA, plane_of, turbulence
 from test_cli import run
 from test_results_out import PLACES, line, made, points
-from test_wall_file import field_fit, noisy
+from test_wall_file import noisy
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
@@ -285,16 +285,6 @@ def test_two_sources_of_one_wall(tmp_path):
     assert [row["known_reactance"] for row in rows] == ["0.5", "1.5", "2.5", "", "", ""]
     levels = torch.cat([each.level[:, at] for each in lines])
     assert [float(row["spl"]) for row in page.csv("along-wall")] == pytest.approx(levels.tolist())
-
-
-def test_methods_beside_each_other(tmp_path):
-    """Waves and a fit of the field of one line; without draws and without a degree of freedom."""
-    row = noisy("upstream").at(1500.0)
-    rows = page_of(tl.kumaresan_tufts(row, draws=3), tmp_path, field_fit(row)).csv("answer-table")
-    assert [each["eduction"] for each in rows] == ["Kumaresan-Tufts", "LEE fit"]
-    assert rows[0]["wavenumber_real"] != "" == rows[1]["wavenumber_real"]
-    bare = page_of(tl.kumaresan_tufts(row.select(range(4)), order=2), tmp_path)
-    assert "without an interval" in bare.text["header"]
 
 
 def test_the_page_of_a_duct(capsys, tmp_path):

@@ -95,24 +95,6 @@ class Numbers:
         return out
 
 
-def test_the_next_slab_is_read_while_this_one_is_used():
-    """One other thread, one slab ahead, two buffers, everything once and in order."""
-    file = Numbers()
-    found, ahead, places = [], [], set()
-    for slab in read_ahead(file, bounds_of(100, 7), torch.device("cpu")):
-        found.append(slab.clone())
-        ahead.append(len(file.seen) - len(found))
-        places.add(slab.data_ptr())
-    assert torch.equal(torch.cat(found)[:, 0], torch.arange(100, dtype=torch.float64))
-    assert [seen[:2] for seen in file.seen] == bounds_of(100, 7)
-    assert len(places) == 2
-    assert max(ahead) <= 1
-    names = {seen[2] for seen in file.seen}
-    assert len(names) == 1
-    assert next(iter(names)).startswith("read-ahead")
-    assert list(read_ahead(file, [], torch.device("cpu"))) == []
-
-
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_a_slab_lives_while_it_is_worked_on(threads, set_threads, monkeypatch):
     """However slow the work: no buffer is read into before all jobs have seen it."""

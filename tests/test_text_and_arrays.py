@@ -165,6 +165,7 @@ def of(values, **about):
         (lambda: of(Table()), TypeError, "is a Table; give .to_numpy"),
         (lambda: of(V[0], x=np.ma.masked_less([0.0, 0.1], 0.05)), ValueError, "x has 1 masked val"),
         (lambda: of(V[0], x=xarray.DataArray([0.0, 1.0])), TypeError, "x is a DataArray whose axes have names"),
+        (lambda: of(V[0], area=[1.0, -1.0]), ValueError, "area"),
         (lambda: of(V[0], x=[0.0, 1e300]), ValueError, r"x holds 1e\+300 m, which is no length"),
         (
             lambda: tl.load_liner("polito").impedance(np.ma.masked_less([500.0, 900.0], 600.0)),
