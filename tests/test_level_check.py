@@ -209,14 +209,11 @@ def test_the_pressure_of_another_run_is_no_known_pressure():
         ({"incident_level": 130.0}, {"frequency": 700.0}, "at the frequencies asked for"),
     ],
 )
-def test_where_nothing_is_known_the_map_says_what_to_state(about, choices, reason, tmp_path):
-    """In the map, and after a round through a file."""
+def test_where_nothing_is_known_the_map_says_what_to_state(about, choices, reason):
     velocity, _ = square_wave(2.0, periods=20)  # longer than a kernel
     found = tl.educe(plane(velocity, **about), MODEL, **{"interval": None, **choices})
     assert found.level_check is None
     assert reason in found.level_check_words
-    found.write(tmp_path / "m.h5")
-    assert tl.read_map(tmp_path / "m.h5").level_check_words == found.level_check_words
 
 
 def test_the_interval_covers():

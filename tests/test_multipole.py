@@ -104,14 +104,6 @@ def test_a_pulse_through_the_recursion_meets_r_and_gains_no_energy() -> None:
     assert float((found - wanted).abs().max()) < 2e-3
 
 
-def test_the_admittance_follows_from_r() -> None:
-    model = of()
-    poles, residues = model.admittance()
-    s = 2j * torch.pi * FREQUENCY[:, None]
-    torch.testing.assert_close((residues / (s - poles)).sum(1), admittance_from_reflection(model.reflection(FREQUENCY)))
-    assert float(poles.real.max()) < 0
-
-
 def read_back(text: str, name: str) -> Tensor:
     """R or the admittance at ``FREQUENCY`` from a file of coefficient lists, by the formula in its head."""
     own = text[text.index(f"\n{name}\n") :]
@@ -137,6 +129,7 @@ def test_coefficient_lists_give_r_and_the_admittance(tmp_path: Path, poles: int)
     r = model.reflection(FREQUENCY)
     torch.testing.assert_close(read_back(text, "reflection"), r)
     torch.testing.assert_close(read_back(text, "admittance"), admittance_from_reflection(r))
+    assert float(model.admittance()[0].real.max()) < 0
 
 
 @pytest.mark.parametrize(

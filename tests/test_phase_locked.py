@@ -116,9 +116,8 @@ def test_it_is_an_eduction_of_the_velocity_of_the_formula(onera, choices):
     velocity = mixed()
     if choices.get("phase") == "self-consistent":
         choices = choices | {"minimum_coherence": 0.0}
-    shared = choices
-    found = educed(on_cells(velocity), onera, **shared)
-    wanted = educed(on_cells(by_hand(velocity)), onera, averaging="admittance", **shared)
+    found = educed(on_cells(velocity), onera, **choices)
+    wanted = educed(on_cells(by_hand(velocity)), onera, averaging="admittance", **choices)
     assert relative_error(found.probes["phase-locked"].reflection, wanted.probes["admittance"].reflection) < 1e-9
     assert relative_error(found.cells["phase-locked"].reflection, wanted.cells["admittance"].reflection) < 1e-9
     assert relative_error(found.answer, wanted.liner["admittance"].impedance) < 1e-9
@@ -136,13 +135,12 @@ def test_oncoming_turbulence_of_a_known_rms(onera, choices):
     own = (velocity - coherent).reshape(-1, PROBES, 600).square().mean((1, 2)).sqrt()
     assert float(own.max()) < 2.0
     less = star - (1 - 0.5 / own).repeat_interleave(PROBES)[:, None] * (velocity - coherent)
-    shared = choices
-    wanted = educed(on_cells(less), onera, averaging="admittance", **shared)
-    found = educed(on_cells(velocity), onera, background=0.5, **shared)
+    wanted = educed(on_cells(less), onera, averaging="admittance", **choices)
+    found = educed(on_cells(velocity), onera, background=0.5, **choices)
     assert relative_error(found.answer, wanted.liner["admittance"].impedance) < 1e-9
     assert found.choices["incoherent_scale"] == pytest.approx(float((0.5 / own).mean()), rel=1e-9)
-    whole = educed(on_cells(velocity), onera, background=2.0, **shared)
-    assert torch.equal(whole.answer, educed(on_cells(velocity), onera, **shared).answer)
+    whole = educed(on_cells(velocity), onera, background=2.0, **choices)
+    assert torch.equal(whole.answer, educed(on_cells(velocity), onera, **choices).answer)
     with pytest.raises(ValueError, match="background"):
         educed(on_cells(velocity), onera, background=1.0, averaging="velocity")
 
@@ -191,9 +189,9 @@ def test_bounds_hold_where_the_incoherent_part_is_brought_down(onera):
 def test_intervals_are_those_of_that_velocity(onera, phase):
     """The lines taken out are themselves known only so well, so these are wider than of v* taken as exact."""
     velocity = mixed()
-    shared = {"phase": phase, "minimum_coherence": 0.0}
-    found = tl.educe(on_cells(velocity), onera, **shared)
-    wanted = tl.educe(on_cells(by_hand(velocity)), onera, averaging="admittance", **shared)
+    choices = {"phase": phase, "minimum_coherence": 0.0}
+    found = tl.educe(on_cells(velocity), onera, **choices)
+    wanted = tl.educe(on_cells(by_hand(velocity)), onera, averaging="admittance", **choices)
     for mine, theirs in (
         (found.liner["phase-locked"].interval, wanted.liner["admittance"].interval),
         (found.cells["phase-locked"].interval, wanted.cells["admittance"].interval),

@@ -16,7 +16,7 @@ from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.modes import cut_on_frequency
 from torchliner.names import CONDITIONS
-from torchliner.pressure.kumaresan_tufts import find_exponentials, kumaresan_tufts
+from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
 HEIGHT, SPACING, COUNT = 0.05, 0.012, 12
@@ -113,18 +113,6 @@ def test_microphones_over_the_liner_alone_are_used():
     assert len(kumaresan_tufts(line, margin=2e-3).x) == 7
 
 
-def test_exponentials_by_hand():
-    """1, 1/2, 1/4, 1/8: lambda = 1/2, a = 1, energy all of it."""
-    signal = torch.tensor([1, 0.5, 0.25, 0.125], dtype=torch.complex128)
-    found = find_exponentials(signal, 1, 1)
-    assert complex(found.ratio[0]) == pytest.approx(0.5)
-    assert complex(found.amplitude[0]) == pytest.approx(1.0)
-    assert float(found.energy[0]) == pytest.approx(1.0)
-    growing = find_exponentials(signal.flip(0), 1, 2)
-    assert complex(growing.ratio[0]) == pytest.approx(2.0)
-    assert complex(growing.amplitude[0]) == pytest.approx(0.125)
-
-
 def noisy(pressure, count: int, seed: int):
     """Independent realisations, through levels and phases, 0.1 dB and 0.1 degrees."""
     random = np.random.default_rng(seed)
@@ -180,29 +168,30 @@ def test_refusals(options, match):
         kumaresan_tufts(line, **options)
 
 
+LIMIT = cut_on_frequency(UniformProfile(0.3, HEIGHT, tl.Fluid().sound_speed))
+DOUBTS = [
+    (lambda: line_of(wave("upstream")[0], frequency=[1000.0, 1500.0, LIMIT + 1]), f"{LIMIT:.4g} Hz .* 50 mm"),
+    (lambda: line_of(wave("upstream")[0], duct_width=0.15), "width, 150 mm"),
+    (lambda: line_of(torch.exp(-1j * (5 - 0.5j) * APART[:, None]).expand(-1, 3), x=APART), "1115 Hz .* 200 mm"),
+    (lambda: line_of(torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)), "at 3 of 3 .* resistance is negative"),
+]
+APART = 0.2 * torch.arange(12, dtype=torch.float64)
+
+
+@pytest.mark.parametrize(("line", "words"), DOUBTS)
+def test_doubts_are_warned_of(line, words):
+    """Higher modes, half a wavelength, a wave that gains."""
+    with pytest.warns(tl.DataWarning, match=words):
+        kumaresan_tufts(line())
+
+
 @pytest.mark.filterwarnings("ignore:.*draws have no impedance")
-def test_doubts_are_warned_of_and_kept():
-    """Higher modes, half a wavelength, a wave that gains, frequencies without a wave."""
-    limit = cut_on_frequency(UniformProfile(0.3, HEIGHT, tl.Fluid().sound_speed))
-    frequency = torch.tensor([1000.0, 1500.0, limit + 1]).double()
-    line = line_of(wave("upstream")[0], frequency=frequency)
-    with pytest.warns(tl.DataWarning, match=rf"from {limit:.4g} Hz on the duct's height, 50 mm, .* mode: 1 of 3 freq"):
-        found = kumaresan_tufts(line)
-    assert len(found.notes) == 1
-    with pytest.warns(tl.DataWarning, match="the duct's width, 150 mm"):
-        kumaresan_tufts(line_of(wave("upstream")[0], duct_width=0.15))
-    x = torch.arange(12).double() * 0.2
-    with pytest.warns(tl.DataWarning, match=r"above 1115 Hz the spacing, 200 mm, is more than half"):
-        kumaresan_tufts(line_of(torch.exp(-1j * (5 - 0.5j) * x[:, None]).expand(-1, 3), x=x))
-    gain = torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)
-    with pytest.warns(tl.DataWarning, match="at 3 of 3 values, .* the resistance is negative"):
-        kumaresan_tufts(line_of(gain))
+def test_a_frequency_without_a_wave_is_kept_and_told():
     mixed = wave("upstream")[0].clone()
     mixed[:, 1] = mixed[:, 1].conj()
     with pytest.warns(tl.DataWarning, match="at 1 of 3 values, first at 1000 Hz, no wave"):
         found = kumaresan_tufts(line_of(mixed), rank=1, draws=10)
     assert torch.isnan(found.impedance[1].real)
     assert found.failed.tolist() == [0, 10, 0]
-    (lost,) = (note.text for note in found.notes if note.code == "lost-draws")
-    assert "10 of 30 draws have no impedance" in lost
+    assert "lost-draws" in {note.code for note in found.notes}
     assert torch.isfinite(found.mean[[0, 2]]).all()
