@@ -113,7 +113,6 @@ def test_heights_are_interpolated_to_half_a_hole(liner):
         (lambda: [quiet_of(height=8e-4), quiet_of(height=1e-3)], ("0.8, 1 mm", "half a hole diameter", "0.6001 mm")),
         (lambda: [quiet_of(), quiet_of(height=None)], ("heights",)),
         (lambda: 0.0, ("background", "above 0")),
-        (lambda: -1.0, ("background", "above 0")),
         (lambda: torch.ones(3), ("background", "one number")),
         (lambda: ["quiet.h5"], ("background is str",)),
     ],

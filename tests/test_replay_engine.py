@@ -18,7 +18,7 @@ from torchliner.engine.drives import Drive
 from torchliner.engine.kernels import build_kernels, interpolate
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held, Job, linear, reduce
-from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones, as_incident
+from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones
 
 GRIDS = {"ours": ("sqrt", "cubic"), "paper": ("uniform", "linear")}
 SHORT = {"before": 5e-4, "after": 1.5e-3, "levels": 12, "regularisation": 1e-2}  # 21 taps before zero, 63 after
@@ -193,9 +193,7 @@ def test_all_work_stays_on_the_device_of_the_data(kernels, edge):
 REFUSALS = [
     (lambda k: build_kernels(None, RATE, velocity_max=9.0, band=(3500.0, 300.0)), "3500 Hz to 300 Hz.*upwards"),
     (lambda k: build_kernels(None, 500.0, velocity_max=9.0), "300 Hz.*500 Hz"),
-    (lambda k: build_kernels(None, RATE, velocity_max=9.0, kind="casual"), "casual.*'causal'"),
     (lambda k: whole(velocity(100, 1), k, Tones(1000.0), edge="periodic"), "2.38095 periods of 1000 Hz.*silent"),
-    (lambda k: whole(velocity(100, 1), k, Tones(30e3)), "30000 Hz.*21000 Hz"),
     (lambda k: whole(velocity(100, 1), k, BandNoise(500, 600)), "500-600 Hz.*420 Hz.*widen"),
     (lambda k: whole(velocity(100, 1), k, SENT["recorded"]), "120 samples.*100.*pad"),
     (
@@ -203,7 +201,6 @@ REFUSALS = [
         "noise 500-900.*3000 Hz.*60 dB",
     ),
     (lambda k: transfer(held(velocity(420, 1)), Tones(500.0), LINES[:1], RATE, segment=421), "421 samples.*even.*420"),
-    (lambda k: as_incident("sweep:300", Tones), "'sweep:300'.*sweep:300:6000"),
 ]
 
 

@@ -147,17 +147,14 @@ def test_drawn_deviation_is_the_scatter_of_realisations():
     ("options", "match"),
     [
         ({"order": 7}, "12 microphones are fewer than twice the order, 7; the most is 6"),
-        ({"order": 0}, "fewer than twice the order, 0"),
         (
             {"rank": 7},
             "12 microphones allow an order of 6, half of them, below the rank, 7",
         ),
         ({"rank": 7, "order": 6}, "rank is 7; it must be 1 to the order, 6"),
-        ({"rank": 0}, "rank is 0"),
         ({"source_side": "left"}, "source_side is 'left'; give 'upstream' or 'downstream'"),
         ({"condition": "myers"}, "unknown condition 'myers' .did you mean 'ingard-myers'"),
         ({"draws": -1}, "draws is -1; 0 for none, or at least 2"),
-        ({"draws": 5, "level_error": -0.1}, r"level_error \(dB\) is -0\.1; it must be finite"),
         ({"draws": 5, "phase_error": math.nan}, r"phase_error \(degrees\) is nan"),
         ({"margin": 0.2}, "0 microphones lie over the liner"),
     ],
