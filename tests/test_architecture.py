@@ -116,10 +116,7 @@ def test_every_outlet_leads_somewhere():
             "    1 - 2 / (torch.autograd.forward_ad.make_dual(torch.ones(2), torch.ones(2)) + 1)",
             ["matplotlib", "dask", "xarray", "sympy", "torch._dynamo"],
         ),
-        (
-            "from torchliner.cli.main import overview; overview()",
-            ["torch", "numpy", "h5py"],
-        ),
+        ("from torchliner.cli.main import overview; overview()", ["torch", "numpy", "h5py"]),
     ],
 )
 def test_imports_stay_light(code, absent):

@@ -83,8 +83,7 @@ def test_nan_and_inf_are_counted_and_placed(liner):
     v[1, 2, 99] = torch.inf
     v[0, 1, 5] = -torch.inf
     with pytest.raises(
-        ValueError,
-        match=r"nan or inf at 2 of 6 probes, the first at probe \(0, 1\), sample 5.*exclude",
+        ValueError, match=r"nan or inf at 2 of 6 probes, the first at probe \(0, 1\), sample 5.*exclude"
     ):
         tl.educe(plane_of(v), liner)
     with pytest.warns(tl.DataWarning, match="2 of 6 probes hold nan or inf; excluded"):

@@ -114,11 +114,7 @@ def test_a_method_finds_a_single_wave(added, tmp_path, capsys):
     """The wave of a known wall, sampled along it, and nothing else: exactly."""
     frequency, wall = 1500.0, 1.2 - 0.4j
     alpha = tl.wavenumber_from_impedance(
-        torch.tensor(wall, dtype=torch.complex128),
-        frequency,
-        height=0.05,
-        mach=0.2,
-        sound_speed=343.0,
+        torch.tensor(wall, dtype=torch.complex128), frequency, height=0.05, mach=0.2, sound_speed=343.0
     )
     x = torch.arange(10, dtype=torch.float64) * 0.012
     line = tl.MicrophoneLine(

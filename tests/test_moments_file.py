@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -92,57 +90,3 @@ def test_other_moments_and_planes(tmp_path):
     for name, known in cases.items():
         known.write(tmp_path / "m.h5")
         assert same_bits(tl.read_moments(tmp_path / "m.h5"), known), name
-
-
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory):
-    """Bytes of a file of moments."""
-    path = tmp_path_factory.mktemp("moments") / "m.h5"
-    tl.moments(grid_plane()).write(path)
-    return path.read_bytes()
-
-
-def _head(key, **changes):
-    """A change of a JSON attribute."""
-
-    def change(file):
-        file.attrs[key] = json.dumps(json.loads(file.attrs[key]) | changes)
-
-    return change
-
-
-def _value(name, place, value):
-    def change(file):
-        file[name][place] = value
-
-    return change
-
-
-def _gone(name):
-    return lambda file: file.pop(name)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda file: file.attrs.update(schema="torchliner map 1"), "map 1.; .torchliner moments 1"),
-        (_head("blocks", borders=[0, 5000]), r":/peaks has shape .*1 block|sums has shape .*1 block"),
-        (_head("velocity", precision="int8"), "damaged, or of another layout .*int8"),
-        (_head("nodes", kind="levels"), "damaged, or of another layout .*kinks"),
-        (_head("nodes", count=20), r":/admittance_sums has shape .*20 node"),
-        (_gone("phase_locked_sums"), ":/phase_locked_sums is missing"),
-        (_gone("taken"), ":/taken is missing"),
-        (_value("peaks", (1, 3), np.nan), ":/peaks holds values that are not finite; reduce the data again"),
-        (_value("admittance_sums", (0, 0, 5, 2), np.inf), ":/admittance_sums .*infinite"),
-        (_value("used", 3, 2), ":/used holds other values than 0 and 1"),
-    ],
-)
-def test_what_is_no_record_of_moments_is_refused(change, message, clean, tmp_path):
-    """File, dataset, value and remedy."""
-    path = tmp_path / "m.h5"
-    path.write_bytes(clean)
-    with h5py.File(path, "r+") as file:
-        change(file)
-    with pytest.raises(ValueError, match=message) as caught:
-        tl.read_moments(path)
-    assert str(path) in str(caught.value)

@@ -44,12 +44,7 @@ def test_a_small_file_has_the_hash_that_sha256sum_prints(tmp_path):
     path = tmp_path / "a.h5"
     write(path, b"velocity" * 999)
     wanted = hashlib.sha256(b"velocity" * 999).hexdigest()
-    assert input_file("velocity", path) == {
-        "what": "velocity",
-        "name": str(path),
-        "bytes": 7992,
-        "hash": wanted,
-    }
+    assert input_file("velocity", path) == {"what": "velocity", "name": str(path), "bytes": 7992, "hash": wanted}
 
 
 def test_of_a_large_file_blocks_count(small, tmp_path):

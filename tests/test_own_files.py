@@ -259,6 +259,20 @@ def raised(name, amount):
     return change
 
 
+def replaced(name, values, units="Pa"):
+    def change(file):
+        del file[name]
+        file[name] = values
+        file[name].attrs["units"] = units
+
+    return change
+
+
+def head(key, **changes):
+    """A change of a JSON attribute."""
+    return lambda file: file.attrs.update({key: json.dumps(json.loads(file.attrs[key]) | changes)})
+
+
 def named(*names):
     """Other averagings."""
 
@@ -285,6 +299,20 @@ def named(*names):
         ("waves", lambda file: file.pop("eduction_0/microphones"), "microphones are missing"),
         ("waves", raised("eduction_0/order", -1), "order is 5 of 6 singular values"),
         ("waves", raised("eduction_0/frequency", 3.0), "of other frequencies"),
+        ("moments", head("blocks", borders=[0, 5000]), r":/peaks has shape .*1 block|sums has shape .*1 block"),
+        ("moments", head("velocity", precision="int8"), "damaged, or of another layout .*int8"),
+        ("moments", head("nodes", kind="levels"), "damaged, or of another layout .*kinks"),
+        ("moments", head("nodes", count=20), r":/admittance_sums has shape .*20 node"),
+        ("moments", lambda file: file.pop("taken"), ":/taken is missing"),
+        ("moments", raised("peaks", np.nan), ":/peaks holds values that are not finite; reduce the data again"),
+        ("moments", raised("admittance_sums", np.inf), ":/admittance_sums .*infinite"),
+        ("moments", raised("used", 2), ":/used holds other values than 0 and 1"),
+        ("pressure, line", lambda file: file.pop("backplate_pressure"), "backplate pressure is missing"),
+        ("pressure, line", replaced("backplate_pressure", np.zeros((77, 2))), "there are 300 times"),
+        ("pressure, line", replaced("backplate_pressure", np.zeros((300, 2), dtype=int)), "is int64"),
+        ("pressure, line", lambda file: file.pop("time"), "time is missing"),
+        ("pressure, line", replaced("time", np.arange(300) ** 2 / 1e5, "s"), "is not uniform"),
+        ("pressure, line", replaced("cavity_porosity", 12.0, "1"), "cavity_porosity is 12"),
         ("bursts", raised("transit_time", -1.0), "transit_time is .*finite|transit_time is"),
     ],
 )

@@ -671,16 +671,6 @@ def test_a_stated_rate_closes_no_gap(tmp_path, numbers, times, message):
     refused(tmp_path, message, **UP, **SI, sampling_rate=1 / STEP)
 
 
-def test_times_of_another_unit_tell_the_start(tmp_path):
-    """Of ms where the rate is stated: they count evenly, whatever they count; any spelling of the clock."""
-    for i, name in enumerate(("Time", "TIMEVALUE", "TimeValue")):
-        mesh = image(VALUES[i])
-        mesh.field_data[name] = np.array([5 + 0.01 * i])
-        mesh.save(tmp_path / f"p_{i}.vti")
-    plane = tl.read_plane(tmp_path / "p_1.vti", **UP, **SI, sampling_rate=1 / STEP)
-    assert (plane.sampling_rate, plane.start) == (1 / STEP, pytest.approx(5e-3))
-
-
 def test_faces_are_where_they_are(tmp_path):
     """A trapezoid's centroid and area by hand; a triangle; pixels and pixels turned; boxes have no area."""
     points = np.array([[0, 0, 0], [4, 0, 0], [2, 0, 2], [0, 0, 2], [6, 0, 3], [3, 0, 5.0]])

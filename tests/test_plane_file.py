@@ -155,10 +155,7 @@ BAD = {
     "wrong units": ({"units": "Pa"}, f"{V} has units 'Pa'.*a velocity is needed in one of m/s"),
     "no time units": ({"time_units": None}, f"{T} has no units attribute; set it to one of s, ms"),
     "uneven": ({"time": shifted(0.3)}, f"{T} is not uniform.* 0.3 sampling .*limit 0.01.*resample"),
-    "lost frames": (
-        {"time": np.r_[TIMES[:9], TIMES[9:] + 2 / RATE]},
-        "lacks 2 frames, the fir",
-    ),
+    "lost frames": ({"time": np.r_[TIMES[:9], TIMES[9:] + 2 / RATE]}, "lacks 2 frames, the fir"),
     "two runs": ({"time": np.r_[TIMES[:9], TIMES[3:14]]}, r"out of order: sample 9 is at 6e-05 s"),
     "one time": ({"time": np.zeros(1)}, rf"{T} has shape \(1,\); a list of at least two times"),
     "nan time": ({"time": shifted(np.nan)}, f"{T} holds 1 values not finite"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import h5py
-import numpy as np
 import pytest
 import torch
 from conftest import turbulence
@@ -92,41 +91,6 @@ def test_refusals(about, error, words):
     with pytest.raises(error) as said:
         record(**about)
     assert words in str(said.value)
-
-
-# --- files that are refused ---------------------------------------------------------------------
-
-
-def spoiled(path, change) -> str:
-    record().write(path)
-    with h5py.File(path, "a") as file:
-        change(file)
-    return str(path)
-
-
-def replace(name, values, units="Pa"):
-    def change(file):
-        del file[name]
-        file[name] = values
-        file[name].attrs["units"] = units
-
-    return change
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        (lambda f: f.__delitem__("backplate_pressure"), "backplate pressure is missing"),
-        (replace("backplate_pressure", np.zeros((77, 2))), "there are 300 times"),
-        (replace("backplate_pressure", np.zeros((300, 2), dtype=int)), "is int64"),
-        (lambda f: f.__delitem__("time"), "time is missing"),
-        (replace("time", np.arange(300) ** 2 / 1e5, "s"), "is not uniform"),
-        (replace("cavity_porosity", 12.0, "1"), "p.h5.*cavity_porosity is 12"),
-    ],
-)
-def test_spoiled_files(change, match, tmp_path):
-    with pytest.raises(ValueError, match=match):
-        tl.read_pressure(spoiled(tmp_path / "p.h5", change))
 
 
 def test_a_file_without_signals_is_refused(tmp_path):

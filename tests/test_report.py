@@ -16,6 +16,7 @@ from torchliner.records.notes import Note
 from torchliner.report import curves, maps, numbers, planes
 from torchliner.report.answer import answer_of, ordered
 from torchliner.report.fields import level_and_phase
+from torchliner.report.figure import AVERAGINGS as COLOUR_OF
 from torchliner.report.figure import RC
 from torchliner.report.pictures import draw_pictures
 from torchliner.report.studies import draw_level_check
@@ -194,6 +195,26 @@ def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_
     assert {"true", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= {*legend(along)}
     assert all((tmp_path / name).stat().st_size > 4000 for name in ("along.pdf", "velocity.png"))
     assert {key: matplotlib.rcParams[key] for key in RC} == before
+
+
+def test_an_averaging_has_one_colour_everywhere(found, liner):
+    """Along x, over frequency, in the complex plane."""
+    spectrum = tl.educe(made(), liner, [500.0, 1000.0, 1500.0])
+    drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), planes.draw_complex_plane(found[0])]
+    for figure in drawn:
+        colours = {line.get_label().split(", ")[-1]: line.get_color() for line in figure.axes[0].lines}
+        assert {name: colours[name] for name in AVERAGINGS} == COLOUR_OF
+
+
+def test_two_runs_in_one_pair_of_axes(found):
+    """``plot(ax=)`` twice: two colours, and limits that show both."""
+    axes = matplotlib.figure.Figure().subplots(1, 2)
+    for one in found:
+        curves.draw_along_x([one], axes=axes)
+    drawn = [line for line in axes[0].lines if len(line.get_xdata()) == 6]
+    assert len({line.get_color() for line in drawn}) == 2
+    low, high = axes[0].get_ylim()
+    assert all(low <= value <= high for line in drawn for value in line.get_ydata())
 
 
 def test_a_phase_does_not_jump():

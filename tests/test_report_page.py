@@ -24,7 +24,6 @@ from test_wall_file import noisy
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
-from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
 from torchliner.report.answer import answer_of
 from torchliner.report.numbers import main_of
@@ -223,35 +222,6 @@ def test_a_map_without_optional_parts(tmp_path):
     assert "null test without any liner" in null.text["header"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [(1000, 1000), (1_000_000,)])
-def test_a_million_probes(shape, tmp_path):
-    """A page that a browser opens: Z, v and places at random."""
-    draw = torch.Generator().manual_seed(1)
-
-    def random(*size):
-        return torch.rand(*size, generator=draw, dtype=torch.float64)
-
-    reflection = torch.complex(random(*shape, 1), random(*shape, 1)) / 2
-    x, z = (random(1_000_000), random(1_000_000)) if len(shape) == 1 else map(torch.arange, shape[::-1])
-    page_of(
-        dataclasses.replace(
-            made("bare", (1400.0,)),
-            probes={"admittance": Educed(reflection)},
-            along_x={},
-            velocity_amplitude=reflection,
-            mean_velocity=random(*shape),
-            velocity_rms=random(*shape),
-            coherence=random(*shape, 1),
-            x=x.double(),
-            z=z.double(),
-            phase_rule=reflection.real > 2,
-        ),
-        tmp_path,
-    )
-    assert (tmp_path / "page.html").stat().st_size < 12e6
-
-
 @pytest.mark.parametrize("make", [line, points])
 def test_lines_and_points(capsys, make, tmp_path):
     """From their files, the same as from memory but for the file."""
@@ -336,15 +306,11 @@ def test_what_cannot_be_is_refused(capsys, files, tmp_path):
     with h5py.File(tmp_path / "new.h5", "a") as file:
         file.attrs["schema"] = "torchliner map 9"
     (tmp_path / "half.h5").write_bytes(whole[: len(whole) // 2])
-    (tmp_path / "folder.html").mkdir()
     for typed, message in (
         ((DATA / "slit_n130_y1.0mm.h5", "-o", out), "'torchliner plane 1'"),
         ((tmp_path / "text.csv", "-o", out), "is no result"),
         ((tmp_path / "new.h5", "-o", out), "'torchliner map 9', not one of torchliner map"),
         ((tmp_path / "half.h5", "-o", out), "half.h5 is truncated"),
-        ((source, "-o", tmp_path / "page.pdf"), "must be one of .html"),
-        ((source, "-o", tmp_path / "folder.html"), "is a folder"),
-        ((source, "-o", tmp_path / "none" / "page.html"), "folder"),
     ):
         code, _, err = report(capsys, *typed)
         assert (code, message in err) == (BAD_INPUT, True), err

@@ -14,10 +14,7 @@ from torchliner.io.planes import read_plane
 
 V = "wall_normal_velocity"
 KINDS = {
-    "plane": (
-        lambda: make_plane(x=[0.0, 0.1, 0.2, 0.3], z=[0.0, 0.1, 0.2], height=1e-3),
-        read_plane,
-    ),
+    "plane": (lambda: make_plane(x=[0.0, 0.1, 0.2, 0.3], z=[0.0, 0.1, 0.2], height=1e-3), read_plane),
     "map": (hand_map, read_map),
 }
 

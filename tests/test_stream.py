@@ -63,8 +63,7 @@ def relayout(path, layout):
 
 
 @pytest.mark.parametrize(
-    "layout",
-    ["contiguous", "chunked", "compressed", "time last", "time last compressed", "big endian"],
+    "layout", ["contiguous", "chunked", "compressed", "time last", "time last compressed", "big endian"]
 )
 def test_every_layout_gives_the_same_map(mapped, plane, path, layout, monkeypatch):
     """Streamed from a file as from memory, with batches of few samples."""
