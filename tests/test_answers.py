@@ -4,11 +4,10 @@ import csv
 import dataclasses
 import json
 import math
-from pathlib import Path
 
 import pytest
 import torch
-from conftest import load_script
+from conftest import DATA, load_script
 
 import torchliner as tl
 from torchliner.cli.main import main
@@ -18,7 +17,6 @@ from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.velocity.sound import CHANCE
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")  # the notes are looked at instead
-DATA = Path(__file__).resolve().parent.parent / "data"
 RATE, TONE, PERIODS, PITCH = 42e3, 1400.0, 20, 4e-3
 SAMPLES = int(PERIODS * RATE / TONE)
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 
 import pytest
 import torch
+from conftest import DATA
 from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.liners.sdof import EndLossSDoFLiner
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def liner(name="lbm_slit", **own):
@@ -94,7 +92,7 @@ def test_derivatives_are_exact():
     assert slope == 0
 
 
-T03 = ROOT / "data/orifice_t03_130_y0.5mm.h5"
+T03 = DATA / "orifice_t03_130_y0.5mm.h5"
 
 
 def test_the_mach_number_is_that_of_the_plane():
