@@ -57,11 +57,7 @@ def test_one_command_from_files_to_numbers(folder, known, tmp_path, capsys):
     assert found["stations"][2]["x"] == 0.02
     assert (tmp_path / "line.png").stat().st_size > 5000
     assert not (tmp_path / "line.h5.parts").exists()
-    assert run(folder, "-o", tmp_path / "line.csv", "--quiet", "--verbose") == 0
-    text = capsys.readouterr().out
-    assert f"{float(known.average.impedance[0].real):.3f}" in text.splitlines()[1]
-    assert "3 of 3 stations" in text
-    assert f"{float(known.impedance[1, 0].real):.3f}" in text
+    assert run(folder, "-o", tmp_path / "line.csv", "--quiet") == 0
     rows = (tmp_path / "line.csv").read_text().splitlines()
     assert len(rows) == 4
     assert "segment_spread_resistance" in rows[0]

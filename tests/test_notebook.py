@@ -89,12 +89,6 @@ def test_plots_go_into_given_axes_at_a_given_frequency(maps, tmp_path):
         maps["line"].plot(tmp_path / "m.png", ax=one)
 
 
-def test_moments_draw_the_velocity_of_their_plane():
-    plane = plane_at("line")
-    drawn = [each.plot().axes[1].get_lines()[0].get_ydata() for each in (plane, tl.moments(plane))]
-    assert drawn[1] == pytest.approx(drawn[0], rel=1e-6)
-
-
 # Types.
 
 

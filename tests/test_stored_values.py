@@ -5,28 +5,25 @@ import numpy as np
 import pytest
 import torch
 from test_plane_file import RATE, make_plane
-from test_results_out import hand_map
 
 import torchliner as tl
 from torchliner import file_checks
-from torchliner.io.own_file import read_map
 from torchliner.io.planes import read_plane
 
 V = "wall_normal_velocity"
-KINDS = {
-    "plane": (lambda: make_plane(x=[0.0, 0.1, 0.2, 0.3], z=[0.0, 0.1, 0.2], height=1e-3), read_plane),
-    "map": (hand_map, read_map),
-}
 
 
-def edited(tmp_path, edit, kind="plane"):
-    """A good file that one edit has changed, and its reader."""
-    make, read = KINDS[kind]
+def good():
+    return make_plane(x=[0.0, 0.1, 0.2, 0.3], z=[0.0, 0.1, 0.2], height=1e-3)
+
+
+def edited(tmp_path, edit):
+    """A good file that one edit has changed."""
     path = tmp_path / "a.h5"
-    make().write(path)
+    good().write(path)
     with h5py.File(path, "r+") as file:
         edit(file)
-    return path, read
+    return path
 
 
 def replaced(file, name, values, **storage):
@@ -108,7 +105,7 @@ PLANES = {
 def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
     """The file is refused and named, whether its values are read at once or by slabs."""
     edit, message = PLANES[kind]
-    path, _ = edited(tmp_path, edit)
+    path = edited(tmp_path, edit)
     with pytest.raises(ValueError, match=f"a.h5.*{message}"):
         read_plane(path, lazy)
 
@@ -122,8 +119,8 @@ def test_what_a_file_fills_is_missing(tmp_path):
         values[0, 0, 0] = fill
         replaced(file, V, values, fillvalue=fill, chunks=(20, 3, 4))
 
-    path, read = edited(tmp_path, edit)
-    assert torch.isnan(read(path).velocity).nonzero().tolist() == [[0, 0, 0]]
+    path = edited(tmp_path, edit)
+    assert torch.isnan(read_plane(path).velocity).nonzero().tolist() == [[0, 0, 0]]
 
 
 def test_values_of_other_files_are_named(tmp_path):
@@ -135,10 +132,10 @@ def test_values_of_other_files_are_named(tmp_path):
         del file[V]
         file[V] = h5py.ExternalLink("part.h5", "v")
 
-    path, read = edited(tmp_path, edit)
+    path = edited(tmp_path, edit)
     with pytest.warns(tl.DataWarning, match=r"its values stand in .*part.h5"):
-        found = read(path)
-    assert torch.equal(found.velocity, KINDS["plane"][0]().velocity)
+        found = read_plane(path)
+    assert torch.equal(found.velocity, good().velocity)
 
 
 @pytest.mark.parametrize("longer", [False, True])
@@ -150,7 +147,7 @@ def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, long
             replaced(file, "time", np.arange(400) / RATE)
             replaced(file, V, np.zeros((400, *file[V].shape[1:]), "f4"))
 
-    path, read = edited(tmp_path, edit)
+    path = edited(tmp_path, edit)
     monkeypatch.setattr(file_checks, "machine_memory", lambda: 1000.0)
     with pytest.raises(ValueError, match=r"a.h5:/.* takes .* GB; this machine has 1e-06 GB"):
-        read(path)
+        read_plane(path)
