@@ -15,7 +15,7 @@ from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.records.level_check import Gap
 from torchliner.velocity.known_pressure import known_pressure
-from torchliner.velocity.level_check import change_that_passes
+from torchliner.velocity.level_check import change_that_passes, ratio_of_pressures
 
 OF_AIR = tl.Fluid()
 LEVELS = 1e-6  # dB, of interpolation between levels
@@ -154,6 +154,19 @@ def test_the_facesheets_pressure_gives_level_and_phase(turn, factor):
     assert float(found.liner.level[1, 0]) == pytest.approx(-20 * math.log10(factor), abs=1e-6)
     assert float(found.liner.phase[1, 0]) == pytest.approx(-turn, abs=1e-5)
     assert found.failed == (turn != 0 or factor != 1)
+
+
+def test_a_pressure_that_grows_counts_in_the_scatter_of_the_ratio():
+    """Louder in the second half: without a block of the first the known pressure rises, and the ratio falls."""
+    velocity, _ = square_wave(2.0)
+    time = torch.arange(velocity.shape[-1], dtype=torch.float64) / RATE
+    signal = torch.cos(2 * math.pi * FREQUENCY * time) * torch.where(time < time[-1] / 2, 1.0, 2.0)
+    known, tone = tl.moments(plane(velocity), MODEL), torch.tensor([FREQUENCY], dtype=torch.float64)
+    pressure = known_pressure(known, tone, facesheet_record(signal.expand(3, -1)))
+    count = known.survey.blocks.count
+    ratio = ratio_of_pressures(pressure, every=True)(torch.ones(1 + count, 1, dtype=torch.complex128)).abs()[:, 0]
+    first, second = ratio[1 : 1 + count // 2], ratio[1 + (count + 1) // 2 :]
+    assert float(first.max()) < float(ratio[0]) < float(second.min())
 
 
 def test_microphones_in_front_of_the_surface_and_along_the_wall():

@@ -61,15 +61,19 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
     """Read the eductions that ``WallEduction.write`` or ``torchliner kt -o`` wrote, in order.
 
     Raises:
-        ValueError: the microphones of an eduction are missing, or of other frequencies; as ``read_record``.
+        ValueError: the microphones of an eduction are missing, elsewhere, or of other frequencies; a covariance that is
+            not symmetric; as ``read_record``.
     """
     with open_file(path) as file:
         schema, stem = DrawnImpedance.GROUPS
         require_schema(file, path, schema)
         found = taken_groups(file, stem, path, records.WallEduction, records.FieldFit)
     for i, one in enumerate(found):
-        if one.line is None or not torch.equal(one.frequency, one.line.frequency):
-            raise ValueError(f"{path}:/{stem}_{i}: its microphones are missing, or of other frequencies")
+        places, known = set(one.x.tolist()), set() if one.line is None else set(one.line.x.tolist())
+        if len(places) < len(one.x) or not places <= known or not torch.equal(one.frequency, one.line.frequency):
+            raise ValueError(f"{path}:/{stem}_{i}: its microphones are missing, elsewhere, or of other frequencies")
+        if one.covariance is not None and not torch.allclose(one.covariance, one.covariance.mT, equal_nan=True):
+            raise ValueError(f"{path}:/{stem}_{i}: the covariance of R and X is not symmetric; restore the file")
     return found
 
 

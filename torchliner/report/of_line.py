@@ -26,7 +26,7 @@ from torchliner.report.table import Row, rows_of, table_of
 OF_STATION = ("x", "y", "rate", "mean_velocity", "velocity_rms")
 STATIONS = (
     "station,x,y,frequency,impedance,interval,segment_spread,mean_velocity,velocity_rms,tone_velocity,coherence,"
-    "attenuation,rate,flags"
+    "attenuation,rate,flags,dropped"
 )
 COMPONENTS = {"v": "wall_normal", "u": "streamwise"}
 MOMENTS = ("mean", "rms", "weighted_mean", "weighted_rms")
@@ -81,6 +81,7 @@ def _stations(line: ImpedanceLine) -> list[Row]:
     return rows_of(
         station=np.array(line.names, object)[:, None],
         flags=np.array([len(each) for each in line.flags])[:, None],
+        dropped=np.array([sum(each.values()) for each in line.dropped])[:, None],
         **{name: getattr(line, name)[:, None] for name in OF_STATION},
         frequency=line.frequency,
         impedance=line.impedance,
