@@ -87,7 +87,7 @@ def test_row_is_an_eduction_with_that_liner(planes, onera, found):
     alpha = onera.open_area_fraction
     whole = onera.replace(porosity=0.065 * alpha, open_area_fraction=1.0)
     for factor, variant, liner in (
-        ("vena contracta", "0.75", onera.replace(vena_contracta=0.75)),
+        ("contraction coefficient", "0.75", onera.replace(vena_contracta=0.75)),
         ("velocity reading", "conserved", onera.replace(velocity_reading="conserved")),
         ("porosity reading", "global, phi_c = 1", whole),
         ("porosity reading", "global, phi_c = 0.635", whole.replace(cavity_porosity=alpha)),
