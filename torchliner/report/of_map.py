@@ -35,7 +35,8 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
     shown = "run,frequency,averaging,impedance,interval,level check,share"
     lines = [f"Level check: {one.level_check_words}." for one in results]
     if not several:
-        lines = [_line(first, main), level_line(first, main)]
+        near = nearest_case(first, main, brief=True)
+        lines = [_line(first, main), *([near] if near else []), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
     name = (numbers.case_title(first) if several else first.title) or (source.name if source else "")

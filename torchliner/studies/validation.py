@@ -184,8 +184,9 @@ def distance_of(here: Row, there: Row) -> float:
     return far
 
 
-def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
-    """One line: the shipped case most like this one, what came out there and what it is.
+def nearest_case(found: ImpedanceMap, index: int = 0, *, brief: bool = False) -> str:
+    """One line: the shipped case most like this one, what came out there and what it is; ``brief``: in the averaging of
+    the answer alone.
 
     "" for a hard wall, a liner without holes, and where no case is near: |v| over porosity within a factor of 2, M
     within 0.05, the same kind of hole. ``index``: of the frequency.
@@ -198,6 +199,10 @@ def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
     if not near or here.mach is None or abs(here.mach - there.mach) > MACH / 2:
         return ""
     educed, known = there.educed.values(), there.reference
+    if brief:
+        z = there.educed[found.averaging]
+        out = f"R came out {z.real:.2f} for {known.real:.2f}, X {z.imag:.2f} for {known.imag:.2f}"
+        return f"Model error in the nearest reference case, {there.case}: {out}."
     r = f"{', '.join(f'{z.real:.2f}' for z in educed)} for {known.real:.2f}"
     x = f"{', '.join(f'{z.imag:.2f}' for z in educed)} for {known.imag:.2f}"
     return (
