@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,8 @@ LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
 TIMES = ("time", "t")
 NO_PROBE = re.compile(r"(iter(ation)?s?|(time ?)?steps?|cycles?|frames?)\b.*|.*:(\d|magnitude)", re.IGNORECASE)
 INDEX = re.compile(r"(index|unnamed.*)?", re.IGNORECASE)  # of a table of pandas
-NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?"
+NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?"  # of digits that can be read in one way alone
+TRIPLE = re.compile(rf"\(({NUMBER}[\s,;]+){{2}}{NUMBER}\)", re.IGNORECASE)
 Labels = list[tuple[str, str]]  # names and units
 
 
@@ -131,12 +133,11 @@ def _points_of(
             triple of numbers in brackets, in any other line; a coordinate along the wall is missing.
     """
     lines: dict[str, np.ndarray] = {}
-    listed = re.compile(rf"({NUMBER}[\s,;()]+){{{max(count, 2) - 1}}}{NUMBER}|\(({NUMBER}[\s,;]+){{2}}{NUMBER}\)", re.I)
     for at, line in enumerate(heading, 1):
         found = COORDINATE.match(line)
         cells = _cells(found[4]) if found else []
         if not _numbers(cells):
-            if listed.search(line) is not None and not _counts(line):
+            if _lists_points(line, count):
                 raise ValueError(
                     f"{path}, line {at} looks like coordinates: {line[:60]!r}; write a line for each of x, y, z, as "
                     "'# x, 0.1, 0.2, ...', or state the points (--points FILE)"
@@ -157,10 +158,15 @@ def _points_of(
     return np.stack([lines.get(axis, np.zeros(count)) for axis in AXES], 1) if lines else None
 
 
-def _counts(line: str) -> bool:
-    """Whether the numbers of a line are 0, 1, 2, ... or 1, 2, 3, ...: names of columns."""
-    values = [value for cell in _cells(line) if (value := number_of(cell)[0]) is not None]
-    return values[:1] in ([0], [1]) and values == [values[0] + i for i in range(len(values))]
+def _lists_points(line: str, count: int) -> bool:
+    """Whether as many numbers stand in a row as there are columns, or three in brackets; but 0, 1, 2, ... and 1, 2, 3,
+    ... are names of columns."""
+    cells = [number_of(cell)[0] for cell in _cells(line)]
+    longest = max((len(list(run)) for known, run in groupby(cells, lambda cell: cell is not None) if known), default=0)
+    if longest < max(count, 2) and TRIPLE.search(line) is None:
+        return False
+    values = [value for value in cells if value is not None]
+    return values[0] not in (0, 1) or values != [values[0] + i for i in range(len(values))]
 
 
 def _length(unit: str | None, request: PlaneRequest, path: Path) -> float:
