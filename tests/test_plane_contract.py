@@ -499,7 +499,8 @@ HEADINGS = {
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_points_in_a_heading(tmp_path, heading):
     """However it lists them, and whatever remarks with numbers stand above and below."""
-    path = text(tmp_path / "v.csv", "# run 2024 11 23", *HEADINGS[heading][:-1], "# 4 blocks of 1 2 3", *rows())
+    remarks = "# run 2024 11 23", f"# seeds {'123456 ' * 11}"  # one number fewer than there are columns
+    path = text(tmp_path / "v.csv", *remarks, *HEADINGS[heading][:-1], "# 4 blocks of 1 2 3", *rows())
     found = tl.read_plane(path, normal="y", length_units="m", velocity_units="m/s", sampling_rate=1 / STEP)
     assert np.allclose(found.velocity, WANTED, atol=1e-6)
     assert np.allclose(found.x, X)
