@@ -134,7 +134,7 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
         shape, dtype, label = (40, SAMPLES), torch.float32, "plane.zarr"
 
         def fill(self, begin, end, out):
-            raise ImportError("this format needs zarr; pip install 'torchliner[xarray]'")
+            raise ImportError("this format needs zarr; pip install 'torchliner[zarr]'")
 
     plane = tl.VelocityPlane(Unreadable(), sampling_rate=RATE, frequency=FREQUENCY)
     with pytest.raises(ImportError, match=rf"worker on {re.escape(socket.gethostname())} .*needs zarr"):

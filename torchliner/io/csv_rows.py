@@ -29,13 +29,10 @@ def to_dataframe(record: Result, of: str | None = None) -> Any:
     """The rows of the CSV, or those of another place.
 
     Raises:
-        ImportError: pandas is not installed.
         ValueError: there are no such rows.
     """
-    try:
-        import pandas
-    except ImportError as error:
-        raise ImportError('data frames need pip install "torchliner[xarray]"') from error
+    import pandas
+
     return pandas.DataFrame(result_rows(record, of))
 
 

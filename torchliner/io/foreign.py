@@ -128,7 +128,7 @@ def open_store(path: Path, group: str | None) -> Any:
         import xarray
         import zarr  # noqa: F401
     except ImportError as error:
-        raise ImportError(f'{path} is a zarr store; xarray is needed: pip install "torchliner[xarray]"') from error
+        raise ImportError(f'{path} is a zarr store: pip install "torchliner[zarr]"') from error
     for each in path.rglob("*"):
         if not each.is_dir():
             require_regular(each)

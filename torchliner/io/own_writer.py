@@ -113,16 +113,9 @@ def write_times(file: h5py.Group, record: Any) -> None:
 
 
 def to_xarray(record: Any) -> Any:
-    """What ``xarray.open_dataset`` shows of the file, and the complex values.
+    """What ``xarray.open_dataset`` shows of the file, and the complex values."""
+    import xarray
 
-    Raises:
-        ImportError: xarray or h5netcdf is not installed.
-    """
-    try:
-        import h5netcdf  # noqa: F401
-        import xarray
-    except ImportError as error:
-        raise ImportError('labelled arrays need pip install "torchliner[xarray]"') from error
     with in_memory(record) as (buffer, _):
         found = xarray.load_dataset(buffer, engine="h5netcdf")
     for name, (real, imaginary) in complex_names(map(str, found)).items():
