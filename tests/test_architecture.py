@@ -12,10 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parent.parent / "torchliner"
 FLOORS = {
-    "version": 0,
     "names": 0,
-    "ranges": 0,
-    "file_names": 0,
     "forward_mode": 0,
     "checks": 0.5,
     "units": 0.5,

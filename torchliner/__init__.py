@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from torchliner.version import __version__
+from torchliner.names import __version__
 
 _NAMES = {  # module: public names that live in it
     "checks": "DataWarning",

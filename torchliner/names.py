@@ -1,15 +1,22 @@
-"""What can be chosen, by name: the one list that library, commands and docs share.
+"""What can be chosen, by name: the one list that library, commands and docs share; the names of files and frequencies.
 
-With the standard library alone, so that the command line stays quick. Where a name stands for a
-piece of code, the table of that code is keyed by it, and a test holds the two together.
+With the standard library alone, so that the command line stays quick. Where a name stands for a piece of code, the
+table of that code is keyed by it, and a test holds the two together.
 """
 
 from __future__ import annotations
 
 import difflib
 import importlib
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
+
+__version__ = "0.1.0"
+
+MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
+MOST_DIGITS = 17  # that tell two float64 apart
 
 # An eduction.
 DRIVES = ("instantaneous", "rms", "running-rms")
@@ -122,3 +129,35 @@ def resolve(home: str) -> Any:
     """What "module:name" of a table stands for, imported when it is asked for."""
     module, name = home.split(":")
     return getattr(importlib.import_module(module), name)
+
+
+def frequencies(text: str) -> list[float]:
+    """Frequencies as they are typed: one, or LOW:HIGH:STEP with both ends; ValueError for anything else."""
+    numbers = [float(part) for part in text.split(":")]
+    if len(numbers) == 1:
+        return numbers
+    low, high, step = numbers
+    if not (step > 0 and low <= high < float("inf") and (high - low) / step < MOST_FREQUENCIES):
+        raise ValueError(text)
+    return [low + i * step for i in range(int((high - low) / step + 1e-9) + 1)]
+
+
+def unique_names(paths: Iterable[str | Path]) -> list[str]:
+    """Stems of files, with as many folders before all of them as tell them apart; else whole paths."""
+    every = [Path(path) for path in paths]
+    for depth in range(1, max(len(path.parts) for path in every)):
+        found = ["_".join([*path.parts[:-1], path.stem][-depth:]) for path in every]
+        if len(set(found)) == len(found):
+            return found
+    return [re.sub(r"[\W]+", "_", str(path)).strip("_") for path in every]
+
+
+def frequency_ends(frequencies: Sequence[float]) -> list[str]:
+    """Endings ``_1400Hz`` of file names, with as many digits (six or more) as tell them apart; none for one."""
+    if len(frequencies) == 1:
+        return [""]
+    for digits in range(6, MOST_DIGITS + 1):
+        found = [f"_{f:.{digits}g}Hz" for f in frequencies]
+        if len(set(found)) == len(set(frequencies)):
+            break
+    return found

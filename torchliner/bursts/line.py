@@ -18,10 +18,10 @@ from torchliner.checks import phase_tensor, tell
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
 from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.names import __version__
 from torchliner.records import BurstRecord, ImpedanceLine, LevelCheck, ReferenceChannel
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of, with_choices
-from torchliner.version import __version__
 
 Station = BurstRecord | StationSource
 Reference = ReferenceChannel | Callable[[Station], ReferenceChannel]

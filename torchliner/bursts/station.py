@@ -26,13 +26,13 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error, response
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.liners.model import LinerModel
+from torchliner.names import __version__
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel, VelocityPlane
 from torchliner.tones import tone_amplitudes, transfer_function, window_weights
 from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import reading_of, take_moments
 from torchliner.velocity.review import review_rule
-from torchliner.version import __version__
 
 MOST_SEGMENTS = 5000
 STATED = ("frequency", "fluid", "incident_level", "mach", "source_side", "liner", "displacement_thickness", "name")

@@ -12,10 +12,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from torchliner import ranges
-from torchliner.file_names import unique_names
 from torchliner.io.plane_format import PlaneRequest
-from torchliner.names import SOURCE_SIDES
+from torchliner.names import SOURCE_SIDES, frequencies, unique_names
 from torchliner.records.origin import series_of
 from torchliner.toml_files import Strict, one_of, parse_toml, read_text, validated
 from torchliner.velocity.choices import Choices
@@ -29,7 +27,7 @@ def _listed(value: Any) -> Any:
 
 
 def _in_hertz(value: Any) -> Any:
-    found = (f for each in _listed(value) for f in ranges.frequencies(str(each)))
+    found = (f for each in _listed(value) for f in frequencies(str(each)))
     return list(dict.fromkeys(found))  # ranges may overlap
 
 

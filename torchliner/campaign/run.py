@@ -17,13 +17,13 @@ from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
 from torchliner.io.pressure_file import read_pressure
 from torchliner.io.whole_file import locked, printable, writable_folder, written_whole
+from torchliner.names import __version__
 from torchliner.pressure.dean import with_in_situ
 from torchliner.records.origin import input_file, with_choices
 from torchliner.report.numbers import impedance_along_x
 from torchliner.report.pictures import draw_pictures
 from torchliner.velocity.educe import educe, moments
 from torchliner.velocity.reading import Progress
-from torchliner.version import __version__
 
 READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once

@@ -16,11 +16,11 @@ from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
+from torchliner.names import __version__
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import input_file
 from torchliner.records.velocity_plane import restated
 from torchliner.velocity.choices import Choices
-from torchliner.version import __version__
 
 REDUCED = (*SETTINGS, "device", "dtype")
 

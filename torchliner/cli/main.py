@@ -19,8 +19,7 @@ try:
     from torchliner.cli.parser import BAD_INPUT, Parser
     from torchliner.cli.table import COMMANDS, GROUPS
     from torchliner.io.whole_file import printable
-    from torchliner.names import did_you_mean, resolve
-    from torchliner.version import __version__
+    from torchliner.names import __version__, did_you_mean, resolve
 except KeyboardInterrupt:  # in the first tenths of a second
     sys.exit(130)
 

@@ -15,10 +15,10 @@ from torchliner.cli.inputs import incident_signal, write_text
 from torchliner.cli.show import facts_text, progress_bar, show, told
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import DuctSetup, duct_names, duct_text
-from torchliner.file_names import frequency_ends
 from torchliner.fluid import gas_warnings
 from torchliner.io.multipole_file import coefficients_of, plain_multipole
 from torchliner.liners.catalogue import preset_text
+from torchliner.names import frequency_ends
 from torchliner.records.origin import origin_of
 from torchliner.report.curves import draw_liner
 from torchliner.report.fields import draw_field

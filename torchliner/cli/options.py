@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from torchliner import names
 from torchliner.io.whole_file import PICTURES
-from torchliner.ranges import frequencies
+from torchliner.names import frequencies
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CHOICES = "velocity.choices:Choices"

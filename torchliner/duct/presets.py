@@ -29,10 +29,10 @@ from torchliner.duct.duct_file import (
 from torchliner.duct.field import DuctField
 from torchliner.duct.flow_table import TabulatedProfile
 from torchliner.fluid import Fluid
+from torchliner.names import __version__
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import read_lines, read_table
 from torchliner.toml_files import preset_or_file, validated
-from torchliner.version import __version__
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000

@@ -23,7 +23,7 @@ from torch import Tensor
 from torchliner.checks import DataWarning
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.sums import Job, PlaneRecord, Record, reduce
-from torchliner.version import __version__
+from torchliner.names import __version__
 
 SHARE = 1 << 27  # velocities that a task reads: about a second of work, and 0.5 GB in float32
 WAIT = 30.0  # s, for the first worker

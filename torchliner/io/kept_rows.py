@@ -15,7 +15,7 @@ import numpy as np
 from torch import Tensor
 
 from torchliner.io.whole_file import written_whole
-from torchliner.version import __version__
+from torchliner.names import __version__
 
 
 @dataclasses.dataclass(frozen=True)

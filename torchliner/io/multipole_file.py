@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchliner.io.whole_file import printable, written_whole
 from torchliner.liners.multipole import Multipole
-from torchliner.version import __version__
+from torchliner.names import __version__
 
 SCHEMA = "torchliner multipole 1"
 REAL = 1e-8  # relative: an imaginary part below it is rounding

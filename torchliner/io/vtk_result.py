@@ -11,10 +11,10 @@ from xml.sax.saxutils import quoteattr
 import h5py
 import numpy as np
 
-from torchliner.file_names import frequency_ends
 from torchliner.io.csv_rows import result_rows
 from torchliner.io.result_writers import require_result
 from torchliner.io.whole_file import written_whole
+from torchliner.names import frequency_ends
 
 
 def write_vtkhdf(record: Any, path: str | Path) -> None:

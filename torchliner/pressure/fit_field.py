@@ -22,7 +22,7 @@ from torchliner.duct.case import other_side
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.least_squares import Minimum
-from torchliner.names import FAR_ENDS, SOURCES
+from torchliner.names import FAR_ENDS, SOURCES, __version__
 from torchliner.pressure.field_model import (
     FieldModel,
     best_wall,
@@ -37,7 +37,6 @@ from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.drawn_impedance import fine_places
-from torchliner.version import __version__
 
 SAME = 1e-6  # relative, and m, of what line and case both state
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them

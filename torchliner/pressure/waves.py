@@ -17,11 +17,10 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, tell
 from torchliner.duct.dispersion import impedance_from_wavenumber
-from torchliner.names import CONDITIONS, SOURCES
+from torchliner.names import CONDITIONS, SOURCES, __version__
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
 from torchliner.pressure.notes import wave_notes
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.version import __version__
 
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 

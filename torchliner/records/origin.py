@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import torch
 
-from torchliner.version import __version__
+from torchliner.names import __version__
 
 BLOCK, BLOCKS = 1 << 20, 32
 NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")

@@ -16,7 +16,7 @@ from torch import Tensor
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.settled import SETTLED
-from torchliner.file_names import frequency_ends
+from torchliner.names import frequency_ends
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report import fields
 from torchliner.report.answer import Answer, Grid, Picture, picture, row_words

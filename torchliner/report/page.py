@@ -18,6 +18,7 @@ from torchliner.io.hdf5 import open_file, text_attribute
 from torchliner.io.microphone_file import read_microphones
 from torchliner.io.own_file import read_line, read_map, read_points, read_wall
 from torchliner.io.whole_file import HDF5, printable, writable, written_whole
+from torchliner.names import __version__
 from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, PointImpedances, WallEduction
 from torchliner.records.notes import Note
 from torchliner.records.origin import described, input_file, standing
@@ -25,7 +26,6 @@ from torchliner.report.answer import Answer, Grid, answer_of, ordered
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.table import DIGITS, Column, Table, table_of
 from torchliner.report.typesetting import typeset
-from torchliner.version import __version__
 
 ENDING = ".html"
 MOST_ROWS, MOST_IN_CSV = 400, 40_000  # of a table on the page, and of its CSV

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from torchliner.engine.moments import ReducedVelocity
-from torchliner.file_names import unique_names
+from torchliner.names import unique_names
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report.curves import draw_along_x, draw_comparison, draw_spectrum, draw_velocity
 from torchliner.report.maps import draw_map, map_limits, over_surface

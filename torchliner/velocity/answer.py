@@ -16,6 +16,7 @@ from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_join import named_planes
 from torchliner.liners.model import LinerModel, impedance_of
 from torchliner.liners.plates import goodrich_resistance
+from torchliner.names import __version__
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import Gap
 from torchliner.records.notes import Note
@@ -26,7 +27,6 @@ from torchliner.velocity.background import widened, with_background
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import change_that_passes, check_level
-from torchliner.version import __version__
 
 
 def averages_of(
