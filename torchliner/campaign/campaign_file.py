@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
+from torchliner.file_checks import Strict, one_of, parse_toml, read_text, validated
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES, frequencies, unique_names
 from torchliner.records.origin import series_of
-from torchliner.toml_files import Strict, one_of, parse_toml, read_text, validated
 from torchliner.velocity.choices import Choices
 
 NAMED = ("points", "x", "z")  # fields of a request that may name files, FILE or FILE:VARIABLE

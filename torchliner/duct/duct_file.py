@@ -11,9 +11,9 @@ from pydantic import BeforeValidator, Field
 
 from torchliner.checks import tell
 from torchliner.duct.case import Z, impedance_along
+from torchliner.file_checks import FluidTable, Strict, one_of
 from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS
 from torchliner.text_columns import read_lines, read_table
-from torchliner.toml_files import FluidTable, Strict, one_of
 
 IMPEDANCE = {"x": "length", "resistance": "number", "reactance": "number"}
 IMPEDANCE_EXAMPLE = "x [mm], resistance, reactance"

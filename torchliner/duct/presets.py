@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner import toml_files
+from torchliner import file_checks
 from torchliner.checks import noted, tell
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct import flow_profiles
@@ -28,11 +28,11 @@ from torchliner.duct.duct_file import (
 )
 from torchliner.duct.field import DuctField
 from torchliner.duct.flow_table import TabulatedProfile
+from torchliner.file_checks import preset_or_file, validated
 from torchliner.fluid import Fluid
 from torchliner.names import __version__
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import read_lines, read_table
-from torchliner.toml_files import preset_or_file, validated
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
@@ -140,12 +140,12 @@ REPLACES = {
 
 def duct_names() -> list[str]:
     """Names of the ducts shipped with the package."""
-    return toml_files.preset_names(PACKAGE)
+    return file_checks.preset_names(PACKAGE)
 
 
 def duct_text(name: str) -> str:
     """The TOML text of a preset, to copy and edit; ValueError if there is none, with the nearest."""
-    return toml_files.preset_text(PACKAGE, name, *KIND)
+    return file_checks.preset_text(PACKAGE, name, *KIND)
 
 
 def load_duct(name: str | Path, **changes: Any) -> DuctSetup:

@@ -14,8 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner import toml_files
+from torchliner import file_checks
 from torchliner.checks import real_tensor
+from torchliner.file_checks import FluidTable, preset_or_file, read_text, validated
 from torchliner.fluid import Fluid
 from torchliner.liners.layered import layer_kinds
 from torchliner.liners.model import STATED, LinerModel, as_liner, checked_impedance
@@ -23,7 +24,6 @@ from torchliner.liners.parameters import arguments_of, plain
 from torchliner.liners.plates import Layer
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
-from torchliner.toml_files import FluidTable, preset_or_file, read_text, validated
 
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
 ABOUT = ("model", "name", "description", "source")
@@ -36,12 +36,12 @@ def preset_names() -> list[str]:
     >>> [name for name in tl.preset_names() if not name.startswith("lbm") and not name.endswith("_example")]
     ['onera', 'polito', 'polito_as_printed']
     """
-    return toml_files.preset_names(PACKAGE)
+    return file_checks.preset_names(PACKAGE)
 
 
 def preset_text(name: str) -> str:
     """The TOML text of a preset, to copy and edit; ValueError if there is none, with the nearest."""
-    return toml_files.preset_text(PACKAGE, name, *KIND)
+    return file_checks.preset_text(PACKAGE, name, *KIND)
 
 
 def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, plain_number, real_tensor, require_choice
+from torchliner.file_checks import one_of
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
 from torchliner.liners.model import LinerModel
 from torchliner.liners.parameters import Factor, Number, Pitch, Share
 from torchliner.liners.plates import Sheet
 from torchliner.names import VELOCITY_READINGS
-from torchliner.toml_files import one_of
 
 OFFSET = ("offset_resistance", "offset_reactance")
 STATE = ("temperature", "pressure")
