@@ -13,7 +13,6 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "torchliner"
 FLOORS = {
     "names": 0,
-    "forward_mode": 0,
     "checks": 0.5,
     "units": 0.5,
     "file_checks": 1.5,
@@ -107,7 +106,7 @@ def test_every_outlet_leads_somewhere():
         (
             "import torchliner; torchliner.educe\n"
             "import torch\n"
-            "from torchliner.forward_mode import dual_level\n"
+            "from torchliner.least_squares import dual_level\n"
             "with dual_level():\n"
             "    1 - 2 / (torch.autograd.forward_ad.make_dual(torch.ones(2), torch.ones(2)) + 1)",
             ["matplotlib", "dask", "xarray", "sympy", "torch._dynamo"],

@@ -8,7 +8,7 @@ from conftest import FREQUENCY, PARAMETERS, RATE, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
-from torchliner.forward_mode import dual_level
+from torchliner.least_squares import dual_level
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::torchliner.DataWarning"),

@@ -23,8 +23,7 @@ from torchliner.conversions import reflection_from_impedance
 from torchliner.duct.case import other_side
 from torchliner.duct.field import DuctField
 from torchliner.duct.solver import DuctSolver
-from torchliner.forward_mode import dual_level
-from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
+from torchliner.least_squares import Minimum, Problem, System, best_of, dual_level, least_squares, project, solve_linear
 
 NEAREST = 1e-8  # 1 - rho of what counts as rigid: |Z| = 2e8
 FARTHEST = 100.0  # |rho|: Z = -1 to 2 %
