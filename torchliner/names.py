@@ -23,7 +23,6 @@ DRIVES = ("instantaneous", "rms", "running-rms")
 MEANS = ("kept", "removed")
 KERNELS = ("two-sided", "causal")
 STEP_KERNELS = ("least-squares", "causal", "periodic")  # of IR-TDIBC
-STEP_DRIVES = ("instantaneous", "running-rms")
 SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
 WINDOWS = ("hann", "boxcar")  # of a replay

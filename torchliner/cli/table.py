@@ -156,8 +156,8 @@ GROUPS = {
             frequency("none; with --incident its tones, or eight in its band"),
             Of(
                 "velocity.ir_tdibc:ir_tdibc",
-                "kernel drive realisations sampling_rate duration velocity_max band after",
-                kinds={"kernel": names.STEP_KERNELS, "drive": names.STEP_DRIVES},
+                "kernel sampling_rate duration velocity_max band after",
+                kinds={"kernel": names.STEP_KERNELS},
             ),
         ),
         "calibrate": row(

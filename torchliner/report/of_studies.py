@@ -13,7 +13,7 @@ from torchliner.report.curves import draw_comparison
 from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
-from torchliner.velocity.level_curve import LevelCurve
+from torchliner.velocity.ir_tdibc import LevelCurve
 
 
 def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
@@ -191,10 +191,8 @@ def of_curve(curves: Sequence[LevelCurve], source: Path | None = None) -> Answer
         level=curve.level[:, None],
         frequency=curve.frequency,
         impedance=curve.impedance,
-        spread=curve.spread,
         frozen=curve.frozen,
-        rms_speed=curve.rms_speed.square().mean(1, keepdim=True).sqrt(),
-        **{name: getattr(curve, name).amax(1, keepdim=True) for name in ("peak_speed", "drift", "residual")},
+        **{name: getattr(curve, name)[:, None] for name in ("rms_speed", "peak_speed", "drift", "residual")},
         fixed_points=[[len(each)] for each in roots],
         fixed_point=[each[0].impedance.tolist() if each else [None] * len(curve.frequency) for each in roots],
     )
@@ -202,15 +200,12 @@ def of_curve(curves: Sequence[LevelCurve], source: Path | None = None) -> Answer
     if chosen["kernel"] != "periodic":
         low, high = chosen["kernel_band"]
         kernel += f", error in R {chosen['kernel_error']:.1e} on {low:g}-{high:g} Hz"
-    line = (
-        f"Drive {chosen['drive']}, {curve.reflection.shape[1]} realisation(s) of {1e3 * chosen['duration']:.4g} ms "
-        f"at {chosen['sampling_rate']:g} Hz, {kernel}."
-    )
+    line = f"A record of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz, {kernel}."
     words = "Resistance and reactance over the level of the incident wave"
     return Answer(
         title=f"{chosen['liner']}: {chosen['incident']}",
         lines=[line],
-        table=table_of(rows, "level,frequency,impedance,spread,rms_speed,peak_speed,fixed_point,frozen,drift,residual"),
+        table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,fixed_point,frozen,drift,residual"),
         brief=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point"),
         remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
         pictures=[picture("levels", words, partial(studies.draw_levels, curve), rows)],

@@ -164,16 +164,13 @@ def draw_levels(curve: Any, path: str | Path | None = None) -> look.Figure:
     figure, panels = look.impedance_panels(3.2, look.INCIDENT)
     order = curve.level.argsort().tolist()
     for j, frequency in enumerate(curve.frequency.tolist()):
-        z, u = curve.impedance[order, j], curve.spread[order, j]
-        ends = (z - u, z + u) if curve.reflection.shape[1] > 1 else None
         style = look.colour_of(j, f"{frequency:g} Hz", linestyle="-", marker=look.MARKERS[j])
-        look.draw_impedance(panels, curve.level[order], z, ends, **style)
+        look.draw_impedance(panels, curve.level[order], curve.impedance[order, j], **style)
         roots = [curve.fixed_points[i] for i in order]
         fixed = [complex(each[0].impedance[j]) if each else complex(math.nan, math.nan) for each in roots]
         style = look.colour_of(j, linestyle="--") | {"label": "$Z$ of the rms $v$"}
         look.draw_impedance(panels, curve.level[order], fixed, **style)
-    words = "{liner}, {kernel}, {drive}; bands: standard deviation of realisations".format(**curve.choices)
-    return look.finish(figure, path, words, 6)
+    return look.finish(figure, path, "{liner}, {kernel}".format(**curve.choices), 6)
 
 
 @look.styled

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell, whole_number
+from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
 from torchliner.engine.kernels import AFTER, BAND, HIGHEST, VelocityGrid, build_kernels, interpolate
 from torchliner.fluid import Fluid
 from torchliner.liners.model import LinerModel, as_liner, impedance_of, reflection_of
-from torchliner.names import STEP_DRIVES, STEP_KERNELS
-from torchliner.records.incident import BandNoise, Incident, Recorded, Tones, as_incident
+from torchliner.names import STEP_KERNELS
+from torchliner.records.incident import Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function
-from torchliner.velocity.ir_tdibc_wall import Progress, settle_period, step_in_time
-from torchliner.velocity.level_curve import FixedPoint, LevelCurve, fixed_points
+from torchliner.velocity.ir_tdibc_wall import Progress, fixed_points, settle_period, step_in_time
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners
     "least-squares": {"kind": "two-sided", "before": 0.0, "regularisation": 1e-2},
@@ -36,6 +36,81 @@ LOUDEST = 200.0  # dB; above, a pressure is meant
 UNHEARD = 0.01  # of a wave's energy, that may be sent where the kernel is not the liner
 UNSOLVED = 1e-9  # of the largest |x|, that a period may leave of its equation
 CARRIES = 1e-10  # of the strongest line's energy
+DRIFTS, UNSTEADY = 1e-3, 5e-2  # drift above which there is a warning, and an error
+KERNEL_PART = 0.02  # of |Z + 1|: what a kernel may change without a warning
+
+
+class FixedPoint(NamedTuple):
+    """Z(f), complex128, (F,), at an rms |v|, m/s, that is just what the incident wave then drives."""
+
+    speed: float
+    impedance: Tensor
+
+
+@dataclass(frozen=True)
+class LevelCurve:
+    """Impedance of a wall that is driven by incident waves of L levels.
+
+    Args:
+        level: of the incident wave, dB re 20 uPa rms, (L,).
+        frequency: Hz, (F,).
+        reflection: Y/X, complex128, (L, F).
+        rms_speed, peak_speed: of v in the record that is read, m/s, (L,).
+        residual: largest error of the implicit equation, of the largest |x|, (L,).
+        several: steps at which that equation has more than one solution, (L,).
+        drift: rms change of y against the record before, of its rms, (L,); nan with kernel ``periodic``.
+        reflected_energy: mean square of y over that of x, (L,).
+        fixed_points: of the frequency domain with one rms speed, by level; usually one.
+        frozen: Z of the kernel less Z of the model, where |v| stands still at its rms, (L, F).
+        choices: ``kernel``, ``kernel_band`` (Hz), ``kernel_error`` and ``kernel_gain``, largest |H - R| in the band and
+            largest |H|; ``incident``, ``liner``, ``sampling_rate`` (Hz) and ``duration`` (s) of the record.
+    """
+
+    level: Tensor
+    frequency: Tensor
+    reflection: Tensor
+    rms_speed: Tensor
+    peak_speed: Tensor
+    residual: Tensor
+    several: Tensor
+    drift: Tensor
+    reflected_energy: Tensor
+    fixed_points: tuple[tuple[FixedPoint, ...], ...]
+    frozen: Tensor
+    choices: dict[str, Any]
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z, complex128, (L, F)."""
+        return impedance_from_reflection(self.reflection)
+
+    def warnings(self) -> Iterator[str]:
+        """What is doubtful.
+
+        Raises:
+            ValueError: a level that has no steady state.
+        """
+        chosen, levels = self.choices, self.level.tolist()
+        for level, drift in zip(levels, self.drift.tolist(), strict=True):
+            still = f"at {level:g} dB y still changes by {drift:.2g} of its rms from one record"
+            if drift > UNSTEADY:
+                raise ValueError(
+                    f"{still} of {1e3 * chosen['duration']:.3g} ms to the next: no steady state; give a longer "
+                    f"duration, or a kernel of lower gain than {chosen['kernel_gain']:.3g}"
+                )
+            if drift > DRIFTS:
+                yield f"{still} to the next; a longer duration settles it"
+        share = self.frozen.abs() / (self.impedance - self.frozen + 1).abs()
+        i, j = divmod(int(share.argmax()), share.shape[1])
+        if share[i, j] > KERNEL_PART:
+            yield (
+                f"kernel {chosen['kernel']!r} is not the liner's response: with |v| frozen at the rms of {levels[i]:g} "
+                f"dB it moves Z at {self.frequency[j]:g} Hz by {complex(self.frozen[i, j]):.3f}; see the kernel "
+                "'periodic'"
+            )
+        for level, several in zip(levels, self.several.tolist(), strict=True):
+            if several:
+                yield f"at {level:g} dB {several} steps have more than one |v|; the least was taken"
 
 
 def ir_tdibc(
@@ -45,8 +120,6 @@ def ir_tdibc(
     *,
     frequency: Any = None,
     kernel: str = "least-squares",
-    drive: str = "instantaneous",
-    realisations: int = 1,
     sampling_rate: float | None = None,
     duration: float | None = None,
     velocity_max: float | None = None,
@@ -68,15 +141,13 @@ def ir_tdibc(
         kernel: ``least-squares``, causal, fitted on ``band``; ``causal``, eqs (3.1)-(3.3) to the letter, whose dropped
             taps take up to a third of the resistance; ``periodic``, the model's own response over a whole period at
             once, for waves that repeat.
-        drive: ``instantaneous`` |v|, or its ``running-rms`` over the last period of the lowest frequency.
-        realisations: N, phases of several tones or draws of noise.
         sampling_rate: Hz, at least 8 times the highest frequency; default 48 kHz or 16 times it, in whole periods of
             tones.
         duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04; a recording is sent whole.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
         band: Hz, of the kernel; default 300-3500, or wider to hold the wave's own band, of a recording what is read.
         after: s, length of the kernel; default 0.01.
-        progress: called with numbers of steps done, of 2 n in all (``periodic``: records).
+        progress: called with numbers of steps done, of 2 n in all (``periodic``: levels).
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or record too small; a
             table whose band does not hold the kernel's; no steady state. Levels are named.
@@ -91,42 +162,33 @@ def ir_tdibc(
             hint = f"; {value:g} Pa rms is {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
             raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB{hint}")
     require_choice("kernel", kernel, STEP_KERNELS)
-    require_choice("drive", drive, STEP_DRIVES)
     require_positive("after (s)", after)
-    if whole_number("realisations", realisations) < 1:
-        raise ValueError(f"realisations is {realisations}; at least one is needed")
     rate = _rate_of(wave, sampling_rate)
     read, fluid = _read_at(wave, frequency, rate), model.fluid or Fluid()
-    unit = _draws_of(wave, realisations, rate, duration, 2 if kernel == "periodic" else round(after * rate) + 1)
-    n = unit.shape[1]
+    unit = _record_of(wave, rate, duration, 2 if kernel == "periodic" else round(after * rate) + 1)
+    n = len(unit)
     rms = REFERENCE_PRESSURE * 10 ** (levels / 20) / float(fluid.density * fluid.sound_speed)
-    sent = (rms[:, None, None] * unit).flatten(0, 1)
-    known = math.inf if model.speed_max is None else model.speed_max
+    sent, known = rms[:, None] * unit, math.inf if model.speed_max is None else model.speed_max
     # Levels of |v| never depend on the batch, so that the answer of a level is its own.
     grid = VelocityGrid(min(FASTEST, known) if velocity_max is None else velocity_max)
     if grid.maximum > known:
         raise ValueError(f"velocity_max is {grid.maximum:g} m/s; the liner is known up to {known:g} m/s")
     band, needed = _bands(model, kernel, band, read, wave, rate)
-    window = 1 if drive == "instantaneous" else round(rate / (wave.band[0] if wave.band else float(read.min())))
-    if window > n:
-        text = f"the running rms is over a period of {window} samples, and the record has {n}; give a longer one"
-        raise ValueError(text)
     f = torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:]
-    power = 2 * (torch.fft.rfft(unit[0])[1:] / n).abs() ** 2
     facts = {"kernel_error": 0.0, "kernel_gain": 1.0}
     if kernel == "periodic":
         response = reflection_of(model, read, grid.speeds[:, None])
         at_zero = torch.ones(grid.levels, 1, dtype=torch.complex128)  # R(0) = 1
         of_lines = torch.cat([at_zero, reflection_of(model, f, grid.speeds[:, None])], 1)
-        found = settle_period(sent, of_lines, grid, window, progress)
+        found = settle_period(sent, of_lines, grid, progress)
     else:
         how: dict[str, Any] = {"band": band, "after": after, **STEPPED[kernel]}
         kernels = build_kernels(model, rate, velocity_max=grid.maximum, **how)
         response, facts = kernels.response(read), {"kernel_error": kernels.error, "kernel_gain": kernels.gain}
-        found = step_in_time(sent, kernels, window, repeats=True, progress=progress)
+        found = step_in_time(sent, kernels, repeats=True, progress=progress)
     peaks = sent.abs().amax(1)
     for i, (peak, left) in enumerate(zip(peaks.tolist(), found.residual.tolist(), strict=True)):
-        at = f"at {levels[i // realisations]:g} dB"
+        at = f"at {levels[i]:g} dB"
         if bool(found.reflected[i].isnan().any()):
             remedy = f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, which suffices for most"
             remedy = remedy if grid.maximum < known else "the liner is known no further: lower the level"
@@ -135,32 +197,30 @@ def ir_tdibc(
             text = f"{left:.2g} m/s of the equation is left; take 'least-squares', which steps in time"
             raise ValueError(f"{at} the iteration over a period does not converge: {text}")
 
-    cut: dict[str, Any] = {"window": "boxcar"} if isinstance(wave, Tones) else {"segment": min(SEGMENT, n / rate)}
-    velocity, shape = sent - found.reflected, (len(levels), realisations)
-    speed = velocity.square().mean(1).sqrt().reshape(shape)
-    still = speed.square().mean(1).sqrt()
+    velocity, power = sent - found.reflected, 2 * (torch.fft.rfft(unit)[1:] / n).abs() ** 2
+    speed = velocity.square().mean(1).sqrt()
     low, high = model.frequency_range or (0.0, math.inf)
     inside = (power > CARRIES * power.max()) & (f >= low) & (f <= high)
     roots = [fixed_points(model, f[inside], power[inside] * size**2, grid.maximum) for size in rms]
-    frozen = impedance_from_reflection(interpolate(response, *grid.locate(still)))
+    cut: dict[str, Any] = {"window": "boxcar"} if isinstance(wave, Tones) else {"segment": min(SEGMENT, n / rate)}
+    frozen = impedance_from_reflection(interpolate(response, *grid.locate(speed)))
     curve = LevelCurve(
         level=levels,
         frequency=read,
-        reflection=transfer_function(sent, found.reflected, read, rate, **cut).response.reshape(*shape, -1),
+        reflection=transfer_function(sent, found.reflected, read, rate, **cut).response,
         rms_speed=speed,
-        peak_speed=velocity.abs().amax(1).reshape(shape),
-        residual=(found.residual / peaks).reshape(shape),
-        several=found.several.reshape(shape),
-        drift=found.drift.reshape(shape),
-        reflected_energy=(found.reflected.square().sum(1) / sent.square().sum(1)).reshape(shape),
+        peak_speed=velocity.abs().amax(1),
+        residual=found.residual / peaks,
+        several=found.several,
+        drift=found.drift,
+        reflected_energy=found.reflected.square().sum(1) / sent.square().sum(1),
         fixed_points=tuple(
             tuple(FixedPoint(s, impedance_of(model, read, torch.tensor(s).double())) for s in each) for each in roots
         ),
-        frozen=frozen - impedance_of(model, read, still[:, None]),
+        frozen=frozen - impedance_of(model, read, speed[:, None]),
         choices={
             "liner": str(model.describe().get("name") or model.model),
             "incident": wave.label,
-            "drive": drive,
             "kernel": kernel,
             **facts,
             "kernel_band": list(band),
@@ -210,14 +270,11 @@ def _divisor(tones: Tones) -> float:
     return math.gcd(*(int(part * whole) for part in parts)) / whole
 
 
-def _draws_of(wave: Incident, count: int, rate: float, duration: float | None, kernel: int) -> Tensor:
-    """Records of rms 1, float64, (N, n): the wave itself, then others of its kind, of other phases or other seeds.
-
-    n samples are whole periods of tones, and at least the kernel's length.
-    """
+def _record_of(wave: Incident, rate: float, duration: float | None, kernel: int) -> Tensor:
+    """The wave with rms 1, float64, (n,): whole periods of tones, and at least ``kernel`` samples."""
     if duration is not None:
         require_positive("duration (s)", duration)
-    waves, samples = [wave], round((duration or SECONDS) * rate)
+    samples = round((duration or SECONDS) * rate)
     if isinstance(wave, Recorded):
         samples = len(wave.signal)
         if duration is not None:
@@ -235,21 +292,12 @@ def _draws_of(wave: Incident, count: int, rate: float, duration: float | None, k
     if samples < kernel:
         text = f"the record has {samples} samples ({1e3 * samples / rate:.3g} ms), the kernel {kernel}"
         raise ValueError(f"{wave.label}: {text}; give a longer duration or a smaller after=")
-    for i in range(1, count):
-        if isinstance(wave, BandNoise):
-            waves.append(dataclasses.replace(wave, seed=wave.seed + i))
-        elif isinstance(wave, Tones) and len(wave.frequency) > 1:
-            phase = torch.rand(len(wave.frequency), generator=torch.Generator().manual_seed(i)).double()
-            waves.append(Tones(wave.frequency, wave.amplitude, 2 * torch.pi * phase))
-        else:
-            text = f"{wave.label} has one realisation, {count} are asked for; noise and several tones have more"
-            raise ValueError(text)
-    draws = torch.stack([each.sampled(samples, rate) for each in waves])
-    draws = draws - draws.mean(1, keepdim=True)  # of a recording an offset: it moves no wave
-    size = draws.square().mean(1, keepdim=True).sqrt()
-    if not bool((size > 0).all()):
+    signal = wave.sampled(samples, rate)
+    signal = signal - signal.mean()  # of a recording an offset: it moves no wave
+    size = signal.square().mean().sqrt()
+    if not size > 0:
         raise ValueError(f"{wave.label} is one value throughout; there is no wave to scale to a level")
-    return draws / size
+    return signal / size
 
 
 def _read_at(wave: Incident, frequency: Any, rate: float) -> Tensor:
