@@ -13,7 +13,7 @@ from torchliner.report.curves import draw_comparison
 from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
 from torchliner.studies.rows import Row, Study
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
-from torchliner.velocity.ir_tdibc import LevelCurve
+from torchliner.velocity.ir_tdibc_wall import LevelCurve
 
 
 def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -19,7 +17,14 @@ from torchliner.liners.model import LinerModel, as_liner, impedance_of, reflecti
 from torchliner.names import STEP_KERNELS
 from torchliner.records.incident import Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function
-from torchliner.velocity.ir_tdibc_wall import Progress, fixed_points, settle_period, step_in_time
+from torchliner.velocity.ir_tdibc_wall import (
+    FixedPoint,
+    LevelCurve,
+    Progress,
+    fixed_points,
+    settle_period,
+    step_in_time,
+)
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners
     "least-squares": {"kind": "two-sided", "before": 0.0, "regularisation": 1e-2},
@@ -36,81 +41,6 @@ LOUDEST = 200.0  # dB; above, a pressure is meant
 UNHEARD = 0.01  # of a wave's energy, that may be sent where the kernel is not the liner
 UNSOLVED = 1e-9  # of the largest |x|, that a period may leave of its equation
 CARRIES = 1e-10  # of the strongest line's energy
-DRIFTS, UNSTEADY = 1e-3, 5e-2  # drift above which there is a warning, and an error
-KERNEL_PART = 0.02  # of |Z + 1|: what a kernel may change without a warning
-
-
-class FixedPoint(NamedTuple):
-    """Z(f), complex128, (F,), at an rms |v|, m/s, that is just what the incident wave then drives."""
-
-    speed: float
-    impedance: Tensor
-
-
-@dataclass(frozen=True)
-class LevelCurve:
-    """Impedance of a wall that is driven by incident waves of L levels.
-
-    Args:
-        level: of the incident wave, dB re 20 uPa rms, (L,).
-        frequency: Hz, (F,).
-        reflection: Y/X, complex128, (L, F).
-        rms_speed, peak_speed: of v in the record that is read, m/s, (L,).
-        residual: largest error of the implicit equation, of the largest |x|, (L,).
-        several: steps at which that equation has more than one solution, (L,).
-        drift: rms change of y against the record before, of its rms, (L,); nan with kernel ``periodic``.
-        reflected_energy: mean square of y over that of x, (L,).
-        fixed_points: of the frequency domain with one rms speed, by level; usually one.
-        frozen: Z of the kernel less Z of the model, where |v| stands still at its rms, (L, F).
-        choices: ``kernel``, ``kernel_band`` (Hz), ``kernel_error`` and ``kernel_gain``, largest |H - R| in the band and
-            largest |H|; ``incident``, ``liner``, ``sampling_rate`` (Hz) and ``duration`` (s) of the record.
-    """
-
-    level: Tensor
-    frequency: Tensor
-    reflection: Tensor
-    rms_speed: Tensor
-    peak_speed: Tensor
-    residual: Tensor
-    several: Tensor
-    drift: Tensor
-    reflected_energy: Tensor
-    fixed_points: tuple[tuple[FixedPoint, ...], ...]
-    frozen: Tensor
-    choices: dict[str, Any]
-
-    @property
-    def impedance(self) -> Tensor:
-        """Z, complex128, (L, F)."""
-        return impedance_from_reflection(self.reflection)
-
-    def warnings(self) -> Iterator[str]:
-        """What is doubtful.
-
-        Raises:
-            ValueError: a level that has no steady state.
-        """
-        chosen, levels = self.choices, self.level.tolist()
-        for level, drift in zip(levels, self.drift.tolist(), strict=True):
-            still = f"at {level:g} dB y still changes by {drift:.2g} of its rms from one record"
-            if drift > UNSTEADY:
-                raise ValueError(
-                    f"{still} of {1e3 * chosen['duration']:.3g} ms to the next: no steady state; give a longer "
-                    f"duration, or a kernel of lower gain than {chosen['kernel_gain']:.3g}"
-                )
-            if drift > DRIFTS:
-                yield f"{still} to the next; a longer duration settles it"
-        share = self.frozen.abs() / (self.impedance - self.frozen + 1).abs()
-        i, j = divmod(int(share.argmax()), share.shape[1])
-        if share[i, j] > KERNEL_PART:
-            yield (
-                f"kernel {chosen['kernel']!r} is not the liner's response: with |v| frozen at the rms of {levels[i]:g} "
-                f"dB it moves Z at {self.frequency[j]:g} Hz by {complex(self.frozen[i, j]):.3f}; see the kernel "
-                "'periodic'"
-            )
-        for level, several in zip(levels, self.several.tolist(), strict=True):
-            if several:
-                yield f"at {level:g} dB {several} steps have more than one |v|; the least was taken"
 
 
 def ir_tdibc(

@@ -12,13 +12,15 @@ reaches beyond it, and only one if :math:`|x| \max|dh_0/ds| < 1`. Of several the
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.kernels import STENCILS, KernelTable, VelocityGrid, interpolate
 from torchliner.liners.model import LinerModel, reflection_of
 
@@ -33,6 +35,8 @@ MOST_ITERATIONS = 400  # with each
 SETTLED = 1e-12  # change of v in an iteration, of its largest
 RANK_ERROR = 1e-13  # of the largest singular value of a table of R
 PLACES = 2001  # speeds between which fixed points are looked for, closer towards rest; two in one gap are lost
+DRIFTS, UNSTEADY = 1e-3, 5e-2  # drift above which there is a warning, and an error
+KERNEL_PART = 0.02  # of |Z + 1|: what a kernel may change without a warning
 
 
 class Reply(NamedTuple):
@@ -171,6 +175,79 @@ def settle_period(sent: Tensor, response: Tensor, grid: VelocityGrid, progress: 
         if progress is not None:
             progress(1)
     return Reply(reflected, residual, torch.zeros(len(sent), dtype=torch.int64), torch.full_like(residual, torch.nan))
+
+
+class FixedPoint(NamedTuple):
+    """Z(f), complex128, (F,), at an rms |v|, m/s, that is just what the incident wave then drives."""
+
+    speed: float
+    impedance: Tensor
+
+
+@dataclass(frozen=True)
+class LevelCurve:
+    """Impedance of a wall that is driven by incident waves of L levels.
+
+    Args:
+        level: of the incident wave, dB re 20 uPa rms, (L,).
+        frequency: Hz, (F,).
+        reflection: Y/X, complex128, (L, F).
+        rms_speed, peak_speed: of v in the record that is read, m/s, (L,).
+        residual: largest error of the implicit equation, of the largest |x|, (L,).
+        several: steps at which that equation has more than one solution, (L,).
+        drift: rms change of y against the record before, of its rms, (L,); nan with kernel ``periodic``.
+        reflected_energy: mean square of y over that of x, (L,).
+        fixed_points: of the frequency domain with one rms speed, by level; usually one.
+        frozen: Z of the kernel less Z of the model, where |v| stands still at its rms, (L, F).
+        choices: ``kernel``, ``kernel_band`` (Hz), ``kernel_error`` and ``kernel_gain``, largest |H - R| in the band and
+            largest |H|; ``incident``, ``liner``, ``sampling_rate`` (Hz) and ``duration`` (s) of the record.
+    """
+
+    level: Tensor
+    frequency: Tensor
+    reflection: Tensor
+    rms_speed: Tensor
+    peak_speed: Tensor
+    residual: Tensor
+    several: Tensor
+    drift: Tensor
+    reflected_energy: Tensor
+    fixed_points: tuple[tuple[FixedPoint, ...], ...]
+    frozen: Tensor
+    choices: dict[str, Any]
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z, complex128, (L, F)."""
+        return impedance_from_reflection(self.reflection)
+
+    def warnings(self) -> Iterator[str]:
+        """What is doubtful.
+
+        Raises:
+            ValueError: a level that has no steady state.
+        """
+        chosen, levels = self.choices, self.level.tolist()
+        for level, drift in zip(levels, self.drift.tolist(), strict=True):
+            still = f"at {level:g} dB y still changes by {drift:.2g} of its rms from one record"
+            if drift > UNSTEADY:
+                raise ValueError(
+                    f"{still} of {1e3 * chosen['duration']:.3g} ms to the next: no steady state; give a longer "
+                    f"duration, or a kernel of lower gain than {chosen['kernel_gain']:.3g}"
+                )
+            if drift > DRIFTS:
+                yield f"{still} to the next; a longer duration settles it"
+        share = self.frozen.abs() / (self.impedance - self.frozen + 1).abs()
+        i, j = divmod(int(share.argmax()), share.shape[1])
+        if share[i, j] > KERNEL_PART:
+            yield (
+                f"kernel {chosen['kernel']!r} is not the liner's response: with |v| frozen at the rms of {levels[i]:g} "
+                f"dB it moves Z at {self.frequency[j]:g} Hz by {complex(self.frozen[i, j]):.3f}; see the kernel "
+                "'periodic'"
+            )
+        for level, several in zip(levels, self.several.tolist(), strict=True):
+            if several:
+                yield f"at {level:g} dB {several} steps have more than one |v|; the least was taken"
 
 
 def fixed_points(liner: LinerModel, frequency: Tensor, power: Tensor, highest: float) -> list[float]:
