@@ -16,7 +16,7 @@ import torchliner as tl
 from common import case_files, run_study
 from torchliner.names import AVERAGINGS
 from torchliner.report.planes import draw_predictions
-from torchliner.studies.rows import Row
+from torchliner.studies.variants import Row
 
 OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}
 FREE = {"vena_contracta": (0.4, 1.0), **OFFSET}

@@ -20,7 +20,7 @@ from common import case_files, run_study
 from torchliner.names import AVERAGINGS
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.numbers import part_of
-from torchliner.studies.rows import Row
+from torchliner.studies.variants import Row
 
 NOISE = 0.002 + 0.1j  # two ways of measuring one case differ by 0.002; X is the model's error
 FREE = {"vena_contracta": (0.2, 1.0)}

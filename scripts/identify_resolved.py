@@ -16,7 +16,7 @@ from typing import Any
 import torchliner as tl
 from common import case_files, run_study
 from torchliner.report.studies import draw_identification
-from torchliner.studies.rows import Row
+from torchliner.studies.variants import Row
 
 REST = 0.01 + 0.01j  # the presets' linear parts are those of runs at 115 dB
 SETS = (("vena_contracta",), ("vena_contracta", "mass_loss"), ("vena_contracta", "mass_loss_speed"))

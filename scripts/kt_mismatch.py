@@ -31,7 +31,7 @@ from torchliner.pressure.microphone_errors import draw_pressures
 from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, entry, finish, legend_below, styled, subplots
 from torchliner.report.numbers import part_of
-from torchliner.studies.rows import Row
+from torchliner.studies.variants import Row
 
 TRUE = 2.33 - 0.30j
 PAPER = {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j}

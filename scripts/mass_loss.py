@@ -25,7 +25,7 @@ from common import run_study
 from torchliner.liners.sdof import EndLossSDoFLiner
 from torchliner.names import AVERAGINGS
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
-from torchliner.studies.rows import Row
+from torchliner.studies.variants import Row
 
 CASES = tuple(case for fit in FITS for case in (*fit.fitted, *fit.predicted))
 FLOW = tuple(case for case in CASES if case[0] == "g" or case.startswith(("t03", "t015")))

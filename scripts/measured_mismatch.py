@@ -29,7 +29,7 @@ from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.records.drawn_impedance import deviation as deviation_of
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
 from torchliner.report.numbers import part_of
-from torchliner.studies.rows import Row
+from torchliner.studies.variants import Row
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")
 CASES = {"upstream": 0, "downstream": 2}  # source side: its number in the last column

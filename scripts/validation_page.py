@@ -27,15 +27,15 @@ from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
 from torchliner.report.of_fits import table_of_rules
 from torchliner.report.table import format_complex
-from torchliner.studies.rows import Row
 from torchliner.studies.validation import (
     DEFAULT,
     TABLE,
     errors_by_rule,
     hole_kind,
+    validate,
     validation_row,
-    validation_table,
 )
+from torchliner.studies.variants import Row
 
 PAGE, FOLDER = ROOT / "docs" / "validation.md", RESULTS / "validation"
 KNOWN = ROOT / "torchliner" / "studies" / TABLE
@@ -73,7 +73,8 @@ def pressures_of(case: str) -> tl.PressureRecord:
 
 def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[Row]:
     """All rules of a case beside its reference and the in situ value (Dean, pressure first)."""
-    rows = validation_table(planes_of(case) if planes is None else planes, lambda _: liner_of(case))
+    several = planes_of(case) if planes is None else planes
+    rows = [row for plane in several for row in validate(plane, liner_of(case))]
     found = tl.in_situ(pressures_of(case), allow_short=True)
     dean = complex(found.liner_impedance_pressure_first[0])
     return [Row(row, in_situ=dean) for row in rows]

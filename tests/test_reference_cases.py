@@ -9,8 +9,8 @@ from conftest import DATA, plane_of
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.names import AVERAGINGS
-from torchliner.studies.rows import Row
 from torchliner.studies.validation import distance_of, factors_of, nearest_case, reference_cases, setting_of
+from torchliner.studies.variants import Row
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 HOLE = Row(hole="round hole", hole_diameter=1.2e-3, porosity=0.058, mach=0.0, speed=0.8, velocity_rms=2.6, height=1e-3)

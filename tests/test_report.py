@@ -21,7 +21,7 @@ from torchliner.report.figure import RC
 from torchliner.report.pictures import draw_pictures
 from torchliner.report.studies import draw_level_check
 from torchliner.studies.heights import recommend_height, study_heights
-from torchliner.studies.validation import DEFAULT, reference_wave_phase, validation_table
+from torchliner.studies.validation import DEFAULT, reference_wave_phase, validate
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -57,7 +57,7 @@ def studies(liner):
         "sensitivities": tl.sensitivities(plane, liner, parameters=["porosity"]),
         "calibration": tl.calibrate([plane], liner, "true", {"vena_contracta": (0.5, 1.0)}),
         "heights": [heights, recommend_height(heights)],
-        "validation": validation_table([plane], lambda _: liner),
+        "validation": validate(plane, liner),
         "levels": tl.ir_tdibc(liner, [100.0, 120.0], [FREQUENCY]),
     }
 
@@ -264,7 +264,7 @@ def test_pictures_of_a_run(liner, tmp_path):
 def test_rule_table_covers_every_rule_once(liner):
     """4 drives x 3 phase rules x 3 averagings a plane; 'given' uses the true wave's phase."""
     plane = plane_of(turbulence((3, 480)), height=1e-3, reference={"true": 1 - 0.2j})
-    rows = validation_table([plane], lambda _: liner)
+    rows = validate(plane, liner)
     keys = {(r.drive, r.mean, r.phase, r.averaging) for r in rows}
     assert len(rows) == len(keys) == 36
     averaged = tl.educe(plane, liner)
@@ -286,4 +286,4 @@ def test_reference_wave_phase_by_hand(liner):
 
 def test_truth_needs_a_truth(liner):
     with pytest.raises(ValueError, match="states no reference impedance"):
-        validation_table([plane_of(turbulence((2, 480)))], lambda _: liner)
+        validate(plane_of(turbulence((2, 480))), liner)

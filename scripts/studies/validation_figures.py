@@ -25,8 +25,8 @@ from torchliner.report.figure import (
     subplots,
 )
 from torchliner.report.typesetting import typeset
-from torchliner.studies.rows import Row
 from torchliner.studies.validation import DEFAULT, DRIVES
+from torchliner.studies.variants import Row
 
 LINEAR = 0.01  # rho c: within it the axes are linear, beyond it logarithmic
 TICKS = (-1, -0.1, -0.01, 0.01, 0.1, 1)

@@ -16,9 +16,9 @@ from torchliner.studies.calibrate import AVERAGING, calibrate_without_flow
 from torchliner.studies.fit import OUTSIDE, with_flow
 from torchliner.studies.heights import recommend_height, study_heights
 from torchliner.studies.laws import bounds_for
-from torchliner.studies.rows import Row
 from torchliner.studies.runs import LEVEL_CHECK
-from torchliner.studies.validation import validation_table
+from torchliner.studies.validation import validate as validate_plane
+from torchliner.studies.variants import Row
 
 CURVE = "curve"
 
@@ -64,10 +64,13 @@ def compare_models(options: argparse.Namespace) -> None:
 def validate(options: argparse.Namespace) -> None:
     """Every rule beside the reference impedance of resolved cases."""
     planes = read_planes(options.planes, options, lazy=False)
-    liners = dict(zip(map(id, planes), liners_of(options, planes, options.planes), strict=True))
+    liners, rows = liners_of(options, planes, options.planes), list[Row]()
     with progress_bar(len(planes), options, "plane") as step:
-        found = validation_table(planes, lambda plane: liners[id(plane)], step)
-    show(options, found)
+        for plane, liner in zip(planes, liners, strict=True):
+            rows += validate_plane(plane, liner)
+            if step is not None:
+                step(1)
+    show(options, rows)
 
 
 def sensitivity(options: argparse.Namespace) -> None:

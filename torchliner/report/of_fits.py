@@ -14,8 +14,8 @@ from torchliner.report.planes import draw_predictions
 from torchliner.report.studies import draw_identification
 from torchliner.report.table import Row, Table, rows_of, table_of
 from torchliner.studies.fit import Fit
-from torchliner.studies.rows import Study
 from torchliner.studies.validation import DEFAULT, errors_by_rule
+from torchliner.studies.variants import Study
 
 SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
 TRUTH = (

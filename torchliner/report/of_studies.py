@@ -11,8 +11,8 @@ from torchliner.report import studies
 from torchliner.report.answer import Answer, Grid, impedance_words, picture
 from torchliner.report.curves import draw_comparison
 from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
-from torchliner.studies.rows import Row, Study
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
+from torchliner.studies.variants import Row, Study
 from torchliner.velocity.ir_tdibc_wall import LevelCurve
 
 

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -24,10 +23,11 @@ from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readin
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
 from torchliner.records.same_case import planes_by_height
-from torchliner.studies.rows import Row, Study
 from torchliner.studies.validation import nearest_case
 from torchliner.studies.variants import (
     Records,
+    Row,
+    Study,
     Variant,
     evaluate,
     every_second,
@@ -38,13 +38,14 @@ from torchliner.studies.variants import (
 )
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Progress, Reading
+from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
 PSI_STEPS = 72  # of the incident wave, over one turn of 2 psi
 LENGTHS = (0.25, 0.5)  # of a cell
 CONTRACTION_COEFFICIENTS = (0.75, 0.8, 0.85)
 KERNELS = {"two-sided": "", "causal": ", the paper to the letter"}
+Factor = Callable[[Variant, Tensor], Iterator[Variant]]  # variants of a base at a frequency, Hz, (1,)
 
 
 def audit(
@@ -80,7 +81,7 @@ def audit(
     require_choice("averaging", averaging, AVERAGINGS)
     if choices.get("phase") is not None:
         raise ValueError("phase cannot be chosen for an audit, which varies it from a base of the phase averaged")
-    asked, chosen, reading = plane.asked(frequency), Choices(**choices), None
+    asked, chosen, nodes = plane.asked(frequency), Choices(**choices), None
     if len(asked) != 1:
         raise ValueError(f"an audit has one frequency; {len(asked)} are given")
     others, skipped = _other_liners(model)
@@ -89,7 +90,7 @@ def audit(
         require_choice(f"averaging of moments reduced with {chosen.averaging!r}:", averaging, chosen.averagings)
     else:
         turns = (2 * float(asked[0]), plane.sampling_rate / 2)
-        known, reading = read_for(record, [model, *others.values()], asked, chosen, turns, progress)
+        known, nodes = read_for(record, [model, *others.values()], asked, chosen, turns, progress)
     with torch.no_grad():
         found = answer(known, model, asked, chosen)
     z = complex(found.liner[averaging].impedance[0])
@@ -97,19 +98,26 @@ def audit(
         raise ValueError(
             f"{plane.name}: the base has no admittance: every probe counts as wall; lower or leave out wall_filter"
         )
-    base = Base(known, model, asked, averaging, dataclasses.replace(chosen, interval=None), reading, progress)
-    variants = [base.variant(*labels, liner=other) for labels, other in others.items()]
+    base = Variant({}, known, model, averaging, dataclasses.replace(chosen, interval=None))
+    variants = [_vary(base, *labels, liner=other) for labels, other in others.items()]
     for factor, make in FACTORS.items():
         try:
-            variants += make(base)  # those before a reason stay
+            variants += make(base, asked)  # those before a reason stay
         except ValueError as reason:
             skipped[factor] = str(reason)
+    if base.chosen.drive != "rms":  # which the survey knows
+        variants.append(_vary(base, "drive", "rms", drive="rms", running_window=None))
+    if nodes is None or isinstance(record, Moments):
+        why = "the time samples are gone: the plane was reduced to moments"
+        skipped["drive, mean velocity, averaging length"] = why
+    else:
+        variants += read_again(record, nodes, asked, _other_speeds(base), progress)
     for other in several[1:]:
         above = other if isinstance(other, Moments) else read_for(other, [model], asked, chosen, (), progress)[0]
-        variants.append(base.variant("height", f"y = {1e3 * (above.plane.height or 0.0):.3g} mm", moments=above))
+        variants.append(_vary(base, "height", f"y = {1e3 * (above.plane.height or 0.0):.3g} mm", moments=above))
     if len(several) == 1:
         skipped["height"] = "one plane is given; name the other heights too"
-    whole, *rows = evaluate([base.variant("base", averaging), *variants], asked, known)
+    whole, *rows = evaluate([base, *variants], asked, known)
     rows = [Row(each, change=each.impedance - z) for each in rows]
     size = {row.factor: max(abs(each.change) for each in rows if each.factor == row.factor) for row in rows}
     tell(notes := tuple(note.text for note in found.notes))
@@ -132,32 +140,11 @@ def audit(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Base:
-    """What is varied: moments of a plane, by choices without an interval, and how they were read, if that is known."""
-
-    known: Moments
-    liner: LinerModel
-    frequency: Tensor
-    averaging: str
-    chosen: Choices
-    reading: Reading | None
-    progress: Progress | None
-
-    def variant(self, factor: str, name: str, choices: Mapping[str, Any] | None = None, **about: Any) -> Variant:
-        """With ``choices`` changed, or another field of ``Variant``."""
-        chosen = dataclasses.replace(self.chosen, **(choices or {}))
-        own = {"moments": self.known, "liner": self.liner, "averaging": self.averaging, **about}
-        return Variant({"factor": factor, "variant": name}, chosen=chosen, **own)
-
-    def projected(self, reflection: Tensor) -> Moments:
-        """Moments of one R(f, |v|), from its values at the speeds of the nodes, (F, K)."""
-        known, nodes = self.known, self.known.nodes
-        assert nodes is not None
-        assert not isinstance(nodes, OfOneLiner)
-        of_one = OfOneLiner.of(nodes, nodes.coefficients(reflection).to(known.survey.sums.device), self.frequency)
-        sums = {name: of_one.matrix @ each for name, each in known.sums.items() if each.shape[2] == nodes.count}
-        return dataclasses.replace(known, sums=sums, nodes=of_one)
+def _vary(base: Variant, factor: str, name: str, **changes: Any) -> Variant:
+    """The base with choices, or fields of ``Variant``, changed."""
+    about = {key: changes.pop(key) for key in ("moments", "liner", "averaging", "psi", "pitch") if key in changes}
+    chosen = dataclasses.replace(base.chosen, **changes)
+    return dataclasses.replace(base, labels={"factor": factor, "variant": name}, chosen=chosen, **about)
 
 
 def _contraction(liner: SDoFLiner) -> dict[str, SDoFLiner]:
@@ -186,19 +173,29 @@ def _other_liners(model: LinerModel) -> tuple[dict[tuple[str, str], LinerModel],
     return found, skipped
 
 
-def _kernels(base: Base) -> Iterator[Variant]:
-    liner, nodes, f = base.liner, base.known.nodes, float(base.frequency[0])
-    reach = liner.frequency_range or (-math.inf, math.inf)
+def _of_one_liner(known: Moments, reflection: Tensor, frequency: Tensor) -> Moments:
+    """Moments of one R(f, |v|), from its values at the speeds of the nodes, (F, K)."""
+    nodes = known.nodes
+    assert nodes is not None
+    assert not isinstance(nodes, OfOneLiner)
+    of_one = OfOneLiner.of(nodes, nodes.coefficients(reflection).to(known.survey.sums.device), frequency)
+    sums = {name: of_one.matrix @ each for name, each in known.sums.items() if each.shape[2] == nodes.count}
+    return dataclasses.replace(known, sums=sums, nodes=of_one)
+
+
+def _kernels(base: Variant, frequency: Tensor) -> Iterator[Variant]:
+    known, f = base.moments, float(frequency[0])
+    reach = base.liner.frequency_range or (-math.inf, math.inf)
     band = max(min(BAND[0], f), reach[0]), min(max(BAND[1], f), reach[1])
-    if nodes is None:
+    if known.nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
     for kind, words in KERNELS.items():
-        found = response_at(liner, base.frequency, nodes.speeds, base.known.plane.sampling_rate, kind, band).T
-        yield base.variant("kernel", kind + words, moments=base.projected(found))
+        found = response_at(base.liner, frequency, known.nodes.speeds, known.plane.sampling_rate, kind, band).T
+        yield _vary(base, "kernel", kind + words, moments=_of_one_liner(known, found, frequency))
 
 
-def _halves(base: Base) -> Iterator[Variant]:
-    known = base.known
+def _halves(base: Variant, frequency: Tensor) -> Iterator[Variant]:
+    known = base.moments
     count, half = known.survey.blocks.count, known.survey.blocks.count // 2
     parts = {"first": of_blocks(known, slice(0, half)), "second": of_blocks(known, slice(count - half, count))}
     periods = parts["first"].survey.blocks.periods
@@ -206,74 +203,68 @@ def _halves(base: Base) -> Iterator[Variant]:
         raise ValueError(f"half the record holds {periods} whole periods, fewer than {FEWEST_PERIODS:g}")
     for name, part in parts.items():
         words = f"{name}, mean over {part.survey.blocks.periods} whole periods"
-        yield base.variant("half the record", words, moments=part)
+        yield _vary(base, "half the record", words, moments=part)
 
 
-def _half_rate(base: Base) -> Iterator[Variant]:
-    known, rate, f = base.known, base.known.plane.sampling_rate / 2, float(base.frequency[0])
+def _half_rate(base: Variant, frequency: Tensor) -> Iterator[Variant]:
+    known, rate, f = base.moments, base.moments.plane.sampling_rate / 2, float(frequency[0])
     if rate < FEWEST_SAMPLES_PER_PERIOD * f:
         samples = f"{rate / f:.3g} samples per period, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         raise ValueError(f"{rate:g} Hz would leave {samples}")
     if known.nodes is None or not bool((known.turns == rate).any()):
         raise ValueError("rows of alternating sign are needed, which an audit of the plane itself sums over |v|")
-    yield base.variant("sampling rate", f"every second sample, {rate:.6g} Hz", moments=every_second(known))
+    yield _vary(base, "sampling rate", f"every second sample, {rate:.6g} Hz", moments=every_second(known))
 
 
-def _averagings(base: Base) -> Iterator[Variant]:
+def _averagings(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     for name in base.chosen.averagings:
         if name != base.averaging:
-            yield base.variant("averaging", name, averaging=name)
+            yield _vary(base, "averaging", name, averaging=name)
 
 
-def _phase_rules(base: Base) -> Iterator[Variant]:
+def _phase_rules(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     """The phases of the incident wave that move R and X furthest, wherever it may lie, and that of the tone in v."""
-    known, f = base.known, float(base.frequency[0])
+    known, f, least = base.moments, float(frequency[0]), base.chosen.minimum_coherence
     if base.chosen.drive != "rms" and not bool((known.turns == 2 * f).any()):
         raise ValueError("the moments hold no rows of phase rules; reduce the plane with phase='self-consistent'")
-    of_one, least = known, base.chosen.minimum_coherence
+    of_one = known
     if known.nodes is not None:  # many phases are quicker asked of R of one liner
-        of_one = base.projected(response(base.liner, base.frequency, known.nodes.speeds))
+        of_one = _of_one_liner(known, response(base.liner, frequency, known.nodes.speeds), frequency)
 
     def at(psi: float, words: str) -> Variant:
         name = f"given, psi = {psi:.2f} rad ({words})"
-        return base.variant("phase rule", name, {"phase": "given"}, moments=of_one, psi=psi)
+        return _vary(base, "phase rule", name, phase="given", moments=of_one, psi=psi)
 
     turn = [math.pi * step / PSI_STEPS for step in range(PSI_STEPS)]
-    z = [complex(at(psi, "").averages(base.frequency).liner.impedance[0]) for psi in turn]
+    z = [complex(at(psi, "").averages(frequency).liner.impedance[0]) for psi in turn]
     for parts, letter in (([each.real for each in z], "R"), ([each.imag for each in z], "X")):
         yield at(turn[parts.index(min(parts))], f"smallest {letter}")
         yield at(turn[parts.index(max(parts))], f"largest {letter}")
-    share = 100 * float((known.survey.coherence(base.frequency)[known.counted] >= least).double().mean())
+    share = 100 * float((known.survey.coherence(frequency)[known.counted] >= least).double().mean())
     if not share:
         raise ValueError(f"self-consistent: no probe is coherent with {f:g} Hz by {least:g}")
     name = "self-consistent"
-    yield base.variant("phase rule", f"{name} ({share:.3g} % of probes)", {"phase": name}, moments=of_one)
+    yield _vary(base, "phase rule", f"{name} ({share:.3g} % of probes)", phase=name, moments=of_one)
 
 
-def _other_speeds(base: Base) -> Iterator[Variant]:
-    """Other drives, means and averaging lengths; the rms is known from the survey, else the samples are read again."""
-    if base.chosen.drive != "rms":
-        yield base.variant("drive", "rms", {"drive": "rms", "running_window": None})
-    if base.reading is None:
-        raise ValueError("the time samples are gone: the plane was reduced to moments")
-    plane, pitch, chosen = base.known.plane, base.liner.cell_pitch, base.chosen
-    drives = [name for name in DRIVES if name not in ("rms", chosen.drive)]
-    again = [base.variant("drive", name, {"drive": name, "running_window": None}) for name in drives]
-    again += [base.variant("mean velocity", name, {"mean": name}) for name in MEANS if name != chosen.mean]
-    spacing = math.inf if plane.x is None or plane.x.numel() < 2 else float(plane.x.diff().abs().median())
-    for share in LENGTHS:
-        if pitch is not None and 2 * spacing <= share * pitch * (1 + 1e-6):
-            own = {"averaging": "velocity", "background": None}
-            name, about = f"velocity over {share:g} of a cell", {"averaging": "velocity", "pitch": share * pitch}
-            again.append(base.variant("averaging length", name, own, **about))
-    yield from read_again(base.reading, again, base.progress)
-
-
-FACTORS: dict[str, Callable[[Base], Iterator[Variant]]] = {
+FACTORS: dict[str, Factor] = {
     "kernel": _kernels,
     "half the record": _halves,
     "sampling rate": _half_rate,
     "averaging": _averagings,
     "phase rule": _phase_rules,
-    "drive, mean velocity, averaging length": _other_speeds,
 }
+
+
+def _other_speeds(base: Variant) -> list[Variant]:
+    """Other drives, means and averaging lengths, for which the samples are read again."""
+    plane, pitch, chosen = base.moments.plane, base.liner.cell_pitch, base.chosen
+    drives = [name for name in DRIVES if name not in ("rms", chosen.drive)]
+    found = [_vary(base, "drive", name, drive=name, running_window=None) for name in drives]
+    found += [_vary(base, "mean velocity", name, mean=name) for name in MEANS if name != chosen.mean]
+    spacing = math.inf if plane.x is None or plane.x.numel() < 2 else float(plane.x.diff().abs().median())
+    for share in LENGTHS:
+        if pitch is not None and 2 * spacing <= share * pitch * (1 + 1e-6):
+            name = f"velocity over {share:g} of a cell"
+            found.append(_vary(base, "averaging length", name, averaging="velocity", pitch=share * pitch))
+    return found

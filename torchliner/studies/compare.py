@@ -17,12 +17,10 @@ from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Interval
-from torchliner.studies.rows import Row, Study
-from torchliner.studies.variants import Variant, evaluate, plane_of, read_for
-from torchliner.velocity.answer import answer, require_fitting
+from torchliner.studies.variants import Row, Study, plane_of, read_for
+from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress
-from torchliner.velocity.review import review_liner, review_table
 
 SAME_PLACE = 1e-6  # m
 SAME_RECORD = 1e-4  # of the rms: two records of a flow never share the rms of all probes
@@ -53,36 +51,31 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
     averaging = averaging or first.averaging
     for each in (first, second):
         require_choice("averaging", averaging, each.averagings)
-    order, same = _require_alike(first, second), _same_run(first, second)
+    order, same = _common_order(first, second), _same_run(first, second)
     level = None if None in (first.level, second.level) else first.level
     (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
-    there, other = there[:, order], [end[:, order] for end in other]
     ends: list[Tensor] = []
     if level is not None:
+        other = [end[:, order] for end in other]
         widths = torch.stack([(high - low) / 2 for low, high in (own, other)])
         half = widths.sum(0) if same else widths.square().sum(0).sqrt()
         # An unbounded interval has no middle.
         middle = torch.where(half.isinf(), 0, (other[0] + other[1] - own[0] - own[1]) / 2)
-        ends = [torch.view_as_complex(end) for end in (middle - half, middle + half)]
+        ends = [middle - half, middle + half]
     x, z = ([math.nan, *value.tolist()] for value in (first.cell_x, first.cell_z))
     rows = list[Row]()
-    for i, k in itertools.product(range(len(x)), range(len(order))):
-        low, high = (complex(end[i, k]) for end in ends) if ends else (None, None)
-        one, two = complex(here[i, k]), complex(there[i, k])
-        row = Row(place=f"cell {i - 1}" if i else "liner", x=x[i], z=z[i], frequency=float(first.frequency[k]))
-        row |= {"first": one, "second": two, "difference": two - one, "low": low, "high": high}
-        rows.append(Row(row, differs_in=_clear(low, high)))
+    for i, (k, f) in itertools.product(range(len(x)), enumerate(first.frequency.tolist())):
+        one, two = complex(here[i, k]), complex(there[i, order[k]])
+        row = Row(place=f"cell {i - 1}" if i else "liner", x=x[i], z=z[i], frequency=f)
+        row |= {"first": one, "second": two, "difference": two - one, "low": None, "high": None, "differs_in": ""}
+        if ends:
+            low, high = (end[i, k].tolist() for end in ends)
+            clear = [part for part, least, most in zip("RX", low, high, strict=True) if least > 0 or most < 0]
+            row |= {"low": complex(*low), "high": complex(*high), "differs_in": ", ".join(clear)}
+        rows.append(row)
     how = "an upper bound: both rest on one run, half-widths added" if same else "of independent records"
     words = f"{100 * level:g} % statistical interval, {how}" if level else "no intervals: one of the maps has none"
     return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
-
-
-def _clear(low: complex | None, high: complex | None) -> str:
-    """Parts whose interval does not hold 0."""
-    if low is None or high is None:
-        return ""
-    ends = {"R": (low.real, high.real), "X": (low.imag, high.imag)}
-    return ", ".join(part for part, (least, most) in ends.items() if least > 0 or most < 0)
 
 
 def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
@@ -96,8 +89,8 @@ def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
     return value, [torch.view_as_real(end) for end in (every.low, every.high)]
 
 
-def _require_alike(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
-    """Where the frequencies of the first map are in the second."""
+def _common_order(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
+    """Where the frequencies of the first map are in the second; ValueError unless all else is alike."""
     lists = [each.frequency.tolist() for each in (first, second)]
     order = [i for f in lists[0] if (i := index_of_frequency(second.frequency, f)) is not None]
     if not len(order) == len(lists[0]) == len(lists[1]):
@@ -172,37 +165,39 @@ def compare_models(
     known = plane
     if isinstance(known, VelocityPlane):
         known, _ = read_for(known, [*models.values()], lines, chosen, (), progress)
-    first, errors = next(iter(models.values())), dict[str, float]()
     with torch.no_grad():
-        found = answer(known, first, lines, chosen, reference_phase)
-    averaging, psi = chosen.averaging, reference_phase
-    variants = [Variant({"model": n}, known, model, averaging, chosen, psi) for n, model in models.items()]
-    rows = evaluate(variants, lines, known)
-    own_notes = [*review_liner(facts, first), *review_table(known, first, lines, found.answer)[1]]
-    notes += [note.text for note in found.notes if note not in own_notes and note.code != "level-check"]
-    for name, model in models.items():
-        require_fitting(known, model, lines, chosen)
-        z = torch.tensor([row.impedance for row in rows if row.model == name])
-        errors[name], doubts = review_table(known, model, lines, z)
-        notes += [f"{name}: {note.text}" for note in (*review_liner(facts, model), *doubts)]
+        maps = {name: answer(known, model, lines, chosen, reference_phase) for name, model in models.items()}
+    first, *others = maps.values()
+    shared = [note for note in first.notes if all(note in each.notes for each in others)]
+    notes += [note.text for note in shared if note.code != "level-check"]
+    for name, each in maps.items():
+        notes += [f"{name}: {note.text}" for note in each.notes if note not in shared and note.code != "level-check"]
     tell(notes)
     tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
     key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), None)
-    sizes = dict[str, float]()
-    for row in rows:
-        held = facts.reference if abs(row.frequency - tone) < SAME_FREQUENCY * tone else {}
-        row["distance"] = {reference: abs(row.impedance - value) for reference, value in held.items()}
-        row["model_error"] = errors[row.model]
-        size = row.distance.get(key, abs(row.level_check or 0.0))
-        sizes[row.model] = max(sizes.get(row.model, 0.0), size)
+    rows, sizes = list[Row](), dict[str, float]()
+    for name, each in maps.items():
+        z, check = each.liner[chosen.averaging].impedance.tolist(), each.level_check
+        levels = [math.nan] * len(z)
+        if check is not None:
+            levels = check.liner.level[check.averagings.index(chosen.averaging)].tolist()
+        for i, f in enumerate(lines.tolist()):
+            low, high = each.bounds_of_liner(chosen.averaging, i) or (None, None)
+            near = facts.reference if abs(f - tone) < SAME_FREQUENCY * tone else {}
+            row = Row(model=name, frequency=f, impedance=z[i], low=low, high=high)
+            row |= {"level_check": levels[i] if math.isfinite(levels[i]) else None}
+            row |= {"distance": {reference: abs(z[i] - value) for reference, value in near.items()}}
+            rows.append(Row(row, model_error=each.choices["model_error"]))
+            size = row.distance.get(key, abs(row.level_check or 0.0))
+            sizes[name] = max(sizes.get(name, 0.0), size)
     referred, checked = any(row.distance for row in rows), rows[0].level_check is not None
     return Study(
         title=facts.title or facts.name,
-        averaging=averaging,
+        averaging=chosen.averaging,
         level=None if rows[0].low is None else chosen.interval,
         sorted_by=f"|Z - {key}|" if referred else "|level check|" if checked else "as given",
         references=dict(facts.reference) if referred else {},
         rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
-        level_check_words=found.level_check_words,
+        level_check_words=first.level_check_words,
         notes=tuple(notes),
     )

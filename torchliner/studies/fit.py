@@ -19,11 +19,10 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedance_at
-from torchliner.studies.rows import Row
 from torchliner.studies.runs import NEPER, Run, read_runs
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
 from torchliner.studies.solve import curves_at_nodes, impedances, solve, weights_of
-from torchliner.studies.variants import Records
+from torchliner.studies.variants import Records, Row
 from torchliner.velocity.choices import Choices
 
 DOUBLE = torch.float64

@@ -15,8 +15,7 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.same_case import planes_by_height
-from torchliner.studies.rows import Row, Study
-from torchliner.studies.variants import plane_of
+from torchliner.studies.variants import Row, Study, plane_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe
 
@@ -45,12 +44,12 @@ def study_heights(
         cell_pitch: L_c, m; default the liner's.
         progress: called with 1 per plane.
     Returns:
-        title, frequency (Hz), pitch (L_c, m, or None), source_side, averaging, choices, notes; reference (independent
-        impedances, for comparison alone); decay, first_decay: ``Decay`` of modulation, and of its first harmonic in
-        m/s; None with fewer than three heights. ``rows``, the lowest first: height (m); impedance, level_check (dB), by
-        averaging; level_limit (dB); coherence (squared, of v with the tone, median over probes); velocity_rms (v',
-        m/s); modulation (rms of the cell-periodic part of v'_rms along x over its mean), first_harmonic, between (of
-        waves that nothing periodic in the cell has), None without a whole cell; drift (of grazing sound by eq. (A1)).
+        title, frequency (Hz), pitch (L_c, m, or None), averaging, choices, notes; reference (independent impedances,
+        for comparison alone); decay, first_decay: ``Decay`` of modulation, and of its first harmonic in m/s; None with
+        fewer than three heights. ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging;
+        level_limit (dB); coherence (squared, of v with the tone, median over probes); velocity_rms (v', m/s);
+        modulation (rms of the cell-periodic part of v'_rms along x over its mean), first_harmonic, between (of waves
+        that nothing periodic in the cell has), None without a whole cell; drift (of grazing sound by eq. (A1)).
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
@@ -70,7 +69,11 @@ def study_heights(
     for plane in ordered:
         seen, found = educe(records[id(plane)], model, wanted, **options), None
         try:
-            found = _modulation(plane, seen, pitch)
+            if pitch is None or plane.x is None:
+                raise ValueError("no cell pitch is known" if pitch is None else "the plane states no x")
+            square = seen.velocity_rms.detach().cpu().double().square()
+            profile = square.reshape(-1, square.shape[-1]).nanmean(0).sqrt()
+            found = cell_modulation(plane.x.numpy(), profile.numpy(), pitch)
             known.append(found)
         except ValueError as reason:
             notes.append(f"{plane.name}: no cell-periodic modulation can be judged: {reason}")
@@ -85,7 +88,6 @@ def study_heights(
         title=ordered[0].title.split(", y =")[0],
         frequency=wanted[0],
         pitch=pitch,
-        source_side=ordered[0].source_side,
         averaging=Choices(**choices).averaging,
         rows=tuple(rows),
         decay=fit_decay(heights, [each.rms / each.mean for each in known]),
@@ -98,7 +100,7 @@ def study_heights(
 
 def _row(plane: VelocityPlane, seen: ImpedanceMap, found: Modulation | None) -> Row:
     """What is known of one height."""
-    check = seen.level_check
+    check, grazing = seen.level_check, plane.source_side in ("upstream", "downstream")
     levels = {} if check is None else dict(zip(check.averagings, check.liner.level[:, 0].tolist(), strict=True))
     return Row(
         height=plane.height or 0.0,
@@ -110,7 +112,7 @@ def _row(plane: VelocityPlane, seen: ImpedanceMap, found: Modulation | None) -> 
         modulation=found and found.rms / found.mean,
         first_harmonic=found and found.harmonics[0] / math.sqrt(2) / found.mean,
         between=found and found.between and found.between / found.mean,
-        drift=DRIFT * (plane.height or 0.0) if plane.source_side in ("upstream", "downstream") else None,
+        drift=DRIFT * (plane.height or 0.0) if grazing else None,
     )
 
 
@@ -136,9 +138,8 @@ def recommend_height(
     limits = {"modulation": modulation, "averagings": averagings, "change": change, "turbulence": turbulence}
     for name, limit in limits.items():
         require_positive(f"limit on {name}", limit)
-    rows, heights = list[Row](), dict[str, float | None]()
-    for averaging in study.rows[0].impedance:
-        heights[averaging] = None
+    rows, heights = list[Row](), dict.fromkeys(study.rows[0].impedance)
+    for averaging in heights:
         for here, above in itertools.zip_longest(study.rows, study.rows[1:]):
             judged = []
             for name, value in _judged(averaging, here, above, turbulence).items():
@@ -155,13 +156,13 @@ def _judged(averaging: str, here: Row, above: Row | None, turbulence: float) -> 
     """What an averaging is judged by at one height, with the next one above."""
     if averaging in here.level_check:
         return {"level check": abs(here.level_check[averaging])}
-    found: dict[str, float | None] = {"change": None}
+    z, found = here.impedance, dict[str, float | None](change=None)
     if above is not None:
-        found["change"] = _relative(above.impedance[averaging], here.impedance[averaging])
+        found["change"] = _relative(above.impedance[averaging], z[averaging])
     if averaging == "velocity":
         found["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
     elif averaging == "admittance" and here.coherence >= 1 - turbulence:
-        found["averagings"] = _relative(here.impedance["admittance"], here.impedance["velocity"])
+        found["averagings"] = _relative(z["admittance"], z["velocity"])
     elif averaging == "admittance":
         found["modulation"] = here.modulation
     return found
@@ -191,15 +192,6 @@ class Modulation(NamedTuple):
     def rms(self) -> float:
         """Of the cell-periodic part, m/s."""
         return math.hypot(*self.harmonics) / math.sqrt(2)
-
-
-def _modulation(plane: VelocityPlane, seen: ImpedanceMap, pitch: float | None) -> Modulation:
-    """Of v'_rms along x; ValueError where it cannot be judged."""
-    if pitch is None or plane.x is None:
-        raise ValueError("no cell pitch is known" if pitch is None else "the plane states no x")
-    square = seen.velocity_rms.detach().cpu().double().square()
-    profile = square.reshape(-1, square.shape[-1]).nanmean(0).sqrt()
-    return cell_modulation(plane.x.numpy(), profile.numpy(), pitch)
 
 
 def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation:

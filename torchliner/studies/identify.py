@@ -18,9 +18,9 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.studies.fit import fit_law, with_flow
 from torchliner.studies.laws import Curves, Knots, Law, bounds_for, parameter_law, place_of
-from torchliner.studies.rows import Row, Study
 from torchliner.studies.runs import LEVEL_CHECK, Run, choices_of_fit, held, one_each, read_runs
 from torchliner.studies.solve import knots_for
+from torchliner.studies.variants import Row, Study
 from torchliner.velocity.choices import Choices
 
 CURVE = "curve"

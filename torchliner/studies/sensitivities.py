@@ -21,9 +21,8 @@ from torchliner.liners.model import Liner, as_liner, impedance_of, named_numbers
 from torchliner.liners.parameters import Number
 from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.rows import Row, Study
 from torchliner.studies.runs import choices_of_fit, run_of
-from torchliner.studies.variants import plane_of
+from torchliner.studies.variants import Row, Study, plane_of
 from torchliner.units import parse_tolerance
 from torchliner.velocity.educe import moments
 from torchliner.velocity.reading import Progress

@@ -7,7 +7,7 @@ import functools
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import resources
 from typing import Any
@@ -18,8 +18,7 @@ from torchliner.conversions import reflection_from_impedance
 from torchliner.liners.model import Liner, as_liner
 from torchliner.names import PHASES
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.rows import Row
-from torchliner.studies.variants import Variant, evaluate, read_again, read_for
+from torchliner.studies.variants import Row, Variant, evaluate, read_again, read_for
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 
@@ -64,15 +63,15 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
         raise ValueError(f"{plane.name} states no reference impedance (reference 'true')")
     chosen, model, asked = Choices(phase="given", allow_short=True), as_liner(liner), plane.asked(None)
     # The rms of the record is known after one reading, which finds what the other drives need.
-    known, reading = read_for(plane, [model], asked, replace(chosen, drive="rms"))
+    known, nodes = read_for(plane, [model], asked, replace(chosen, drive="rms"))
     with torch.no_grad():
         seen = answer(known, model, asked, replace(chosen, drive="rms", phase="averaged"))
     psi, variants = reference_wave_phase(plane, seen), list[Variant]()
-    for drive, phase, averaging in itertools.product(DRIVES, PHASES, seen.averagings):
-        own = replace(chosen, drive=drive[0], mean=drive[1], phase=phase)
-        rule, stated = {"rule": (*drive, phase)}, psi if phase == "given" else None
-        variants.append(Variant(rule, known, model, averaging, own, stated))
-    again = iter(read_again(reading, [each for each in variants if each.chosen.drive != "rms"]))
+    for (drive, mean), phase, averaging in itertools.product(DRIVES, PHASES, seen.averagings):
+        own, stated = replace(chosen, drive=drive, mean=mean, phase=phase), psi if phase == "given" else None
+        variants.append(Variant({"rule": (drive, mean, phase)}, known, model, averaging, own, stated))
+    others = [each for each in variants if each.chosen.drive != "rms"]
+    again = iter(read_again(plane, nodes, asked, others))
     variants = [each if each.chosen.drive == "rms" else next(again) for each in variants]
     about = {
         "case": str(plane.provenance.get("case", plane.title)),
@@ -91,31 +90,17 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     ]
 
 
-def validation_table(
-    planes: Sequence[VelocityPlane],
-    liner_of: Callable[[VelocityPlane], Liner],
-    progress: Callable[[int], None] | None = None,
-) -> list[Row]:
-    """``validate`` of several planes, by case and height; ``progress`` per plane."""
-    rows: list[Row] = []
-    for plane in planes:
-        rows += validate(plane, liner_of(plane))
-        if progress is not None:
-            progress(1)
-    return rows
-
-
 def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
     """Medians and largest of |dR| (real part) and |dX| of every rule and averaging in the rows, over ``planes``."""
-    groups: dict[tuple[tuple[str, str, str], str], list[complex]] = {}
+    groups: dict[tuple[str, ...], list[complex]] = {}
     for row in rows:
-        groups.setdefault((row.rule, row.averaging), []).append(row.miss)
+        groups.setdefault((*row.rule, row.averaging), []).append(row.miss)
     found = []
-    for (rule, averaging), misses in groups.items():
+    for rule, misses in groups.items():
         parts = [abs(miss.real) for miss in misses], [abs(miss.imag) for miss in misses]
-        names = dict(zip(("drive", "mean", "phase"), rule, strict=True))
+        names = dict(zip(("drive", "mean", "phase", "averaging"), rule, strict=True))
         median, largest = complex(*map(statistics.median, parts)), complex(*map(max, parts))
-        found.append(Row(names, averaging=averaging, planes=len(misses), median=median, largest=largest))
+        found.append(Row(names, planes=len(misses), median=median, largest=largest))
     return found
 
 
@@ -143,12 +128,11 @@ def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
 
     A grazing wave changes its phase along the plane, so that its mean over it says nothing.
     """
-    amplitude = found.velocity_amplitude[..., index].reshape(-1)
-    amplitude = amplitude[torch.isfinite(amplitude.abs())]
+    amplitude, coherence = (each[..., index].reshape(-1) for each in (found.velocity_amplitude, found.coherence))
+    known = torch.isfinite(amplitude.abs())
     if found.source_side in ("upstream", "downstream"):
-        coherent = found.coherence[..., index].reshape(-1).nan_to_num()[: len(amplitude)]
-        return float((amplitude.abs().square() * coherent).mean().sqrt()) / 2**0.5
-    return float(amplitude.mean().abs()) / 2**0.5
+        return float((amplitude.abs().square() * coherence.nan_to_num())[known].mean().sqrt()) / 2**0.5
+    return float(amplitude[known].mean().abs()) / 2**0.5
 
 
 def setting_of(found: ImpedanceMap, index: int = 0) -> Row | None:
@@ -198,16 +182,15 @@ def nearest_case(found: ImpedanceMap, index: int = 0, *, brief: bool = False) ->
     near = all(0.5 <= factor <= 2 for factor in factors_of(here, there)) and here.hole == there.hole
     if not near or here.mach is None or abs(here.mach - there.mach) > MACH / 2:
         return ""
-    educed, known = there.educed.values(), there.reference
-    if brief:
-        z = there.educed[found.averaging]
-        out = f"R came out {z.real:.2f} for {known.real:.2f}, X {z.imag:.2f} for {known.imag:.2f}"
-        return f"Model error in the nearest reference case, {there.case}: {out}."
+    averagings, known = [found.averaging] if brief else list(there.educed), there.reference
+    educed = [there.educed[name] for name in averagings]
     r = f"{', '.join(f'{z.real:.2f}' for z in educed)} for {known.real:.2f}"
     x = f"{', '.join(f'{z.imag:.2f}' for z in educed)} for {known.imag:.2f}"
+    if brief:
+        return f"Model error in the nearest reference case, {there.case}: R came out {r}, X {x}."
     return (
         f"model error seen in the nearest reference case, {there.case} "
         f"({there.speed:.2f} m/s at the tone, v' {there.velocity_rms:.2f} m/s at {1e3 * there.height:g} mm, "
         f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {there.incident_level:g} dB) "
-        f"R came out {r}, X {x} ({', '.join(there.educed)})"
+        f"R came out {r}, X {x} ({', '.join(averagings)})"
     )

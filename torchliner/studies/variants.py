@@ -16,20 +16,55 @@ import torch
 from torch import Tensor
 
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import choose_nodes
+from torchliner.engine.nodes import Chebyshev, Levels, choose_nodes
 from torchliner.engine.sums import reduce
-from torchliner.engine.survey import Membership
 from torchliner.liners.model import LinerModel
+from torchliner.names import resolve
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import sort_into_cells
-from torchliner.studies.rows import Row
 from torchliner.velocity.averages import Asked, Averages, average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.known_pressure import known_pressure
 from torchliner.velocity.level_check import ratio_of_pressures
-from torchliner.velocity.reading import Progress, Reading, reading_of, take_moments
+from torchliner.velocity.reading import Progress, reading_of, take_moments
 
 Records = VelocityPlane | Moments
+
+
+class Row(dict[str, Any]):
+    """Values of one place, choice, model or run by name; ``row.impedance`` is ``row["impedance"]``.
+
+    Shared names: ``impedance``, ``low``, ``high`` (ends of its statistical interval; None without one), complex and
+    normalised; ``frequency`` (Hz), ``height`` (m), ``level_check`` (dB off the known pressure; None where none is
+    known).
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            raise AttributeError(f"the row has no {name!r} (it has: {', '.join(self)})") from None
+
+
+class Study(Row):
+    """A result: ``rows``, and by name what they share."""
+
+    def __repr__(self) -> str:
+        return self._shown("screen_of") or dict.__repr__(self)
+
+    def _repr_html_(self) -> str | None:
+        return self._shown("html_of")
+
+    def _shown(self, outlet: str) -> str | None:
+        """As the report shows it; None of a kind of study that it does not know."""
+        try:
+            found: str = resolve(f"torchliner.report.answer:{outlet}")(self)
+        except TypeError:
+            return None
+        return found
+
+    def of(self, **labels: Any) -> list[Row]:
+        """The rows that have these values, e.g. ``found.of(factor="height")``."""
+        return [row for row in self.rows if all(getattr(row, name) == value for name, value in labels.items())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +85,6 @@ class Variant:
     chosen: Choices
     psi: float | None = None
     pitch: float | None = None
-
-    @property
-    def speed(self) -> tuple[Any, ...]:
-        """What makes its |v|."""
-        return self.chosen.drive, self.chosen.mean, self.chosen.running_window, self.pitch
 
     def averages(self, frequency: Tensor) -> Averages:
         """R of cells and liner; ``frequency`` in Hz, (F,)."""
@@ -83,6 +113,13 @@ def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> l
     return rows
 
 
+def plane_of(record: Records) -> VelocityPlane:
+    """What is stated of a plane, or of that which was reduced; TypeError for anything else."""
+    if not isinstance(record, Records):
+        raise TypeError(f"plane is {type(record).__name__}; a VelocityPlane or Moments is needed")
+    return record.plane if isinstance(record, Moments) else record
+
+
 def read_for(
     plane: VelocityPlane,
     liners: Sequence[LinerModel],
@@ -90,49 +127,48 @@ def read_for(
     chosen: Choices,
     turns: Sequence[float] = (),
     progress: Progress | None = None,
-) -> tuple[Moments, Reading]:
-    """Moments of a plane for several liners, the first one's cells, and how it was read; ``turns``: Hz, of waves that
-    the sums are weighed with beside those of the phase rule."""
+) -> tuple[Moments, Chebyshev | Levels]:
+    """Moments of a plane for several liners, in cells of the first one, and the nodes for any further reading.
+
+    ``turns``: Hz, of waves that the sums are weighed with beside those of the phase rule.
+    """
     nodes = choose_nodes(liners, frequency, chosen.tolerance(plane.velocity.dtype))
     reading = reading_of(plane, [], frequency, chosen, cell_pitch=liners[0].cell_pitch, nodes=nodes)
-    reading = dataclasses.replace(reading, turns=torch.cat([reading.turns, reading.turns.new_tensor([*turns])]))
-    known = take_moments(reading, progress=progress)
-    reading = dataclasses.replace(reading, nodes=nodes)
-    return known, reading if bool(known.used.all()) else reading.without(~known.used)
+    turned = torch.cat([reading.turns, reading.turns.new_tensor([*turns])])
+    return take_moments(dataclasses.replace(reading, turns=turned), progress=progress), nodes
 
 
-def read_again(reading: Reading, variants: Sequence[Variant], progress: Progress | None = None) -> list[Variant]:
+def read_again(
+    plane: VelocityPlane,
+    nodes: Chebyshev | Levels,
+    frequency: Tensor,
+    variants: Sequence[Variant],
+    progress: Progress | None = None,
+) -> list[Variant]:
     """Variants of other |v|, with their moments, all from one more reading; their ``moments`` are those of the base."""
     groups: dict[Any, list[Variant]] = {}
-    for each in variants:
-        groups.setdefault(each.speed, []).append(each)
+    for each in variants:  # by what makes |v|
+        key = (each.chosen.drive, each.chosen.mean, each.chosen.running_window, each.pitch)
+        groups.setdefault(key, []).append(each)
     ways, jobs = [], []
     for group in groups.values():
-        chosen, pitch, known = group[0].chosen, group[0].pitch, group[0].moments
-        turns = 2 * reading.frequency if any(each.chosen.phase != "averaged" for each in group) else reading.turns[:0]
-        nodes = None if chosen.drive == "rms" else reading.nodes
-        way = dataclasses.replace(reading, chosen=chosen, nodes=nodes, turns=turns)
-        if pitch is not None:
-            cells = sort_into_cells(reading.plane, pitch).kept(reading.used)
-            members = Membership.of(cells.labels, cells.count, reading.device)
-            way = dataclasses.replace(way, cell_pitch=pitch, cells=cells, membership=members)
+        known, chosen = group[0].moments, group[0].chosen
+        locked = known.locked if any(each.averaging == "phase-locked" for each in group) else None
+        # The phase-locked drive, with its background, is that of the base.
+        phase = next((each.chosen.phase for each in group if each.chosen.phase != "averaged"), "averaged")
+        chosen = dataclasses.replace(chosen, phase=phase, background=None)
+        way = reading_of(plane, [], frequency, chosen, cell_pitch=group[0].pitch or known.cell_pitch, nodes=nodes)
+        way = dataclasses.replace(way, blocks=known.survey.blocks).without(~known.used)
         wanted = {"square of cells", *(each.averaging for each in group)}
-        locked = known.locked if "phase-locked" in wanted else None
         possible = way.first_jobs() | way.second_jobs(known.survey, locked)
         names = [name for name in possible if name in wanted]
         jobs += [possible[name] for name in names]
-        ways.append((way, known, locked, names))
-    sums = iter(reduce(reading.record(progress), reading.blocks, jobs))
-    found = [way.moments(known.survey, locked, {n: next(sums) for n in names}) for way, known, locked, names in ways]
-    made = dict(zip(groups, found, strict=True))
-    return [dataclasses.replace(each, moments=made[each.speed]) for each in variants]
-
-
-def plane_of(record: Records) -> VelocityPlane:
-    """What is stated of a plane, or of that which was reduced; TypeError for anything else."""
-    if not isinstance(record, Records):
-        raise TypeError(f"plane is {type(record).__name__}; a VelocityPlane or Moments is needed")
-    return record.plane if isinstance(record, Moments) else record
+        ways.append((group, way, known, locked, names))
+    sums, found = iter(reduce(way.record(progress), way.blocks, jobs)), dict[int, Moments]()
+    for group, own, known, locked, names in ways:
+        made = own.moments(known.survey, locked, {name: next(sums) for name in names})
+        found |= dict.fromkeys(map(id, group), made)
+    return [dataclasses.replace(each, moments=found[id(each)]) for each in variants]
 
 
 def of_blocks(known: Moments, part: slice) -> Moments:
