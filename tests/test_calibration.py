@@ -18,8 +18,7 @@ from torchliner.names import AVERAGINGS
 from torchliner.studies.calibrate import calibrate
 from torchliner.studies.fit import fit_law
 from torchliner.studies.laws import Knots, parameter_law
-from torchliner.studies.runs import held, read_runs
-from torchliner.studies.solve import impedances
+from torchliner.studies.runs import held, impedances, read_runs
 from torchliner.velocity.choices import Choices
 
 BOUNDS = {"vena_contracta": (0.5, 1.0), "offset": (-0.5, 0.5)}

@@ -17,8 +17,8 @@ import torchliner as tl
 from torchliner.cli.main import CHECK_FAILED, DONE, main
 from torchliner.liners.model import LinerModel
 from torchliner.studies.fit import fit_law
-from torchliner.studies.laws import BOUNDS, Curves, Knots
-from torchliner.studies.solve import residuals_of
+from torchliner.studies.laws import BOUNDS, Knots, curve_law
+from torchliner.studies.runs import residuals_of
 
 FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
 
@@ -100,10 +100,10 @@ def test_curves_are_monotone_and_passive(parameters, top, rising):
     """Whatever their parameters, and beyond the last knot too."""
     knots = Knots(top)
     liner = Rising() if rising else base()
-    made = Curves(liner, [FREQUENCY], knots, 1.0)
+    made = curve_law(liner, [FREQUENCY], knots, 1.0)
     at = torch.tensor(parameters, dtype=torch.float64)
     speed = torch.linspace(0, 2 * top**0.5, 500, dtype=torch.float64).square()
-    (found,) = made(at, liner, torch.tensor([FREQUENCY]), speed)
+    (found,) = made.curve(at, liner, torch.tensor([FREQUENCY]), speed)
     tiny = 1e-9 * found.abs().max()
     sign = 1 if rising else -1
     assert float(found.real.min()) > 0
@@ -301,7 +301,7 @@ def test_bands_cover_the_truth():
     generator, inside, checked = torch.Generator().manual_seed(3), 0, 0
     first = curve_of(freedom=0.5).fit
     liner, lines = first.runs[0].in_flow, torch.tensor([FREQUENCY])
-    shape = Curves(liner, [FREQUENCY], first.knots, 0.5)
+    shape = curve_law(liner, [FREQUENCY], first.knots, 0.5)
     factor = torch.linalg.cholesky(torch.linalg.inv(shape.prior.T @ shape.prior))
     speed = torch.tensor([0.2, 0.5, 1.0, 2.0, 3.0], dtype=torch.float64)
     for _ in range(60):
@@ -309,10 +309,10 @@ def test_bands_cover_the_truth():
         noise = torch.randn(len(first.runs), 2, generator=generator, dtype=torch.float64)
         made = []
         for run, away in zip(first.runs, noise, strict=True):
-            z = run.impedance(shape(drawn, liner, lines, run.nodes.speeds)) + 0.01 * torch.complex(*away)
+            z = run.impedance(shape.curve(drawn, liner, lines, run.nodes.speeds)) + 0.01 * torch.complex(*away)
             made.append(dataclasses.replace(run, wanted=z, noise=torch.full_like(run.noise, 0.01 + 0.01j)))
         _best, low, high = fit_law(first.law, made, first.choices, first.knots, stated=True).band(FREQUENCY, speed)
-        (wanted,) = shape(drawn, liner, lines, speed)
+        (wanted,) = shape.curve(drawn, liner, lines, speed)
         held = [
             (low.real <= wanted.real) & (wanted.real <= high.real),
             (low.imag <= wanted.imag) & (wanted.imag <= high.imag),

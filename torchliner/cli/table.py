@@ -170,7 +170,7 @@ GROUPS = {
             "studies:identify",
             "planes liner tone law figure fit fixed",
             Option("--free", LAWS, Kind("NAMES"), many=True),
-            Of("studies.identify:identify", "averaging rest freedom"),
+            Of("studies.calibrate:identify", "averaging rest freedom"),
         ),
     },
     "files": {

@@ -14,7 +14,7 @@ from torchliner.records import ImpedanceMap
 from torchliner.records.level_check import DEGREES_PER_DB
 from torchliner.report import figure as look
 from torchliner.report.numbers import case_title, part_of
-from torchliner.studies.laws import impedance_at
+from torchliner.studies.laws import impedances_at
 
 Rows = Sequence[Mapping[str, Any]]
 DOT: Any = {"color": look.COLOURS[0], "marker": "o", "linestyle": "none", "zorder": 3}
@@ -219,7 +219,7 @@ def draw_identification(found: Any, path: str | Path | None = None) -> look.Figu
     for i, each in enumerate((fit, *rival[:1])):
         best, *ends = each.band(at, speed)
         look.draw_impedance(panels, speed, best, ends, **look.colour_of(i, each.law.label.replace("_", " ")))
-    before = impedance_at(fit.runs[0].in_flow, at, speed)
+    before = impedances_at(fit.runs[0].in_flow, [at], speed)[0]
     look.draw_impedance(panels, speed, before, color="k", linestyle="--", linewidth=0.9, label="the law as it was")
     for axis, _ in panels:
         axis.axvspan(*fit.seen_speeds, color="0.93", zorder=0, label="$|v|$ that the runs see")

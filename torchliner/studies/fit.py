@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from scipy.special import stdtrit
 from torch import Tensor
@@ -18,14 +19,13 @@ from torchliner.least_squares import with_slopes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
-from torchliner.studies.laws import Knots, Law, impedance_at
-from torchliner.studies.runs import NEPER, Run, read_runs
+from torchliner.studies.laws import Knots, Law, impedances_at
+from torchliner.studies.runs import NEPER, Run, curves_at_nodes, impedances, read_runs, residuals_of, weights_of
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
-from torchliner.studies.solve import curves_at_nodes, impedances, solve, weights_of
 from torchliner.studies.variants import Records, Row
 from torchliner.velocity.choices import Choices
 
-DOUBLE = torch.float64
+START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 ON_BOUND = 1e-3  # of the box
 UNSEEN, NAMED = 1e-6, 0.2  # of the largest singular value, a direction not seen; share in it of a parameter named
 WIDTH = 1.959964  # standard deviations of a 95 % interval
@@ -43,7 +43,6 @@ class Fit:
         law, runs, choices: what was fitted to what, and how planes are read.
         knots: of splines, by whose weights speeds count as seen.
         stated: whether the noise is known; else the residual stands for it.
-        data, freedom: numbers that the runs are held to; these and priors less parameters.
         values, residuals: best, (n,); what is left of the data and then of the prior there, (m,).
         determined: how many parameters the data determine: all, but of a curve.
         misfit: rms of what is left of the data over the noise.
@@ -58,8 +57,6 @@ class Fit:
     choices: Choices
     knots: Knots
     stated: bool
-    data: int
-    freedom: int
     values: Tensor
     residuals: Tensor
     determined: float
@@ -68,6 +65,16 @@ class Fit:
     on_bound: tuple[str, ...]
     unseen: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def data(self) -> int:
+        """How many numbers the runs are held to."""
+        return sum(run.data for run in self.runs)
+
+    @property
+    def freedom(self) -> int:
+        """Data and priors less parameters."""
+        return len(self.residuals) - len(self.values)
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -139,21 +146,20 @@ class Fit:
         z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
         spread = covariance_of(by.movedim(-1, 0), self.covariance)
         standard = standard_of(spread)
-        law = torch.stack([impedance_at(run.in_flow, f, run.nodes.speeds) for f in run.frequency])
-        before, weights, (first, last) = run.impedance(law), self.weights([run]), self.seen
-        rows, plane = list[Row](), run.plane
+        before = run.impedance(impedances_at(run.in_flow, run.frequency, run.nodes.speeds))
+        weights, (first, last), plane = self.weights([run]), self.seen, run.plane
+        outside, rows = weights[:, :first].sum(1) + weights[:, last + 1 :].sum(1), list[Row]()
         for i, f in enumerate(run.frequency.tolist()):
             row = Row(label=str(plane.provenance.get("case") or plane.name), group=run.group, frequency=f)
             row |= {"height": plane.height, "before": complex(before[i]), "impedance": complex(z[i])}
-            row |= {"standard": complex(standard[i]), "true": None, "misses": None, "off": None, "level_check": None}
-            row["correlation"] = correlation_of(spread[i])
-            row["outside"] = float(weights[i, :first].sum() + weights[i, last + 1 :].sum())
+            row |= {"standard": complex(standard[i]), "correlation": correlation_of(spread[i])}
+            row |= {"outside": float(outside[i]), "true": None, "misses": None, "off": None, "level_check": None}
             if run.ratio is not None:
                 row |= {"level_check": float(run.level(z)[i]) / NEPER, "off": float(run.off(z)[i])}
             elif run.wanted is not None:
-                miss, u = complex(z[i] - run.wanted[i]), row["standard"]
-                parts = torch.tensor([[miss.real, u.real, noise.real], [miss.imag, u.imag, noise.imag]], dtype=DOUBLE)
-                misses = (parts[:, 0] / parts[:, 1].hypot(parts[:, 2])).tolist()
+                miss, u = z[i] - run.wanted[i], row.standard
+                scatter = [math.hypot(u.real, noise.real), math.hypot(u.imag, noise.imag)]
+                misses = (torch.view_as_real(miss) / torch.tensor(scatter, dtype=torch.float64)).tolist()
                 row |= {"true": complex(run.wanted[i]), "misses": complex(*misses), "off": float(run.off(z)[i])}
             rows.append(row)
         return rows
@@ -216,6 +222,47 @@ def with_flow(liner: LinerModel) -> LinerModel:
     return AdjustedSDoFLiner.of(liner) if isinstance(liner, SDoFLiner) else liner
 
 
+def solve(law: Law, runs: Sequence[Run]) -> tuple[Tensor, Tensor, Tensor]:
+    """Least squares by trust-region reflective steps with the exact Jacobian: values, (n,), and ``residuals_of`` them.
+
+    Raises:
+        ValueError: fewer data than parameters, a prior counting as one datum each.
+        RuntimeError: the least squares do not converge.
+    """
+    from scipy.optimize import least_squares
+
+    data = sum(run.data for run in runs)
+    if data + len(law.prior) < len(law.names):
+        raise ValueError(
+            f"{data} data of {len(runs)} planes cannot fix {len(law.names)} parameters ({', '.join(law.names)}); add "
+            "planes or frequencies, or free fewer"
+        )
+    width = law.high - law.low
+    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
+
+    @functools.lru_cache(maxsize=1)
+    def system(*place: float) -> tuple[Tensor, Tensor, Tensor]:
+        values = start + width * torch.tensor(place, dtype=torch.float64)
+        return values, *residuals_of(law, values, runs)
+
+    how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
+    how["bounds"] = [((end - start) / width).numpy() for end in (law.low, law.high)]
+
+    def residuals(place: np.ndarray) -> np.ndarray:
+        return system(*place)[1].numpy()
+
+    def jacobian(place: np.ndarray) -> np.ndarray:
+        return (system(*place)[2] * width).numpy()
+
+    found = least_squares(residuals, np.zeros(len(width)), jacobian, **how)
+    if not found.success:
+        raise RuntimeError(
+            f"the least squares do not settle in {found.nfev} evaluations ({found.message}); narrow the bounds, state "
+            "a larger noise, or free fewer parameters"
+        )
+    return system(*found.x)
+
+
 def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
     """Least squares, see ``solve``, and what they say; ``stated``: the noise is known."""
     values, residuals, jacobian = solve(law, runs)
@@ -240,8 +287,8 @@ def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, st
         inverse = (axes.T / floored**2) @ axes * torch.outer(width[inside], width[inside])
         covariance[torch.outer(inside, inside)] = scale * inverse.flatten()
     on_bound = tuple(name for name, within in zip(law.names, inside.tolist(), strict=True) if not within)
-    about = (law, tuple(runs), choices, knots, stated, data, freedom, values, residuals, determined, misfit)
-    fit = Fit(*about, covariance, on_bound, tuple(unseen))
+    about = (law, tuple(runs), choices, knots, stated, values, residuals, determined, misfit, covariance)
+    fit = Fit(*about, on_bound, tuple(unseen))
     return dataclasses.replace(fit, notes=_warnings(fit))
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.interpolate import BSpline
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
@@ -101,8 +102,8 @@ def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) 
     def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
-    lowest, highest, values = ends.unbind(1)
-    return Law(", ".join(bounds), names, lowest, highest, values, curve, ends.new_zeros(0, len(names)))
+    low, high, start = ends.unbind(1)
+    return Law(", ".join(bounds), names, low, high, start, curve, ends.new_zeros(0, len(names)))
 
 
 @dataclass(frozen=True)
@@ -119,13 +120,11 @@ class Knots:
     @functools.cached_property
     def speeds(self) -> Tensor:
         """|v| about which each B-spline lies, m/s, (n,)."""
-        each = [self._places[i + 1 : i + 1 + ORDER].mean() for i in range(self.parts + ORDER)]
-        return torch.tensor(each, dtype=torch.float64).square()
+        each = np.lib.stride_tricks.sliding_window_view(self._places[1:-1], ORDER).mean(1)
+        return torch.from_numpy(each).square()
 
     def splines(self, speed: Tensor) -> Tensor:
         """B-splines, (V, n), constant beyond the last knot."""
-        from scipy.interpolate import BSpline
-
         place = np.sqrt(speed.numpy().clip(0, self.top)).clip(0, self._places[-1])
         return torch.from_numpy(BSpline.design_matrix(place, self._places, ORDER).toarray())
 
@@ -141,57 +140,48 @@ class Knots:
         return tangent, sums[:, 2:-1]
 
 
-def impedance_at(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
-    """Z of a liner, complex, (V,); beyond the largest |v| that it knows, as there."""
-    found = liner.impedance(frequency, speeds.clamp(max=liner.speed_max or torch.inf))
-    return complex_tensor(found, type(liner).__name__).detach()
+def impedances_at(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
+    """Z of a liner, complex, (F, V); beyond the largest |v| that it knows, as there."""
+    within = speeds.clamp(max=liner.speed_max or torch.inf)
+    found = [complex_tensor(liner.impedance(f, within), type(liner).__name__) for f in frequency]
+    return torch.stack(found).detach()
 
 
-class Curves:
-    """A curve at each frequency, whose parameters are q_0, x_0, q, q'.
+def curve_law(
+    base: LinerModel, frequencies: Sequence[float], knots: Knots, freedom: float, rest: complex | None = None
+) -> Law:
+    """A curve at each frequency, whose parameters are q_0, x_0, q, q'; the search starts at the prior shape.
 
     The law of ``base`` is the prior shape, and says whether the reactance falls or rises over |v|; another liner's
     curve differs by its Z at rest. ``freedom`` is that of the walk, ``rest`` u(R) + j u(X) at rest, None for ``REST``.
     """
+    lines, still = tuple(frequencies), torch.zeros(1, dtype=torch.float64)
+    shapes, at_rest = impedances_at(base, lines, knots.speeds), impedances_at(base, lines, still)
+    steps = shapes.diff()[:, 1:]
+    sign = torch.where(shapes[:, -1:].imag > shapes[:, :1].imag, 1.0, -1.0)
+    resistance, reactance = shapes[:, :1].real.clamp(min=LEAST_RESISTANCE), shapes[:, :1].imag
+    up, across = _above_floor(steps.real), sign * _above_floor(sign * steps.imag[:, :-1])
+    rising = functools.lru_cache(lambda speeds: knots.rising(torch.tensor(speeds, dtype=torch.float64)))
+    sizes, blocks = [1, 1, up.shape[1], across.shape[1]], []
+    for own in resistance[:, 0].tolist():
+        spread = REST if rest is None else (rest.real / own, rest.imag)
+        blocks.append(torch.diag(1 / torch.tensor(spread, dtype=torch.float64)))
+        for size in sizes[2:]:
+            walk = torch.eye(size, dtype=torch.float64).diff(dim=0) * (size - 1) ** 0.5 / freedom
+            blocks.append(torch.cat([walk, torch.full((1, size), 1 / size, dtype=torch.float64)]))
 
-    def __init__(
-        self, base: LinerModel, frequencies: Sequence[float], knots: Knots, freedom: float, rest: complex | None = None
-    ) -> None:
-        self.frequencies, self.knots, self.freedom = tuple(frequencies), knots, freedom
-        shapes = torch.stack([impedance_at(base, f, knots.speeds) for f in frequencies])
-        steps, self.at_rest = shapes.diff()[:, 1:], self._at_rest(base)
-        sign = torch.where(shapes[:, -1:].imag > shapes[:, :1].imag, 1.0, -1.0)
-        self.resistance, self.reactance = shapes[:, :1].real.clamp(min=LEAST_RESISTANCE), shapes[:, :1].imag
-        self.up, self.across = _above_floor(steps.real), sign * _above_floor(sign * steps.imag[:, :-1])
-        self._rising = functools.lru_cache(lambda speeds: knots.rising(torch.tensor(speeds, dtype=torch.float64)))
-        blocks = []
-        for resistance in self.resistance[:, 0].tolist():
-            spread = REST if rest is None else (rest.real / resistance, rest.imag)
-            blocks.append(torch.diag(1 / torch.tensor(spread, dtype=torch.float64)))
-            for size in (self.up.shape[1], self.across.shape[1]):
-                walk = torch.eye(size, dtype=torch.float64).diff(dim=0) * (size - 1) ** 0.5 / freedom
-                blocks.append(torch.cat([walk, torch.full((1, size), 1 / size, dtype=torch.float64)]))
-        self.prior = torch.block_diag(*blocks)
+    def curve(values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
+        of_r, of_x = rising(tuple(speed.tolist()))
+        first, second, q, x = values.unflatten(0, (len(lines), -1)).split(sizes, -1)
+        real = resistance * first.exp() + (up * q.exp()) @ of_r.T
+        found = torch.complex(real, reactance + second + (across * x.exp()) @ of_x.T)
+        found = found + impedances_at(liner, lines, still) - at_rest
+        return found[[place_of(lines, f) for f in frequency.tolist()]]
 
-    def law(self) -> Law:
-        """Whose start is the prior shape."""
-        start = torch.zeros(self.prior.shape[1], dtype=torch.float64)
-        names, box = tuple(f"q{i}" for i in range(len(start))), (start - BOUNDS, start + BOUNDS, start)
-        return Law(f"curve, freedom {self.freedom:g}", names, *box, self, self.prior, 1e-9, self.frequencies)
-
-    def __call__(self, values: Tensor, liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
-        """Z, (F, V), as ``Law.curve``."""
-        up, across = self._rising(tuple(speed.tolist()))
-        sizes = [1, 1, self.up.shape[1], self.across.shape[1]]
-        first, second, q, x = values.unflatten(0, (len(self.frequencies), -1)).split(sizes, -1)
-        real = self.resistance * first.exp() + (self.up * q.exp()) @ up.T
-        found = torch.complex(real, self.reactance + second + (self.across * x.exp()) @ across.T)
-        found = found + self._at_rest(liner) - self.at_rest
-        return found[[place_of(self.frequencies, f) for f in frequency.tolist()]]
-
-    def _at_rest(self, liner: LinerModel) -> Tensor:
-        """Z of a liner at rest, (F, 1)."""
-        return torch.stack([impedance_at(liner, f, torch.zeros(1, dtype=torch.float64)) for f in self.frequencies])
+    start = torch.zeros(len(lines) * sum(sizes), dtype=torch.float64)
+    names, prior = tuple(f"q{i}" for i in range(len(start))), torch.block_diag(*blocks)
+    box = (start - BOUNDS, start + BOUNDS, start)
+    return Law(f"curve, freedom {freedom:g}", names, *box, curve, prior, 1e-9, lines)
 
 
 def place_of(known: Sequence[float], frequency: float) -> int:

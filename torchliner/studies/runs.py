@@ -20,9 +20,10 @@ from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
+from torchliner.least_squares import with_slopes
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.records import VelocityPlane
-from torchliner.records.notes import Note
+from torchliner.studies.laws import Knots, Law, impedances_at
 from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
@@ -34,6 +35,8 @@ from torchliner.velocity.review import review_liner, review_record
 
 NEPER = math.log(10) / 20  # of a decibel
 LEVEL_CHECK = "level-check"
+WITHIN = 0.995  # of a plane's weight lies below the last knot
+CREST, FINE = 4.0, 60  # times the rms no |v| that matters is larger; steps in sqrt |v| by which the last knot is found
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,6 @@ class Run:
     Args:
         known, averaging, frequency: moments of the plane, and of what in them at which lines, Hz, (F,).
         liner: of the plane, whose parameters are varied.
-        weights, share: W, complex128, (C, K) for C columns; of each in the mean admittance, (C,).
         group: label of the run: planes of one run share one reference.
         wanted, noise: reference impedance, (F,), and its u(R) + j u(X), of a level u (nepers).
         ratio: implied over known pressure, from Z (F,), where that is held to.
@@ -53,8 +55,6 @@ class Run:
     averaging: str
     frequency: Tensor
     liner: LinerModel
-    weights: Tensor
-    share: Tensor
     group: str = ""
     wanted: Tensor | None = None
     noise: Tensor | None = None
@@ -66,10 +66,10 @@ class Run:
         return self.known.plane
 
     @property
-    def notes(self) -> list[Note]:
+    def notes(self) -> list[str]:
         """Warnings of the plane and the liner."""
         own = review_record(self.plane, self.frequency), review_liner(self.plane, self.liner)
-        return list(dict.fromkeys([*self.known.notes, *own[0], *own[1]]))
+        return list(dict.fromkeys(note.text for note in (*self.known.notes, *own[0], *own[1])))
 
     @functools.cached_property
     def in_flow(self) -> LinerModel:
@@ -82,12 +82,33 @@ class Run:
         assert self.known.nodes is not None
         return self.known.nodes
 
+    @functools.cached_property
+    def columns(self) -> Tensor:
+        """Which columns the averaging takes the mean over: cells, or probes, bool."""
+        if self.averaging == "velocity":
+            return torch.ones(self.known.cells.count, dtype=torch.bool)
+        return self.known.used if self.averaging == "admittance" else self.known.used & (self.known.cells.labels >= 0)
+
+    @functools.cached_property
+    def weights(self) -> Tensor:
+        """W, complex128, (C, K), for C columns."""
+        seen, nodes = self.known.survey, self.nodes
+        sums = self.known.sums[self.averaging][:, 0].sum(0).cpu()[:, self.columns] / seen.lengths.sum().cpu()
+        return (nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64)) @ sums).T.to(torch.complex128)
+
+    @functools.cached_property
+    def share(self) -> Tensor:
+        """Of each column in the mean admittance, complex128, (C,)."""
+        size = self.known.cells.weight if self.averaging == "velocity" else None
+        size = torch.ones(int(self.columns.sum()), dtype=torch.float64) if size is None else size
+        return (size / size.sum()).to(torch.complex128)
+
     @property
     def squares(self) -> Tensor:
         """Mean squares of the |v| that drives the model, of the columns, m2/s2, (C,)."""
         seen = survey_of_columns(self.known, self.averaging)
         removed = seen.mean**2 if self.known.settings["mean"] == "removed" else 0
-        return (seen.mean_square - removed).cpu()[_columns(self.known, self.averaging)]
+        return (seen.mean_square - removed).cpu()[self.columns]
 
     @property
     def speed(self) -> float:
@@ -136,15 +157,24 @@ def choices_of_fit(**choices: Any) -> Choices:
     return chosen
 
 
+def one_each(what: str, given: Any, several: Sequence[Any]) -> list[Any]:
+    """As many values as planes; a single one, or a name, is that of all."""
+    single = isinstance(given, str) or not isinstance(given, Iterable)
+    found = [given] * len(several) if single else list(given)
+    if len(found) != len(several) or not several:
+        raise ValueError(f"{len(found)} {what} for {len(several)} planes; one each")
+    return found
+
+
 def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> list[Run]:
     """Planes, or their moments, each read once for its liner with any numbers, or with ``any_curve`` for any liner.
 
     One liner of several planes stays one object, which a fit asks once.
     """
     several = [planes] if isinstance(planes, Records) else list(planes)
-    given = list(liners) if isinstance(liners, list | tuple) else [liners] * len(several)
+    given = one_each("liners", liners, several) if isinstance(liners, list | tuple) else [liners] * len(several)
     made, runs = {id(each): as_liner(each) for each in given}, list[Run]()
-    for plane, liner in zip(several, (made[id(each)] for each in one_each("liners", given, several)), strict=True):
+    for plane, liner in zip(several, (made[id(each)] for each in given), strict=True):
         asked, own = plane_of(plane).asked(frequency), liner.speed_max is not None and not any_curve
         if isinstance(plane, Moments):
             known, bare = plane, LinerModel()
@@ -153,45 +183,17 @@ def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices, *, any_
         else:  # tables over |v| have their own speeds
             about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
             known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
-        runs.append(run_of(known, chosen.averaging, liner, asked))
+        runs.append(Run(known, chosen.averaging, asked, liner))
     return runs
-
-
-def run_of(known: Moments, averaging: str, liner: LinerModel, frequency: Tensor) -> Run:
-    """Of moments that hold an averaging; ``frequency`` in Hz, (F,)."""
-    nodes = known.nodes
-    assert nodes is not None
-    sums = known.sums[averaging][:, 0].sum(0).cpu()[:, _columns(known, averaging)] / known.survey.lengths.sum().cpu()
-    size = known.cells.weight if averaging == "velocity" else None
-    size = torch.ones(sums.shape[1], dtype=torch.float64) if size is None else size
-    weights = (nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64)) @ sums).T
-    wide = (weights.to(torch.complex128), (size / size.sum()).to(torch.complex128))
-    return Run(known, averaging, frequency, liner, *wide)
-
-
-def _columns(known: Moments, averaging: str) -> Tensor:
-    """Those that an averaging takes the mean over, bool."""
-    if averaging == "velocity":
-        return torch.ones(known.cells.count, dtype=torch.bool)
-    return known.used if averaging == "admittance" else known.used & (known.cells.labels >= 0)
 
 
 def held(runs: Sequence[Run], references: Any, noise: Any = None) -> list[Run]:
     """Runs with what they are held to; arguments and errors as of ``calibrate``, noise 1 where it is unknown."""
-    named = isinstance(references, str)
-    values = one_each("references", [references] * len(runs) if named else references, runs)
-    unknown = 1 / NEPER if named and references == LEVEL_CHECK else 1.0
-    noise = unknown if noise is None else noise
-    noises = one_each("noises", noise if isinstance(noise, Iterable) else [noise] * len(runs), runs)
+    if noise is None:
+        noise = 1 / NEPER if isinstance(references, str) and references == LEVEL_CHECK else 1.0
+    given = references if isinstance(references, Iterable) else [references]
+    values, noises = one_each("references", given, runs), one_each("noises", noise, runs)
     return [_held(*each) for each in zip(runs, values, noises, strict=True)]
-
-
-def one_each(what: str, given: Any, runs: Sequence[Any]) -> list[Any]:
-    """As many values as runs."""
-    found = list(given) if isinstance(given, Iterable) else [given]
-    if len(found) != len(runs) or not runs:
-        raise ValueError(f"{len(found)} {what} for {len(runs)} planes; one each")
-    return found
 
 
 def _held(run: Run, reference: Any, noise: Any) -> Run:
@@ -223,3 +225,44 @@ def _held(run: Run, reference: Any, noise: Any) -> Run:
             "finite"
         )
     return replace(run, wanted=wanted, noise=spread)
+
+
+def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z at the frequencies and node speeds of each run, (F, K), differentiable; each liner is asked once."""
+    every = torch.cat([run.frequency for run in runs]).unique()
+    asked = {(id(run.liner), run.plane.mach, run.nodes): run for run in runs}
+    made = {key: law.curve(values, run.in_flow, every, run.nodes.speeds) for key, run in asked.items()}
+    places = [torch.searchsorted(every, run.frequency) for run in runs]
+    return [made[id(run.liner), run.plane.mach, run.nodes][i] for run, i in zip(runs, places, strict=True)]
+
+
+def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
+    """Z of each run, (F,), differentiable in the values."""
+    return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
+
+
+def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:
+    """Residuals of the data and then of the prior, (m,), and their derivatives in the values, (m, n)."""
+
+    def made(at: Tensor) -> Tensor:
+        return torch.cat([run.residuals(z) for run, z in zip(runs, impedances(law, at, runs), strict=True)])
+
+    left, by = with_slopes(made, values)
+    return torch.cat([left, law.prior @ values]), torch.cat([by, law.prior])
+
+
+def weights_of(run: Run, values: Tensor, knots: Knots) -> Tensor:
+    """Share of each spline of a curve in Z of a plane, (F, n), which sum to 1; ``values``: Z at the nodes, (F, K)."""
+    at = values.detach().requires_grad_()
+    (slopes,) = torch.autograd.grad(run.impedance(at).real.sum(), at)
+    found = (slopes @ knots.splines(run.nodes.speeds).to(slopes)).abs()
+    return found / found.sum(-1, keepdim=True)
+
+
+def knots_for(runs: Sequence[Run]) -> Knots:
+    """Up to the |v| below which nearly all of every plane's weight lies."""
+    fine, last = Knots(CREST * max(float(run.squares.max()) for run in runs) ** 0.5, FINE), 0
+    for run in runs:
+        weights = weights_of(run, impedances_at(run.in_flow, run.frequency, run.nodes.speeds), fine)
+        last = max(last, int((weights.cumsum(-1) < WITHIN).sum(-1).max()))
+    return Knots(float(fine.speeds[last]))

@@ -21,7 +21,7 @@ from torchliner.liners.model import Liner, as_liner, impedance_of, named_numbers
 from torchliner.liners.parameters import Number
 from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.runs import choices_of_fit, run_of
+from torchliner.studies.runs import Run, choices_of_fit
 from torchliner.studies.variants import Row, Study, plane_of
 from torchliner.units import parse_tolerance
 from torchliner.velocity.educe import moments
@@ -111,7 +111,7 @@ def sensitivities(
     if isinstance(known, VelocityPlane):
         known = moments(known, model, frequency, progress=progress, **vars(chosen))
     found: ImpedanceMap = known.educe(model, frequency, **vars(chosen))
-    runs = {name: run_of(known, name, model, found.frequency) for name in found.averagings}
+    runs = {name: Run(known, name, found.frequency, model) for name in found.averagings}
 
     def made(at: Tensor) -> Tensor:
         moved = model.with_numbers(dict(zip(numbers, at.unbind(), strict=True)))
