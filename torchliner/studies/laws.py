@@ -102,8 +102,7 @@ def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) 
     def curve(values: Tensor, own: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
         return impedance_of(own.with_numbers(dict(zip(names, values.unbind(), strict=True))), frequency[:, None], speed)
 
-    low, high, start = ends.unbind(1)
-    return Law(", ".join(bounds), names, low, high, start, curve, ends.new_zeros(0, len(names)))
+    return Law(", ".join(bounds), names, ends[:, 0], ends[:, 1], ends[:, 2], curve, ends.new_zeros(0, len(names)))
 
 
 @dataclass(frozen=True)
