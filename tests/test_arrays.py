@@ -6,7 +6,7 @@ import pytest
 from scipy.io import savemat
 
 import torchliner as tl
-from torchliner.io.arrays import read_array
+from torchliner.io.foreign import read_array
 
 CUBE = np.random.default_rng(0).normal(size=(2, 3, 5))  # z, x, time: all lengths differ
 

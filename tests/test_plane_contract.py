@@ -45,8 +45,8 @@ from plane_makers import (
 )
 
 import torchliner as tl
-from torchliner.io.frames import centres_of
 from torchliner.io.planes import format_of, paths_of
+from torchliner.io.points import centres_of
 from torchliner.io.powerflow import attenuation
 from torchliner.io.text_rows import open_text
 from torchliner.io.vtk import read_frame
@@ -305,7 +305,7 @@ def test_text_may_grow_but_not_be_replaced(tmp_path, monkeypatch):
             file.write(rows()[0] + "\n")
 
     monkeypatch.setattr("torchliner.io.text_rows.parse_rows", acting(append))
-    assert len(found.rows(0, [1]).time) >= 9
+    assert len(found.rows(0, [1])[0]) >= 9
     monkeypatch.setattr("torchliner.io.text_rows.parse_rows", acting(lambda: path.write_text("1 2\n")))
     with pytest.raises(OSError, match=r"v.csv was replaced while it was read"):
         found.rows(0, [1])

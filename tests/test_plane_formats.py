@@ -158,7 +158,7 @@ def test_a_store_that_fills_with_0(tmp_path, monkeypatch, version):
     data.to_zarr(tmp_path / "b.zarr", consolidated=False, zarr_format=version)
     assert torch.isnan(tl.read_plane(tmp_path / "b.zarr").velocity).nonzero().tolist() == [[1, 2, 7]]
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(ImportError, match=r"a.zarr is a zarr store; .*torchliner\[xarray\]"):
+    with pytest.raises(ImportError, match=r"a.zarr is a zarr store: .*torchliner\[zarr\]"):
         tl.read_plane(path)
 
 

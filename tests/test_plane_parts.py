@@ -13,8 +13,7 @@ from test_plane_file import make_plane
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.io.plane_join import join_planes
-from torchliner.io.plane_selection import parse_region, select
+from torchliner.io.plane_parts import join_planes, parse_region, select
 
 RATE = 50e3
 WHOLE = make_plane(samples=60, x=[0.0, 0.001, 0.002, 0.003], z=[0.0, 0.01, 0.02], start=0.5)

@@ -10,8 +10,8 @@ import xarray
 
 import torchliner as tl
 from torchliner import file_checks
-from torchliner.io.arrays import read_array
 from torchliner.io.burst_sources import read_bursts
+from torchliner.io.foreign import read_array
 from torchliner.io.microphone_file import read_microphones
 from torchliner.io.signal_file import read_signal
 

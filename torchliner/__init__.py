@@ -14,8 +14,7 @@ _NAMES = {  # module: public names that live in it
     "records": "VelocityPlane Holes ImpedanceMap PressureRecord MicrophoneLine BurstRecord ReferenceChannel "
     "ImpedanceLine WallEduction FieldFit PointImpedances",
     "records.incident": "Tones Sweep BandNoise Recorded",
-    "io.planes": "read_plane",
-    "io.holes": "read_holes",
+    "io.planes": "read_plane read_holes",
     "io.moments_file": "read_moments",
     "io.own_file": "read_map read_wall read_line read_points",
     "io.pressure_file": "read_pressure",

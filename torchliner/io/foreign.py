@@ -1,79 +1,40 @@
-"""Planes from netCDF-3, read where it lies; zarr stores; datasets of xarray, in memory or opened lazily."""
+"""Planes from netCDF-3, datasets of xarray, zarr, which xarray opens, and arrays of .npy and MATLAB.
+
+All are read by slabs where they lie, as they are stored. MATLAB files may hold X_unique, Y_unique, Z_unique, the
+coordinates of the axes x, y and z.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
-from scipy.io import netcdf_file
+from scipy.io import loadmat, netcdf_file
 
-from torchliner.file_checks import DAMAGE, require_regular
+from torchliner.file_checks import DAMAGE, naming, require_memory, require_regular
 from torchliner.io.hdf5 import hold_open, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import require_velocity
 from torchliner.io.stored_values import PLAIN, Packing
 from torchliner.io.to_plane import FORMAT as HDF5
 from torchliner.io.to_plane import to_plane
-from torchliner.io.variables import Field, Fields, Source, fields_of_hdf5
+from torchliner.io.variables import Field, Source, hdf5_source
+from torchliner.names import ARRAY_ENDINGS, did_you_mean
 from torchliner.records import VelocityPlane
 
 # What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.
 FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
-# As it is stored, and read when it is asked for.
-RAW: dict[str, Any] = dict.fromkeys(
-    ("decode_times", "decode_timedelta", "decode_coords", "mask_and_scale", "consolidated"), False
-)
-
-
-# netCDF-3
-
-
-def open_classic(path: Path) -> Any:
-    """A netCDF-3 file, mapped; an OSError where it ends before its values do."""
-    try:
-        with path.open("rb") as raw:  # the map stays
-            file: Any = netcdf_file(raw, "r", mmap=True)
-    except (ValueError, TypeError, *DAMAGE) as error:
-        raise OSError(
-            f"{path} is truncated, or its header is damaged: what that names goes beyond the end of the file"
-        ) from error
-    file._mm_buf = None  # the arrays hold the map, of which closing would warn
-    return file
-
-
-def _classic_arrays(path: Path) -> dict[str, np.ndarray]:
-    return {name: each.data for name, each in open_classic(path).variables.items()}
-
-
-def classic_source(path: Path) -> Source:
-    """Variables and attributes of a netCDF-3 file; values that nobody wrote are marked as missing."""
-    file, fields = open_classic(path), {}
-    for name, each in file.variables.items():
-        attrs: dict[str, Any] = dict(each._attributes)
-        kind = each.data.dtype.str[1:]
-        if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
-            attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
-        fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
-    return Source(path, fields, file._attributes, partial(_classic_arrays, path))
-
-
-@contextmanager
-def netcdf_source(path: Path) -> Iterator[Source]:
-    """What a netCDF file of any version holds, while it is open."""
-    with path.open("rb") as file:
-        classic = file.read(8) != HDF5_SIGNATURE
-    if classic:
-        yield classic_source(path)
-        return
-    with open_file(path) as hdf:
-        yield Source(path, fields_of_hdf5(hdf, path), hdf.attrs, partial(hold_open, path))
+MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+Arrays = Callable[[Path], Mapping[str, np.ndarray]]
+WITHOUT_GROUP = tuple(each for each in HDF5.takes if each != "group")
 
 
 # Datasets of xarray
@@ -99,27 +60,60 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
             f"a DataArray or Dataset of xarray is needed, not {type(data).__name__}; of a table of pandas: "
             "table.set_index(['time', 'x']).to_xarray()"
         )
-    path = Path(data.encoding.get("source") or "xarray")
-    plane = to_plane(Source(path, _fields(data, path), data.attrs, partial(getattr, data, "variables")), request)
+    plane = to_plane(source_of(data, Path(data.encoding.get("source") or "xarray")), request)
     require_velocity(plane.name, request)
     plane = replace(plane, **stated) if stated else plane
     lazy = data.chunks or any("source" in each.encoding for each in data.variables.values())
     return plane if lazy else plane.load()
 
 
-def _fields(data: Any, path: Path) -> Fields:
-    """All variables of a Dataset by name, dates as ns since 1970."""
-    found = {}
+def source_of(data: Any, path: Path) -> Source:
+    """What a Dataset holds; dates as ns since 1970."""
+    fields = {}
     for name, each in data.variables.items():
         attrs = {key: value for key, value in each.attrs.items() if value is not None}
         if each.dtype.kind in "mM":
             attrs["units"] = "ns" if each.dtype.kind == "m" else "ns since 1970-01-01"
             each = each.astype(f"{each.dtype.kind}8[ns]").astype("i8")
-        found[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
-    return found
+        fields[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
+    return Source(path, fields, data.attrs, partial(getattr, data, "variables"))
 
 
-# Stores of zarr
+def open_classic(path: Path) -> Any:
+    """A netCDF-3 file, mapped; an OSError where it ends before its values do."""
+    try:
+        with path.open("rb") as raw:  # the map stays
+            file: Any = netcdf_file(raw, "r", mmap=True)
+    except (ValueError, TypeError, *DAMAGE) as error:
+        raise OSError(f"{path} is truncated, or its header is damaged: it names what is beyond the end") from error
+    file._mm_buf = None  # the arrays hold the map, of which closing would warn
+    return file
+
+
+def classic_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a netCDF-3 file, read as they are used."""
+    return {name: each.data for name, each in open_classic(path).variables.items()}
+
+
+def classic_source(path: Path) -> Source:
+    """What a netCDF-3 file holds, values that nobody wrote marked as missing."""
+    file, fields = open_classic(path), {}
+    for name, each in file.variables.items():
+        attrs, kind = dict(each._attributes), each.data.dtype.str[1:]
+        if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
+            attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
+        fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
+    return Source(path, fields, file._attributes, partial(classic_arrays, path))
+
+
+@contextmanager
+def netcdf_source(path: Path) -> Iterator[Source]:
+    """What a netCDF file of any version holds, while it is open."""
+    if h5py.is_hdf5(path):
+        with open_file(path) as file:
+            yield hdf5_source(file, path)
+    else:
+        yield classic_source(path)
 
 
 def open_store(path: Path, group: str | None) -> Any:
@@ -132,17 +126,13 @@ def open_store(path: Path, group: str | None) -> Any:
     for each in path.rglob("*"):
         if not each.is_dir():
             require_regular(each)
-    data = xarray.open_dataset(path, engine="zarr", group=group, chunks=None, **RAW)
+    data = xarray.open_dataset(path, engine="zarr", group=group, chunks=None, decode_cf=False, consolidated=False)
     if not (path / ZARR[0]).is_file():
         # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
         for variable in data.variables.values():
             if variable.attrs.get("_FillValue") == 0 and not {"scale_factor", "add_offset"} & set(variable.attrs):
                 del variable.attrs["_FillValue"]
     return data
-
-
-def _stored_variables(path: Path, group: str | None) -> Any:
-    return open_store(path, group).variables
 
 
 def require_written(path: Path, group: str | None, name: str, packing: Packing = PLAIN) -> None:
@@ -171,18 +161,113 @@ def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
     data = open_store(path, group)
     for name in set(data.dims) & set(data.variables):
         require_written(path, group, str(name))
-    source = Source(path, _fields(data, path), data.attrs, partial(_stored_variables, path, group))
-    plane = to_plane(source, replace(request, group=None))
+    plane = to_plane(source_of(data, path), replace(request, group=None))
     require_written(path, group, plane.velocity.key, plane.velocity.packing)
     return plane
+
+
+# Arrays
+
+
+def _whole_file(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> Any:
+    try:
+        return read(path, **options)
+    except Exception as error:  # whatever it says of damage
+        raise ValueError(f"{path} is not a whole {kind} file: {error}") from error
+
+
+def matlab_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a MATLAB file before v7.3, read whole."""
+    require_memory(path.stat().st_size, f"{path}")
+    found = _whole_file(path, "MATLAB", loadmat)
+    return {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
+
+
+def npy_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The one array of a .npy file, "", read as it is used."""
+    found = _whole_file(path, ".npy", np.load, mmap_mode="c", allow_pickle=False)
+    if not isinstance(found, np.ndarray):
+        raise ValueError(f"{path} is an archive of arrays (.npz), no .npy file; take one of them out")
+    return {"": found}
+
+
+def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
+    """An array from .npy, .mat (v5 or v7.3) or .h5; v7.3 axes are put back in MATLAB's order.
+
+    Args:
+        path: file, of one of the endings in ``names.ARRAY_ENDINGS``.
+        variable: name in a .mat or .h5 file; may be left out if the file holds one array.
+    Raises:
+        ValueError: unknown ending, unknown variable, not numeric.
+    """
+    path = Path(path)
+    require_regular(path)
+    ending = path.suffix.lower()
+    if ending not in ARRAY_ENDINGS:
+        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {ending or 'no ending'!r}")
+    with naming(path):
+        if ending == ".npy":
+            values = npy_arrays(path)[""]
+        elif ending == ".mat" and not h5py.is_hdf5(path):
+            values = _pick(matlab_arrays(path), variable, path)
+        else:
+            with open_file(path) as file:
+                fields = {name[1:]: each for name, each in hdf5_source(file, path).fields.items()}
+                values = _pick(fields, variable, path).values()
+                values = values.T if ending == ".mat" else values
+    if values.dtype.kind not in "fiu":
+        raise ValueError(f"{path}: {variable or 'the array'} is {values.dtype}, not real numbers")
+    return values
+
+
+def _pick(arrays: Mapping[str, Any], variable: str | None, path: Path) -> Any:
+    held = ", ".join(arrays) or "no array"
+    if variable is None:
+        if len(arrays) != 1:
+            raise ValueError(f"{path} holds {held}; name the one meant")
+        (variable,) = arrays
+    if variable not in arrays:
+        raise ValueError(f"{path} has no variable {variable!r}{did_you_mean(variable, [*arrays])}; it holds {held}")
+    return arrays[variable]
+
+
+def open_arrays(path: Path, request: PlaneRequest, arrays: Arrays) -> VelocityPlane:
+    """The plane of arrays that have no names of axes."""
+    held = arrays(path)
+    fields = {f"/{name}": Field(each, path, name and f"/{name}", {}) for name, each in held.items() if each.size > 1}
+    plane = to_plane(Source(path, fields, {}, partial(arrays, path)), request)
+    plane.velocity.held = held  # what was read is not read again
+    return plane
+
+
+def open_matlab(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a MATLAB file; v7.3 is HDF5 with reversed axes."""
+    if not h5py.is_hdf5(path):
+        return open_arrays(path, request, matlab_arrays)
+    turned = replace(request, axes=None if request.axis_names is None else request.axis_names[::-1])
+    with open_file(path) as file:
+        fields = {name: each for name, each in hdf5_source(file, path).fields.items() if each.size > 1}
+        return to_plane(Source(path, fields, {}, partial(hold_open, path)), turned)
 
 
 NETCDF3 = PlaneFormat(
     "netCDF-3",
     lambda _, head: head[:4] in (b"CDF\1", b"CDF\2"),  # the version, 2 with large offsets
     lambda path, request: to_plane(classic_source(path), request),
-    tuple(each for each in HDF5.takes if each != "group"),
+    WITHOUT_GROUP,
 )
 STORE = PlaneFormat(
     "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_zarr, HDF5.takes
+)
+MATLAB_FORMAT = PlaneFormat(
+    "MATLAB",
+    lambda path, head: head.startswith(MATLAB) or (head[:8] == HDF5_SIGNATURE and path.suffix.lower() == ".mat"),
+    open_matlab,
+    WITHOUT_GROUP,
+)
+NPY_FORMAT = PlaneFormat(
+    "numpy",
+    lambda path, head: head[:6] == b"\x93NUMPY",
+    partial(open_arrays, arrays=npy_arrays),
+    tuple(each for each in WITHOUT_GROUP if each != "variable"),
 )

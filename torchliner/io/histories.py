@@ -1,8 +1,8 @@
 """Time histories as text: rows `time p1 p2 ...` of one variable, and where the points are.
 
 Points stand in lines of the heading, one for each coordinate, or in a list of their own, which may begin with a line
-`length_unit = m` and one with the names of its columns. Cells are parted by blanks, tabs, commas or
-semicolons (then the decimal mark may be a comma).
+`length_unit = m` and one with the names of its columns. Cells are parted by blanks, tabs, commas or semicolons; then
+the decimal mark may be a comma.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.io.arrays import read_array
-from torchliner.io.clocks import clock_of, require_same_rate
+from torchliner.io.foreign import read_array
 from torchliner.io.plane_format import Imported, PlaneFormat, PlaneRequest
 from torchliner.io.points import AXES, component_of, place, require_velocity, stated_factor
-from torchliner.io.text_rows import number_of, open_text
+from torchliner.io.text_rows import open_text
+from torchliner.io.variables import clock_of
 from torchliner.names import ARRAY_ENDINGS
 from torchliner.records import VelocityPlane
+from torchliner.text_columns import number_of
 from torchliner.units import si_factor
 
 UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
 COORDINATE = re.compile(r"([xyz])\s*(?:\[(.*?)\]|\((.*?)\))?\s*[,;:=\s]\s*(.*)", re.IGNORECASE)  # `x [mm], 0.1, 0.2`
 LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
-TIMES = ("time", "t")
 NO_PROBE = re.compile(r"(iter(ation)?s?|(time ?)?steps?|cycles?|frames?)\b.*|.*:(\d|magnitude)", re.IGNORECASE)
 INDEX = re.compile(r"(index|unnamed.*)?", re.IGNORECASE)  # of a table of pandas
 NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?"  # of digits that can be read in one way alone
@@ -35,21 +35,18 @@ Labels = list[tuple[str, str]]  # names and units
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Text whose first row of numbers has two at least, or that begins with a remark or `time`."""
+    """Text with a row of two numbers or more, or that begins with a remark or `time`."""
     if not head or b"\0" in head:
         return False
     lines = [line.strip("\ufeff\r ") for line in head.decode("utf-8", "replace").split("\n")]
-    if lines[0].startswith("#") or lines[0].lower().startswith(TIMES[0]):
+    if lines[0].startswith("#") or lines[0].lower().startswith("time"):
         return True
-    return any(len(row := _cells(line)) > 1 and _numbers(row) == len(row) for line in lines)
+    return any(len(row := _cells(line)) > 1 and not np.isnan(row).any() for line in lines)
 
 
-def _cells(line: str) -> list[str]:
-    return re.split(r"[\s,;()]+", line.strip(" \t\r,;()"))
-
-
-def _numbers(cells: Sequence[str]) -> int:
-    return sum(number_of(cell)[0] is not None for cell in cells)
+def _cells(line: str) -> list[float]:
+    """Cells of a line as numbers, nan where there is none."""
+    return [number_of(cell) for cell in re.split(r"[\s,;()]+", line.strip(" \t\r,;()"))]
 
 
 def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
@@ -83,11 +80,9 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
             raise ValueError(f"{path} has {count} columns of values, its points are {len(points)} ({request.points})")
         placed = place(points, request, f"{path}:/{name}", component_of(name))
         order, sign = placed.order, placed.sign
-    rows = text.rows(at, (at + 1 + order).tolist())
+    time, rounding, values = text.rows(at, (at + 1 + order).tolist())
     second = si_factor("time", unit, f"{path}: time") if unit else 1.0
-    own, start = clock_of(rows.time * second, f"{path}, time", None if unit else rate, rows.rounding * second)
-    require_same_rate(own, rate, label, unit)
-    values = rows.values
+    own, start = clock_of(time * second, f"{path}, time", rate, rounding * second, unit)
     values *= factor * sign
     if placed is not None:
         return placed.plane(values, rate or own, start, path, format="time histories")
@@ -100,7 +95,7 @@ def _columns(heading: Sequence[str], width: int, path: Path, request: PlaneReque
     line, labels = "", Labels()
     for each in heading:
         found = [(name, a or b) for name, a, b in LABEL.findall(each.lstrip('",; \t'))]
-        if found and found[0][0].lower() in (*TIMES, "index"):
+        if found and found[0][0].lower() in ("time", "t", "index"):
             line, labels = each, found[found[0][0].lower() == "index" :]
     mark = next((each for each in "\t;," if each in line), None)
     names = [each.strip('" ') for each in line.split(mark)] if mark else [name for name, _ in labels]
@@ -108,9 +103,8 @@ def _columns(heading: Sequence[str], width: int, path: Path, request: PlaneReque
     at = 1 if mark and INDEX.fullmatch(names[0]) else 0
     if len(names) != width and (mark or len(names) > 2):
         raise ValueError(
-            f"{path}: its heading names {len(names)} columns, {', '.join(names[:4])} ..., and its "
-            f"first row holds {width} numbers; leave empty columns and an index out, and write decimals with "
-            "points, or commas between semicolons or tabs"
+            f"{path}: its heading names {len(names)} columns, {', '.join(names[:4])} ..., and its first row holds "
+            f"{width} numbers; leave empty columns and an index out, and put decimal commas between semicolons or tabs"
         )
     for name in filter(NO_PROBE.fullmatch, names[at + 1 :]):
         raise ValueError(
@@ -135,21 +129,21 @@ def _points_of(
     lines: dict[str, np.ndarray] = {}
     for at, line in enumerate(heading, 1):
         found = COORDINATE.match(line)
-        cells = _cells(found[4]) if found else []
-        if not _numbers(cells):
+        cells = np.array(_cells(found[4]) if found else [])
+        numbers = int(np.isfinite(cells).sum())
+        if found is None or not numbers:
             if _lists_points(line, count):
                 raise ValueError(
                     f"{path}, line {at} looks like coordinates: {line[:60]!r}; write a line for each of x, y, z, as "
                     "'# x, 0.1, 0.2, ...', or state the points (--points FILE)"
                 )
             continue
-        assert found is not None
-        if _numbers(cells) != len(cells) or len(cells) != count:
+        if not numbers == len(cells) == count:
             raise ValueError(
-                f"{path}, line {at} looks like coordinates, but {_numbers(cells)} of its {len(cells)} cells are "
-                f"numbers, and there are {count} columns of values; mend it, or begin a remark with another word"
+                f"{path}, line {at} looks like coordinates, but {numbers} of its {len(cells)} cells are numbers, and "
+                f"there are {count} columns of values; mend it, or begin a remark with another word"
             )
-        lines[found[1].lower()] = np.array(cells, float) * _length(found[2] or found[3] or unit, request, path)
+        lines[found[1].lower()] = cells * _length(found[2] or found[3] or unit, request, path)
     absent = [axis for axis in AXES if axis not in lines]
     normal = (request.normal or "").lstrip("+-")
     if lines and absent and absent != [normal or absent[0]]:
@@ -161,11 +155,11 @@ def _points_of(
 def _lists_points(line: str, count: int) -> bool:
     """Whether as many numbers stand in a row as there are columns, or three in brackets; but 0, 1, 2, ... and 1, 2, 3,
     ... are names of columns."""
-    cells = [number_of(cell)[0] for cell in _cells(line)]
-    longest = max((len(list(run)) for known, run in groupby(cells, lambda cell: cell is not None) if known), default=0)
+    cells = _cells(line)
+    longest = max((len([*run]) for known, run in groupby(cells, lambda cell: cell == cell) if known), default=0)
     if longest < max(count, 2) and TRIPLE.search(line) is None:
         return False
-    values = [value for value in cells if value is not None]
+    values = [value for value in cells if value == value]
     return values[0] not in (0, 1) or values != [values[0] + i for i in range(len(values))]
 
 
@@ -189,7 +183,7 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
                 units.add(found[2])
             elif named.keys() >= set("xz"):
                 axes, units = list(named), units | {*named.values()} - {""}
-        values = text.rows(0, range(text.width), np.float64, whole=True).values
+        _, _, values = text.rows(0, range(text.width), np.float64, whole=True)
     if values.ndim != 2 or values.shape[1] != len(axes) or sorted(axes) != list(AXES) or len(units) > 1:
         raise ValueError(
             f"{path} has shape {values.shape} and columns {', '.join(axes)} in {', '.join(units)}; one row a point of "

@@ -3,6 +3,7 @@ for each time, in it files of VTK or raw."""
 
 from __future__ import annotations
 
+import math
 import re
 from contextlib import suppress
 from functools import partial
@@ -11,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.io.clocks import uniform_rate
-from torchliner.io.frames import Frame, plane_of_frames
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.plane_join import join_planes
-from torchliner.io.points import direction_of, place
-from torchliner.io.text_rows import SPACES, last_digit, number_of, open_text, parse_rows
+from torchliner.io.plane_parts import join_planes
+from torchliner.io.points import Frame, direction_of, place, plane_of_frames
+from torchliner.io.text_rows import SPACES, digits_of, last_digit, open_text, parse_rows
+from torchliner.io.variables import uniform_rate
 from torchliner.io.vtk import read_frame
 from torchliner.records import VelocityPlane
+from torchliner.text_columns import number_of
 
 PROBE = re.compile(r"#\s*Probe\s+(\d+)\s+\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)(.*)")
 UNSET = 1e30  # beyond it: what the solver writes where a probe has no cell
@@ -28,7 +29,7 @@ SURFACE = re.compile(r"(?:U_(.+)|(.+)_U)\.raw|(.+)\.(?:vtp|vtk|vtu)")
 
 def time_folders(path: Path) -> list[Path]:
     """Folders called by a time, in its order."""
-    found = [each for each in path.iterdir() if number_of(each.name)[0] is not None and each.is_dir()]
+    found = [each for each in path.iterdir() if math.isfinite(number_of(each.name)) and each.is_dir()]
     return sorted(found, key=lambda each: float(each.name))
 
 
@@ -83,12 +84,11 @@ def _one_run(path: Path, name: str, request: PlaneRequest) -> VelocityPlane:
         )
     placed = place(points[probe], request, label, direction_of(name, request, label) if each == 1 else None)
     columns = 1 + each * probe[placed.order] + (placed.axis if each == 3 else 0)
-    rows = text.rows(0, columns.tolist())
-    values = rows.values
+    time, rounding, values = text.rows(0, columns.tolist())
     values *= placed.sign
     values[np.abs(values) > UNSET] = np.nan
-    rate = uniform_rate(rows.time, f"{label}, time", rows.rounding)
-    return placed.plane(values, rate, float(rows.time[0]), path, format="OpenFOAM probes")
+    rate = uniform_rate(time, f"{label}, time", rounding)
+    return placed.plane(values, rate, float(time[0]), path, format="OpenFOAM probes")
 
 
 # Surfaces
@@ -124,7 +124,7 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
         )
     files = [found[group] for found in listed]
     time = np.array([float(folder.name) for folder in folders])
-    digits = max(number_of(folder.name)[1] for folder in folders)
+    digits = max(digits_of(folder.name.encode()) for folder in folders)
     rate = uniform_rate(time, f"{path}, times", last_digit(time, digits))
     frames = [(file, partial(read_raw if file.suffix == ".raw" else read_frame, file)) for file in files]
     start = float(time[0])

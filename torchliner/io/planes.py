@@ -1,4 +1,4 @@
-"""Planes from files of any format: recognised by content, joined in time, selected, loaded."""
+"""Planes from files of any format: recognised by content, joined in time, cut to a part, loaded."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from typing import Any
 import numpy as np
 
 from torchliner.file_checks import naming, require_regular
-from torchliner.io.arrays import read_array
-from torchliner.io.holes import read_holes
+from torchliner.io.foreign import read_array
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
-from torchliner.io.plane_join import JOINED, join_planes
-from torchliner.io.plane_selection import select
+from torchliner.io.plane_parts import JOINED, join_planes, select
 from torchliner.io.points import require_velocity
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
+from torchliner.records.holes import Holes
 from torchliner.records.origin import series_of
+from torchliner.text_columns import read_lines, read_table
 from torchliner.units import si_factor
 
 HEAD = 4096  # bytes by which a file is recognised
-COORDINATES = ("x", "z")
-ANY = (*COORDINATES, "holes", "wall_normal_component", "overlap")  # that any format takes from the user
+KNOWN = [each.name for each in fields(PlaneRequest)]
+ANY = ("x", "z", "holes", "wall_normal_component", "overlap")  # which every format takes from the user
 OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
+HOLES = {"x": "length", "diameter": "length", "z": "length"}
 
 
 def read_plane(
@@ -61,10 +62,9 @@ def read_plane(
     Warns:
         DataWarning: values stand in another file; samples of several files overlap.
     """
-    known = [each.name for each in fields(PlaneRequest)]
     for name in stated:
-        if name not in known:
-            raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, known)}")
+        if name not in KNOWN:
+            raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, KNOWN)}")
     request = PlaneRequest(**stated)
     planes: list[VelocityPlane] = []
     seen: set[str] = set()  # files of series, of which any file stands for all
@@ -96,7 +96,7 @@ def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
 
 
 def format_of(path: str | Path) -> PlaneFormat:
-    """The first format that recognises a file or folder; an OSError where there is none, or the file is none."""
+    """The first format that recognises a file or folder; an OSError where there is none, or no file."""
     path, head = Path(path), b""
     if not path.is_dir():
         require_regular(path)
@@ -113,10 +113,10 @@ def format_of(path: str | Path) -> PlaneFormat:
 
 
 def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of one file or folder, its velocity left there; every error names the path, and is as of the format,
-    or a ValueError where something is stated that it does not take."""
+    """The plane of one file or folder, its velocity left there. Every error names the path; beside those of the
+    format, a ValueError where the user states what the format does not take."""
     found = format_of(path)
-    given = {each.name: value for each in fields(request) if (value := getattr(request, each.name)) is not None}
+    given = {name: value for name in KNOWN if (value := getattr(request, name)) is not None}
     for name in given:
         if name not in (*found.takes, *ANY):
             raise ValueError(f"{path} is {found.name}, which says {name} itself or has none: leave out {name}=...")
@@ -128,9 +128,7 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     earlier = {key: kept.pop(key) for key in OF_READING if key in kept}
     kept |= {"earlier": earlier} if earlier else {}
     kept |= {"stated": {name: _in_words(value) for name, value in given.items()}} if given else {}
-    about: dict[str, Any] = {
-        name: stated_coordinate(given[name], request.length_units, name) for name in COORDINATES if name in given
-    }
+    about = {name: _coordinate(given[name], request.length_units, name) for name in "xz" if name in given}
     if (holes := request.holes) is not None:
         about["holes"] = read_holes(holes) if isinstance(holes, str | os.PathLike) else holes
     return replace(plane, provenance=kept, **about)
@@ -144,10 +142,27 @@ def _in_words(value: Any) -> Any:
     return value if words or isinstance(value, int | float) else None
 
 
-def stated_coordinate(where: Any, unit: str | None, name: str) -> np.ndarray:
+def _coordinate(where: Any, unit: str | None, name: str) -> Any:
     """Coordinates, m, from an array or FILE or FILE:VARIABLE, in a unit that the user states."""
     factor = si_factor("length", unit, f"{name}: length_units=..., which")
     if isinstance(where, str | os.PathLike):
         file, _, inside = os.fspath(where).partition(":")
         where = read_array(file, inside or None)
     return factor * np.asarray(where, float)
+
+
+def read_holes(path: str | Path) -> Holes:
+    """Places of the holes of a liner from a table of text.
+
+    Args:
+        path: columns x, z and diameter with their units in the header, ``x [mm], z [mm], diameter [mm]``, in any
+            order; slits have no z, and their diameter is their width. Lines behind '#' are remarks.
+    Raises:
+        FileNotFoundError, OSError: no such file, a folder.
+        ValueError: a column missing, unknown or without a unit, a cell that is no number, a diameter that is not
+            positive.
+    """
+    example = "x [mm], z [mm], diameter [mm]; without z for slits, whose diameter is their width"
+    found = read_table(read_lines(path), HOLES, path, example=example, optional=("z",))
+    with naming(str(path)):
+        return Holes(**{name: tuple(values.tolist()) for name, values in found.items()})

@@ -17,15 +17,12 @@ import numpy as np
 import torch
 
 from torchliner.checks import tell
-from torchliner.io.clocks import uniform_rate
 from torchliner.io.foreign import netcdf_source
-from torchliner.io.frames import centres_of
 from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
-from torchliner.io.plane_selection import SelectedVelocity
-from torchliner.io.points import AXES, component_of, place
-from torchliner.io.variable_velocity import velocity_of
-from torchliner.io.variables import Source
+from torchliner.io.plane_parts import SelectedVelocity
+from torchliner.io.points import AXES, centres_of, component_of, place
+from torchliner.io.variables import Source, VariableVelocity, uniform_rate
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
@@ -98,7 +95,8 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
             raise ValueError(f"{path} has no variable {name!r}{did_you_mean(name, names)}; it holds {', '.join(names)}")
         one = names.index(name)
         rate, start, window = _clock(file, step, values.shape[0], path)
-        stored = velocity_of(values, source.opens, (0, 2), placed.sign * velocity, part={1: slice(one, one + 1)})
+        part = {1: slice(one, one + 1)}
+        stored = VariableVelocity(values, source.opens, (0, 2), placed.sign * velocity, None, part)
     stored.label = label
     columns = torch.from_numpy(chosen[placed.order])
     selected = SelectedVelocity(stored, (*placed.shape, values.shape[0]), columns=columns)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from torchliner.file_checks import naming, require_regular
-from torchliner.io.arrays import read_array
+from torchliner.io.foreign import read_array
 from torchliner.records.incident import Recorded
 
 HEAD = 1 << 16  # bytes, in which a .wav says what it is

@@ -8,7 +8,6 @@ import re
 import tempfile
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,28 +24,13 @@ SAMPLE = 1 << 16  # bytes of rows that the decimal mark is looked for in
 BOM = b"\xef\xbb\xbf"
 NUMERIC = re.compile(rb"[+-]?(\.?\d|(nan|inf)\b)", re.IGNORECASE)  # how a number begins
 COMMA_CELL = re.compile(rb"[+-]?(\d+(,\d+)?([eE][+-]?\d+)?|nan|inf)", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Some columns of a file: times, float64, (T,); one in their last digit, at worst; values, (T, C)."""
-
-    time: np.ndarray
-    rounding: float
-    values: np.ndarray
+Rows = tuple[np.ndarray, float, np.ndarray]
 
 
 @dataclass(frozen=True)
 class TextFile:
-    """What stands before the rows of a file.
-
-    Args:
-        path: file.
-        heading: its lines.
-        begin: byte of the first row.
-        marks: what becomes a blank, or a point, before numbers are read.
-        width: numbers in the first row.
-    """
+    """What stands before the rows of a file: its lines, the byte of the first row, what becomes a blank or a point
+    before numbers are read, and how many numbers the first row has."""
 
     path: Path
     heading: tuple[str, ...]
@@ -59,9 +43,10 @@ class TextFile:
 
         Args:
             time: column of the times.
-            columns: of the values.
-            kind: dtype of these.
+            columns, kind: of the values, and their dtype.
             whole: nobody writes to the file any more: its last line needs no end.
+        Returns:
+            Times, float64, (T,); one in their last digit, at worst; values, (T, C).
         Raises:
             OSError: another file has taken its place meanwhile.
             ValueError: a row has another width, or a cell is no number.
@@ -70,26 +55,24 @@ class TextFile:
         """
         times, digits, line, rest = [np.empty(0)], 0, len(self.heading) + 1, b""
         before = self.path.stat()
-        small = before.st_size < machine_memory() / 4
+        size, small = before.st_size, before.st_size < machine_memory() / 4
         store: Any = io.BytesIO() if small else tempfile.TemporaryFile()  # noqa: SIM115  # the values keep it
         with self.path.open("rb") as file:
             file.seek(self.begin)
-            while block := file.read(
-                min(BLOCK, before.st_size - file.tell())
-            ):  # what a run adds meanwhile is not of it
+            while block := file.read(min(BLOCK, size - file.tell())):  # what a run adds meanwhile is not of it
                 block = rest + block
-                end = len(block) if whole and file.tell() == before.st_size else block.rfind(b"\n") + 1
+                end = len(block) if whole and file.tell() == size else block.rfind(b"\n") + 1
                 text, rest = block[:end].translate(self.marks), block[end:]
                 found = parse_rows(text, self.width, f"{self.path}, from line {line}")
                 words = (row.split(None, time + 1) for row in text.split(b"\n"))
-                digits = max([digits, *(number_of(row[time])[1] for row in words if row and row[0][:1] != b"#")])
+                digits = max([digits, *(digits_of(row[time]) for row in words if row and row[0][:1] != b"#")])
                 times.append(found[:, time].copy())
                 store.write(found[:, list(columns)].astype(kind).tobytes())
                 line += block.count(b"\n")
         now = self.path.stat()  # a run may add rows, no more
-        if now.st_ino != before.st_ino or now.st_size < before.st_size:
+        if now.st_ino != before.st_ino or now.st_size < size:
             raise OSError(f"{self.path} was replaced while it was read; read it when it is complete")
-        stamps, shape = np.concatenate(times), (-1, len(columns))
+        stamps = np.concatenate(times)
         if rest.strip():
             tell(
                 f"{self.path}: the last line, {line}, has no end, as where a run was broken off or goes on; it is left "
@@ -101,7 +84,7 @@ class TextFile:
         held = np.frombuffer(store.getbuffer(), kind) if small else np.memmap(store, kind, "r+")
         if not small:
             store.close()  # the map holds it
-        return Rows(stamps, last_digit(stamps, digits), held.reshape(shape))
+        return stamps, last_digit(stamps, digits), held.reshape(-1, len(columns))
 
 
 def open_text(path: Path) -> TextFile:
@@ -133,11 +116,8 @@ def open_text(path: Path) -> TextFile:
 
 
 def parse_rows(text: bytes, width: int, label: str) -> np.ndarray:
-    """Rows of ``width`` numbers parted by blanks, (T, width).
-
-    Raises:
-        ValueError: a row has others, or a cell is no number.
-    """
+    """Rows of ``width`` numbers parted by blanks, (T, width); a ValueError where a row has others, or a cell is no
+    number."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of no rows, which may be remarks
@@ -147,31 +127,26 @@ def parse_rows(text: bytes, width: int, label: str) -> np.ndarray:
         raise ValueError(f"{label}: {said}; {width} numbers a row are needed, and '#' before a remark") from error
     if len(found) and found.shape[1] != width:
         raise ValueError(f"{label}: rows have {found.shape[1]} numbers; {width} are needed")
-    return found if len(found) else np.empty((0, width))
+    return found.reshape(-1, width)
 
 
 def _has_decimal_commas(text: bytes) -> bool:
-    """Whether commas of some rows are decimal marks: there are semicolons beside them, or blanks or
-    tabs part cells of which none has a point or more than one comma."""
+    """Whether commas are decimal marks: beside semicolons, or where blanks or tabs part cells of which none has a
+    point or more than one comma."""
     if b"," not in text or b";" in text:
         return b"," in text
     cells = text.split()
     return len(cells) > len(text.splitlines()) and all(map(COMMA_CELL.fullmatch, cells))
 
 
+def digits_of(word: bytes) -> int:
+    """Significant digits of a printed number."""
+    return len(word.lower().partition(b"e")[0].replace(b".", b"").strip(b"+-").lstrip(b"0"))
+
+
 def last_digit(values: np.ndarray, digits: int) -> float:
-    """One in the last digit of the largest of numbers that are printed with so many digits; solvers
-    print six at least, and leave zeros at the end away."""
+    """One in the last digit of the largest of numbers that are printed with so many digits; solvers print six at
+    least, and leave zeros at the end away."""
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     power = math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
     return 10.0 ** (power + 1 - max(6, digits))
-
-
-def number_of(word: bytes | str) -> tuple[float | None, int]:
-    """A number as text and its significant digits; None if it is none."""
-    with suppress(ValueError, UnicodeDecodeError):
-        text = word.decode("ascii") if isinstance(word, bytes) else word
-        mantissa = text.lower().partition("e")[0].replace(".", "").strip("+-").lstrip("0")
-        if "_" not in text and text.isascii():
-            return float(text), len(mantissa)
-    return None, 0

@@ -1,6 +1,6 @@
 """The one way from variables to a plane. It answers in this order, by names and what CF 1.8 lays down (units,
-standard_name, positive), never by prose: which variable is the wall-normal velocity, in what units; what its clock is;
-which of its axes is what, and where the probes stand; what the case is; which way the velocity is positive.
+standard_name, axis, positive), never by prose: which variable is the wall-normal velocity, in what units; what its
+clock is; which of its axes is what, and where the probes stand; what the case is; which way it is positive.
 
 Dimensions are (time, z, x), (time, x) or (time, probe), in any order. Numbers beside the velocity are scalar variables
 or attributes with CF units (docs/formats.md).
@@ -10,20 +10,27 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from torchliner.file_checks import Unwritten, naming
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID_UNITS
-from torchliner.io.hdf5 import hold_open, open_file
+from torchliner.io.hdf5 import open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
-from torchliner.io.plane_layout import ROLES, UPWARD, find_layout, find_places, find_times, role_of, says
 from torchliner.io.points import component_of, require_direction
 from torchliner.io.tables import FileKind
-from torchliner.io.variable_velocity import velocity_of
-from torchliner.io.variables import Field, Source, fields_of_hdf5, read_times, references_of
+from torchliner.io.variables import (
+    Field,
+    Fields,
+    Source,
+    VariableVelocity,
+    coordinate,
+    hdf5_source,
+    read_times,
+    references_of,
+    time_axis,
+)
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import variables_of
@@ -44,9 +51,22 @@ REMEDIES = {
     "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
     "name the plane that was reduced (educe takes moments)",
 }
+# Names of axes.
+PLACE = r"(_?(c|coords?|coordinates?|axis|dim|centers?|pos|positions?|unique))?"
+ROLES = {
+    "time": "t|times?",
+    "x": rf"[ni]?x{PLACE}|x_?1|streamwise{PLACE}",
+    "y": rf"[ni]?y{PLACE}|x_?2",
+    "z": rf"[ni]?z{PLACE}|x_?3|spanwise{PLACE}",
+}
+HEIGHT = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_?plus"
+COMPONENTS = r"comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
+NONE = "none"  # an axis of one value
+# Names of velocities, and which way they are positive.
+UPWARD = r"(up|down)ward_(air|sea_water)_vel"
 NORMAL = rf"(wall|surface|liner)[ _-]?normal|^normal[ _-]vel|{UPWARD}"
 OTHER = r"streamwise|spanwise|eastward|northward|mean\b|rms\b"
-LETTERS = {"x": "u", "y": "v", "z": "w"}
+ALONG = {a: rf"^({u}|([uv]|vel|velocity)[ _-]?{a}|{a}[ _-]?vel(ocity)?)\b" for a, u in zip("xyz", "uvw", strict=True)}
 WALL = r"( the (liner|wall|surface|facesheet))?"
 AWAY, INTO = rf"(away|outwards?)( from{WALL})?", rf"(into|towards?|inwards?){WALL}"
 
@@ -54,7 +74,7 @@ AWAY, INTO = rf"(away|outwards?)( from{WALL})?", rf"(into|towards?|inwards?){WAL
 def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a file of our schema, or of another netCDF-4 or HDF5 file; as ``to_plane``."""
     with open_file(path) as file:
-        return to_plane(Source(path, fields_of_hdf5(file, path), file.attrs, partial(hold_open, path)), request)
+        return to_plane(hdf5_source(file, path), request)
 
 
 FORMAT = PlaneFormat(
@@ -93,7 +113,7 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     lead = velocity.name.rpartition("/")[0]
     own = {name: fields[f"{lead}/{name}"] for name in (STREAMWISE, AREA, *HOLES) if ours and f"{lead}/{name}" in fields}
     if stream := own.pop(STREAMWISE, None):
-        case["streamwise"] = velocity_of(stream, source.opens, layout.order, stream.signal_factor("m/s"))
+        case["streamwise"] = VariableVelocity(stream, source.opens, layout.order, stream.signal_factor("m/s"))
     if area := own.pop(AREA, None):
         case["area"] = area.si("m2")
     if own:
@@ -106,13 +126,22 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     sign = _sign(velocity, request, ours and schema.startswith("torchliner "))
     with naming(path):
         return VelocityPlane(
-            velocity_of(velocity, source.opens, layout.order, sign * factor, clock, part),
+            VariableVelocity(velocity, source.opens, layout.order, sign * factor, clock, part),
             sampling_rate=rate,
             start=first,
             name=velocity.label,
             reference=references_of(fields),
             **case,
         )
+
+
+# Which variable is the velocity, and its sign
+
+
+def says(field: Field, pattern: str) -> bool:
+    """Whether name or standard_name fit."""
+    names = (field.short, field.text("standard_name") or "")
+    return any(re.search(pattern, name, re.IGNORECASE) for name in names)
 
 
 def _velocity(source: Source, request: PlaneRequest) -> Field:
@@ -131,19 +160,17 @@ def _velocity(source: Source, request: PlaneRequest) -> Field:
     timed = [each for each in found if "time" in (role_of(axis, source.fields) for axis in each.axes)] or found
     best = [each for each in timed if says(each, NORMAL)]
     if not best and request.normal:
-        best = [each for each in timed if says(each, _component(request.normal.strip("+-")))]
+        best = [each for each in timed if says(each, ALONG[request.normal[-1]])]
     best = best or [each for each in timed if not says(each, OTHER)]
-    if len(best) == 1 and (request.normal or not says(best[0], f"{_component('x')}|{OTHER}")):
+    if len(best) == 1 and (request.normal or not says(best[0], f"{ALONG['x']}|{OTHER}")):
         return best[0]
     listed = "; ".join(
         f"{each.name.removeprefix(lead)} ({'x'.join(map(str, each.shape)) or 'a number'}, {each.text('units')})"
         for each in best or found or there.values()
     )
     if found:
-        raise ValueError(
-            f"{source.path}: {len(best) or 'none'} of its velocities may be normal to the wall: {listed}; name it: "
-            "variable=..."
-        )
+        number = f"{len(best) or 'none'} of its velocities may be normal to the wall"
+        raise ValueError(f"{source.path}: {number}: {listed}; name it: variable=...")
     raise (ValueError if there else Unwritten)(
         f"{source.path} holds no velocity above a wall, {VELOCITY} or one with units of a velocity; it holds: "
         f"{listed or 'nothing'}. Name it: variable=..., and if it has no units velocity_units=..."
@@ -159,11 +186,6 @@ def _may_be(field: Field, request: PlaneRequest, alone: bool) -> bool:
     with suppress(ValueError):
         return bool(si_factor("velocity", request.velocity_units if unit is None else unit, ""))
     return False
-
-
-def _component(axis: str) -> str:
-    """Names of one component of the velocity: v, v_y, Vy, y_velocity, velocity_y, YVelocity."""
-    return rf"^({LETTERS[axis]}|([uv]|vel|velocity)[ _-]?{axis}|{axis}[ _-]?vel(ocity)?)\b"
 
 
 def _sign(velocity: Field, request: PlaneRequest, ours: bool) -> float:
@@ -185,6 +207,126 @@ def _sign(velocity: Field, request: PlaneRequest, ours: bool) -> float:
         )
     down = words.startswith("down") or says(velocity, r"^downward_")
     return -1.0 if down != turned else 1.0
+
+
+# Its axes and places
+
+
+class Layout(NamedTuple):
+    """How the velocity lies in its variable: its axes, time first, then z and x, or probe; the coordinate that plays z,
+    "y" where z is normal to the wall; the axis of heights or components of which one is taken."""
+
+    order: tuple[int, ...]
+    across: str
+    taken: int | None
+
+
+def role_of(name: str, fields: Fields) -> str:
+    """time, x, y or z of a dimension, by its name, what its variable says, or a coordinate along it; else its name."""
+    field, short = fields.get(name), name.rpartition("/")[2]
+    axis, standard, unit = (field.text(key) if field else None for key in ("axis", "standard_name", "units"))
+    if standard == "time" or axis == "T" or " since " in (unit or ""):
+        return "time"
+    along = [each.short for each in fields.values() if name and each.axes == (name,)]
+    for word in (short, axis or "", *along):
+        for role, known in ROLES.items():
+            if re.fullmatch(known, word, re.IGNORECASE):
+                return role
+    return short
+
+
+def near(velocity: Field, fields: Fields) -> list[Field]:
+    """Variables of the velocity's group, then those at the top of the file."""
+    leads = dict.fromkeys((velocity.name.rpartition("/")[0], ""))
+    return [each for lead in leads for name, each in fields.items() if name.rpartition("/")[0] == lead]
+
+
+def find_times(velocity: Field, fields: Fields) -> Field | None:
+    """A dimension that is time, else a variable of that name."""
+    scales = [fields[axis] for axis in velocity.axes if axis in fields and role_of(axis, fields) == "time"]
+    named = [each for each in near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
+    return next(iter(scales + named), None)
+
+
+def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples: int | None) -> Layout:
+    """Roles of the axes, from the user, the dimensions or the lengths; ``samples``: number of times, if there are any.
+
+    Raises:
+        ValueError: they cannot be told, or more than time and two others are longer than 1.
+    """
+    shape, label = velocity.shape, velocity.label
+    upward = says(velocity, UPWARD) or (request.normal or "")[-1:] == "z"
+    across, height = ("y", "z") if upward else ("z", "y")
+    roles = request.axis_names or [role_of(axis, fields) for axis in velocity.axes or ("",) * len(shape)]
+    long = [i for i, n in enumerate(shape) if n != 1]
+    if len(roles) == len(long) < len(shape):  # MATLAB keeps a vector as a row
+        roles = [roles[long.index(i)] if i in long else NONE for i in range(len(shape))]
+    if len(roles) != len(shape):
+        raise ValueError(f"{label} has shape {shape}, but {len(roles)} axes are named: {','.join(roles)}")
+    if "time" not in roles and samples is not None:
+        roles[time_axis(velocity, samples)] = "time"
+    tall = [i for i, role in enumerate(roles) if re.fullmatch(f"{height}|{HEIGHT}|{COMPONENTS}", role, re.IGNORECASE)]
+    taken = tall[0] if len(tall) == 1 and request.row in range(shape[tall[0]]) else None
+    held = ("x", across, "probe")  # also where one value is left
+    kept = [i for i, role in enumerate(roles) if role not in ("time", NONE) and (shape[i] > 1 or role in held)]
+    kept = [i for i in kept if i != taken]
+    names = [roles[i] for i in kept]
+    why = ""
+    if roles.count("time") != 1:
+        why = "one axis is time: name all (axes='time,z,x', --axes), and give sampling_rate=..., in Hz, without times"
+    elif samples not in (None, shape[roles.index("time")]):
+        why = f"but there are {samples} times"
+    elif request.row is not None and taken is None:
+        why = f"no axis of heights has a row {request.row}"
+    elif set(kept) & set(tall):
+        why = (
+            "a plane has one height and one component: state row=0 or so for one of several (--row), or "
+            f"normal={across!r} if {height} runs across the duct"
+        )
+    elif len(kept) > 2 or (len(kept) == 2 and all(names) and not {"x", across} <= {*names}):
+        why = "which runs along the duct and which across is not said: name all in order: axes='time,z,x' (--axes)"
+    if why:
+        raise ValueError(f"{label} has shape {shape} with the axes {', '.join(role or '?' for role in roles)}; {why}")
+    if names[:1] == ["x"]:
+        kept.reverse()
+    return Layout((roles.index("time"), *kept), across, taken)
+
+
+def find_places(
+    velocity: Field, layout: Layout, fields: Fields, request: PlaneRequest, *, strict: bool
+) -> dict[str, Any]:
+    """x and z of the probes, m, where the file says them, and of several heights the one that is taken.
+
+    Where ``strict``, x and z of other lengths than the probes need are refused; else they are of others. A ValueError
+    as of ``coordinate``, or where there is a value for each probe of a plane.
+    """
+    probes, taken = layout.order[1:], layout.taken
+    grid = tuple(velocity.shape[i] for i in probes)
+    wanted = [("x", "x", probes[-1] if probes else None), ("z", layout.across, probes[0] if probes else None)]
+    wanted += [] if taken is None else [("height", "y" if layout.across == "z" else "z", taken)]
+    found: dict[str, Any] = {}
+    for name, word, axis in wanted:
+        count = 1 if axis is None else velocity.shape[axis]
+        choices = [each for each in near(velocity, fields) if role_of(each.short, {}) == word]
+        choices.sort(key=lambda each: len(each.short))  # "x" before "x_coord"
+        if bad := [each for each in choices if len(grid) == 2 and min(grid) > 1 and each.shape == grid]:
+            raise ValueError(
+                f"{bad[0].label} has a value for each probe, {grid}; a plane has one for each row or column: flatten "
+                "velocity and coordinates to (time, probe)"
+            )
+        scale = fields.get(velocity.axes[axis]) if axis is not None and velocity.axes else None
+        if scale is not None and (len(grid) == 2 or axis == taken or role_of(scale.name, fields) == word):
+            choices.insert(0, scale)
+        for each in choices:
+            if found.get(name) is None and (each.size == count or (strict and axis != taken)):
+                component = axis == taken and each.array.dtype.kind not in "fiu"  # names of them
+                found[name] = None if component else coordinate(each, count, request.length_units)
+    if found.get("height") is not None and request.row is not None:
+        found["height"] = float(found["height"][request.row])
+    return found
+
+
+# The case
 
 
 def _case(source: Source, head: Field, velocity: Field) -> dict[str, Any]:

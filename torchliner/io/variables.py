@@ -1,4 +1,5 @@
-"""Variables of files and datasets, whether h5py, scipy or xarray holds them; their times and coordinates."""
+"""Variables of files and datasets, whether h5py, numpy or xarray holds them: values in SI units, times, coordinates,
+and the velocity that stays where it lies."""
 
 from __future__ import annotations
 
@@ -7,20 +8,32 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import torch
+from torch import Tensor
 
-from torchliner.checks import tell
-from torchliner.file_checks import Unwritten
-from torchliner.io.clocks import UNIFORMITY, require_same_rate, uniform_rate
-from torchliner.io.hdf5 import is_there, text_attribute
-from torchliner.io.plane_format import Clock
-from torchliner.io.stored_values import Packing, fill_of, packing_of, read_values, require_numbers
+from torchliner.checks import require_positive, tell
+from torchliner.file_checks import Unwritten, naming, require_memory
+from torchliner.io.hdf5 import hold_open, is_there, text_attribute
+from torchliner.io.plane_format import Clock, Stored
+from torchliner.io.stored_values import (
+    PLAIN,
+    Packing,
+    fill_of,
+    packing_of,
+    read_values,
+    require_numbers,
+    require_stored,
+)
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
+UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
+SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
 # How netCDF-4 says that a dimension has a length and no coordinates.
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables of a file by name
@@ -28,7 +41,7 @@ Opener = Callable[[], Mapping[str, Any]]  # picklable: what holds the variables 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One variable where it lies: an array of h5py, scipy or xarray; path of the file; name with its groups,
+    """One variable where it lies: an array of h5py, numpy or xarray; path of the file; name with its groups,
     /group/name; attributes; name of each axis with its groups, "" where it has none."""
 
     array: Any
@@ -73,7 +86,7 @@ class Field:
         return packing_of(dict(self.attrs), self.array.dtype, self.label, fill)
 
     def values(self) -> np.ndarray:
-        """All values as they are meant; as ``read_values``."""
+        """All values as they are meant; errors as of ``read_values``."""
         if isinstance(self.array, h5py.Dataset):
             return read_values(self.array, self.label, self.path)
         require_numbers(self.array, self.label)
@@ -81,7 +94,7 @@ class Field:
         return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
 
     def factor(self, unit: str, stated: str | None = None) -> float:
-        """Factor to an SI unit; ``stated``: units, by the user, if the file has none; a ValueError if others."""
+        """Factor to an SI unit; ``stated`` by the user, where the file has no units; a ValueError if it has others."""
         found, quantity = self.text("units"), SI_QUANTITY[unit]
         factor = si_factor(quantity, stated if found is None else found, self.label)
         if stated is not None and si_factor(quantity, stated, "the stated unit") != factor:
@@ -89,7 +102,7 @@ class Field:
         return factor
 
     def si(self, unit: str, stated: str | None = None) -> np.ndarray:
-        """All values in an SI unit, float64 where the file has another; such as a measurement may have."""
+        """All values in an SI unit, float64 where the file has another; a ValueError where no measurement is so."""
         factor, values = self.factor(unit, stated), self.values()
         values = values if factor == 1 else values.astype(np.float64) * factor
         require_plausible(values, SI_QUANTITY[unit], self.label)
@@ -102,7 +115,7 @@ class Field:
         return float(self.si(unit).reshape(()))
 
     def signal_factor(self, unit: str, stated: str | None = None) -> float:
-        """As ``factor``, of a signal: integers count where ``scale_factor`` or the user says what they stand for."""
+        """``factor`` of a signal: integers count where ``scale_factor`` or the user says what they stand for."""
         kind = self.array.dtype.kind
         if kind != "f" and (kind not in "iu" or ("scale_factor" not in self.attrs and stated is None)):
             raise ValueError(f"{self.label} is {self.array.dtype}; floating-point {unit} are needed")
@@ -110,6 +123,13 @@ class Field:
 
 
 Fields = Mapping[str, Field]
+
+
+def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
+    """A dataset of HDF5; its axes are named by dimension scales, or labels."""
+    dataset = group[key]
+    axes = tuple((dim[0].name if len(dim) else None) or dim.label for dim in dataset.dims) if dataset.shape else ()
+    return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs, axes)
 
 
 @dataclass(frozen=True)
@@ -122,16 +142,9 @@ class Source:
     opens: Opener
 
 
-def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
-    """A dataset of HDF5; its axes are named by dimension scales, or labels."""
-    dataset = group[key]
-    axes = tuple((dim[0].name if len(dim) else None) or dim.label for dim in dataset.dims) if dataset.shape else ()
-    return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs, axes)
-
-
-def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
-    """All datasets of a file by name, but those that stand for the length of a dimension alone; a ValueError where a
-    link leads nowhere."""
+def hdf5_source(file: h5py.Group, path: Path) -> Source:
+    """All datasets of an HDF5 file but those that stand for the length of a dimension alone; a ValueError where a link
+    leads nowhere."""
     found: dict[str, Field] = {}
     groups, seen = [file], {file}  # a function that calls itself would keep the file open
     for group in groups:
@@ -142,25 +155,93 @@ def fields_of_hdf5(file: h5py.Group, path: Path) -> dict[str, Field]:
             elif isinstance(group[key], h5py.Group) and group[key] not in seen:
                 seen.add(group[key])
                 groups.append(group[key])
-    return found
+    return Source(path, found, file.attrs, partial(hold_open, path))
 
 
 def references_of(fields: Fields) -> dict[str, complex]:
     """Impedances known from elsewhere, by name."""
-    parts: dict[str, dict[str, Field]] = {}
-    for name, each in fields.items():
-        if named := re.fullmatch(r"/reference_(.*)_(resistance|reactance)", name):
-            parts.setdefault(named[1], {})[named[2]] = each
     found = {}
-    for name, both in parts.items():
-        one = next(iter(both.values()))
-        if len(both) < 2:
-            raise ValueError(f"{one.label} stands without the other part of its impedance; restore or remove it")
-        value = complex(both["resistance"].number("1"), both["reactance"].number("1"))
-        if not np.isfinite(value):
-            raise ValueError(f"{one.label} and its other part are {value}; repair or remove them")
-        found[one.text("label") or name.replace("_", " ")] = value
+    for name, one in fields.items():
+        if named := re.fullmatch(r"(/reference_(.*)_)(resistance|reactance)", name):
+            both = [fields[part] for end in ("resistance", "reactance") if (part := named[1] + end) in fields]
+            if len(both) < 2:
+                raise ValueError(f"{one.label} stands without the other part of its impedance; restore or remove it")
+            value = complex(*(each.number("1") for each in both))
+            if not np.isfinite(value):
+                raise ValueError(f"{one.label} and its other part are {value}; repair or remove them")
+            found[one.text("label") or named[2].replace("_", " ")] = value
     return found
+
+
+# Times and places
+
+
+def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
+    """Sampling rate of time stamps, Hz.
+
+    Args:
+        time: s.
+        name: of the times, for messages.
+        exact: s, by which stamps are rounded.
+    Raises:
+        ValueError: they are not finite, out of order, or not uniform; frames are missing.
+    """
+    if not np.isfinite(time).all():
+        raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    if len(time) < 2:
+        raise Unwritten(f"{name}: there is {len(time)} of them; at least two are needed")
+    time = time.astype(np.float64)
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    error = np.abs(time - (time[0] + step * np.arange(len(time)))).max()
+    if step > 0 and error <= UNIFORMITY * step + min(exact, step / 4):
+        return float(1 / step)
+    steps = np.diff(time)
+    back, usual = int(np.argmin(steps)), float(np.median(steps))
+    if steps[back] == 0:
+        raise ValueError(
+            f"{name}: samples {back} and {back + 1} have the same time, {time[back]:.9g} s: write times with more "
+            "digits (OpenFOAM: timePrecision in controlDict)"
+        )
+    if steps[back] < 0:
+        raise ValueError(
+            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, after {time[back]:.9g} s; sort "
+            "the frames, or give the runs as files of their own, which are joined"
+        )
+    lost = np.rint(steps / usual).astype(int) - 1
+    if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
+        gap = int((lost > 0).argmax())
+        raise ValueError(
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[gap]} after sample {gap} ({time[gap]:.9g} s); "
+            "restore them, or keep one stretch between the gaps"
+        )
+    raise ValueError(
+        f"{name} is not uniform: stamps are off by up to {error / step:.3g} sampling intervals (limit {UNIFORMITY:g}), "
+        f"most after sample {int(np.abs(steps - step).argmax())}; resample to uniform times first"
+    )
+
+
+def clock_of(
+    time: np.ndarray, name: str, stated: float | None, exact: float = 0.0, unit: str = ""
+) -> tuple[float, float]:
+    """Sampling rate, Hz, and time of the first of uniform stamps, s.
+
+    Args:
+        time, name, exact: as for ``uniform_rate``.
+        stated: rate by the user, Hz. Times without a ``unit`` count evenly, whatever they count: it is theirs. Of times
+            with one it must be the rate, to 1 %.
+    """
+    found, first = uniform_rate(time, name, exact), float(time[0])
+    if stated is None:
+        return found, first
+    require_positive(f"{name}: sampling_rate (Hz)", stated)
+    if not unit:
+        return stated, first * found / stated
+    if abs(found - stated) > SAME_RATE * stated:
+        raise ValueError(
+            f"{name}: its times are at {found:.6g} Hz, sampling_rate states {stated:.6g} Hz; leave "
+            f"it out, or correct the unit of the times, {unit}"
+        )
+    return found, first
 
 
 def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
@@ -168,7 +249,7 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     ``stated`` where the times have no units, or as they have it.
 
     Raises:
-        ValueError: the times are not finite, not uniform, or of another rate than stated.
+        ValueError: as ``clock_of``.
     Warns:
         DataWarning: they are rounded so that they tell the rate badly.
     """
@@ -185,14 +266,14 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     time = factor * (counts - (counts[0] if epoch or counted else 0)).astype(np.float64)
     # Stamps are as exact as their type; the largest is a unit in the last place off, at most.
     exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
-    rate, length, first = uniform_rate(time, name, exact), time[-1] - time[0], factor * float(counts[0])
+    found, length, first = uniform_rate(time, name, exact), time[-1] - time[0], factor * float(counts[0])
+    rate, _ = clock_of(time, name, stated, exact, unit)
     clock = None
     if epoch:
         since = Fraction(counts[0].item()) * Fraction(str(factor))
         clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since)
-    if stated is not None and counted:
-        return stated, len(time), first * rate / stated, clock
-    require_same_rate(rate, stated, name, unit)
+    if counted:
+        return rate, len(time), first * found / rate, clock
     if stated is not None and abs(stated / rate - 1) * length <= 2 * exact:
         rate = stated  # the stamps cannot tell the two apart
     if stated is None and exact * rate > UNIFORMITY:
@@ -230,3 +311,81 @@ def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarra
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}, all finite")
     return values
+
+
+# Velocity that stays where it lies
+
+
+class VariableVelocity(Stored):
+    """The velocity of one variable, read by slabs.
+
+    Args:
+        each: the variable.
+        opens: its file again, by whoever reads it.
+        order: its axes, time first, then those of the probes; of axes left out one value is taken.
+        factor: to m/s.
+        clock: as of ``Stored``.
+        part: of the variable by axis, where not all of it is read.
+    Raises:
+        ValueError: as ``require_stored``; one sample does not fit into memory.
+    """
+
+    def __init__(
+        self,
+        each: Field,
+        opens: Opener,
+        order: tuple[int, ...],
+        factor: float,
+        clock: Clock | None = None,
+        part: dict[int, slice] | None = None,
+    ) -> None:
+        require_numbers(each.array, each.label)
+        if isinstance(each.array, h5py.Dataset):
+            require_stored(each.array, each.label, each.path)
+        self.path, self.key, self.label, self.packing = each.path, each.name.lstrip("/"), each.label, each.packing
+        self.opens, self.order, self.factor, self.clock, self.part = opens, order, factor, clock, part or {}
+        self.shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
+        require_memory(
+            16 * math.prod(self.shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,"
+        )
+        stored = each.array.dtype
+        wide = stored.itemsize > (4 if stored.kind == "f" else 2)  # than float32 holds exactly
+        self.dtype = torch.float64 if wide else torch.float32
+        self.size = each.path.stat().st_size if each.path.is_file() else 0  # when it was opened
+        self.files = (each.path,) if each.path.exists() else ()
+        self.held: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Handles do not travel to other processes; each opens its own."""
+        return {**self.__dict__, "held": None}
+
+    def fill(self, begin: int, end: int, out: Tensor) -> None:
+        """As ``Stored.fill``; an OSError where the file has become shorter since it was opened."""
+        try:
+            self._require_whole()  # where a map of it would end the process
+            self._fill(begin, end, out.numpy())
+            self._require_whole()  # where HDF5 fills in zeros and says nothing
+        except FileNotFoundError:
+            raise
+        except (OSError, RuntimeError) as error:
+            raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
+        if self.factor != 1:
+            out.mul_(self.factor)
+
+    def _fill(self, begin: int, end: int, out: np.ndarray) -> None:
+        with naming(self.path):
+            self.held = self.held or self.opens()
+            array = self.held[self.key]
+        time, plain = self.order[0], self.packing == PLAIN and [*self.order] == sorted(self.order) and not self.part
+        if plain and time == 0 and isinstance(array, h5py.Dataset):
+            array.read_direct(out.reshape(-1, *array.shape[1:]), source_sel=np.s_[begin:end])
+            return
+        part = self.part | {time: slice(begin, end)}
+        stored = np.asarray(array[tuple(part.get(i, slice(None)) for i in range(len(array.shape)))])
+        single = tuple(i for i in range(stored.ndim) if i not in self.order)
+        stored = stored.transpose(*self.order, *single).reshape(out.shape)
+        np.copyto(out, self.packing.unpack(stored.astype(stored.dtype.newbyteorder("="), copy=False), out.dtype))
+
+    def _require_whole(self) -> None:
+        if self.size and self.path.exists() and (now := self.path.stat().st_size) < self.size:
+            raise OSError(f"the file shrank from {self.size} to {now} bytes; nothing of it can be used")

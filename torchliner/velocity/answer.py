@@ -13,7 +13,7 @@ from torch import Tensor
 from torchliner.checks import index_of_frequency, phase_tensor, real_tensor
 from torchliner.engine.moments import Moments
 from torchliner.io.moments_file import holds_moments
-from torchliner.io.plane_join import named_planes
+from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import LinerModel, impedance_of
 from torchliner.liners.plates import goodrich_resistance
 from torchliner.names import __version__

@@ -12,7 +12,7 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
 from torchliner.engine.workers import Reduce, reduce_on
 from torchliner.io.kept_rows import KeptRows
-from torchliner.io.plane_join import named_planes
+from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
