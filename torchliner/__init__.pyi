@@ -84,9 +84,9 @@ from torchliner.records.incident import Tones as Tones
 from torchliner.report.figure import figure_style as figure_style
 from torchliner.studies.audit import audit as audit
 from torchliner.studies.calibrate import calibrate as calibrate
+from torchliner.studies.calibrate import identify as identify
 from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare import compare_models as compare_models
-from torchliner.studies.identify import identify as identify
 from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
 from torchliner.velocity.ir_tdibc_wall import LevelCurve as LevelCurve
 from torchliner.velocity.replay import replay as replay
