@@ -106,7 +106,7 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "csv": "torchliner.io.histories:FORMAT",
     "zarr": "torchliner.io.foreign:STORE",
     "netcdf3": "torchliner.io.foreign:NETCDF3",
-    "hdf5": "torchliner.io.to_plane:FORMAT",  # behind all others that are HDF5 inside
+    "hdf5": "torchliner.io.foreign:HDF5",  # behind all others that are HDF5 inside
 }
 BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
     "HDF5": "torchliner.io.burst_sources:FORMAT",

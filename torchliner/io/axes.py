@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from torchliner.fluid import Fluid
-from torchliner.io import variables
+from torchliner.io import clocks, variables
 from torchliner.io.hdf5 import get_dataset, is_there
 from torchliner.io.tables import FileKind, Table, numbers, read_variables
 
@@ -68,13 +68,13 @@ def read_signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) 
 
 
 def read_times(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int]:
-    """Sampling rate (Hz) and number of samples; as ``variables.read_times``."""
+    """Sampling rate (Hz) and number of samples; as ``clocks.read_times``."""
     return read_clock(group, path, key)[:2]
 
 
 def read_clock(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int, float]:
-    """Sampling rate (Hz), number of samples, and time of the first, s; as ``variables.read_times``."""
-    return variables.read_times(_field(group, key, path))[:3]
+    """Sampling rate (Hz), number of samples, and time of the first, s; as ``clocks.read_times``."""
+    return clocks.read_times(_field(group, key, path))[:3]
 
 
 def read_coordinate(file: h5py.Group, key: str, shape: tuple[int, ...], path: Path) -> np.ndarray | None:

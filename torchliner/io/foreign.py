@@ -1,4 +1,4 @@
-"""Planes from netCDF-3, datasets of xarray, zarr, which xarray opens, and arrays of .npy and MATLAB.
+"""Planes from HDF5, netCDF, datasets of xarray, zarr, which xarray opens, and arrays of .npy and MATLAB.
 
 All are read by slabs where they lie, as they are stored. MATLAB files may hold X_unique, Y_unique, Z_unique, the
 coordinates of the axes x, y and z.
@@ -23,7 +23,6 @@ from torchliner.io.hdf5 import hold_open, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import require_velocity
 from torchliner.io.stored_values import PLAIN, Packing
-from torchliner.io.to_plane import FORMAT as HDF5
 from torchliner.io.to_plane import to_plane
 from torchliner.io.variables import Field, Source, hdf5_source
 from torchliner.names import ARRAY_ENDINGS, did_you_mean
@@ -34,6 +33,23 @@ FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.96
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 Arrays = Callable[[Path], Mapping[str, np.ndarray]]
+
+
+# HDF5 and netCDF-4
+
+
+def open_hdf5(path: Path, request: PlaneRequest) -> VelocityPlane:
+    """The plane of a file of our schema, or of another netCDF-4 or HDF5 file; as ``to_plane``."""
+    with open_file(path) as file:
+        return to_plane(hdf5_source(file, path), request)
+
+
+HDF5 = PlaneFormat(
+    "HDF5 or netCDF-4",
+    lambda _, head: head.startswith(HDF5_SIGNATURE),
+    open_hdf5,
+    ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "row"),
+)
 WITHOUT_GROUP = tuple(each for each in HDF5.takes if each != "group")
 
 

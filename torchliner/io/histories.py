@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from torchliner.io.clocks import clock_of
 from torchliner.io.foreign import read_array
 from torchliner.io.plane_format import Imported, PlaneFormat, PlaneRequest
 from torchliner.io.points import AXES, component_of, place, require_velocity, stated_factor
 from torchliner.io.text_rows import open_text
-from torchliner.io.variables import clock_of
 from torchliner.names import ARRAY_ENDINGS
 from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of

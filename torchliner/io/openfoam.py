@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from torchliner.checks import tell
+from torchliner.io.clocks import uniform_rate
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_parts import join_planes
 from torchliner.io.points import Frame, direction_of, place, plane_of_frames
 from torchliner.io.text_rows import SPACES, digits_of, last_digit, open_text, parse_rows
-from torchliner.io.variables import uniform_rate
 from torchliner.io.vtk import read_frame
 from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of

@@ -17,12 +17,13 @@ import numpy as np
 import torch
 
 from torchliner.checks import tell
+from torchliner.io.clocks import uniform_rate
 from torchliner.io.foreign import netcdf_source
 from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.plane_parts import SelectedVelocity
 from torchliner.io.points import AXES, centres_of, component_of, place
-from torchliner.io.variables import Source, VariableVelocity, uniform_rate
+from torchliner.io.variables import Source, VariableVelocity
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 

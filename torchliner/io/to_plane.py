@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from torchliner.file_checks import Unwritten, naming
 from torchliner.fluid import Fluid
 from torchliner.io.axes import FLUID_UNITS
-from torchliner.io.hdf5 import open_file
-from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
+from torchliner.io.clocks import read_times
+from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.points import component_of, require_direction
 from torchliner.io.tables import FileKind
 from torchliner.io.variables import (
@@ -26,8 +25,6 @@ from torchliner.io.variables import (
     Source,
     VariableVelocity,
     coordinate,
-    hdf5_source,
-    read_times,
     references_of,
     time_axis,
 )
@@ -71,20 +68,6 @@ WALL = r"( the (liner|wall|surface|facesheet))?"
 AWAY, INTO = rf"(away|outwards?)( from{WALL})?", rf"(into|towards?|inwards?){WALL}"
 
 
-def open_plane(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of our schema, or of another netCDF-4 or HDF5 file; as ``to_plane``."""
-    with open_file(path) as file:
-        return to_plane(hdf5_source(file, path), request)
-
-
-FORMAT = PlaneFormat(
-    "HDF5 or netCDF-4",
-    lambda _, head: head.startswith(HDF5_SIGNATURE),
-    open_plane,
-    ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "row"),
-)
-
-
 def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     """The plane that a file or dataset holds.
 
@@ -103,8 +86,10 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     ours = velocity.short == VELOCITY
     factor = velocity.signal_factor("m/s", request.velocity_units)
     rate, samples, first, clock = request.sampling_rate, None, 0.0, None
-    if (times := find_times(velocity, fields)) is not None:
-        rate, samples, first, clock = read_times(times, request.sampling_rate)
+    times = [fields[axis] for axis in velocity.axes if axis in fields and role_of(axis, fields) == "time"]
+    times += [each for each in near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
+    if times:
+        rate, samples, first, clock = read_times(times[0], request.sampling_rate)
     layout = find_layout(velocity, fields, request, samples)
     if rate is None:
         raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
@@ -239,13 +224,6 @@ def near(velocity: Field, fields: Fields) -> list[Field]:
     """Variables of the velocity's group, then those at the top of the file."""
     leads = dict.fromkeys((velocity.name.rpartition("/")[0], ""))
     return [each for lead in leads for name, each in fields.items() if name.rpartition("/")[0] == lead]
-
-
-def find_times(velocity: Field, fields: Fields) -> Field | None:
-    """A dimension that is time, else a variable of that name."""
-    scales = [fields[axis] for axis in velocity.axes if axis in fields and role_of(axis, fields) == "time"]
-    named = [each for each in near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
-    return next(iter(scales + named), None)
 
 
 def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples: int | None) -> Layout:
