@@ -34,15 +34,12 @@ from torchliner.records.declared import variables_of
 from torchliner.records.holes import Holes
 from torchliner.units import SI_QUANTITY, si_factor
 
-KIND = FileKind(
-    "torchliner plane 1",
-    "velocity plane",
-    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}},
-)
+ATTRIBUTES = {"title": "", "source_side": "unknown", "liner": "", "provenance": {}}
+KIND = FileKind("torchliner plane 1", "velocity plane", ATTRIBUTES)
 VELOCITY, STREAMWISE, AREA = "wall_normal_velocity", "streamwise_velocity", "area"
 HOLES = ("hole_x", "hole_z", "hole_diameter")
-UNITS = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
-STATED = UNITS | FLUID_UNITS
+STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
+STATED |= FLUID_UNITS
 REMEDIES = {
     "torchliner pressure": "; use torchliner insitu",
     "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
@@ -101,11 +98,10 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
         case["streamwise"] = VariableVelocity(stream, source.opens, layout.order, stream.signal_factor("m/s"))
     if area := own.pop(AREA, None):
         case["area"] = area.si("m2")
-    if own:
-        if not {"hole_x", "hole_diameter"} <= {*own}:
-            raise ValueError(f"{path}: holes are {', '.join(HOLES)}, without z for slits; only some of them are there")
-        holes: dict[str, Any] = {name[5:]: each.si("m") for name, each in own.items()}
-        case["holes"] = Holes(**holes)
+    if own and not {"hole_x", "hole_diameter"} <= {*own}:
+        raise ValueError(f"{path}: holes are {', '.join(HOLES)}, without z for slits; only some of them are there")
+    if holes := {name[5:]: each.si("m") for name, each in own.items()}:
+        case["holes"] = Holes(**holes)  # type: ignore[arg-type]
     row = request.row or 0
     part = {} if layout.taken is None else {layout.taken: slice(row, row + 1)}
     sign = _sign(velocity, request, ours and schema.startswith("torchliner "))
