@@ -28,7 +28,7 @@ from torchliner.duct.case import impedance_along
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
-from torchliner.liners.cavity import cavity_propagation
+from torchliner.liners.plates import cavity_propagation
 from torchliner.records import ImpedanceMap
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, styled, subplots
 

@@ -14,8 +14,7 @@ import pytest
 import torch
 
 import torchliner as tl
-from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import Number
+from torchliner.liners.model import LinerModel, Number
 
 # The same examples in every run and on every machine, however slow; new ones, and more of them:
 # pytest --hypothesis-profile=explore [--hypothesis-seed=N].

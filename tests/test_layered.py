@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import torchliner as tl
 from torchliner.liners.catalogue import liner_text
 from torchliner.liners.laws import LAWS
-from torchliner.liners.parameters import Number
+from torchliner.liners.model import Number
 from torchliner.liners.plates import Sheet
 
 AIR = tl.Fluid()

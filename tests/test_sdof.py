@@ -11,8 +11,7 @@ import torch
 from conftest import SHARED
 
 import torchliner as tl
-from torchliner.liners.cavity import ratio_i2_i0
-from torchliner.liners.plates import goodrich_resistance
+from torchliner.liners.plates import goodrich_resistance, ratio_i2_i0
 
 ONERA_GLOBAL = tl.SDoFLiner(0.635e-3, 0.991e-3, 0.0395, 38.1e-3, 4.955e-3, name="onera global")
 

@@ -14,11 +14,11 @@ from scipy.special import j0, jn_zeros, jv
 
 import torchliner as tl
 from torchliner.liners.laws import LAWS as ROWS
-from torchliner.liners.parameters import parameters_of
+from torchliner.liners.model import arguments_of
 from torchliner.liners.plates import Sheet, fok_sum, tube_impedance
 
 LAWS = [*ROWS]
-FIELDS = {name: [*parameters_of(row)] for name, row in ROWS.items()}
+FIELDS = {name: [*arguments_of(row)] for name, row in ROWS.items()}
 PLATES = [name for name in LAWS if "porosity" in FIELDS[name]]
 GRAZED = [name for name in PLATES if "mach" in FIELDS[name]]
 AIR = tl.Fluid()

@@ -18,16 +18,14 @@ from torchliner import file_checks
 from torchliner.checks import real_tensor
 from torchliner.file_checks import FluidTable, preset_or_file, read_text, validated
 from torchliner.fluid import Fluid
-from torchliner.liners.layered import layer_kinds
-from torchliner.liners.model import STATED, LinerModel, as_liner, checked_impedance
-from torchliner.liners.parameters import arguments_of, plain
-from torchliner.liners.plates import Layer
+from torchliner.liners.laws import LAWS
+from torchliner.liners.layered import Cavity
+from torchliner.liners.model import STATED, LinerModel, arguments_of, as_liner, impedance_of, plain
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.names import LINER_MODELS, did_you_mean, resolve
 
 PACKAGE, KIND = "torchliner.liners", ("liner", ".toml, .csv or .py")
-ABOUT = ("model", "name", "description", "source")
-NOT_GIVEN = ("model", "description", "source", "kind")  # keys of a file that are no arguments
+ABOUT = ("model", "name", "description", "source")  # keys of any liner file
 
 
 def preset_names() -> list[str]:
@@ -62,8 +60,7 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     """
     if isinstance(name, Mapping):
         return _described(name)
-    suffix = Path(name).suffix.lower()
-    files = [str(name)] if suffix in (".toml", ".csv", ".py") else []
+    suffix, files = Path(name).suffix.lower(), [str(name)]
     if suffix == ".csv":
         found: LinerModel = TabulatedLiner.read_csv(name)
     elif suffix == ".py":
@@ -71,6 +68,7 @@ def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
     else:
         content, path = preset_or_file(PACKAGE, name, *KIND)
         found = _build(content, path)
+        files = files if suffix == ".toml" else []
         files += [str(path.parent / content["file"])] if "file" in content else []
     found.settle(files=tuple(files))
     return found
@@ -95,6 +93,13 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
     made: type[LinerModel] = resolve(LINER_MODELS[kind])
     try:
         given = _arguments(made, content, "", ABOUT)
+        pair = given.get("impedance_offset", (0, 0))
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            raise ValueError(f"impedance_offset is {pair!r}; two numbers are needed, [resistance, reactance]")
+        if "impedance_offset" in given:
+            given["impedance_offset"] = complex(*pair)
+        if "layers" in given:
+            given["layers"] = [_layer(table, f"layers.{i}") for i, table in enumerate(given["layers"])]
         if "fluid" in given:
             given["fluid"] = validated(FluidTable, given["fluid"], path, {}).build()
         return made.from_file({**given, "name": given.get("name") or path.stem}, path.parent)
@@ -102,35 +107,26 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
         raise ValueError(str(error) if str(error).startswith(f"{path} has ") else f"{path}: {error}") from error
 
 
+def _layer(table: Any, place: str) -> Any:
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{place} = {table!r} is no table; write [[layers]], with two brackets, for each of them")
+    kinds, kind = {**LAWS, Cavity.kind: Cavity}, table.get("kind")
+    if kind not in kinds:
+        near = did_you_mean(str(kind), [*kinds])
+        raise ValueError(f"{place}: kind is {kind!r}{near}; it is one of {', '.join(kinds)}")
+    return kinds[kind](**_arguments(kinds[kind], table, f"{place}.{kind}.", ("kind",)))
+
+
 def _arguments(made: type, table: Mapping[str, Any], place: str, about: tuple[str, ...]) -> dict[str, Any]:
-    """Arguments of a class from a table and what else is no argument; ValueError with all keys missing or unknown."""
+    """Arguments of a class from a table with further keys; ValueError with all keys that are missing or unknown."""
     known, keys = arguments_of(made), getattr(made, "file_keys", None)
-    needed = () if keys else (name for name, (_, default) in known.items() if default is inspect.Parameter.empty)
+    needed = [name for name, (_, default) in known.items() if default is inspect.Parameter.empty and not keys]
     valid = [*about, *(keys or known)]
     wrong = [f"{place}{key}: no such key{did_you_mean(key, valid)}" for key in table if key not in valid]
     wrong += [f"{place}{name}: missing" for name in needed if name not in table]
     if wrong:
         raise ValueError("; ".join(wrong))
-    given = {key: value for key, value in table.items() if key not in NOT_GIVEN}
-    if "impedance_offset" in given:
-        pair = given["impedance_offset"]
-        if not isinstance(pair, list | tuple) or len(pair) != 2:
-            raise ValueError(f"impedance_offset is {pair!r}; two numbers are needed, [resistance, reactance]")
-        given["impedance_offset"] = complex(*pair)
-    if "layers" in given:
-        given["layers"] = [_layer(table, f"layers.{i}") for i, table in enumerate(given["layers"])]
-    return given
-
-
-def _layer(table: Any, place: str) -> Layer:
-    kinds = layer_kinds()
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{place} = {table!r} is no table; write [[layers]], with two brackets, for each of them")
-    kind = table.get("kind")
-    if kind not in kinds:
-        near = did_you_mean(str(kind), [*kinds])
-        raise ValueError(f"{place}: kind is {kind!r}{near}; it is one of {', '.join(kinds)}")
-    return kinds[kind](**_arguments(kinds[kind], table, f"{place}.{kind}.", ("kind",)))
+    return {key: value for key, value in table.items() if key == "name" or key not in about}
 
 
 def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
@@ -167,26 +163,24 @@ def _python_liner(path: Path) -> LinerModel:
             f"{path} must define a function impedance(frequency, speed), which returns Z normalised by rho c, or an "
             "object 'liner' with one; fluid, if it is stated, is a torchliner.Fluid"
         )
-    facts = {
-        "model": "python",
-        "name": path.stem,
-        "file": path.name,
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
-        **{name: plain(value) for name, value in members.items() if not callable(value)},
-    }
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    facts = {"model": "python", "name": path.stem, "file": path.name, "sha256": digest}
+    facts |= {name: plain(value) for name, value in members.items() if not callable(value)}
 
-    def impedance(frequency: Any, speed: Any = 0.0) -> Tensor:
-        f, v = real_tensor(frequency), real_tensor(speed)
+    def guarded(f: Tensor, v: Tensor) -> Any:
         try:
             found = function(f, v)
         except Exception as error:
             raise ValueError(f"{_where(error, path)} (frequency {tuple(f.shape)}, speed {tuple(v.shape)})") from error
         if not torch.is_complex(torch.as_tensor(found)):
             raise ValueError(f"{path}: impedance gave real numbers; Z = R + j X is complex, add 1j times X, or 0j")
-        return checked_impedance(found, f, v, f"{path}: impedance(frequency, speed)")
+        return found
 
-    members = {"describe": lambda: dict(facts), **members, "impedance": impedance}
-    return as_liner(SimpleNamespace(**members))
+    def impedance(frequency: Any, speed: Any = 0.0) -> Tensor:
+        name, own = f"{path}: impedance(frequency, speed)", SimpleNamespace(impedance=guarded)
+        return impedance_of(own, real_tensor(frequency), real_tensor(speed), name)
+
+    return as_liner(SimpleNamespace(**{"describe": lambda: dict(facts), **members, "impedance": impedance}))
 
 
 def _where(error: BaseException, path: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import torch
 from torch import Tensor
@@ -13,18 +13,16 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, plain_number, real_tensor, require_choice
 from torchliner.file_checks import one_of
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
-from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import Factor, Number, Pitch, Share
+from torchliner.liners.model import Factor, LinerModel, Number, Pitch, Share
 from torchliner.liners.plates import Sheet
 from torchliner.names import VELOCITY_READINGS
 
 OFFSET = ("offset_resistance", "offset_reactance")
-STATE = ("temperature", "pressure")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CellLiner(LinerModel):
-    """Base of the models whose cells see a share of the surface.
+    """Base of the models whose cells see a share of the surface; ``front`` is the sheet that faces the flow.
 
     Args:
         open_area_fraction: alpha, the share of the surface that is cell and not rigid wall (section 5.3), 0 to 1.
@@ -36,6 +34,7 @@ class CellLiner(LinerModel):
     """
 
     groups = dict.fromkeys(("offset", "impedance_offset"), OFFSET)
+    front: ClassVar[Any]
 
     open_area_fraction: Share = 1.0
     velocity_reading: Annotated[str, one_of(*VELOCITY_READINGS)] = "as_measured"
@@ -49,6 +48,7 @@ class CellLiner(LinerModel):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
+        self.settle(front=self._front())
         hole, porosity = (getattr(self.front, name, None) for name in ("orifice_diameter", "porosity"))
         if hole is not None:
             self.settle(hole_diameter=plain_number(hole))
@@ -58,15 +58,13 @@ class CellLiner(LinerModel):
             size = f"orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, {self.cell_pitch:g} m"
             raise ValueError(f"{self.label}: {size}; both are in metres")
 
-    @property
-    def front(self) -> Sheet:
-        """What faces the flow."""
+    def _front(self) -> Sheet:
         raise NotImplementedError
 
     def open_area(self) -> Any:
         """Of the whole surface, as its share."""
         own: Any = self.flow_facing_porosity
-        return self.front.porosity * self.open_area_fraction if own is None else own  # type: ignore[attr-defined]
+        return self.front.porosity * self.open_area_fraction if own is None else own
 
     def seen(self, frequency: Any, speed: Any) -> tuple[Tensor, Tensor]:
         """rad/s, from Hz, and |v_c|, m/s, from |v|; ValueError for what is not above 0, negative or not finite."""
@@ -91,40 +89,34 @@ class CellLiner(LinerModel):
 
     def numbers(self) -> dict[str, Number]:
         """Arguments, both parts of the offset, and the state of the gas."""
-        offset = torch.as_tensor(self.impedance_offset, dtype=torch.complex128).detach()
-        temperature, pressure = air_state(self.fluid)
+        offset = torch.view_as_real(torch.as_tensor(self.impedance_offset, dtype=torch.complex128).detach()).tolist()
+        temperature, pressure = air_state(self.fluid).values()
         return {
             **super().numbers(),
-            "offset_resistance": Number(offset.real.item(), low=-math.inf),
-            "offset_reactance": Number(offset.imag.item(), low=-math.inf),
+            **{name: Number(part, low=-math.inf) for name, part in zip(OFFSET, offset, strict=True)},
             "temperature": Number(temperature, "K", 150.0, 1500.0),
             "pressure": Number(pressure, "Pa"),
         }
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
         """See ``LinerModel``; temperature and pressure move the gas as dry air."""
-        changes = {name: value for name, value in values.items() if name not in (*OFFSET, *STATE)}
-        parts, state = ({name: values[name] for name in names if name in values} for names in (OFFSET, STATE))
-        if parts:
+        changes, gas = dict(values), air_state(self.fluid)
+        parts = [changes.pop(name, None) for name in OFFSET]
+        state = {name: changes.pop(name) for name in gas if name in changes}
+        if any(part is not None for part in parts):
             own = self.numbers()
-            pair = [torch.as_tensor(parts.get(name, own[name].value), dtype=torch.float64) for name in OFFSET]
-            tensor = any(isinstance(part, Tensor) for part in parts.values())
-            changes["impedance_offset"] = torch.complex(*pair) if tensor else complex(*pair)
-        if state:
-            changes["fluid"] = fluid_at(self.fluid, **state)
+            both = [own[n].value if part is None else part for n, part in zip(OFFSET, parts, strict=True)]
+            made = torch.complex(*(torch.as_tensor(part, dtype=torch.float64) for part in both))
+            changes["impedance_offset"] = made if any(isinstance(each, Tensor) for each in both) else made.item()
+        if state:  # c, rho and eta scale as those of air, gamma and Pr stay
+            base, moved = Fluid.from_temperature(**gas), Fluid.from_temperature(**gas | state)
+            names = ("sound_speed", "density", "dynamic_viscosity")
+            scaled: dict[str, Any] = {n: getattr(self.fluid, n) * (getattr(moved, n) / getattr(base, n)) for n in names}
+            changes["fluid"] = dataclasses.replace(self.fluid, **scaled)
         return super().with_numbers(changes)
 
 
-def air_state(fluid: Fluid) -> tuple[float, float]:
+def air_state(fluid: Fluid) -> dict[str, float]:
     """Temperature (K) and pressure (Pa) of dry air with the sound speed and density of ``fluid``."""
     temperature = plain_number(fluid.sound_speed) ** 2 / (1.4 * GAS_CONSTANT_AIR)
-    return temperature, plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature
-
-
-def fluid_at(fluid: Fluid, **state: Any) -> Fluid:
-    """The gas at another temperature (K) or pressure (Pa): c, rho and eta scale as those of air, gamma and Pr stay."""
-    here = dict(zip(STATE, air_state(fluid), strict=True))
-    base, moved = Fluid.from_temperature(**here), Fluid.from_temperature(**here | state)
-    names = ("sound_speed", "density", "dynamic_viscosity")
-    scaled: dict[str, Any] = {n: getattr(fluid, n) * (getattr(moved, n) / getattr(base, n)) for n in names}
-    return dataclasses.replace(fluid, **scaled)
+    return {"temperature": temperature, "pressure": plain_number(fluid.density) * GAS_CONSTANT_AIR * temperature}

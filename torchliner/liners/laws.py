@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_number
 from torchliner.fluid import Fluid
-from torchliner.liners.parameters import Mach, Number, Share
+from torchliner.liners.model import Mach, Number, Share
 from torchliner.liners.plates import TONE, GrazedPlate, Plate, Sheet, fok_sum, tube_impedance
 
 SHARP = 0.76  # C_D of sharp-edged holes, with which the two-parameter model is used
@@ -59,31 +59,16 @@ class Perforate(Plate):
         return torch.complex(viscous, viscous + omega * length / share)
 
     def in_motion(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
-        """G, eq. (2.4)."""
-        return torch.complex(self.jets(omega, speed, fluid), -self.lost(omega, speed, fluid))
-
-    def _shear(self, omega: Tensor, fluid: Fluid) -> Tensor:
-        """S_h."""
-        return self.orifice_diameter / 2 * torch.sqrt(omega / fluid.kinematic_viscosity)
-
-    def jets(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
-        """Re G, eq. (2.4a)."""
-        growth = 1 + 0.06 * torch.exp((3.74 / self._shear(omega, fluid)).clamp(max=LARGEST_EXPONENT))
-        a = 2**0.5 / (2 * self.vena_contracta**2 * self.porosity**2 * fluid.sound_speed)
-        b = 2**0.5 * omega * self.orifice_diameter * growth * self.porosity
-        return a * (speed * speed / (speed + b))
-
-    def lost(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
-        """-Im G, eq. (2.4b): the reactance that jets take."""
-        shear, power = self._shear(omega, fluid), to_2_5(speed)
-        c = omega / fluid.sound_speed * self.orifice_diameter / 2 / self.porosity * (0.6 + 1.6 / shear + 0.015 * shear)
-        d = (2**0.5 * omega * self.orifice_diameter / 2 * self.porosity) ** 2.5 / (0.013 * shear**2)
-        return c * (power / (power + d))
-
-
-def to_2_5(speed: Tensor) -> Tensor:
-    """|v|^2.5; v*v*sqrt(v) is ten times faster, and its clamp gives a slope of 0, not infinity, at rest."""
-    return speed * speed * speed.clamp(min=1e-30).sqrt()
+        """G, eq. (2.4): what the jets resist, and the reactance that they take."""
+        d, sigma, c = self.orifice_diameter, self.porosity, fluid.sound_speed
+        shear = d / 2 * torch.sqrt(omega / fluid.kinematic_viscosity)  # S_h
+        growth = 1 + 0.06 * torch.exp((3.74 / shear).clamp(max=LARGEST_EXPONENT))
+        a = 2**0.5 / (2 * self.vena_contracta**2 * sigma**2 * c)
+        jets = a * (speed * speed / (speed + 2**0.5 * omega * d * growth * sigma))
+        most = omega / c * d / 2 / sigma * (0.6 + 1.6 / shear + 0.015 * shear)
+        half = (2**0.5 * omega * d / 2 * sigma) ** 2.5 / (0.013 * shear**2)
+        power = speed * speed * speed.clamp(min=1e-30).sqrt()  # quicker than **; a slope of 0, not infinity, at rest
+        return torch.complex(jets, -most * (power / (power + half)))
 
 
 @dataclass(frozen=True, kw_only=True)

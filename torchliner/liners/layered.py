@@ -18,13 +18,12 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, real_tensor, require_choice
+from torchliner.checks import plain_number, require_choice
 from torchliner.fluid import Fluid
-from torchliner.liners.cavity import cavity_propagation
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.laws import LAWS
-from torchliner.liners.parameters import Depth, Number, Share
-from torchliner.liners.plates import Layer, Sheet
+from torchliner.liners.model import Depth, Number, Share
+from torchliner.liners.plates import Layer, Sheet, cavity_propagation
 
 
 @dataclass(frozen=True)
@@ -39,16 +38,10 @@ class Cavity(Layer):
 
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
         """See ``Layer``: both columns of the module's formula over cosh(g h)."""
-        radius, phi = real_tensor(self.hydraulic_radius).to(omega.device), self.porosity
-        way = cavity_propagation(omega, radius, fluid) * self.depth
+        phi, way = self.porosity, cavity_propagation(omega, self.hydraulic_radius, fluid) * self.depth
         slope = torch.tanh(way)
         ratio = 2 * torch.exp(-way) * below / (below + phi + (below - phi) * torch.exp(-2 * way))
         return (below + phi * slope) / (1 + slope * below / phi), ratio
-
-
-def layer_kinds() -> dict[str, type[Layer]]:
-    """Classes by the ``kind``s of layers in liner files."""
-    return {**LAWS, Cavity.kind: Cavity}
 
 
 def sheet(law: str, **numbers: Any) -> Sheet:
@@ -114,9 +107,7 @@ class LayeredLiner(CellLiner):
         flow = sum(layer.flow_resistance for layer in self.layers if isinstance(layer, Sheet))
         self.settle(flow_resistance=flow / plain_number(self.open_area_fraction))
 
-    @property
-    def front(self) -> Sheet:
-        """The uppermost sheet."""
+    def _front(self) -> Sheet:
         return self.layers[0]  # type: ignore[return-value]
 
     def named_layers(self) -> dict[str, Layer]:

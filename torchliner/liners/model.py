@@ -1,19 +1,153 @@
-"""What a liner is to the rest of the package: an impedance, its checked values, and what a model may state besides."""
+"""What a liner is to the rest of the package: an impedance, and parameters that are declared once, with unit and range.
+
+From the type of a field (``Length``, ``Share``; ``Annotated[Any, Number(unit="kg/m2")]`` is a new one) follow the check
+of its value, the key of a liner file, and what sensitivities, tolerances and fits may vary. A value is a number, or a
+0-d float64 tensor through which derivatives pass.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import dataclasses
+import inspect
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self
+from typing import Annotated, Any, ClassVar, Protocol, Self, get_type_hints
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import plain_number, require_choice
+from torchliner.checks import make_plain, one_number, plain_number, require_choice
 from torchliner.conversions import reflection_from_impedance
 from torchliner.fluid import Fluid
-from torchliner.liners.parameters import Declared, Number
+from torchliner.units import SI_QUANTITY
+
+SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
+STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "speed_max", "surface_porosity")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A real parameter of a model, SI, or, without a value, what is declared of it: above ``low`` (or at it, if
+    ``low_included``), at most ``high``; ``varied``: whether it is one of a model's ``numbers``."""
+
+    value: float = math.nan
+    unit: str = "1"
+    low: float = 0.0
+    high: float = math.inf
+    low_included: bool = False
+    varied: bool = True
+
+    @property
+    def quantity(self) -> str:
+        """Kind of its units, a key of ``units.FACTORS``."""
+        return SI_QUANTITY.get(self.unit, "number")
+
+    def at(self, value: Any) -> Number:
+        """Another value."""
+        return dataclasses.replace(self, value=plain_number(value))
+
+    def require(self, name: str) -> None:
+        """Raise a ValueError with name, value, unit and range unless the value is finite and within the range."""
+        below = self.value < self.low or (self.value == self.low and not self.low_included)
+        if not below and math.isfinite(self.value) and self.value <= self.high:
+            return
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        limits = [f"{'at least' if self.low_included else 'above'} {self.low:g}{unit}"] * (self.low > -math.inf)
+        limits += [f"at most {self.high:g}{unit}"] * (self.high < math.inf)
+        slip = SLIPS.get(self.unit, "") if self.value > self.high else ""
+        raise ValueError(f"{name} is {self.value:g}{unit}; it is {' and '.join(limits) or 'finite'}{slip}")
+
+
+Length = Annotated[Any, Number(unit="m", high=0.1)]  # of plates; more are millimetres given as metres
+Depth = Annotated[Any, Number(unit="m", high=10.0)]  # of cavities, likewise
+Share = Annotated[Any, Number(high=1.0)]
+ShareFrom0 = Annotated[Any, Number(high=1.0, low_included=True)]
+Factor = Annotated[Any, Number()]
+FactorFrom0 = Annotated[Any, Number(low_included=True)]
+Coefficient = Annotated[Any, Number(low=-math.inf)]
+Mach = ShareFrom0
+Pitch = Annotated[float | None, Number(unit="m", varied=False)]
+
+
+@cache
+def arguments_of(declared: type) -> dict[str, tuple[Number | None, Any]]:
+    """What a class declares of each argument, and its default, by name; those that only keywords give come last."""
+    hints = get_type_hints(declared, include_extras=True)
+    marks = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    first = {name: next((each for each in held if isinstance(each, Number)), None) for name, held in marks.items()}
+    return {name: (first.get(name), each.default) for name, each in inspect.signature(declared).parameters.items()}
+
+
+class Declared:
+    """Base of frozen dataclasses whose fields have these types.
+
+    Raises:
+        TypeError: a parameter is no number.  ValueError: it is outside its range.
+    """
+
+    def __post_init__(self) -> None:
+        make_plain(self, tensors=True)
+        for name, mark, value in self._parameters():
+            where = f"{self.label}: {name}"
+            number = one_number(where, value.detach() if isinstance(value, Tensor) else value)
+            mark.at(number).require(where)
+            if not isinstance(value, Tensor):
+                self.settle(**{name: number})
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return type(self).__name__
+
+    def settle(self, **values: Any) -> None:
+        """Set what follows from the arguments."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _parameters(self) -> Iterator[tuple[str, Number, Any]]:
+        """With declaration and value; those left at a default of None are passed over."""
+        own: Any = type(self)
+        for name, (mark, default) in arguments_of(own).items():
+            value = getattr(self, name)
+            if mark is not None and (value is not None or default is not None):
+                yield name, mark, value
+
+    def numbers(self) -> dict[str, Number]:
+        """The real parameters that sensitivities, tolerances and fits may vary, by name."""
+        return {name: mark.at(value) for name, mark, value in self._parameters() if mark.varied}
+
+    def with_numbers(self, values: Mapping[str, Any]) -> Self:
+        """A copy with other ``numbers``: by name, SI; floats, or 0-d float64 tensors, through which derivatives pass if
+        ``impedance`` computes with torch."""
+        return self.replace(**values)
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with some arguments changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+    def describe(self) -> dict[str, Any]:
+        """The ``model`` of a liner or the ``kind`` of a layer, and all arguments as plain values, for provenance and
+        liner files."""
+        own: Any = type(self)
+        kinds = {key: getattr(own, key) or own.__name__ for key in ("model", "kind") if hasattr(own, key)}
+        return {**kinds, **{name: plain(getattr(self, name)) for name in arguments_of(own)}}
+
+
+def plain(value: Any) -> Any:
+    """An argument of a model as a plain value."""
+    if isinstance(value, Tensor):
+        value = value.detach().item()
+    if isinstance(value, Fluid):
+        return {name: plain(each) for name, each in vars(value).items()}
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if isinstance(value, tuple):
+        return [each.describe() if hasattr(each, "describe") else each for each in value]
+    return value
 
 
 class Liner(Protocol):
@@ -80,13 +214,6 @@ class LinerModel(Declared):
         another."""
         return self
 
-    def describe(self) -> dict[str, Any]:
-        """The model and all its arguments as plain values, for provenance and liner files."""
-        return {"model": self.model or type(self).__name__, **super().describe()}
-
-
-STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "speed_max", "surface_porosity")
-
 
 def as_liner(liner: Any) -> LinerModel:
     """The liner itself, or any object with ``impedance(frequency, speed)``, and perhaps members of ``STATED`` and
@@ -129,20 +256,22 @@ def reflection_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
     return reflection_from_impedance(impedance_of(liner, frequency, speed))
 
 
-def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
-    """``liner.impedance`` of any user's object, as ``checked_impedance``."""
-    name = f"{type(liner).__name__}.impedance(frequency, speed)"
-    return checked_impedance(liner.impedance(frequency, speed), frequency, speed, name)
-
-
-def checked_impedance(impedance: Any, frequency: Tensor, speed: Tensor, name: str) -> Tensor:
-    """What a user's function ``name`` gave, as complex128 of the broadcast shape.
+def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor, name: str = "") -> Tensor:
+    """``liner.impedance`` of any user's object, as complex128 of the broadcast shape; ``name`` of it in messages.
 
     Raises:
-        TypeError: None, text.
+        TypeError: it gave None, text.
         ValueError: another shape, nan, inf or -1, for which R has no value.
     """
-    found = complex_tensor(impedance, name)
+    name = name or f"{type(liner).__name__}.impedance(frequency, speed)"
+    found = liner.impedance(frequency, speed)
+    if not isinstance(found, Tensor):  # torch takes Python's own numbers in its default precision
+        array = np.asarray(found)
+        if array.dtype.kind not in "fiuc":
+            given = f"{type(found).__name__} of {array.dtype}"
+            raise TypeError(f"{name} gave {given}; numbers are needed, normalised by rho c")
+        found = torch.as_tensor(array.astype(np.complex128))
+    found = found.to(torch.complex128)
     if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
         raise ValueError(
             f"{name} gave nan, inf or -1 between {float(frequency.min()):g} and {float(frequency.max()):g} Hz and up "
@@ -150,21 +279,10 @@ def checked_impedance(impedance: Any, frequency: Tensor, speed: Tensor, name: st
         )
     shape = np.broadcast_shapes(frequency.shape, speed.shape)
     try:
-        return found.broadcast_to(shape)
+        broadcast: Tensor = found.broadcast_to(shape)
+        return broadcast
     except RuntimeError as error:
         raise ValueError(
             f"{name} gave shape {tuple(found.shape)} for frequency {tuple(frequency.shape)} and speed "
             f"{tuple(speed.shape)}; {tuple(shape)} is needed"
         ) from error
-
-
-def complex_tensor(impedance: Any, name: str) -> Tensor:
-    """Tensor, array, list or number as complex128; TypeError for None and text, with the ``name`` that gave it."""
-    if isinstance(impedance, Tensor):
-        return impedance.to(torch.complex128)
-    array = np.asarray(impedance)  # torch takes Python's own numbers in its default precision
-    if array.dtype.kind not in "fiuc":
-        raise TypeError(
-            f"{name} gave {type(impedance).__name__} of {array.dtype}; numbers are needed, normalised by rho c"
-        )
-    return torch.as_tensor(array.astype(np.complex128))

@@ -1,4 +1,4 @@
-r"""Layers, and what the laws of plates with round holes share: the tube, the jet, ends, grazing flow.
+r"""Layers of a liner, and what their laws share: the air in tubes and cavities, the jet, ends, grazing flow.
 
 Every |v| of a law is the rms velocity in front of the sheet; in the holes it is |v|/sigma. Of the quasi-steady drop of
 a jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, the slope at a steady v is factor 1; the part in phase with a
@@ -8,18 +8,20 @@ tone of rms |v| is 8 sqrt(2)/(3 pi) = 1.2004 of it, Melling's "1.2" (4/(3 pi) of
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import torch
+from scipy.special import ive
 from torch import Tensor
 
 from torchliner.checks import plain_number, real_tensor
 from torchliner.fluid import Fluid
-from torchliner.liners.cavity import ratio_i2_i0
-from torchliner.liners.parameters import Declared, Length, Mach, Number, Share
+from torchliner.liners.model import Declared, Length, Mach, Number, Share
 
 TONE = 8 * 2**0.5 / (3 * math.pi)
+ASYMPTOTIC_FROM = 1e4  # |s|: the first term left out of the series is below 1e-16 there
 FOK = (1, -1.40925, 0, 0.33818, 0, 0.06793, -0.02287, 0.03015, -0.01641, 0.01729, -0.01248, 0.01205, -0.00985)
 GRAZING = {  # arguments of ``goodrich_resistance``
     "bulk_mach": Number(high=1.0, low_included=True),
@@ -45,10 +47,6 @@ class Layer(Declared):
         ``below``: admittance below it, 0 for the backplate; omega in rad/s, |v| at it in m/s.
         """
         raise NotImplementedError
-
-    def describe(self) -> dict[str, Any]:
-        """A table ``[[layers]]`` of a liner file."""
-        return {"kind": self.kind, **super().describe()}
 
 
 class Sheet(Layer):
@@ -102,9 +100,8 @@ class GrazedPlate(Plate):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        mach = plain_number(self.mach)
-        if mach > 0 and plain_number(self.displacement_thickness) == 0:
-            both = f"mach is {mach:g} and displacement_thickness is 0 m"
+        if plain_number(self.mach) > 0 and plain_number(self.displacement_thickness) == 0:
+            both = f"mach is {plain_number(self.mach):g} and displacement_thickness is 0 m"
             raise ValueError(f"{self.label}: {both}; state it, 1e-3 to 5e-3 m in most ducts")
 
     def grazing(self) -> Any:
@@ -115,6 +112,53 @@ class GrazedPlate(Plate):
     def flow_resistance(self) -> float:
         """See ``Sheet``."""
         return plain_number(self.grazing())
+
+
+class _RatioI2I0(torch.autograd.Function):
+    """``ratio_i2_i0``, once differentiable."""
+
+    @staticmethod
+    def forward(ctx: Any, s: Tensor) -> Tensor:
+        host = s.detach().cpu().to(torch.complex128)
+        values = host.numpy()
+        large = 1 - 2 / host * (1 - 1 / (2 * host) - 1 / (8 * host**2) - 1 / (8 * host**3))
+        exact = torch.as_tensor(ive(2, values) / ive(0, values))
+        ratio = torch.where(host.abs() > ASYMPTOTIC_FROM, large, exact).to(s.device)
+        ctx.save_for_backward(s, ratio)
+        ctx.save_for_forward(s, ratio)
+        return ratio
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        return gradients[0] * _RatioI2I0.slope(*ctx.saved_tensors).conj()
+
+    @staticmethod
+    def jvp(ctx: Any, *tangents: Tensor) -> Tensor:
+        return tangents[0] * _RatioI2I0.slope(*ctx.saved_tensors)
+
+    @staticmethod
+    def slope(s: Tensor, ratio: Tensor) -> Tensor:
+        """From I0' = I1, I2' = I1 - 2 I2/s and I1/I0 = s (1 - ratio)/2; 0 at s = 0."""
+        return torch.where(s == 0, 0, s * (1 - ratio) ** 2 / 2 - 2 * ratio / torch.where(s == 0, 1, s))
+
+
+# I2(s)/I0(s) = 1 - Phi(s), the viscous (or thermal) function of a circular tube, of s = r sqrt(j omega/nu), complex128,
+# Re s >= 0: 0 at s = 0, tending to 1. Source: Roncen et al. (2026), eq. (2.2e). Departure from print: Phi(s) = (2/s)
+# I1(s)/I0(s); I1/I2 as printed breaks Phi(0) = 1. I2/I0 keeps full precision as s -> 0, where 1 - Phi would cancel.
+# Above |s| = 1e4 the asymptotic series of I1/I0 is used.
+ratio_i2_i0: Callable[[Tensor], Tensor] = _RatioI2I0.apply  # type: ignore[assignment]
+
+
+def cavity_propagation(omega: Tensor, hydraulic_radius: Any, fluid: Fluid) -> Tensor:
+    """j k_c of eq. (2.2d), 1/m: plane wave with viscous and thermal wall losses, at omega, rad/s.
+
+    The hydraulic radius r_c, m, is D/2 for a square cavity of side D, D between plates D apart.
+    """
+    radius, root = real_tensor(hydraulic_radius).to(omega.device), torch.sqrt(1j * omega)
+    one_minus_viscous = ratio_i2_i0(root * (radius / fluid.kinematic_viscosity**0.5))
+    thermal = 1 - ratio_i2_i0(root * (radius / fluid.thermal_diffusivity**0.5))
+    losses = (1 + (fluid.heat_capacity_ratio - 1) * thermal) / one_minus_viscous
+    return 1j * omega / fluid.sound_speed * torch.sqrt(losses)
 
 
 def tube_impedance(omega: Tensor, length: Any, diameter: Any, fluid: Fluid) -> Tensor:

@@ -20,10 +20,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import plain_number, real_tensor
-from torchliner.liners.cavity import cavity_impedance
 from torchliner.liners.cell import CellLiner
-from torchliner.liners.laws import Perforate, to_2_5
-from torchliner.liners.parameters import (
+from torchliner.liners.laws import Perforate
+from torchliner.liners.model import (
     Coefficient,
     Depth,
     Factor,
@@ -34,6 +33,7 @@ from torchliner.liners.parameters import (
     Share,
     ShareFrom0,
 )
+from torchliner.liners.plates import cavity_propagation
 from torchliner.names import VELOCITY_READINGS
 
 SAME_MACH = 0.01
@@ -55,7 +55,7 @@ class SDoFLiner(CellLiner):
     Raises:
         ValueError: a value outside its range, a hole larger than the pitch, or a thin plate so open that it would feed
             sound.
-    Source: Roncen et al. (2026), sections 2 and 5.3, with the departures in ``liners/cavity.py`` and ``fluid.py``.
+    Source: Roncen et al. (2026), sections 2 and 5.3, with the departures in ``liners/plates.py`` and ``fluid.py``.
     """
 
     model = "sdof"
@@ -68,9 +68,7 @@ class SDoFLiner(CellLiner):
     cavity_porosity: Share = 1.0
     vena_contracta: Share = 0.8
 
-    @property
-    def front(self) -> Perforate:
-        """The facesheet."""
+    def _front(self) -> Perforate:
         shared = {name: getattr(self, name) for name in ("orifice_diameter", "porosity", "vena_contracta")}
         return Perforate(thickness=self.facesheet_thickness, **shared)
 
@@ -81,14 +79,15 @@ class SDoFLiner(CellLiner):
             ValueError: a frequency not above 0, or a negative or non-finite speed.
         """
         omega, speed = self.seen(frequency, speed)
-        radius = real_tensor(self.cavity_hydraulic_radius).to(omega.device)
-        cavity = cavity_impedance(omega, self.cavity_depth, radius, self.fluid) / self.cavity_porosity
-        cell = self.front.at_rest(omega, self.fluid) + cavity
-        return (cell + self.in_motion(omega, speed)) / self.open_area_fraction + self.impedance_offset
+        way = cavity_propagation(omega, self.cavity_hydraulic_radius, self.fluid) * self.cavity_depth
+        cell = self.front.at_rest(omega, self.fluid) + 1 / torch.tanh(way) / self.cavity_porosity
+        found: Tensor = (cell + self.in_motion(omega, speed)) / self.open_area_fraction + self.impedance_offset
+        return found
 
     def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
         """What |v_c| and flow add to the impedance of a cell."""
-        return self.front.in_motion(omega, speed, self.fluid)
+        added: Tensor = self.front.in_motion(omega, speed, self.fluid)
+        return added
 
 
 @dataclass(frozen=True)
@@ -166,8 +165,8 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
         ends = omega * plate.ends() / (gas.sound_speed * self.porosity)
         gained = self.end_correction * (1 - self.mach_mass_loss * mach) - 1
         resistance = self.mach_resistance * mach * self.open_area_fraction / self.open_area()
-        lost = self.mass_loss * plate.lost(omega, speed / self.mass_loss_speed, gas)
-        return torch.complex(plate.jets(omega, speed, gas) + resistance, gained * ends - lost)
+        jets, lost = (plate.in_motion(omega, each, gas) for each in (speed, speed / self.mass_loss_speed))
+        return torch.complex(jets.real + resistance, gained * ends + self.mass_loss * lost.imag)
 
 
 @dataclass(frozen=True)
@@ -207,14 +206,14 @@ class EndLossSDoFLiner(FlowSDoFLiner):
         inside = omega * self.facesheet_thickness / (gas.sound_speed * self.porosity)
         offset = torch.as_tensor(self.impedance_offset, dtype=torch.complex128).imag
         ends = plate.at_rest(omega, gas).imag - inside + offset * self.open_area_fraction
-        half = to_2_5(self.loss_displacement * self.porosity * omega * self.hydraulic_diameter)
-        moved = to_2_5(speed)
+        enough = self.loss_displacement * self.porosity * omega * self.hydraulic_diameter
+        half, moved = (each * each * each.clamp(min=1e-30).sqrt() for each in (enough, speed))  # to the power of 2.5
         # From the larger one, so that neither power underflows; 1e-300 keeps slopes finite at 0.
         share = (self.end_loss * moved / (moved + half)).clamp(min=1e-300)
         floor = real_tensor(self.mach_loss * (0.0 if self.mach is None else self.mach)).to(share.device)
         larger = torch.maximum(share, floor)
         both = (share / larger) ** power + (floor / larger) ** power
-        return torch.complex(plate.jets(omega, speed, gas), -ends * larger * both ** (1 / power))
+        return torch.complex(plate.in_motion(omega, speed, gas).real, -ends * larger * both ** (1 / power))
 
 
 def velocity_readings(liner: CellLiner) -> dict[str, CellLiner]:

@@ -13,8 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
 from torchliner.file_checks import naming
-from torchliner.liners.model import LinerModel
-from torchliner.liners.parameters import Pitch
+from torchliner.liners.model import LinerModel, Pitch
 from torchliner.text_columns import LABEL, cells_of, header_line, read_lines, read_table, separator_of
 
 COLUMNS: dict[str, str | None] = {

@@ -23,7 +23,7 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.intervals import ITSELF, Conversion
-from torchliner.liners.cavity import cavity_propagation
+from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
 from torchliner.pressure.tones import Parts, Tones
 from torchliner.records import ImpedanceMap, PointImpedances, PointUncertainty, PressureRecord, VelocityPlane
@@ -159,8 +159,7 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
     if losses == "viscothermal":
         if record.cavity_hydraulic_radius is None:
             raise ValueError(f"{record.name}: cavity_hydraulic_radius (m) is missing; losses='viscothermal' needs it")
-        radius = torch.tensor(record.cavity_hydraulic_radius, dtype=torch.float64)
-        gamma = cavity_propagation(omega, radius, record.fluid)
+        gamma = cavity_propagation(omega, record.cavity_hydraulic_radius, record.fluid)
     ratio, turns = torch.sinh(gamma * record.cavity_depth), gamma.imag * record.cavity_depth / torch.pi
     notes = []
     for f, value, turn in zip(frequency.tolist(), ratio.tolist(), turns.tolist(), strict=True):

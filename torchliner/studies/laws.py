@@ -25,8 +25,8 @@ import torch
 from scipy.interpolate import BSpline
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY
-from torchliner.liners.model import LinerModel, complex_tensor, impedance_of, named_numbers
+from torchliner.checks import SAME_FREQUENCY, real_tensor
+from torchliner.liners.model import LinerModel, impedance_of, named_numbers
 
 ORDER, PARTS = 3, 18  # cubic; steps in sqrt |v|, from rest to the last knot
 FLOOR = 0.1  # of the mean step: the least step of a prior shape, so that a factor can act on it
@@ -141,9 +141,8 @@ class Knots:
 
 def impedances_at(liner: LinerModel, frequency: Any, speeds: Tensor) -> Tensor:
     """Z of a liner, complex, (F, V); beyond the largest |v| that it knows, as there."""
-    within = speeds.clamp(max=liner.speed_max or torch.inf)
-    found = [complex_tensor(liner.impedance(f, within), type(liner).__name__) for f in frequency]
-    return torch.stack(found).detach()
+    within, asked = speeds.clamp(max=liner.speed_max or torch.inf), real_tensor(frequency)
+    return torch.stack([impedance_of(liner, f, within) for f in asked]).detach()
 
 
 def curve_law(

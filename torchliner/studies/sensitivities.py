@@ -17,8 +17,7 @@ from torch import Tensor
 from torchliner.checks import require_choice
 from torchliner.engine.moments import Moments
 from torchliner.least_squares import with_slopes
-from torchliner.liners.model import Liner, as_liner, impedance_of, named_numbers
-from torchliner.liners.parameters import Number
+from torchliner.liners.model import Liner, Number, as_liner, impedance_of, named_numbers
 from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.runs import Run, choices_of_fit
