@@ -32,7 +32,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.bursts import draw_lines
-from torchliner.report.figure import RC, finish
+from torchliner.report.figure import STYLE, finish
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
 RATE, VALIDATED, FINE = 15e3, 0.97, 200e3  # bursts a second, share of them, Hz of the simulation
@@ -260,7 +260,7 @@ def summary(case: Case, line: tl.ImpedanceLine, made: dict[str, float]) -> dict[
 
 def with_assumptions(figure: Any, caption: str, seconds: float, path: Path) -> None:
     """The picture, its caption with the assumptions."""
-    with matplotlib.rc_context(RC):
+    with matplotlib.rc_context(fname=STYLE):
         finish(figure, path, f"{caption}; {assumptions(seconds)}")
 
 

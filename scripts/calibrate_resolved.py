@@ -15,7 +15,7 @@ from pathlib import Path
 import torchliner as tl
 from common import case_files, run_study
 from torchliner.names import AVERAGINGS
-from torchliner.report.planes import draw_predictions
+from torchliner.report.studies import draw_predictions
 from torchliner.studies.variants import Row
 
 OFFSET = {"offset_resistance": (-0.2, 0.2), "offset_reactance": (0.0, 0.6)}

@@ -18,8 +18,7 @@ from typing import Any
 import torchliner as tl
 from common import case_files, run_study
 from torchliner.names import AVERAGINGS
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import part_of
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, part_of, styled, subplots
 from torchliner.studies.variants import Row
 
 NOISE = 0.002 + 0.1j  # two ways of measuring one case differ by 0.002; X is the model's error

@@ -13,6 +13,7 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from torchliner.duct.case import impedance_along
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.fields import draw_walls
+from torchliner.report.fields import FINE, draw_pressures
 
 SIDES = {"upstream": (2.33, -0.30), "downstream": (2.25, -0.30)}
 ASSUMED, HEIGHTS = 1.36 - 0.67j, {"R - 25 %": 0.75, "assumed Z": 1.0, "R + 25 %": 1.25}
@@ -61,6 +62,15 @@ def rows_of(label: str, one: Solved) -> list[dict[str, Any]]:
     ]
 
 
+def draw(cases: dict[str, Solved], path: Path, title: str) -> None:
+    waves = []
+    for label, (setup, field) in cases.items():
+        x, at = np.linspace(setup.case.start, setup.case.end, FINE), np.asarray(setup.places)
+        curve, points = (field.wall_pressure(each, setup.wall)[0].detach() for each in (x, at))
+        waves.append((label, (x, curve), at, points))
+    draw_pressures(waves, path, title, liner=setup.case.liner, markers="at the microphones")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     options = options_of(parser_of(__doc__, FIGURES), arguments)
     cases: dict[str, Solved] = {}
@@ -70,24 +80,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         profile = educed_profile(configuration)
         cases[f"source {side}, Z(x) of simulated bursts"] = solved("b2a", side, profile)
     rows = [row for label, one in cases.items() for row in rows_of(f"b2a, {label}", one)]
-    draw_walls(
-        list(cases.values()),
-        options.output / "figure_13.png",
-        labels=list(cases),
-        title="B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite wall",
-    )
+    draw(cases, options.output / "figure_13.png", "B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite wall")
     others: dict[str, Solved] = {}
     for side in SIDES:
         for label, factor in HEIGHTS.items():
             pair = (factor * ASSUMED.real, ASSUMED.imag)
             others[f"{side}, {label}"] = solved("ufsc", side, pair)
     rows += [row for label, one in others.items() for row in rows_of(f"ufsc, {label}", one)]
-    draw_walls(
-        list(others.values()),
-        options.output / "figure_18.png",
-        labels=list(others),
-        title=f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED",
-    )
+    draw(others, options.output / "figure_18.png", f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED")
     write_rows(rows, options.output / "figure_13_18.csv")
     return 0
 

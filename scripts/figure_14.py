@@ -23,13 +23,14 @@ from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressur
 from torchliner.duct.presets import load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import FieldFit, WallEduction
-from torchliner.report.fields import draw_levels
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
     PARTS,
     SPL,
     Figure,
+    draw_point,
+    draw_values,
     entry,
     finish,
     frame,
@@ -37,7 +38,6 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.planes import draw_cloud
 
 SIDES = ("upstream", "downstream")
 FIRST = 145.0  # dB, where figure 19 lets its levels start
@@ -90,6 +90,20 @@ def educed(facility: Facility, side: str, draws: int) -> Educed:
         scale = pressure_amplitude_from_spl(FIRST) / nearest
         line = replace(line, pressure=line.pressure * scale)
     return Educed(line, tl.kumaresan_tufts(line, draws=draws), tl.fit_field(line, solver, draws=draws))
+
+
+def draw_cloud(axis: Any, one: Any, colour: str, marker: str, label: str) -> None:
+    if one.draws is not None:
+        drawn = one.draws.impedance[:, 0].numpy()
+        axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
+    draw_point(axis, complex(one.impedance[0]), marker=marker, color=colour, markeredgecolor="k", label=label)
+
+
+def draw_levels(axis: Any, line: Any, one: Any, colour: str, marker: str) -> None:
+    x, level = one.level_along()
+    drawn = one.draws.level_along()[1][..., 0].numpy()
+    draw_values(axis, 1e3 * x, level[:, 0], (np.nanmin(drawn, 0), np.nanmax(drawn, 0)), color=colour)
+    axis.plot(1e3 * line.x, line.level[:, 0], marker, color=colour, markerfacecolor="none", linestyle="none")
 
 
 @styled

@@ -21,12 +21,11 @@ from torch import Tensor
 
 import torchliner as tl
 from common import RESULTS, options_of, parser_of
-from studies.arrival_figures import draw_attenuation, draw_effects
+from studies.arrival_figures import Curves, draw_attenuation, draw_effects
 from studies.poisson import CLOSED_FORMS, poisson_attenuation
 from torchliner.bursts.arrivals import GridSignal, onto_grid
 from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
 from torchliner.names import GRID_METHODS
-from torchliner.report.numbers import Curves
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
 KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the true record
@@ -79,8 +78,8 @@ def attenuation_tables() -> tuple[Curves, Curves]:
     closed = {method: poisson_attenuation(FREQUENCY, fine, method).abs().numpy() for method in CLOSED_FORMS}
     drawn = {method: np.array(values) for method, values in found.items()}
     return (
-        Curves(np.array(RATES), drawn, "drawn arrivals", VARIABLE),
-        Curves(fine, closed, "closed form", VARIABLE),
+        Curves(np.array(RATES), drawn, VARIABLE),
+        Curves(fine, closed, VARIABLE),
     )
 
 
@@ -114,7 +113,7 @@ def amplitude_errors(draws: int) -> Curves:
             columns.setdefault(f"bias, {name}", []).append(float(bias))
             columns.setdefault(f"scatter, {name}", []).append(float(scatter))
     numbers = {name: np.array(column) for name, column in columns.items()}
-    return Curves(np.array(RATES), numbers, f"{draws} draws of {SHORT:g} s", VARIABLE)
+    return Curves(np.array(RATES), numbers, VARIABLE)
 
 
 def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
@@ -134,8 +133,8 @@ def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
     panels = []
     for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
         shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}
-        panels.append((f"{label}, over the true value", Curves(np.array(RATES), shown, label, VARIABLE), 1.0))
-    return panels, Curves(np.array(RATES), numbers, "effects", VARIABLE)
+        panels.append((f"{label}, over the true value", Curves(np.array(RATES), shown, VARIABLE), 1.0))
+    return panels, Curves(np.array(RATES), numbers, VARIABLE)
 
 
 def _corrections(signal: GridSignal) -> dict[str, GridSignal]:

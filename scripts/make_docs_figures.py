@@ -26,9 +26,7 @@ from torchliner.liners.catalogue import load_liner
 from torchliner.pressure.dean import in_situ
 from torchliner.report.curves import draw_along_x, draw_spectrum, draw_velocity
 from torchliner.report.maps import draw_map
-from torchliner.report.planes import draw_against_height
-from torchliner.report.studies import draw_heights, draw_modulation
-from torchliner.studies.heights import study_heights
+from torchliner.report.studies import draw_maps_over_height
 from torchliner.velocity.educe import educe
 
 
@@ -40,7 +38,7 @@ def main() -> None:
         planes = [read_plane(path, holes=holes) for path in plane_files(f"{case}_y*.h5")]
         maps = [educe(plane, load_liner(plane.liner)) for plane in planes]
         draw_along_x(maps, FIGURES / f"{case}_along_x.png")
-        draw_against_height(maps, FIGURES / f"{case}_height.png")
+        draw_maps_over_height(maps, FIGURES / f"{case}_height.png")
         draw_velocity(planes, FIGURES / f"{case}_velocity.png")
         if case == "slit_g03_145":
             beside = in_situ(read_pressure(DATA / "pressure_g03_145.h5"))
@@ -56,13 +54,7 @@ def main() -> None:
     channel = read_plane(DATA / "channel_y1.04mm.h5")
     null_test = educe(channel, load_liner("polito"), 1400.0)
     draw_map(null_test, FIGURES / "channel_map.png")
-    for case, draw, name in (
-        ("slit_n130", draw_heights, "height_n130_impedance"),
-        ("slit_g03_145", draw_modulation, "height_g03_imprint"),
-    ):
-        planes = [read_plane(path) for path in plane_files(f"{case}_y*.h5")]
-        study = study_heights(planes, load_liner(planes[0].liner))
-        draw(study, FIGURES / f"{name}.png")
+    torchliner(["height", *map(str, plane_files("slit_n130_y*.h5")), "--figure", str(FIGURES)])
     for case, heights in (("slit_n130", ("2.5", "1.0")), ("orifice_o145", ("2.5", "1.0", "0.5"))):
         names = [str(DATA / f"{case}_y{height}mm.h5") for height in heights]
         picture = FIGURES / f"audit_{case.split('_')[1]}.png"

@@ -27,8 +27,7 @@ from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.records.drawn_impedance import deviation as deviation_of
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, styled, subplots
-from torchliner.report.numbers import part_of
+from torchliner.report.figure import COLOURS, PARTS, Figure, finish, part_of, styled, subplots
 from torchliner.studies.variants import Row
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")

@@ -7,7 +7,7 @@ from conftest import DATA
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.report.planes import known_of
+from torchliner.report.studies import known_of
 
 
 def test_maps_carry_the_in_situ_values(tmp_path, capsys):

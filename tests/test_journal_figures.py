@@ -9,7 +9,7 @@ from conftest import plane_of, turbulence
 import torchliner as tl
 
 pytest.importorskip("matplotlib")
-from torchliner.report import curves, maps, pictures, planes
+from torchliner.report import curves, maps, of_map
 from torchliner.report.figure import WIDTHS, entry, finish, frame, styled, subplots
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -56,7 +56,7 @@ def test_panels_have_letters_and_in_a_column_stand_one_above_the_other(found):
         assert [axis.get_title(loc="left") for axis in (upper, lower)] == ["(a)", "(b)"]
         left, right = subplots(1, 2, 2.0, beside=True)[1][0]
         assert left.get_position().y0 == right.get_position().y0
-    assert planes.draw_against_height(found).axes[0].get_title(loc="left") == ""
+    assert subplots(1, 1, 2.0)[1][0, 0].get_title(loc="left") == ""
 
 
 def test_the_caption_stands_in_the_file_and_text_is_text(found, tmp_path):
@@ -79,8 +79,8 @@ def test_the_caption_stands_in_the_file_and_text_is_text(found, tmp_path):
 def test_maps_of_one_call_have_the_same_colours(cases, found, tmp_path, monkeypatch):
     """Those to be compared; a map alone has its own."""
     seen = []
-    monkeypatch.setattr(pictures, "draw_map", lambda *a, limits=None: seen.append(limits))
-    pictures.draw_pictures(found, cases, tmp_path)
+    monkeypatch.setattr(of_map, "draw_map", lambda *a, limits=None: seen.append(limits))
+    of_map.draw_pictures(found, cases, tmp_path)
     assert len(seen) == 3
     assert all(one == seen[0] == maps.map_limits(found) for one in seen)
     assert maps.map_limits(found[:1]) != maps.map_limits(found[1:2])

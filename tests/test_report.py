@@ -13,13 +13,12 @@ from test_wall_file import noisy
 import torchliner as tl
 from torchliner.names import AVERAGINGS
 from torchliner.records.notes import Note
-from torchliner.report import curves, maps, numbers, planes
+from torchliner.report import curves, maps
 from torchliner.report.answer import answer_of, ordered
 from torchliner.report.fields import level_and_phase
 from torchliner.report.figure import AVERAGINGS as COLOUR_OF
-from torchliner.report.figure import RC
-from torchliner.report.pictures import draw_pictures
-from torchliner.report.studies import draw_level_check
+from torchliner.report.of_map import draw_pictures
+from torchliner.report.studies import draw_level_check, draw_maps_over_height
 from torchliner.studies.heights import recommend_height, study_heights
 from torchliner.studies.validation import DEFAULT, reference_wave_phase, validate
 
@@ -75,7 +74,7 @@ def test_every_result_has_a_screen_rows_pictures_and_values(liner, tmp_path):
         answer.write_pictures(tmp_path / name)
         for picture in answer.pictures:
             assert (tmp_path / name / f"{picture.name}.png").stat().st_size > 4000
-            assert picture.numbers().as_rows()
+            assert picture.table.as_rows()
         assert isinstance(answer.plain, (dict, list))
 
 
@@ -118,28 +117,28 @@ def test_warnings_go_by_what_they_may_move():
 
 def test_along_x_is_the_admittance_average_over_z(found):
     """Not the mean of Z."""
-    profile = numbers.impedance_along_x(found[1])
+    rows = curves.impedance_along_x(found[1])
     wanted = 1 / (1 / found[1].impedance[..., 0]).mean(0)
-    assert profile.values["resistance"] == pytest.approx(wanted.real.numpy(), rel=1e-12)
-    assert profile.values["reactance"] == pytest.approx(wanted.imag.numpy(), rel=1e-12)
-    assert profile.label == "y = 2.5 mm"
+    assert [row["impedance"] for row in rows] == pytest.approx(wanted.tolist(), rel=1e-12)
+    assert [row["x (m)"] for row in rows] == found[1].x.tolist()
 
 
 def test_scattered_probes_are_grouped_by_x(liner):
     """Probes of equal x are averaged, in the order of x."""
     plane = plane_of(turbulence((5, 480), seed=3), x=[0.3, 0.1, 0.3, 0.2, 0.1], z=[0.0, 0, 1, 0, 1])
     result = tl.educe(plane, liner)
-    profile = numbers.impedance_along_x(result)
-    assert profile.at.tolist() == [0.1, 0.2, 0.3]
+    rows = curves.impedance_along_x(result)
+    assert [row["x (m)"] for row in rows] == [0.1, 0.2, 0.3]
     wanted = 1 / (1 / result.impedance[[1, 4], 0]).mean()
-    assert profile.values["resistance"][0] == pytest.approx(float(wanted.real))
+    assert rows[0]["impedance"] == pytest.approx(complex(wanted))
 
 
 def test_velocity_profile_separates_mean_and_fluctuation():
     """v0 is the time mean; v' and u' are rms without it, averaged over z as squares."""
     v = turbulence((3, 4, 900), seed=5) + 2.0
     u = 3 * turbulence((3, 4, 900), seed=6) + 70
-    values = numbers.velocity_along_x(plane_of(v, streamwise=u, x=np.arange(4.0))).values
+    rows = curves.velocity_along_x(plane_of(v, streamwise=u, x=np.arange(4.0)))
+    values = {name: [row[name] for row in rows] for name in rows[0]}
     assert values["v0 (m/s)"] == pytest.approx(v.mean((0, 2)).numpy())
     assert values["v' rms (m/s)"] == pytest.approx(v.var(2, correction=0).mean(0).sqrt().numpy())
     assert values["u' rms (m/s)"] == pytest.approx(u.var(2, correction=0).mean(0).sqrt().numpy())
@@ -185,22 +184,22 @@ def legend(figure) -> list[str]:
 
 def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_path):
     """Symbols and units on the axes; a file of either kind; the caller's settings stay."""
-    before = {key: matplotlib.rcParams[key] for key in RC}
+    before = dict(matplotlib.rcParams)
     along = curves.draw_along_x(found, tmp_path / "along.pdf")
     velocity = curves.draw_velocity([made()], tmp_path / "velocity.png")
     assert "(mm)" in labels(maps.draw_map(found[0]))
     assert "(mm)" in labels(along)
-    assert "Re" in labels(planes.draw_against_height(found))
+    assert "Re" in labels(draw_maps_over_height(found))
     assert "m s" in labels(velocity)
     assert {"true", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= {*legend(along)}
     assert all((tmp_path / name).stat().st_size > 4000 for name in ("along.pdf", "velocity.png"))
-    assert {key: matplotlib.rcParams[key] for key in RC} == before
+    assert dict(matplotlib.rcParams) == before
 
 
 def test_an_averaging_has_one_colour_everywhere(found, liner):
-    """Along x, over frequency, in the complex plane."""
+    """Along x, over frequency, over height."""
     spectrum = tl.educe(made(), liner, [500.0, 1000.0, 1500.0])
-    drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), planes.draw_complex_plane(found[0])]
+    drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), draw_maps_over_height(found)]
     for figure in drawn:
         colours = {line.get_label().split(", ")[-1]: line.get_color() for line in figure.axes[0].lines}
         assert {name: colours[name] for name in AVERAGINGS} == COLOUR_OF

@@ -26,10 +26,10 @@ import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
 from torchliner.records.notes import Note
 from torchliner.report.answer import answer_of
-from torchliner.report.numbers import main_of
+from torchliner.report.figure import typeset
+from torchliner.report.of_map import main_of
 from torchliner.report.page import changed, inputs_of
 from torchliner.report.table import format_bounds, format_complex
-from torchliner.report.typesetting import typeset
 
 pytest.importorskip("jinja2")
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -111,7 +111,7 @@ def require_whole(page):
 
 def test_numbers_are_those_of_the_map(page, shipped):
     """Sections as a reader asks; the sentence, the table, Z along x, what is known from elsewhere, the choices."""
-    assert require_whole(page) == ["along-x", "complex-plane"]
+    assert require_whole(page) == ["along-x"]
     wanted = ["answers", "warnings", "pictures", "tables", "origin", "cite"]
     assert [attrs["id"] for attrs in page.all("section")] == wanted
     text = page.text["header"]

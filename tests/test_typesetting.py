@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from torchliner.report.typesetting import typeset, typeset_label
+from torchliner.report.figure import typeset, typeset_label
 
 
 @pytest.mark.parametrize(

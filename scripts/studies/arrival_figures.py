@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from torchliner.report.figure import (
     COLOURS,
@@ -14,7 +16,7 @@ from torchliner.report.figure import (
     styled,
     subplots,
 )
-from torchliner.report.numbers import Curves
+from torchliner.report.table import rows_of, table_of
 
 KILO = 1e-3
 RATE_LABEL = r"arrivals $\lambda$ (kHz)"
@@ -26,6 +28,17 @@ LOOKS = {
     "linear, tone corrected": (COLOURS[3], MARKERS[3]),
     "linear, tone and its noise corrected": (COLOURS[5], MARKERS[4]),
 }
+
+
+class Curves(NamedTuple):
+    """Columns ``values`` over the rates ``at``, Hz; ``variable``: the heading of these."""
+
+    at: np.ndarray
+    values: dict[str, np.ndarray]
+    variable: str
+
+    def write_csv(self, path: Path) -> None:
+        table_of(rows_of(**{self.variable: self.at}, **self.values)).write_csv(path)
 
 
 @styled

@@ -16,10 +16,10 @@ from torchliner.report.figure import (
     Figure,
     finish,
     legend_below,
+    part_of,
     styled,
     subplots,
 )
-from torchliner.report.numbers import part_of
 
 SHIFT = 0.14  # of bars side by side
 

@@ -23,8 +23,8 @@ from torchliner.report.figure import (
     legend_below,
     styled,
     subplots,
+    typeset,
 )
-from torchliner.report.typesetting import typeset
 from torchliner.studies.validation import DEFAULT, DRIVES
 from torchliner.studies.variants import Row
 

@@ -46,7 +46,7 @@ def report_campaign(folder: Path, output: Path) -> Answer:
         for low, high in [interval(row) or (None, None)]
     ]
     caption = "R and X over ρc of each case at its first frequency, with its interval."
-    picture = Picture("cases", caption, lambda path: draw_cases(dots, path), lambda: index_table(first))
+    picture = Picture("cases", caption, lambda path: draw_cases(dots, path), lambda: index_table(first).as_rows())
     answer = Answer(
         title=f"Campaign: {rows[0]['campaign'] or folder.name}",
         lines=[

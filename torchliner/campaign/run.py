@@ -20,8 +20,9 @@ from torchliner.io.whole_file import locked, printable, writable_folder, written
 from torchliner.names import __version__
 from torchliner.pressure.dean import with_in_situ
 from torchliner.records.origin import input_file, with_choices
-from torchliner.report.numbers import impedance_along_x
-from torchliner.report.pictures import draw_pictures
+from torchliner.report.curves import impedance_along_x
+from torchliner.report.of_map import draw_pictures
+from torchliner.report.table import table_of
 from torchliner.velocity.educe import educe, moments
 from torchliner.velocity.reading import Progress
 
@@ -160,7 +161,7 @@ def _educed(unit: Unit) -> Rows:
     about |= {"notes": len(found.notes), "status": DONE}
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-        impedance_along_x(found, i).write_csv(_result(unit, "lines", f"_{f:.10g}Hz.csv"))
+        table_of(impedance_along_x(found, i)).write_csv(_result(unit, "lines", f"_{f:.10g}Hz.csv"))
         values = {"": z} | dict(zip(("_low", "_high"), found.bounds_of_liner(found.averaging, i) or (), strict=False))
         parts = {f"resistance{end}": value.real for end, value in values.items()}
         parts |= {f"reactance{end}": value.imag for end, value in values.items()}

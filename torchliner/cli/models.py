@@ -22,7 +22,6 @@ from torchliner.names import frequency_ends
 from torchliner.records.origin import origin_of
 from torchliner.report.curves import draw_liner
 from torchliner.report.fields import draw_field
-from torchliner.report.numbers import impedance_over_band
 from torchliner.report.of_duct import of_modes
 from torchliner.report.table import format_complex
 
@@ -49,8 +48,7 @@ def liner(options: argparse.Namespace) -> None:
         lines.append(f"{f:8.1f}" + "".join(f"{value:>18s}" for value in values))
 
     def draw(path: Path) -> None:
-        curves = [impedance_over_band(model, v, f"$|v|$ = {v:g} m s$^{{-1}}$") for v in speeds]
-        draw_liner(curves, f"liner model {Path(options.liner).stem}", path)
+        draw_liner(model, speeds, f"liner model {Path(options.liner).stem}", path)
 
     show(options, told("SI units", {"liner": facts, "table": rows}, facts_text(facts), *lines), draw=draw)
 

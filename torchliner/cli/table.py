@@ -136,7 +136,7 @@ GROUPS = {
         ),
         "duct modes": row(
             "models:modes",
-            "duct figure rows",
+            "duct rows",
             Option("duct", "preset or .toml file", NAME),
             Option("--count", "modes in each direction; default 4", COUNT, default=4),
         ),

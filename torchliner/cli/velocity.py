@@ -23,7 +23,7 @@ from torchliner.io.result_writers import require_result
 from torchliner.io.whole_file import writable
 from torchliner.pressure.dean import with_in_situ
 from torchliner.records.origin import with_choices
-from torchliner.report.pictures import draw_pictures
+from torchliner.report.of_map import draw_pictures
 
 
 def educe(options: argparse.Namespace) -> int:

@@ -53,13 +53,18 @@ class Picture(NamedTuple):
         name: of its files.
         caption: below it.
         draw: takes the path of a picture, or None; returns the figure.
-        numbers: what is drawn, as a table.
+        numbers: rows of what is drawn.
     """
 
     name: str
     caption: str
     draw: Callable[[Any], Any]
-    numbers: Callable[[], Table]
+    numbers: Callable[[], Sequence[Mapping[str, Any]]]
+
+    @property
+    def table(self) -> Table:
+        """Of its CSV."""
+        return table_of(self.numbers())
 
 
 @dataclass(frozen=True)
@@ -146,23 +151,21 @@ class Answer:
         return "\n".join([*parts, *([f"next: {self.step}"] if self.step else [])])
 
     def draw(self, path: Path) -> None:
-        """The first picture; of one that has a sibling a frequency, as NAME_1500Hz, each of them.
+        """The first picture.
 
         Raises:
             ValueError: there is nothing to draw.
         """
         if not self.pictures:
             raise ValueError(f"{path}: {self.title}: there is nothing to draw")
-        stem, several, _ = self.pictures[0].name.partition("_")
-        for each in self.pictures if several else self.pictures[:1]:
-            each.draw(path.with_stem(path.stem + each.name.removeprefix(stem) if several else path.stem))
+        self.pictures[0].draw(path)
 
     def write_pictures(self, folder: Path) -> None:
         """Every picture as PNG, each with its numbers as CSV beside it."""
         folder.mkdir(parents=True, exist_ok=True)
         for each in self.pictures:
             each.draw(folder / f"{each.name}.png")
-            each.numbers().write_csv(folder / f"{each.name}.csv")
+            each.table.write_csv(folder / f"{each.name}.csv")
 
 
 def answer_of(result: Any, *others: Any, source: Path | None = None, **about: Any) -> Answer:
@@ -199,12 +202,6 @@ def html_of(result: Any) -> str:
     cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table)
     lines = "".join(f"<p>{escape(line)}</p>" for line in answer.lines)
     return f"<div><b>{escape(answer.title)}</b>{lines}<table>{cells}</table></div>"
-
-
-def picture(name: str, caption: str, draw: Callable[[Any], Any], rows: Iterable[Mapping[str, Any]]) -> Picture:
-    """Of rows."""
-    table = table_of(rows)
-    return Picture(name, caption, draw, lambda: table)
 
 
 def ordered(notes: Iterable[Note | str]) -> list[Note]:

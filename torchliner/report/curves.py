@@ -1,4 +1,4 @@
-"""Pictures of curves: resistance and reactance along x and over frequency, differences, velocities along x."""
+"""Results along x and over frequency: their numbers as rows, and the pictures of these."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
+from torchliner.conversions import impedance_from_admittance
+from torchliner.engine.kernels import BAND
 from torchliner.engine.moments import Moments
-from torchliner.records import ImpedanceMap, PointImpedances, VelocityPlane
+from torchliner.liners.model import Liner, as_liner
+from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
 from torchliner.report import figure as look
-from torchliner.report import numbers
 from torchliner.report.maps import draw_map, mark_cells, mark_holes, over_surface
+from torchliner.report.table import Row, rows_of
+from torchliner.velocity.reading import time_moments
 
 ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))  # of averaging, in situ
 ASIDE = 0.3  # mm, between markers at one cell
@@ -24,65 +29,132 @@ VELOCITIES = {
 }
 
 
-def draw_result(
-    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int | None = None, axes: Any = None
-) -> Any:
-    """Resistance and reactance of a map at one frequency, over (x, z) or along x; of several frequencies, with None,
-    over frequency. Returns the figure, or the axes that were given."""
-    if frequency_index is None and len(result.frequency) > 1:
-        return draw_spectrum([result], path, axes)
-    if over_surface(result):
-        return draw_map(result, path, frequency_index or 0, axes)
-    return draw_along_x([result], path, frequency_index or 0, axes)
+# Rows.
 
 
-@look.styled
-def draw_along_x(
-    results: Sequence[ImpedanceMap],
-    path: str | Path | None = None,
-    frequency_index: int = 0,
-    axes: Any = None,
-    labels: Sequence[str] | None = None,
-) -> Any:
-    """R and X along x of several runs, with cell averages and references (figures 10, 17).
-
-    One run has a colour an averaging; of several each has its own, and the cells of the answer's averaging.
-    """
-    first, names, words = results[0], labels or numbers.labels_of(results), numbers.interval_words(results[0])
-    figure, panels = look.impedance_panels(3.0, look.X_MM if first.x is not None else "probe", axes)
-    before = look.drawn_before([axis for axis, _ in panels], len(results))
-    alone = len(results) == 1 and not before
-    for i, (result, name) in enumerate(zip(results, names, strict=True), before):
-        curve = numbers.impedance_along_x(result, frequency_index)
-        for axis, part in panels:
-            look.draw_curve(axis, curve, part, **look.colour_of(i, "probes" if alone else name))
-        for k, averaging in enumerate(result.averagings if alone else [result.averaging]):
-            colour, aside = (look.AVERAGINGS[averaging], k - 1) if alone else (look.COLOURS[i], i - len(results) / 2)
-            _draw_cells(panels, result, averaging, frequency_index, colour, look.MARKERS[k if alone else i], aside)
-    look.draw_references(panels, {} if before else references_of(results, frequency_index))
-    for other, index in alongside_at(results, frequency_index):
-        _draw_points_of_cells(panels, other, index, f"{other.name}, ")
-    for axis, _ in panels:
-        look.frame(axis)
-        if first.x is not None and not before:
-            mark_holes(axis, first.holes)
-            mark_cells(axis, first)
-    if words and not before:
-        look.entry(panels[0][0], words, color="0.8", **look.BAND)
-    return look.finish(figure, path, f"{family(results, frequency_index)}; bands and bars: {words or 'none'}", 4, axes)
+def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> list[Row]:
+    """Z along x, the admittance averaged over z, and the bounds of its interval if known."""
+    x, average = over_z(result.x, result.probes["admittance"].admittance[..., frequency_index])
+    ends = _interval_along_x(result, len(x))
+    found = {end: None if ends is None else getattr(ends, end)[:, frequency_index] for end in ("low", "high")}
+    place = {"probe" if result.x is None else "x (m)": x}
+    return rows_of(**place, impedance=impedance_from_admittance(average), **found)
 
 
-def _draw_cells(
-    panels: Any, result: ImpedanceMap, averaging: str, index: int, colour: str, marker: str, aside: float
-) -> None:
-    """Averages of the cells that have a place, filled in the averaging of the answer."""
-    x, cells = 1e3 * result.cell_x.cpu().numpy() + ASIDE * aside, result.cells[averaging]
-    ends = None if cells.interval is None else (cells.interval.low[:, index], cells.interval.high[:, index])
-    face = colour if averaging == result.averaging else "white"
-    style: Any = {"color": colour, "marker": marker, "markerfacecolor": face, "linestyle": "none", "zorder": 4}
-    if np.isfinite(x).any():
-        label = f"cells, {averaging}"
-        look.draw_impedance(panels, x, cells.impedance[:, index].cpu(), ends, bars=True, label=label, **style)
+def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
+    """Of the rows of a plane, or of the probes of a line in the order of x."""
+    if "admittance" in result.along_x:
+        return result.along_x["admittance"].interval
+    interval = result.probes["admittance"].interval
+    if interval is None or interval.low.ndim != 2 or len(interval.low) != points:  # probes that share an x
+        return None
+    order = torch.arange(points) if result.x is None else result.x.argsort()
+    return interval.map(lambda value: value[order])
+
+
+def points_along_x(found: PointImpedances, frequency_index: int = 0) -> list[Row]:
+    """Z of another method along x: the admittance averaged over equal x."""
+    value = found.point_impedance[:, frequency_index]
+    known = torch.isfinite(value.real)
+    place = found.point_x[known] if bool(torch.isfinite(found.point_x).all()) else None
+    x, average = over_z(place, 1 / value[known])
+    return rows_of(**{"point" if place is None else "x (m)": x}, impedance=impedance_from_admittance(average))
+
+
+def impedance_over_band(liner: Liner, speed: float = 0.0) -> list[Row]:
+    """Z of a liner over 300 to 3500 Hz, or the range of its table."""
+    frequency = np.linspace(*(as_liner(liner).frequency_range or BAND), 641)
+    return rows_of(frequency=frequency, impedance=liner.impedance(frequency, speed))
+
+
+def impedance_over_frequency(result: ImpedanceMap) -> list[Row]:
+    """Z of the whole liner: of the answer with its interval, and in the other averagings by their names."""
+    answer = result.liner[result.averaging]
+    others = {name: result.liner[name].impedance for name in result.averagings if name != result.averaging}
+    about = {"frequency (Hz)": result.frequency, "impedance": answer.impedance, "interval": answer.interval}
+    return rows_of(**about, **others)
+
+
+def velocity_along_x(record: VelocityPlane | Moments) -> list[Row]:
+    """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
+    values, plane = Row(), record.plane if isinstance(record, Moments) else record
+    for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
+        if part is None:
+            continue
+        if isinstance(record, Moments):  # of v alone
+            mean, square = record.survey.mean, record.survey.mean_square
+        else:
+            mean, square = time_moments(VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name))
+        mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
+        x, mean_x = over_z(plane.x, mean)
+        _, variance = over_z(plane.x, square - mean**2)
+        values |= {"x (m)": x} | ({"v0 (m/s)": mean_x.double()} if name == "v" else {})
+        values[f"{name}' rms (m/s)"] = variance.double().clamp(min=0).sqrt()
+    return rows_of(**values)
+
+
+def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean over z of (z, x), or over probes of equal x, of what is no nan; x itself, or the index without one."""
+    values = torch.atleast_1d(values.detach().cpu())
+    x = torch.arange(values.shape[-1]) if x is None else x.cpu()
+    points, member = torch.unique(x, return_inverse=True)
+    member, values = member.expand_as(values).reshape(-1), values.reshape(-1)
+    known = ~values.isnan()
+    total = values.new_zeros(len(points)).index_add_(0, member[known], values[known])
+    return points.double(), total / torch.bincount(member[known], minlength=len(points))
+
+
+# Words.
+
+
+def height_label(height: float | None) -> str:
+    """'y = 1 mm' or nothing."""
+    return "" if height is None else f"y = {1e3 * height:.3g} mm"
+
+
+def case_title(one: ImpedanceMap | VelocityPlane) -> str:
+    """The title up to the height: what several heights share."""
+    return one.title.split(", y =")[0]
+
+
+def family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
+    """What several results share: the title up to the height, the frequency, the null test."""
+    hard = any(result.choices.get("surface") == "hard wall" for result in results)
+    title = f"{case_title(results[0]) or 'educed impedance'}{' (null test)' * hard}"
+    return f"{title}, {float(results[0].frequency[frequency_index]):g} Hz"
+
+
+def labels_of(results: Sequence[Any]) -> list[str]:
+    """What tells maps or planes of one figure apart: height, side of the source, level, title, else their number."""
+    return distinct(
+        [
+            (
+                height_label(one.height),
+                f"source {one.source_side}" if one.source_side else "",
+                "" if one.incident_level is None else f"{one.incident_level:g} dB",
+                one.title,
+            )
+            for one in results
+        ]
+    )
+
+
+def distinct(facts: Sequence[Sequence[str]]) -> list[str]:
+    """The first fact that differs if it tells all apart, else all that differ, else a number."""
+    kept = [i for i, values in enumerate(zip(*facts, strict=True)) if len({*values}) > 1] or [0]
+    for few in (kept[:1], kept):
+        labels = [", ".join(each[i] for i in few if each[i]) for each in facts]
+        if len({*labels}) == len(labels):
+            return labels
+    return [f"{label or 'run'}, {i}" for i, label in enumerate(labels, 1)]
+
+
+def interval_words(result: ImpedanceMap) -> str:
+    """'95 % interval' or nothing."""
+    return "" if result.level is None else f"{100 * result.level:g} % interval"
+
+
+# What is known from elsewhere.
 
 
 def references_of(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
@@ -106,75 +178,133 @@ def alongside_at(results: Sequence[ImpedanceMap], frequency_index: int) -> list[
     return list(seen.values())
 
 
-def _draw_points_of_cells(panels: Any, found: PointImpedances, index: int, label: str) -> None:
+# Pictures.
+
+
+def draw_result(
+    result: ImpedanceMap, path: str | Path | None = None, frequency_index: int | None = None, axes: Any = None
+) -> Any:
+    """Resistance and reactance of a map at one frequency, over (x, z) or along x; of several frequencies, with None,
+    over frequency. Returns the figure, or the axes that were given."""
+    if frequency_index is None and len(result.frequency) > 1:
+        return draw_spectrum([result], path, axes)
+    if over_surface(result):
+        return draw_map(result, path, frequency_index or 0, axes)
+    return draw_along_x([result], path, frequency_index or 0, axes)
+
+
+def draw_along_x(
+    results: Sequence[ImpedanceMap],
+    path: str | Path | None = None,
+    frequency_index: int = 0,
+    axes: Any = None,
+    labels: Sequence[str] | None = None,
+) -> Any:
+    """R and X along x of several runs, with cell averages and references (figures 10, 17).
+
+    One run has a colour an averaging; of several each has its own, and the cells of the answer's averaging.
+    """
+    first, before, words = results[0], look.runs_in(axes), interval_words(results[0])
+    alone, drawn = len(results) == 1 and not before, list[Row]()
+    for i, (result, name) in enumerate(zip(results, labels or labels_of(results), strict=True), before):
+        rows = impedance_along_x(result, frequency_index)
+        drawn.append(look.curve_of(rows, next(iter(rows[0])), **look.colour_of(i, "probes" if alone else name)))
+        for k, averaging in enumerate(result.averagings if alone else [result.averaging]):
+            colour, aside = (look.AVERAGINGS[averaging], k - 1) if alone else (look.COLOURS[i], i - len(results) / 2)
+            style = look.dots(colour, look.MARKERS[k if alone else i], f"cells, {averaging}")
+            drawn += _cells(result, averaging, frequency_index, ASIDE * aside, style)
+    for other, index in alongside_at(results, frequency_index):
+        drawn += _cells_of_points(other, index, f"{other.name}, ")
+
+    def more(axis: Any, part: str) -> None:
+        if first.x is not None and not before:
+            mark_holes(axis, first.holes)
+            mark_cells(axis, first)
+        if words and not before and part == "resistance":
+            look.entry(axis, words, color="0.8", **look.BAND)
+
+    return look.draw_parts(
+        drawn,
+        look.X_MM if first.x is not None else "probe",
+        path,
+        f"{family(results, frequency_index)}; bands and bars: {words or 'none'}",
+        references={} if before else references_of(results, frequency_index),
+        more=more,
+        axes=axes,
+        runs=len(results),
+    )
+
+
+def _cells(result: ImpedanceMap, averaging: str, index: int, aside: float, style: Row) -> list[Row]:
+    """Averages of the cells that have a place, filled in the averaging of the answer."""
+    x, cells = 1e3 * result.cell_x.cpu().numpy() + aside, result.cells[averaging]
+    if not np.isfinite(x).any():
+        return []
+    ends = None if cells.interval is None else (cells.interval.low[:, index], cells.interval.high[:, index])
+    face = style["color"] if averaging == result.averaging else "white"
+    value = {"x": x, "y": cells.impedance[:, index], "ends": ends, "bars": True}
+    return [value | style | {"markerfacecolor": face, "zorder": 4}]
+
+
+def _cells_of_points(found: PointImpedances, index: int, label: str) -> list[Row]:
     """Cell values of another method, filled: admittance over points; open and larger: pressure first."""
-    for (end, order), face, size in zip(ORDERS, ("k", "white"), (5, 8), strict=True):
-        style: Any = {"color": "k", "marker": "X", "linestyle": "none", "zorder": 9 - 0.1 * size, "markersize": size}
-        values = getattr(found, f"cell_impedance{end}")[:, index]
-        words = look.plain_label(f"{label}{order}")
-        look.draw_impedance(panels, 1e3 * found.cell_x, values, label=words, markerfacecolor=face, **style)
+    return [
+        {"x": 1e3 * found.cell_x, "y": getattr(found, f"cell_impedance{end}")[:, index]}
+        | look.dots("k", "X", f"{label}{order}", markerfacecolor=face, zorder=9 - 0.1 * size, markersize=size)
+        for (end, order), face, size in zip(ORDERS, ("k", "white"), (5, 8), strict=True)
+    ]
 
 
-def family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
-    """What several results share: the title up to the height, the frequency, the null test."""
-    hard = any(result.choices.get("surface") == "hard wall" for result in results)
-    title = f"{numbers.case_title(results[0]) or 'educed impedance'}{' (null test)' * hard}"
-    return f"{title}, {float(results[0].frequency[frequency_index]):g} Hz"
-
-
-@look.styled
-def draw_comparison(found: Any, path: str | Path | None = None, frequency: float | None = None) -> look.Figure:
-    """What ``compare`` found: by how much the liner and its cells differ, with intervals."""
-    frequency = frequency or found.rows[0].frequency
-    liner, *cells = [row for row in found.rows if row.frequency == frequency]
-    x = 1e3 * np.array([row.x for row in cells], dtype=float)
-    known = bool(np.isfinite(x).all())
-    figure, panels = look.impedance_panels(3.0, look.X_MM if known else "cell")
-    for axis, part in panels:
-        axis.set_ylabel(f"difference of {axis.get_ylabel()}")
-        axis.axhline(0, color="0.6", linewidth=0.6, zorder=0)
-        axis.axhline(numbers.part_of(liner.difference, part), color="k", linestyle="--", label="liner")
-        if liner.low is not None:
-            axis.axhspan(*(numbers.part_of(end, part) for end in (liner.low, liner.high)), color="0.88", zorder=0)
-    ends = None if liner.low is None else [[row[end] for row in cells] for end in ("low", "high")]
-    style: Any = {"color": look.COLOURS[0], "marker": "o", "linestyle": "none", "label": "cells"}
-    values = [row.difference for row in cells]
-    look.draw_impedance(panels, x if known else range(len(x)), values, ends, bars=True, **style)
-    words = f"second minus first, {frequency:g} Hz, averaging {found.averaging}; {found.words}"
-    return look.finish(figure, path, words, 4)
-
-
-@look.styled
 def draw_spectrum(
     results: Sequence[ImpedanceMap], path: str | Path | None = None, axes: Any = None, labels: Any = None
 ) -> Any:
     """R and X over frequency with intervals: of one run in all averagings, of several the answer of each."""
-    figure, panels = look.impedance_panels(3.0, look.KHZ, axes)
-    before = look.drawn_before([axis for axis, _ in panels], len(results))
-    alone = len(results) == 1 and not before
-    for i, (result, name) in enumerate(zip(results, labels or numbers.labels_of(results), strict=True), before):
+    before = look.runs_in(axes)
+    alone, drawn = len(results) == 1 and not before, list[Row]()
+    for i, (result, name) in enumerate(zip(results, labels or labels_of(results), strict=True), before):
+        rows = impedance_over_frequency(result)
         for averaging in result.averagings if alone else [result.averaging]:
-            found, mine = result.liner[averaging], averaging == result.averaging
-            ends = (found.interval.low, found.interval.high) if found.interval is not None and mine else None
+            mine = averaging == result.averaging
             style = look.colour_of(i, averaging if alone else name)
             style |= {"color": look.AVERAGINGS[averaging], "linestyle": "-" if mine else "--"} if alone else {}
-            look.draw_impedance(panels, 1e-3 * result.frequency, found.impedance.cpu(), ends, **style)
-    for axis, _ in panels:
-        look.frame(axis, poles=True)
-    words = f"{numbers.case_title(results[0])}; bands: {numbers.interval_words(results[0]) or 'none'}"
-    return look.finish(figure, path, words, 4, axes)
+            drawn.append(look.curve_of(rows, "frequency (Hz)", "impedance" if mine else averaging, **style))
+    words = f"{case_title(results[0])}; bands: {interval_words(results[0]) or 'none'}"
+    return look.draw_parts(drawn, look.KHZ, path, words, poles=True, axes=axes, runs=len(results))
 
 
-@look.styled
-def draw_liner(profiles: Sequence[numbers.Curves], title: str, path: str | Path | None = None) -> look.Figure:
-    """Resistance and reactance over frequency, one curve per speed (figure 3)."""
-    figure, panels = look.impedance_panels(2.7, look.KHZ)
-    for axis, part in panels:
+def draw_comparison(found: Any, path: str | Path | None = None, frequency: float | None = None) -> look.Figure:
+    """What ``compare`` found: by how much the liner and its cells differ, with intervals."""
+    frequency = frequency or found.rows[0].frequency
+    liner, *cells = [row for row in found.rows if row.frequency == frequency]
+    known = all(row.x is not None and np.isfinite(row.x) for row in cells)
+    rows = [Row(row, cell=i) for i, row in enumerate(cells)]
+    style = look.dots(look.COLOURS[0], "o", "cells", bars=True)
+    drawn = look.curve_of(rows, "x" if known else "cell", "difference", **style)
+    if liner.low is not None:
+        drawn["ends"] = [[row[end] for row in cells] for end in ("low", "high")]
+
+    def more(axis: Any, part: str) -> None:
+        axis.set_ylabel(f"difference of {axis.get_ylabel()}")
+        axis.axhline(0, color="0.6", linewidth=0.6, zorder=0)
+        axis.axhline(look.part_of(liner.difference, part), color="k", linestyle="--", label="liner")
+        if liner.low is not None:
+            axis.axhspan(*(look.part_of(end, part) for end in (liner.low, liner.high)), color="0.88", zorder=0)
+
+    words = f"second minus first, {frequency:g} Hz, averaging {found.averaging}; {found.words}"
+    return look.draw_parts([drawn], look.X_MM if known else "cell", path, words, more=more, poles=None)
+
+
+def draw_liner(liner: Liner, speeds: Sequence[float], title: str, path: str | Path | None = None) -> look.Figure:
+    """Resistance and reactance over frequency, one curve per speed |v|, m/s (figure 3)."""
+    drawn = []
+    for i, v in enumerate(speeds):
+        style = look.colour_of(i) | {"label": f"$|v|$ = {v:g} m s$^{{-1}}$"}
+        drawn.append(look.curve_of(impedance_over_band(liner, v), "frequency", **style))
+
+    def more(axis: Any, _: str) -> None:
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)
-        for i, profile in enumerate(profiles):
-            look.draw_curve(axis, profile, part, **look.colour_of(i) | {"label": profile.label})
-        look.frame(axis, poles=True)
-    return look.finish(figure, path, title, 6)
+
+    return look.draw_parts(drawn, look.KHZ, path, title, poles=True, more=more, height=2.7, legend=6)
 
 
 @look.styled
@@ -184,29 +314,27 @@ def draw_velocity(
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
     several = list(planes) if isinstance(planes, Sequence) else [planes]
     cases = [each.plane if isinstance(each, Moments) else each for each in several]
-    profiles = [numbers.velocity_along_x(each) for each in several]
-    kept = [name for name in VELOCITIES if any(name in profile.values for profile in profiles)]
-    figure, panels = look.panels_of(len(kept), 2.7, axes)
-    before = look.drawn_before(panels, len(several))
+    profiles = [velocity_along_x(each) for each in several]
+    kept = [name for name in VELOCITIES if any(name in rows[0] for rows in profiles)]
+    before = look.runs_in(axes)
+    figure, panels = look.panels_of(len(kept), 2.7, axes, len(several))
     for axis, quantity in zip(panels, kept, strict=False):
-        for i, (profile, name) in enumerate(zip(profiles, numbers.labels_of(cases), strict=True), before):
-            if quantity in profile.values:
-                look.draw_curve(axis, profile, quantity, **look.colour_of(i, name))
+        for i, (rows, name) in enumerate(zip(profiles, labels_of(cases), strict=True), before):
+            if quantity in rows[0]:
+                look.draw_values(axis, **look.curve_of(rows, "x (m)", quantity, **look.colour_of(i, name)))
         axis.set(xlabel=look.X_MM, ylabel=VELOCITIES[quantity], ylim=(None if quantity == "v0 (m/s)" else 0, None))
         mark_holes(axis, None if before else cases[0].holes)
-    return look.finish(figure, path, numbers.case_title(cases[0]), 6, axes)
+    return look.finish(figure, path, case_title(cases[0]), 6, axes)
 
 
-@look.styled
 def draw_points(
     found: PointImpedances, path: str | Path | None = None, true: complex | None = None, title: str = "", f: int = 0
 ) -> look.Figure:
     """R and X of another method along x: points, cells in both ways of averaging, and a reference."""
-    known, curve = bool(torch.isfinite(found.point_x).all()), numbers.points_along_x(found, f)
-    figure, panels = look.impedance_panels(3.0, look.X_MM if known else "point")
-    for axis, part in panels:
-        look.draw_curve(axis, curve, part, **look.colour_of(0, "points"))
-    if known:
-        _draw_points_of_cells(panels, found, f, "cells, ")
-    look.draw_references(panels, {} if true is None else {"reference": true})
-    return look.finish(figure, path, f"{title or found.name}, {float(found.frequency[f]):g} Hz", 4)
+    rows = points_along_x(found, f)
+    known = "x (m)" in rows[0]
+    drawn = [look.curve_of(rows, "x (m)" if known else "point", **look.colour_of(0, "points"))]
+    drawn += _cells_of_points(found, f, "cells, ") if known else []
+    words = f"{title or found.name}, {float(found.frequency[f]):g} Hz"
+    references = {} if true is None else {"reference": true}
+    return look.draw_parts(drawn, look.X_MM if known else "point", path, words, references=references, poles=None)

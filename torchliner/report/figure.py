@@ -1,10 +1,15 @@
-"""The one style of all figures: colours, panels, curves with their intervals, legend, caption, file."""
+"""The one style of all figures: colours, panels, curves with their intervals, legend, caption, file.
+
+Nearly every figure is resistance and reactance beside each other over one variable: ``draw_parts`` of curves, which
+``curve_of`` makes of rows. Fonts, ticks and sizes stand in ``style.mplstyle``.
+"""
 
 from __future__ import annotations
 
 import functools
 import io
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,15 +20,16 @@ from typing import Any
 import numpy as np
 
 from torchliner.io.whole_file import PICTURES, printable, written_whole
-from torchliner.report.numbers import Curves, part_of
-from torchliner.report.typesetting import typeset, typeset_label
 
 Figure = Any  # matplotlib.figure.Figure; imported when drawn
+Rows = Sequence[Mapping[str, Any]]
+STYLE = Path(__file__).with_name("style.mplstyle")
 PARTS = (("resistance", r"resistance, $\mathrm{Re}\,Z$"), ("reactance", r"reactance, $\mathrm{Im}\,Z$"))
+PLANE = {"xlabel": PARTS[0][1], "ylabel": PARTS[1][1]}  # of axes
 SPL, INCIDENT = "SPL (dB re 20 µPa)", "incident level (dB re 20 µPa)"
 V_RMS, U_RMS = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 X_MM, Y_MM, KHZ = "$x$ (mm)", "$y$ (mm)", "$f$ (kHz)"
-SCALES = {"x (m)": 1e3, "frequency (Hz)": 1e-3}  # of variables: their factor on an axis
+SCALES = {"x (m)": 1e3, "x": 1e3, "height": 1e3, "frequency (Hz)": 1e-3, "frequency": 1e-3}  # from SI to an axis
 WIDTHS = {"one": 3.4, "page": 5.3, "two": 7.0}  # in: a column, a text block, two columns
 STACKED = 4.5  # in, below which panels that stand beside each other stand one above the other
 CHARACTER, HANDLE, ROW = 0.053, 0.5, 0.15  # in, of a legend at 8 pt
@@ -39,28 +45,9 @@ REFERENCES: tuple[dict[str, Any], ...] = (
     *({"color": "k", "linewidth": 0.9, "linestyle": each} for each in ("--", ":", "-.")),
 )
 BAND: Any = {"linewidth": 5, "solid_capstyle": "butt"}  # of a legend's row for a band
-TEXT = ("font.size", "axes.titlesize", "axes.labelsize", "figure.titlesize", "legend.fontsize")
-RC: Any = {
-    **dict.fromkeys((*TEXT, "xtick.labelsize", "ytick.labelsize"), 8.0),
-    "font.family": "serif",
-    "font.serif": ["STIXGeneral", "DejaVu Serif"],
-    "mathtext.fontset": "stix",
-    "legend.frameon": False,
-    "legend.columnspacing": 1.4,
-    "legend.handletextpad": 0.6,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.top": True,
-    "ytick.right": True,
-    "lines.linewidth": 1.1,
-    "lines.markersize": 3.6,
-    "axes.linewidth": 0.6,
-    "figure.dpi": 120,
-    "savefig.dpi": 250,
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
-    "figure.constrained_layout.use": True,
-}
+MINUS = "\N{MINUS SIGN}"
+# A number that stands alone, with its imaginary part; not one within a name, a formula, a range, a date or a file.
+NUMBER = re.compile(r"(?<![\w.)\]}$^{/-])-?\d[\d.]*(?:e[+-]?\d+)?(?:[+-][\d.]+(?:e[+-]?\d+)?j)?j?(?!\w|\.\w|-\w)")
 _width: ContextVar[float] = ContextVar("width", default=WIDTHS["page"])
 
 
@@ -106,7 +93,7 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
     @functools.wraps(draw)
     def inner(*arguments: Any, **options: Any) -> Figure:
-        with require_matplotlib().rc_context(RC):
+        with require_matplotlib().rc_context(fname=STYLE):
             return draw(*arguments, **options)
 
     return inner
@@ -132,6 +119,9 @@ def _shown() -> Any:
     return Shown
 
 
+# Panels.
+
+
 def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tuple[Figure, Any]:
     """A figure and its axes (rows, columns), lettered where there are several; those of one row stand one above the
     other in a narrow figure, unless they share what stands at their left, ``beside``."""
@@ -145,23 +135,103 @@ def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tu
     return figure, axes
 
 
-def panels_of(columns: int, height: float, given: Any = None) -> tuple[Figure, list[Any]]:
-    """A row of new axes in a new figure, or those ``given``: one of the first panel, or each."""
+def panels_of(columns: int, height: float, given: Any = None, runs: int = 1) -> tuple[Figure, list[Any]]:
+    """A row of new axes in a new figure, or those ``given``: one of the first panel, or each; they remember how many
+    ``runs`` are drawn into them."""
     if given is None:
         figure, axes = subplots(1, columns, height)
-        return figure, list(axes[0])
-    found = [given] if hasattr(given, "plot") else list(given)
+        found = list(axes[0])
+    else:
+        found = [given] if hasattr(given, "plot") else list(given)
+        figure = found[0].figure
     if len(found) not in (1, columns):
         raise ValueError(f"{len(found)} axes are given; {columns} panels need {columns}, or one")
-    return found[0].figure, found
+    found[0].torchliner_runs = runs_in(found) + runs
+    return figure, found
 
 
-def impedance_panels(height: float, across: str, given: Any = None) -> tuple[Figure, list[tuple[Any, str]]]:
-    """Resistance and reactance beside each other over ``across``: each axis with its part."""
-    figure, axes = panels_of(2, height, given)
-    for axis, (_, label) in zip(axes, PARTS, strict=False):
-        axis.set(xlabel=across, ylabel=label)
-    return figure, [(axis, part) for axis, (part, _) in zip(axes, PARTS, strict=False)]
+def runs_in(axes: Any) -> int:
+    """How many runs the axes show already, so that a further one has its own colour."""
+    first = axes if axes is None or hasattr(axes, "plot") else axes[0]
+    return getattr(first, "torchliner_runs", 0)
+
+
+def draw_parts(
+    curves: Rows,
+    across: str,
+    path: str | Path | None = None,
+    caption: str = "",
+    *,
+    references: Mapping[str, complex] | None = None,
+    more: Callable[[Any, str], Any] | None = None,
+    poles: bool | None = False,
+    height: float = 3.0,
+    legend: int = 4,
+    axes: Any = None,
+    runs: int = 1,
+) -> Any:
+    """Resistance and reactance beside each other over a variable: what nearly every figure is.
+
+    Args:
+        curves: each the arguments of ``draw_values`` but the axis, with complex values and ends.
+        across: label of the variable.
+        references: impedances known from elsewhere, as lines.
+        more: draws into an axis besides; takes it and its part.
+        poles: whether limits and lines end before poles, see ``frame``; None: limits that show all there is.
+        height: of the panels, in.  legend: columns at most.
+        axes: given ones, and how many ``runs`` these curves are of.
+    Returns:
+        The figure, or the axes that were given.
+    """
+    with require_matplotlib().rc_context(fname=STYLE):
+        figure, panels = panels_of(2, height, axes, runs)
+        for axis, (part, label) in zip(panels, PARTS, strict=False):
+            axis.set(xlabel=across, ylabel=label)
+            for curve in curves:
+                ends = curve.get("ends")
+                own = {"y": part_of(curve["y"], part), "ends": ends and [part_of(end, part) for end in ends]}
+                draw_values(axis, **{**curve, **own})
+            for look, (name, value) in zip(REFERENCES, (references or {}).items(), strict=False):
+                axis.axhline(part_of(value, part), label=plain_label(name), **look)
+            if poles is not None:
+                frame(axis, poles=poles)
+            if more is not None:
+                more(axis, part)
+        return finish(figure, path, caption, legend, axes)
+
+
+def curve_of(rows: Rows, at: str, value: str = "impedance", **style: Any) -> dict[str, Any]:
+    """A curve of rows over what they have by the name ``at``, with the intervals that they know."""
+    known = value == "impedance" and bool(rows) and rows[0].get("low") is not None
+    ends = [[row[end] for row in rows] for end in ("low", "high")] if known else None
+    x = SCALES.get(at, 1.0) * np.array([row[at] for row in rows], dtype=float)
+    return {"x": x, "y": [row[value] for row in rows], "ends": ends, **style}
+
+
+def part_of(value: Any, part: str) -> Any:
+    """'resistance' or 'reactance' of a complex number, or of many as an array; nan of what is unknown."""
+    many = value.detach().cpu().numpy() if hasattr(value, "detach") else value
+    if isinstance(many, list | tuple):
+        many = np.array([math.nan if each is None else each for each in many], dtype=complex)
+    return many.real if part == "resistance" else many.imag
+
+
+def draw_values(axis: Any, x: Any, y: Any, ends: Any = None, bars: bool = False, **style: Any) -> None:
+    """Values along x with their interval as a band, or as bars."""
+    axis.plot(x, y, **{"rasterized": len(x) > MOST_POINTS} | style)
+    if ends is not None and bars:
+        axis.vlines(x, *ends, color=style["color"], linewidth=1.2, zorder=2)
+    elif ends is not None:
+        axis.fill_between(x, *ends, color=style["color"], alpha=0.2, linewidth=0)
+
+
+def draw_point(axis: Any, value: complex, ends: Any = None, **style: Any) -> None:
+    """One Z in the complex plane, with a cross of the intervals of R and of X where known."""
+    axis.plot(value.real, value.imag, **{"linestyle": "none", "markersize": 6, "zorder": 5} | style)
+    if ends is not None:
+        low, high = ends
+        axis.hlines(value.imag, low.real, high.real, color=style["color"], linewidth=0.9)
+        axis.vlines(value.real, low.imag, high.imag, color=style["color"], linewidth=0.9)
 
 
 def colour_of(i: int, label: str = "", **style: Any) -> dict[str, Any]:
@@ -169,44 +239,9 @@ def colour_of(i: int, label: str = "", **style: Any) -> dict[str, Any]:
     return {"color": COLOURS[i], "linestyle": LINES[i], "label": plain_label(label)} | style
 
 
-def drawn_before(axes: Sequence[Any], more: int) -> int:
-    """How many runs the axes show already, so that a further one has its own colour; ``more`` are to come."""
-    count: int = getattr(axes[0], "torchliner_runs", 0)
-    for axis in axes:
-        axis.torchliner_runs = count + more
-    return count
-
-
-def draw_values(axis: Any, x: Any, y: Any, bounds: Any = None, bars: bool = False, **style: Any) -> None:
-    """Values along x with their interval as a band, or as bars."""
-    axis.plot(x, y, **{"rasterized": len(x) > MOST_POINTS} | style)
-    if bounds is not None and bars:
-        axis.vlines(x, *bounds, color=style["color"], linewidth=1.2, zorder=2)
-    elif bounds is not None:
-        axis.fill_between(x, *bounds, color=style["color"], alpha=0.2, linewidth=0)
-
-
-def draw_impedance(panels: Any, x: Any, z: Any, bounds: Any = None, bars: bool = False, **style: Any) -> None:
-    """Both parts of complex values along x in their panels, with the interval between two complex ``bounds``."""
-    z, bounds = np.asarray(z), None if bounds is None else [np.asarray(end) for end in bounds]
-    for axis, part in panels:
-        ends = None if bounds is None else [part_of(end, part) for end in bounds]
-        draw_values(axis, x, part_of(z, part), ends, bars, **style)
-
-
-def draw_curve(axis: Any, curves: Curves, name: str, **style: Any) -> None:
-    """A column with its interval over the variable, in mm or kHz."""
-    low, high = (curves.values.get(f"{name} {end}") for end in ("low", "high"))
-    x = SCALES.get(curves.variable, 1.0) * curves.at
-    draw_values(axis, x, curves.values[name], None if low is None else (low, high), **style)
-
-
-def draw_references(panels: Any, references: Mapping[str, complex], along: str = "x") -> None:
-    """Lines of impedances known from elsewhere, all along x or y."""
-    for i, (name, value) in enumerate(references.items()):
-        for axis, part in panels:
-            draw = axis.axhline if along == "x" else axis.axvline
-            draw(part_of(value, part), label=plain_label(name), **REFERENCES[i % 4])
+def dots(colour: str, marker: str, label: str, **style: Any) -> dict[str, Any]:
+    """Markers without a line."""
+    return {"color": colour, "marker": marker, "linestyle": "none", "label": plain_label(label)} | style
 
 
 def frame(axis: Any, sides: str = "y", poles: bool = False) -> None:
@@ -230,15 +265,28 @@ def frame(axis: Any, sides: str = "y", poles: bool = False) -> None:
         line.set_data(np.insert(x, far, np.nan), np.insert(y, far, np.nan))
 
 
-def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
-    """A row of the legend without data: a marker or a line."""
-    usual = {"color": "k", "label": label, "marker": marker, "linestyle": "none" if marker else "-"}
-    axis.plot([], [], scalex=False, scaley=False, **usual | style)
+# Words, and the end.
+
+
+def typeset(text: str) -> str:
+    """The same with a true minus in every number, exponents included; hyphens of dates, ranges and names stay."""
+    return NUMBER.sub(lambda found: found[0].replace("-", MINUS), text)
+
+
+def typeset_label(text: str) -> str:
+    """The same for what matplotlib draws: the height's symbol is that of the axes."""
+    return re.sub(r"(?<!\$)\by = (?=[\d.])", "$y$ = ", typeset(text))
 
 
 def plain_label(text: str) -> str:
     """A name from a file, in which nothing is a formula or moves a cursor."""
     return " ".join(printable(text).split()).replace("$", r"\$")
+
+
+def entry(axis: Any, label: str, marker: str = "", **style: Any) -> None:
+    """A row of the legend without data: a marker or a line."""
+    usual = {"color": "k", "label": label, "marker": marker, "linestyle": "none" if marker else "-"}
+    axis.plot([], [], scalex=False, scaley=False, **usual | style)
 
 
 def legend_below(figure: Figure, axes: Any, columns: int = 4) -> None:

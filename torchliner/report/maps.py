@@ -11,8 +11,7 @@ import numpy as np
 from torchliner.records import ImpedanceMap
 from torchliner.records.holes import Holes, merged_bands
 from torchliner.report import figure as look
-from torchliner.report.numbers import COMPLEX_PART, part_of
-from torchliner.report.table import Table, rows_of, table_of
+from torchliner.report.table import Row, rows_of
 
 ENDS = (1, 99)  # %, of the probes: single ones over a hard spot would hide the rest
 FLAT = 1e-3  # mm, within which places lie on a line
@@ -39,8 +38,8 @@ def over_surface(result: ImpedanceMap) -> bool:
 def map_limits(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> Limits:
     """Ends of the colours of maps to be compared: 1 and 99 % of the values of all of them."""
     found = {}
-    for part in COMPLEX_PART:
-        values = [part_of(one.impedance[..., frequency_index], part).ravel() for one in results]
+    for part, _ in look.PARTS:
+        values = [look.part_of(one.impedance[..., frequency_index], part).ravel() for one in results]
         low, high = np.nanpercentile(np.concatenate(values), ENDS)
         found[part] = float(low), float(high)
     return found
@@ -59,7 +58,7 @@ def draw_map(
     unit, limits = "index" if result.x is None else "mm", limits or map_limits([result], frequency_index)
     figure, axes = look.panels_of(2, min(5.4, 1.7 + 2.4 * (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)), given)
     for axis, (part, label) in zip(axes, look.PARTS, strict=False):
-        values, (low, high) = part_of(result.impedance[..., frequency_index], part), limits[part]
+        values, (low, high) = look.part_of(result.impedance[..., frequency_index], part), limits[part]
         style: Any = {"cmap": "cividis", "rasterized": True, "vmin": low, "vmax": high}
         if len(shape) == 2:
             drawn = axis.pcolormesh(x.reshape(shape), z.reshape(shape), values, shading="nearest", **style)
@@ -114,9 +113,7 @@ def _draw_holes(axis: Any, holes: Holes | None) -> None:
     look.entry(axis, "hole", "o", markersize=6, markerfacecolor="none", **ON_MAP)
 
 
-def probes_table(result: ImpedanceMap, index: int) -> Table:
-    """A row a probe: x, z, R and X."""
-    places = places_of(result) / (1.0 if result.x is None else 1e3)
-    named = dict(zip(("x (m)", "z (m)"), places, strict=True))
-    rows = rows_of(**named, impedance=result.impedance[..., index].detach().cpu().reshape(-1))
-    return table_of(rows, csv=",".join([*named, "impedance"]))
+def probe_rows(result: ImpedanceMap, index: int) -> list[Row]:
+    """A row a probe: x, z, and Z."""
+    x, z = places_of(result) / (1.0 if result.x is None else 1e3)
+    return rows_of(**{"x (m)": x, "z (m)": z}, impedance=result.impedance[..., index].detach().cpu().reshape(-1))

@@ -16,12 +16,10 @@ from torch import Tensor
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
 from torchliner.duct.settled import SETTLED
-from torchliner.names import frequency_ends
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report import fields
-from torchliner.report.answer import Answer, Grid, Picture, picture, row_words
-from torchliner.report.fields import LEVEL
-from torchliner.report.numbers import distinct
+from torchliner.report.answer import Answer, Grid, Picture, row_words
+from torchliner.report.curves import distinct
 from torchliner.report.table import Row, bounds_of, rows_of, table_of
 
 EDUCED = ("impedance", "low", "high", "deviation", "wavenumber", "energy_share", "end_reflection", "residual")
@@ -29,20 +27,15 @@ NEPER = 20 * math.log10(math.e)  # dB
 ROUNDING = 1e-12
 MOST_DRAWN = 6  # frequencies along a wall
 MESH, GROWTH = "mesh difference (dB)", "growth over the liner (dB)"
-Educed = WallEduction | FieldFit
 
 
-def of_wall(found: Sequence[Educed], source: Path | None = None) -> Answer:
+def of_wall(found: Sequence[WallEduction | FieldFit], source: Path | None = None) -> Answer:
     """Z of each eduction with its interval, how far they are apart, what is known of the wall."""
     lines, several = [one.source_line for one in found], len(found) > 1
-    facts = [
-        (f"source {one.source_side}", one.method, Path(line.name).stem) for one, line in zip(found, lines, strict=True)
-    ]
-    labels = distinct(facts)
-    rows = [
-        row
-        for one, line, label in zip(found, lines, labels, strict=True)
-        for row in rows_of(
+    pairs = list(zip(found, lines, strict=True))
+    labels = distinct([(f"source {one.source_side}", one.method, Path(line.name).stem) for one, line in pairs])
+    each_rows = [
+        rows_of(
             eduction=label,
             line=line.title or line.name,
             method=one.method,
@@ -53,20 +46,31 @@ def of_wall(found: Sequence[Educed], source: Path | None = None) -> Answer:
             misfit=None if one.misfit is None else one.misfit.sqrt(),
             known=line.wall_impedance,
         )
+        for (one, line), label in zip(pairs, labels, strict=True)
     ]
-    by_frequency = {
-        f: [row for row in rows if row["frequency"] == f] for f in dict.fromkeys(r["frequency"] for r in rows)
-    }
+    rows = [row for mine in each_rows for row in mine]
+    by_frequency: dict[float, list[Row]] = {}
+    for row in rows:
+        by_frequency.setdefault(row["frequency"], []).append(row)
     # The frequency of all at which the worst fitted is fitted best.
     main, at = min(by_frequency.items(), key=lambda pair: (-len(pair[1]), max(map(_misfit, pair[1]))))
     sentences = [
-        f"{row_words(row, LEVEL)}{'' if bounds_of(row) else ' without an interval'} in units of ρc at {main:g} Hz, "
-        f"{row['eduction'] if several else row['method']}."
+        f"{row_words(row, fields.LEVEL)}{'' if bounds_of(row) else ' without an interval'} in units of ρc at {main:g} "
+        f"Hz, {row['eduction'] if several else row['method']}."
         for row in at
     ]
     if len(at) == 2 and cmath.isfinite(at[0]["impedance"] + at[1]["impedance"]):
         one, other = at[0]["impedance"], at[1]["impedance"]
         sentences.append(f"The two are {200 * abs(one - other) / (abs(one) + abs(other)):.3g} % apart.")
+    there = [(i, one.frequency.tolist().index(main)) for i, one in enumerate(found) if main in one.frequency.tolist()]
+    pressures = [
+        {"eduction": labels[i]} | row for i, _ in there for row in _microphones(lines[i]) if row["frequency"] == main
+    ]
+    spectra, along = (
+        partial(fields.draw_spectra, found, labels, each_rows),
+        partial(fields.draw_along, found, there, labels),
+    )
+    words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
     shown = "eduction," * several + "frequency,impedance,interval,"
     known = {f"{name}: Z = {z:.3f}.": 0 for line in lines for name, z in line.reference.items()}
     return Answer(
@@ -77,8 +81,11 @@ def of_wall(found: Sequence[Educed], source: Path | None = None) -> Answer:
         caption="Z = p/(ρc v) with exp(jωt - jαx), x along the flow. Residual: rms of what is left over that of the "
         "pressures. Misfit: residuals over the errors of the microphones, 1 if the duct is right.",
         remarks=list(known),
-        notes=[note for one, line in zip(found, lines, strict=True) for note in (*line.notes, *one.notes)],
-        pictures=_pictures(found, labels, main, rows),
+        notes=[note for one, line in pairs for note in (*line.notes, *one.notes)],
+        pictures=[
+            Picture("spectrum", "Impedance over frequency with 95 % intervals.", spectra, lambda: rows),
+            Picture("along-wall", words, along, lambda: pressures),
+        ],
         results=list(found),
         source=source,
     )
@@ -94,23 +101,6 @@ def _microphones(line: MicrophoneLine) -> list[Row]:
     pressure = line.pressure.T
     level, phase = spl_from_pressure_amplitude(pressure), torch.rad2deg(torch.angle(pressure))
     return rows_of(frequency=line.frequency[:, None], x=line.x, spl=level, phase=phase)
-
-
-def _pictures(found: Sequence[Educed], labels: Sequence[str], main: float, rows: Sequence[Row]) -> list[Picture]:
-    there = [(i, one.frequency.tolist().index(main)) for i, one in enumerate(found) if main in one.frequency.tolist()]
-    along_wall = [
-        {"eduction": labels[i]} | row
-        for i, _ in there
-        for row in _microphones(found[i].source_line)
-        if row["frequency"] == main
-    ]
-    words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
-    along = picture("along-wall", words, partial(fields.draw_along, found, there, labels), along_wall)
-    if any(len(one.frequency) > 1 for one in found):
-        words = "Impedance over frequency; shaded: 95 % intervals."
-        return [picture("spectrum", words, partial(fields.draw_spectra, found, labels), rows), along]
-    words = "Impedance, with its draws, and levels along the wall, with the range of the draws."
-    return [picture("impedance", words, partial(fields.draw_wall, found, labels), rows), along]
 
 
 def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answer:
@@ -140,9 +130,9 @@ def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answ
     if grown.get(GROWTH):
         words = f"a hydrodynamic wave grows by {grown[GROWTH]:.3g} dB over the liner"
         sentences.append(f"At {grown['frequency (Hz)']:g} Hz {words}.")
-    about = {key: value for key, value in line.provenance.items() if key != "plane_mode"}
     microphones = table_of(_microphones(line), "frequency,x,spl,phase")
     words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
+    draw = partial(fields.draw_line, line, at, liner)
     return Answer(
         title=f"Solved duct: {line.title}",
         lines=sentences,
@@ -151,8 +141,8 @@ def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answ
         brief=microphones,
         grids=[Grid("microphones", "At the microphones.", microphones)],
         notes=line.notes,
-        pictures=[picture("along-wall", words, partial(fields.draw_line, line, at, liner), microphones.rows)],
-        results=[SimpleNamespace(choices=about)],
+        pictures=[Picture("along-wall", words, draw, lambda: microphones.rows)],
+        results=[SimpleNamespace(choices={key: v for key, v in line.provenance.items() if key != "plane_mode"})],
         more={"duct": solved},
         source=source,
     )
@@ -164,16 +154,13 @@ def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Ans
 
     The growing wave (1/m, (F,), nan for none) has no number.
     """
-    rows: list[Row] = [
-        {"direction": direction} | row
-        for direction, solved in modes.items()
-        for row in rows_of(
-            frequency=setup.frequency[:, None],
-            mode=torch.arange(solved.wavenumber.shape[-1]),
-            wavenumber=solved.wavenumber,
-        )
-    ]
-    every = rows_of(frequency=setup.frequency, direction="downstream", mode=None, wavenumber=growing)
+    f = setup.frequency
+    rows: list[Row] = []
+    for direction, solved in modes.items():
+        mode = torch.arange(solved.wavenumber.shape[-1])
+        several = rows_of(frequency=f[:, None], mode=mode, wavenumber=solved.wavenumber)
+        rows += [{"direction": direction} | row for row in several]
+    every = rows_of(frequency=f, direction="downstream", mode=None, wavenumber=growing)
     grown = [row for row in every if row["wavenumber"] == row["wavenumber"]]
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
     for row in (rows := rows + grown):
@@ -184,8 +171,6 @@ def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Ans
     if grown:
         at = ", ".join(f"{row['frequency']:g}" for row in grown)
         wave = f"a hydrodynamic wave without a number grows downstream at {at} Hz"
-    words, ends = "|p| of each mode over the height", frequency_ends(setup.frequency.tolist())
-    draw = [partial(fields.draw_modes, dict(modes), frequency_index=f) for f in range(len(ends))]
     return Answer(
         title=f"Modes of {setup.name}",
         lines=[
@@ -193,6 +178,5 @@ def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Ans
             f"reflection went straight from 1; {wave}."
         ],
         table=table_of(rows, "frequency,direction,mode,wavenumber,decay,decay over liner (dB)"),
-        pictures=[picture(f"modes{end}", words, each, rows) for end, each in zip(ends, draw, strict=True)],
         more={"duct": setup.facts},
     )

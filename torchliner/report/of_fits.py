@@ -10,8 +10,7 @@ from typing import Any
 import torch
 
 from torchliner.report.answer import Answer, Grid, Picture
-from torchliner.report.planes import draw_predictions
-from torchliner.report.studies import draw_identification
+from torchliner.report.studies import draw_identification, draw_predictions
 from torchliner.report.table import Row, Table, rows_of, table_of
 from torchliner.studies.fit import Fit
 from torchliner.studies.validation import DEFAULT, errors_by_rule
@@ -75,7 +74,7 @@ def of_fit(
         ],
         notes=found.notes,
         step="predict other planes: --predict PLANE ..." if not predicted else "",
-        pictures=[Picture("predictions", title, draw, lambda: prediction_table(drawn))],
+        pictures=[Picture("predictions", title, draw, lambda: drawn)],
         more=_about(found),
         source=source,
     )
@@ -126,7 +125,7 @@ def of_identification(several: Sequence[Study], source: Path | None = None, pred
             *_planes_of(found.rows, "Each plane by a fit to the other runs.", predicted),
         ],
         notes=found.notes,
-        pictures=[Picture("law", "R and X over |v|", partial(draw_identification, found), lambda: curve)],
+        pictures=[Picture("law", "R and X over |v|", partial(draw_identification, found), lambda: curve.rows)],
         more=_about(fit),
         source=source,
     )

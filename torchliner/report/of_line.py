@@ -16,10 +16,9 @@ from torchliner.pressure.plane_waves import decompose_waves
 from torchliner.pressure.tones import LEVEL
 from torchliner.records import ImpedanceLine, PointImpedances, PressureRecord
 from torchliner.records.notes import Note
-from torchliner.report.answer import Answer, Grid, Picture, impedance_words, picture, row_words
-from torchliner.report.bursts import draw_lines, draw_stations, intervals_of, moment_of
-from torchliner.report.curves import ORDERS, draw_points
-from torchliner.report.numbers import points_along_x
+from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
+from torchliner.report.bursts import draw_lines, draw_stations, moment_of
+from torchliner.report.curves import ORDERS, draw_points, points_along_x
 from torchliner.report.of_map import level_line, state_of
 from torchliner.report.table import Row, rows_of, table_of
 
@@ -70,7 +69,7 @@ def of_line(lines: Sequence[ImpedanceLine], source: Path | None = None) -> Answe
         remarks=["Z is p/(ρc v), exp(+jωt).", *known],
         notes=[*line.notes, *flags],
         state=state_of(line, 0),
-        pictures=[picture("along-x", caption, partial(draw_lines, line), stations.rows)],
+        pictures=[Picture("along-x", caption, partial(draw_lines, line), lambda: stations.rows)],
         results=[line],
         source=source,
     )
@@ -113,7 +112,7 @@ def of_stations(stations: Sequence[Station], source: Path | None = None) -> Answ
         remarks += [] if seen.weighted else [f"{one.name}: no transit times, weighted moments are not weighted"]
     count = sum(1 for one in stations if one.flags)
     shown = "station,x,y,z,bursts,dropped,duration,rate,longest_gap,v mean (m/s),v rms (m/s)"
-    words = "Moments, rates and intervals between bursts of each station"
+    words = "Rms of the velocity and rate of the bursts of each station."
     return Answer(
         title=f"{len(stations)} stations of bursts",
         lines=[f"{count} of {len(stations)} stations are flagged" if count else "no flags"],
@@ -121,7 +120,7 @@ def of_stations(stations: Sequence[Station], source: Path | None = None) -> Answ
         brief=table_of(rows, shown),
         remarks=remarks,
         notes=[f"{one.name}: {text}" for one in stations for text in (*one.flags, *one.kept.notes)],
-        pictures=[Picture("stations", words, partial(draw_stations, stations), lambda: intervals_of(stations).table)],
+        pictures=[Picture("stations", words, partial(draw_stations, rows), lambda: rows)],
         source=source,
     )
 
@@ -146,7 +145,7 @@ def of_points(several: Sequence[PointImpedances], source: Path | None = None) ->
 
 def _along_x(found: PointImpedances, what: str, **about: Any) -> Picture:
     words = f"{what}; crosses: cells, filled, admittance over points, and open, pressure first."
-    return Picture("along-x", words, partial(draw_points, found, **about), lambda: points_along_x(found).table)
+    return Picture("along-x", words, partial(draw_points, found, **about), partial(points_along_x, found))
 
 
 def point_rows(found: PointImpedances) -> list[Row]:

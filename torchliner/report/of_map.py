@@ -1,21 +1,23 @@
-"""The answer of impedance maps: one, or several that belong together."""
+"""The answer of impedance maps, one or several that belong together; the pictures of a run in one folder."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import torch
 
-from torchliner.records import ImpedanceLine, ImpedanceMap
+from torchliner.engine.moments import ReducedVelocity
+from torchliner.names import unique_names
+from torchliner.records import ImpedanceLine, ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
-from torchliner.report import numbers
-from torchliner.report.answer import Answer, Grid, Picture, impedance_words, picture, row_words
-from torchliner.report.curves import ORDERS, alongside_at, draw_along_x, draw_spectrum
-from torchliner.report.maps import draw_map, over_surface, probes_table
-from torchliner.report.planes import draw_complex_plane, known_of
+from torchliner.report import curves, studies
+from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
+from torchliner.report.maps import draw_map, map_limits, over_surface, probe_rows
 from torchliner.report.table import STATISTICAL, Row, rows_of, table_of
+from torchliner.studies.compare import compare
 from torchliner.studies.validation import nearest_case
 from torchliner.velocity.background import background_words
 
@@ -25,10 +27,10 @@ NULL_TEST = "Null test: the wall is hard and has no liner; the values show how t
 
 def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answer:
     """Z with its interval and level check, a row a run and frequency; all averagings; what is known from elsewhere."""
-    first, several, main = results[0], len(results) > 1, numbers.main_of(results[0])
+    first, several, main = results[0], len(results) > 1, main_of(results[0])
     rows = [
         ({"run": label} if several else {}) | row
-        for one, label in zip(results, numbers.labels_of(results), strict=True)
+        for one, label in zip(results, curves.labels_of(results), strict=True)
         for row in map_rows(one)
     ]
     answers = [row for row in rows if row["averaging"] in (first.averaging, MATCHED)]
@@ -39,7 +41,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         lines = [_line(first, main), *([near] if near else []), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
-    name = (numbers.case_title(first) if several else first.title) or (source.name if source else "")
+    name = (curves.case_title(first) if several else first.title) or (source.name if source else "")
     return Answer(
         title=("Impedance map" + "s" * several) + (f": {name}" if name else ""),
         lines=[*dict.fromkeys([*lines, *(line for one in results for line in _known_lines(one))])],
@@ -58,6 +60,14 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         results=[each for one in results for each in (one, *one.alongside)],
         source=source,
     )
+
+
+def main_of(result: ImpedanceMap) -> int:
+    """Index of the frequency of the data's tone, else of that at which v is most coherent."""
+    if result.tone is not None:
+        return result.tone
+    coherence = result.coherence.reshape(-1, len(result.frequency))
+    return int(coherence.nanmedian(0).values.nan_to_num(-1).argmax())
 
 
 def map_rows(result: ImpedanceMap) -> list[Row]:
@@ -82,10 +92,10 @@ def map_rows(result: ImpedanceMap) -> list[Row]:
             rows.append(about | {"averaging": MATCHED} | {name: getattr(matched, name)[i].tolist() for name in names})
         its = {
             f"{other.name}, {order}": other.bounds_of_liner(end, f)
-            for other, f in alongside_at([result], i)
-            for end, order in ORDERS
+            for other, f in curves.alongside_at([result], i)
+            for end, order in curves.ORDERS
         }
-        for name, z in known_of([result], i).items():
+        for name, z in studies.known_of([result], i).items():
             low, high = its.get(name) or (None, None)
             rows.append(about | {"averaging": name, "impedance": z, "low": low, "high": high})
     return rows
@@ -173,19 +183,58 @@ def _cells(result: ImpedanceMap) -> list[Row]:
 def _pictures(result: ImpedanceMap, index: int) -> list[Picture]:
     """At the tone, and over frequency where there are several."""
     at, found = f"{float(result.frequency[index]):g} Hz", list[Picture]()
-    bars = f"; bands and bars: {numbers.interval_words(result)}" if result.level is not None else ""
+    bars = f"; bands and bars: {curves.interval_words(result)}" if result.level is not None else ""
     if len(result.frequency) > 1:
         words = f"Impedance of the whole liner over frequency{bars}. The axes end before poles of Z."
-        draw = partial(draw_spectrum, [result])
-        found.append(Picture("spectrum", words, draw, lambda: numbers.impedance_over_frequency(result).table))
+        draw = partial(curves.draw_spectrum, [result])
+        found.append(Picture("spectrum", words, draw, partial(curves.impedance_over_frequency, result)))
     if over_surface(result):
         words = f"Resistance and reactance over ρc at each probe, {at}; colours from the 1st to the 99th percentile."
-        draw_surface = partial(draw_map, result, frequency_index=index)
-        found.append(Picture("map", words, draw_surface, lambda: probes_table(result, index)))
+        draw = partial(draw_map, result, frequency_index=index)
+        found.append(Picture("map", words, draw, partial(probe_rows, result, index)))
     if result.mean_velocity.numel() > 1:
         words = f"Impedance along x at {at}, the admittance averaged over z{bars}."
-        draw = partial(draw_along_x, [result], frequency_index=index)
-        found.append(Picture("along-x", words, draw, lambda: numbers.impedance_along_x(result, index).table))
-    words = f"Z over ρc in the complex plane at {at}; crosses: intervals of R and of X."
-    near = [row for row in (*map_rows(result), *_cells(result)) if row["frequency"] == float(result.frequency[index])]
-    return [*found, picture("complex-plane", words, partial(draw_complex_plane, result, index=index), near)]
+        draw = partial(curves.draw_along_x, [result], frequency_index=index)
+        found.append(Picture("along-x", words, draw, partial(curves.impedance_along_x, result, index)))
+    return found
+
+
+def draw_pictures(results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path) -> None:
+    """All planes in one figure of each kind: along x at the tone, over frequency where there are several, and what two
+    runs differ by; each with its numbers as CSV. Planes of other frequencies than the first have folders of their
+    own."""
+    stems = unique_names(Path(plane.name.split(":/")[0]).absolute() for plane in planes)
+    runs = list(zip(results, planes, stems, strict=True))
+    for one, plane, stem in runs:
+        if not torch.equal(one.frequency, results[0].frequency):
+            draw_pictures([one], [plane], folder / stem)
+    runs = [run for run in runs if torch.equal(run[0].frequency, results[0].frequency)]
+    maps, main, several = [one for one, _, _ in runs], main_of(results[0]), len(results[0].frequency) > 1
+    folder.mkdir(parents=True, exist_ok=True)
+    tables, limits = dict[str, list[Row]](), map_limits(maps, main)
+    for one, plane, stem in runs:
+        if over_surface(one):
+            draw_map(one, folder / f"map_{stem}.png", main, limits=limits)
+        tables[f"along_x_{stem}"] = curves.impedance_along_x(one, main)
+        if several:
+            tables[f"spectrum_{stem}"] = curves.impedance_over_frequency(one)
+        if not isinstance(plane.velocity, ReducedVelocity):  # of moments the velocity is gone
+            tables[f"velocity_{stem}"] = curves.velocity_along_x(plane)
+    curves.draw_along_x(maps, folder / "along_x.png", main)
+    if several:
+        curves.draw_spectrum(maps, folder / "spectrum.png")
+    if len({one.height for one in maps} - {None}) > 1:
+        studies.draw_maps_over_height(maps, folder / "height.png", main)
+    if len(maps) == 2:
+        with contextlib.suppress(ValueError):  # other cells or averagings have no difference
+            found = compare(maps[0], maps[1])
+            curves.draw_comparison(found, folder / "difference.png", float(maps[0].frequency[main]))
+            tables["difference"] = found.rows
+    rows = studies.level_rows(maps, main)
+    if any(row["verdict"] for row in rows):
+        studies.draw_level_check(maps, folder / "level_check.png", main)
+        tables["level_check"] = rows
+    if there := [plane for _, plane, _ in runs if not isinstance(plane.velocity, ReducedVelocity)]:
+        curves.draw_velocity(there, folder / "velocity.png")
+    for name, each in tables.items():
+        table_of(each).write_csv(folder / f"{name}.csv")

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from torchliner.report import studies
-from torchliner.report.answer import Answer, Grid, impedance_words, picture
+from torchliner.report.answer import Answer, Grid, Picture, impedance_words
 from torchliner.report.curves import draw_comparison
 from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
@@ -45,7 +45,7 @@ def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
         remarks=[*skipped, *([found.nearest_case] if found.nearest_case else [])],
         notes=found.notes,
         step="" if most is None else f"state which {most.factor} you take, and why: it moves Z most",
-        pictures=[picture("audit", words, partial(studies.draw_audit, found), found.rows)],
+        pictures=[Picture("audit", words, partial(studies.draw_audit, found), lambda: found.rows)],
         results=[found],
         more=found,
         source=source,
@@ -63,7 +63,7 @@ def of_comparison(several: Sequence[Study], source: Path | None = None) -> Answe
         lines=[f"Whole liner at {row.frequency:g} Hz: {words}; {differs}."],
         table=table_of(found.rows, "place,frequency,first,second,difference,interval,differs_in"),
         remarks=[found.words],
-        pictures=[picture("difference", "Second minus first", partial(draw_comparison, found), found.rows)],
+        pictures=[Picture("difference", "Second minus first", partial(draw_comparison, found), lambda: found.rows)],
         more=found,
         source=source,
     )
@@ -83,7 +83,7 @@ def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
         brief=table_of(found.rows, brief),
         caption="Z by each model.",
         notes=found.notes,
-        pictures=[picture("models", f"{found.title}: models", partial(studies.draw_models, found), found.rows)],
+        pictures=[Picture("models", f"{found.title}: models", partial(studies.draw_models, found), lambda: found.rows)],
         more=found,
         source=source,
     )
@@ -133,7 +133,7 @@ def of_sensitivities(
         table=table_of(rows, f"frequency,parameter,value,unit,{shown}"),
         remarks=[*lines[3:], f"Z over ρc, averaging {averaging}; {meaning}; first order."],
         notes=found.found.notes,
-        pictures=[picture("contributions", title, draw, rows)],
+        pictures=[Picture("contributions", title, draw, lambda: rows)],
         results=[found.found],
         more={"averaging": averaging, "impedance": nominal, "correlation_of_R_and_X": together},
         source=source,
@@ -161,10 +161,13 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         for name, words in (("decay", "cell-periodic modulation"), ("first_decay", "first harmonic of v_rms"))
         if study[name] is not None
     ]
-    pictures = [picture("heights", f"{study.title}: Z over height", partial(studies.draw_heights, study), study.rows)]
-    if any(row.modulation is not None for row in study.rows):
-        words = "Cell-periodic modulation over height"
-        pictures.append(picture("modulation", words, partial(studies.draw_modulation, study), study.rows))
+    drawn = [
+        Row(height=row.height, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()
+    ]
+    hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
+    title = f"{study.title}{hard}, {study.frequency:g} Hz"
+    known = {"reference": study.reference["true"]} if "true" in study.reference else {}
+    draw = partial(studies.draw_over_height, drawn, title, references=known)
     judged = table_of([] if found is None else found.rows, "averaging,height,name,value,limit,passed")
     return Answer(
         title=f"Heights: {study.title}, {study.frequency:g} Hz",
@@ -176,7 +179,7 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         remarks=[*remarks, *(f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items())],
         notes=study.notes,
         step=step,
-        pictures=pictures,
+        pictures=[Picture("heights", f"{study.title}: Z over height", draw, lambda: study.rows)],
         results=[study],
         more=study if found is None else {**study, "heights": found.heights, "height": found.height},
         source=source,
@@ -208,7 +211,7 @@ def of_curve(curves: Sequence[LevelCurve], source: Path | None = None) -> Answer
         table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,fixed_point,frozen,drift,residual"),
         brief=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point"),
         remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
-        pictures=[picture("levels", words, partial(studies.draw_levels, curve), rows)],
+        pictures=[Picture("levels", words, partial(studies.draw_levels, curve), lambda: rows)],
         results=[curve],
         source=source,
     )

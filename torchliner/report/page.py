@@ -23,9 +23,8 @@ from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, Poin
 from torchliner.records.notes import Note
 from torchliner.records.origin import described, input_file, standing
 from torchliner.report.answer import Answer, Grid, answer_of, ordered
-from torchliner.report.figure import require_matplotlib
+from torchliner.report.figure import require_matplotlib, typeset
 from torchliner.report.table import DIGITS, Column, Table, table_of
-from torchliner.report.typesetting import typeset
 
 ENDING = ".html"
 MOST_ROWS, MOST_IN_CSV = 400, 40_000  # of a table on the page, and of its CSV

@@ -13,14 +13,19 @@ import torch
 from torchliner.records import ImpedanceMap
 from torchliner.records.level_check import DEGREES_PER_DB
 from torchliner.report import figure as look
-from torchliner.report.numbers import case_title, part_of
+from torchliner.report.curves import ORDERS, alongside_at, case_title, family, references_of
+from torchliner.report.figure import Rows, part_of
+from torchliner.report.table import Row
 from torchliner.studies.laws import impedances_at
 
-Rows = Sequence[Mapping[str, Any]]
 DOT: Any = {"color": look.COLOURS[0], "marker": "o", "linestyle": "none", "zorder": 3}
 GAPS = {"level": "implied minus known level (dB)", "phase": "implied minus known phase (degrees)"}
 SPEED = "$|v|$ (m s$^{-1}$)"
 DRAWN = 200  # speeds of a picture
+NORMAL = 1.96  # standard deviations of a 95 % interval
+
+
+# A row a name: dots and bars.
 
 
 def bar_panels(names: Sequence[str]) -> tuple[look.Figure, list[tuple[Any, str]]]:
@@ -70,32 +75,24 @@ def draw_cases(
     figure, panels = bar_panels([row["name"] for row in rows])
     for place, row in enumerate(rows):
         _draw_bars(panels, place, [row["impedance"]], [row[end] for end in ("low", "high") if row[end] is not None], "")
-    look.draw_references(panels, references or {}, along="y")
+    for style, (name, value) in zip(look.REFERENCES, (references or {}).items(), strict=False):
+        for axis, part in panels:
+            axis.axvline(part_of(value, part), label=look.plain_label(name), **style)
     return look.finish(figure, path, title, 4)
 
 
-@look.styled
 def draw_models(found: Any, path: str | Path | None = None) -> look.Figure:
     """R and X with their intervals: a line a model at one frequency, curves over several."""
     names = list(dict.fromkeys(row.model for row in found.rows))
     words = f"averaging {found.averaging}{'' if found.level is None else f'; bands: {100 * found.level:g} % interval'}"
     if len(names) == len(found.rows):
-        rows = [{"name": row.model, **{key: row[key] for key in ("impedance", "low", "high")}} for row in found.rows]
         title = f"{found.title}, {found.rows[0].frequency:g} Hz, {words}"
-        return draw_cases(rows, path, found.references, title)
-    figure, panels = look.impedance_panels(3.0, look.KHZ)
-    for i, name in enumerate(names):
-        rows = found.of(model=name)
-        x, z, *ends = ([row[key] for row in rows] for key in ("frequency", "impedance", "low", "high"))
-        known = None if rows[0].low is None else ends
-        look.draw_impedance(panels, 1e-3 * np.array(x), z, known, **look.colour_of(i, name))
+        return draw_cases([Row(row, name=row.model) for row in found.rows], path, found.references, title)
+    drawn = [look.curve_of(found.of(model=n), "frequency", **look.colour_of(i, n)) for i, n in enumerate(names)]
     tone = next((row.frequency for row in found.rows if row.distance), math.nan)
     for marker, (name, value) in zip(look.MARKERS, found.references.items(), strict=False):
-        style: Any = {"color": "k", "linestyle": "none", "markerfacecolor": "none", "label": look.plain_label(name)}
-        look.draw_impedance(panels, [1e-3 * tone], [value], marker=marker, **style)
-    for axis, _ in panels:
-        look.frame(axis, poles=True)
-    return look.finish(figure, path, f"{found.title}, {words}", 4)
+        drawn.append({"x": [1e-3 * tone], "y": [value]} | look.dots("k", marker, name, markerfacecolor="none"))
+    return look.draw_parts(drawn, look.KHZ, path, f"{found.title}, {words}", poles=True)
 
 
 @look.styled
@@ -115,7 +112,33 @@ def draw_contributions(
     return look.finish(figure, path, title, 3)
 
 
-def level_rows(results: Sequence[ImpedanceMap], frequency_index: int) -> list[dict[str, Any]]:
+@look.styled
+def draw_predictions(panels: Mapping[str, Rows], title: str, path: str | Path | None = None) -> look.Figure:
+    """Complex plane: reference, prediction as it was, by the fit with its 95 % intervals; a panel of rows a title."""
+    figure, axes = look.panels_of(len(panels), 3.6)
+    names = list(dict.fromkeys(row["label"] for rows in panels.values() for row in rows))
+    for axis, (heading, rows) in zip(axes, panels.items(), strict=True):
+        for row in rows:
+            colour, z, true = look.COLOURS[names.index(row["label"])], row["impedance"], row["true"]
+            if true is not None:
+                look.draw_point(axis, true, marker="*", color=colour, markersize=10)
+                axis.plot([true.real, z.real], [true.imag, z.imag], ":", color=colour, linewidth=0.8)
+            look.draw_point(axis, row["before"], marker="o", color=colour, markerfacecolor="white")
+            half = NORMAL * row["standard"]
+            look.draw_point(axis, z, (z - half, z + half), marker="s", color=colour, markersize=3.5)
+        axis.set(title=heading, **look.PLANE)
+    for name, colour in zip(names, look.COLOURS, strict=False):
+        look.entry(axes[0], look.plain_label(name), color=colour)
+    look.entry(axes[0], "reference", "*")
+    look.entry(axes[0], "model as it was", "o", markerfacecolor="white")
+    look.entry(axes[0], "calibrated, 95 % interval", "s")
+    return look.finish(figure, path, title, legend=3)
+
+
+# Over height, level and speed.
+
+
+def level_rows(results: Sequence[ImpedanceMap], frequency_index: int) -> list[Row]:
     """Of each map with a level check and averaging: height (m), averaging, the gaps with their intervals, verdict."""
     checked = [(one.height, one.level_check) for one in results if one.level_check is not None]
     return [
@@ -158,69 +181,67 @@ def draw_level_check(
     return look.finish(figure, path, f"{case_title(results[0])}, {frequency:g} Hz, off {check.known}", 4)
 
 
-@look.styled
+def draw_over_height(
+    rows: Rows, title: str, path: str | Path | None = None, references: Mapping[str, complex] | None = None
+) -> look.Figure:
+    """R and X over height: rows with a height, an averaging, its impedance and, if known, its interval."""
+    drawn = []
+    for marker, (name, colour) in zip(look.MARKERS, look.AVERAGINGS.items(), strict=False):
+        mine = sorted((row for row in rows if row["averaging"] == name), key=lambda row: float(row["height"]))
+        style: Any = {"color": colour, "marker": marker, "label": name, "bars": True}
+        drawn += [look.curve_of(mine, "height", **style)] if mine else []
+    return look.draw_parts(drawn, look.Y_MM, path, title, references=references)
+
+
+def draw_maps_over_height(
+    results: Sequence[ImpedanceMap], path: str | Path | None = None, index: int = 0
+) -> look.Figure:
+    """Z of maps of several heights, all averagings, beside what is known from elsewhere (figure 19a's trend)."""
+    rows = [
+        {"height": one.height, "averaging": name, "impedance": complex(one.liner[name].impedance[index])}
+        | dict(zip(("low", "high"), one.bounds_of_liner(name, index) or (None, None), strict=True))
+        for one in results
+        if one.height is not None
+        for name in one.averagings
+    ]
+    return draw_over_height(rows, family(results, index), path, known_of(results, index))
+
+
+def known_of(results: Sequence[ImpedanceMap], index: int) -> dict[str, complex]:
+    """References of the file, at its tone, other methods, Goodrich."""
+    found = references_of(results, index)
+    for other, f in alongside_at(results, index):
+        found |= {f"{other.name}, {word}": complex(getattr(other, f"liner_impedance{end}")[f]) for end, word in ORDERS}
+    return found
+
+
 def draw_levels(curve: Any, path: str | Path | None = None) -> look.Figure:
     """Resistance and reactance over level; dashed: the fixed point of the frequency domain."""
-    figure, panels = look.impedance_panels(3.2, look.INCIDENT)
-    order = curve.level.argsort().tolist()
+    order, drawn = curve.level.argsort().tolist(), []
     for j, frequency in enumerate(curve.frequency.tolist()):
         style = look.colour_of(j, f"{frequency:g} Hz", linestyle="-", marker=look.MARKERS[j])
-        look.draw_impedance(panels, curve.level[order], curve.impedance[order, j], **style)
         roots = [curve.fixed_points[i] for i in order]
-        fixed = [complex(each[0].impedance[j]) if each else complex(math.nan, math.nan) for each in roots]
+        fixed = [complex(each[0].impedance[j]) if each else None for each in roots]
+        drawn += [{"x": curve.level[order], "y": curve.impedance[order, j]} | style]
         style = look.colour_of(j, linestyle="--") | {"label": "$Z$ of the rms $v$"}
-        look.draw_impedance(panels, curve.level[order], fixed, **style)
-    return look.finish(figure, path, "{liner}, {kernel}".format(**curve.choices), 6)
+        drawn += [{"x": curve.level[order], "y": fixed} | style]
+    return look.draw_parts(drawn, look.INCIDENT, path, "{liner}, {kernel}".format(**curve.choices), legend=6)
 
 
-@look.styled
-def draw_heights(study: Any, path: str | Path | None = None) -> look.Figure:
-    """R and X over height, by averaging."""
-    figure, panels = look.impedance_panels(3.2, look.Y_MM)
-    for marker, name in zip(look.MARKERS, study.rows[0].impedance, strict=False):
-        x, z = [1e3 * row.height for row in study.rows], [row.impedance[name] for row in study.rows]
-        look.draw_impedance(panels, x, z, color=look.AVERAGINGS[name], marker=marker, label=name)
-    look.draw_references(panels, {"reference": study.reference["true"]} if "true" in study.reference else {})
-    hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
-    return look.finish(figure, path, f"{study.title}{hard}, {study.frequency:g} Hz", 4)
-
-
-@look.styled
-def draw_modulation(study: Any, path: str | Path | None = None) -> look.Figure:
-    """Cell-periodic modulation over height, its fitted decay and that of an evanescent sound field."""
-    figure, (axis,) = look.panels_of(1, 3.4)
-    decay, heights = study.decay, np.array([row.height for row in study.rows])
-    names = {"modulation": "all harmonics", "first_harmonic": "first harmonic", "between": "between harmonics"}
-    for i, (name, words) in enumerate(names.items()):
-        values = np.array([row[name] for row in study.rows], dtype=float)
-        if np.isfinite(values).any():
-            style = look.colour_of(i, linestyle=":", marker=look.MARKERS[i])
-            axis.plot(1e3 * heights, values, **style | {"label": f"{look.V_RMS}, {words}"})
-    if decay is not None:
-        if decay.follows:
-            text = rf"fit: $e^{{-y/l}}$, $l={1e3 * decay.length:.3g}$ mm"
-            axis.plot(1e3 * heights, decay.at(heights), color=look.COLOURS[0], label=text)
-        length = study.pitch / (2 * math.pi)
-        sound = study.rows[0].first_harmonic * np.exp(-(heights - heights[0]) / length)
-        text = rf"sound: $l=L_c/2\pi={1e3 * length:.3g}$ mm"
-        axis.plot(1e3 * heights, sound, "--", color="0.3", label=text)
-    axis.set(yscale="log", xlabel=look.Y_MM, ylabel="cell-periodic part (rms) over mean")
-    return look.finish(figure, path, f"{study.title}, {study.frequency:g} Hz", 2)
-
-
-@look.styled
 def draw_identification(found: Any, path: str | Path | None = None) -> look.Figure:
     """R and X over |v| with bands at the first frequency, by the best law, the best of the other kind and the law as it
     was (all of the first plane)."""
     fit = found.fit
     at, speed = float(fit.runs[0].frequency[0]), torch.linspace(0, fit.knots.top**0.5, DRAWN).double().square()
     rival = [each.fit for each in found.candidates if bool(each.fit.law.frequencies) != bool(fit.law.frequencies)]
-    figure, panels = look.impedance_panels(3.0, SPEED)
+    drawn = []
     for i, each in enumerate((fit, *rival[:1])):
         best, *ends = each.band(at, speed)
-        look.draw_impedance(panels, speed, best, ends, **look.colour_of(i, each.law.label.replace("_", " ")))
+        drawn.append({"x": speed, "y": best, "ends": ends} | look.colour_of(i, each.law.label.replace("_", " ")))
     before = impedances_at(fit.runs[0].in_flow, [at], speed)[0]
-    look.draw_impedance(panels, speed, before, color="k", linestyle="--", linewidth=0.9, label="the law as it was")
-    for axis, _ in panels:
+    drawn.append({"x": speed, "y": before, "color": "k", "linestyle": "--", "label": "the law as it was"})
+
+    def more(axis: Any, _: str) -> None:
         axis.axvspan(*fit.seen_speeds, color="0.93", zorder=0, label="$|v|$ that the runs see")
-    return look.finish(figure, path, f"{at:g} Hz; bands: 95 %", 5)
+
+    return look.draw_parts(drawn, SPEED, path, f"{at:g} Hz; bands: 95 %", more=more, poles=None, legend=5)
