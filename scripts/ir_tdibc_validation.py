@@ -27,9 +27,8 @@ from torchliner.report.figure import (
     INCIDENT,
     MARKERS,
     V_RMS,
-    finish,
-    impedance_panels,
-    styled,
+    dots,
+    draw_parts,
 )
 from torchliner.report.table import format_complex
 from torchliner.velocity.ir_tdibc_wall import step_in_time
@@ -161,28 +160,18 @@ def speed_table() -> str:
     return table("taps | s", lines)
 
 
-@styled
 def draw(curves: dict[str, Any], rows: Sequence[dict[str, Any]], path: Any) -> None:
     """R and X of slit and orifice over level, with the true values."""
-    figure, panels = impedance_panels(3.4, INCIDENT)
-    for axis, part in panels:
-        name = {"resistance": "real", "reactance": "imag"}[part]
-        for i, (label, curve) in enumerate(curves.items()):
-            z = getattr(curve.impedance[:, 0], name)
-            fixed = [getattr(complex(r[0].impedance[0]), name) for r in curve.fixed_points]
-            axis.plot(CURVE, z, color=COLOURS[i], label=f"{label}: instantaneous")
-            axis.plot(CURVE, fixed, color=COLOURS[i], linestyle="--", label=f"{label}: $Z$ at {V_RMS}")
-        for i, kind in enumerate(("slit", "orifice")):
-            true = {row["level"]: getattr(row["true"], name) for row in rows if row["liner"] == kind}
-            axis.plot(
-                list(true),
-                list(true.values()),
-                color="black",
-                marker=MARKERS[i],
-                linestyle="",
-                label=f"{kind}: true",
-            )
-    finish(figure, path, legend=3)
+    drawn: list[dict[str, Any]] = []
+    for i, (label, curve) in enumerate(curves.items()):
+        style = {"x": CURVE, "color": COLOURS[i]}
+        drawn.append(style | {"y": curve.impedance[:, 0], "label": f"{label}: instantaneous"})
+        fixed = [complex(roots[0].impedance[0]) for roots in curve.fixed_points]
+        drawn.append(style | {"y": fixed, "linestyle": "--", "label": f"{label}: $Z$ at {V_RMS}"})
+    for marker, kind in zip(MARKERS, ("slit", "orifice"), strict=False):
+        true = {row["level"]: row["true"] for row in rows if row["liner"] == kind}
+        drawn.append({"x": [*true], "y": [*true.values()]} | dots("black", marker, f"{kind}: true"))
+    draw_parts(drawn, INCIDENT, path, poles=None, height=3.4, legend=3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

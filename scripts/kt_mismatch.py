@@ -29,7 +29,18 @@ from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.microphone_errors import draw_pressures
 from torchliner.pressure.two_waves import two_wave_fit
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, entry, finish, legend_below, part_of, styled, subplots
+from torchliner.report.figure import (
+    COLOURS,
+    MARKERS,
+    PARTS,
+    Figure,
+    entry,
+    finish,
+    legend_below,
+    part_of,
+    styled,
+    subplots,
+)
 from torchliner.studies.variants import Row
 
 TRUE = 2.33 - 0.30j
