@@ -26,7 +26,6 @@ from torchliner.liners.catalogue import load_liner
 from torchliner.pressure.dean import in_situ
 from torchliner.report.curves import draw_along_x, draw_spectrum, draw_velocity
 from torchliner.report.maps import draw_map
-from torchliner.report.studies import draw_maps_over_height
 from torchliner.velocity.educe import educe
 
 
@@ -38,7 +37,6 @@ def main() -> None:
         planes = [read_plane(path, holes=holes) for path in plane_files(f"{case}_y*.h5")]
         maps = [educe(plane, load_liner(plane.liner)) for plane in planes]
         draw_along_x(maps, FIGURES / f"{case}_along_x.png")
-        draw_maps_over_height(maps, FIGURES / f"{case}_height.png")
         draw_velocity(planes, FIGURES / f"{case}_velocity.png")
         if case == "slit_g03_145":
             beside = in_situ(read_pressure(DATA / "pressure_g03_145.h5"))

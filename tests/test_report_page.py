@@ -97,7 +97,7 @@ def page(files):
 
 def require_whole(page):
     """One heading, no id twice, nothing is asked for outside, every figure has words and numbers."""
-    assert [len(page.all(tag)) for tag in ("h1", "main", "header", "script")] == [1] * 4
+    assert [len(page.all(tag)) for tag in ("h1", "main", "header", "script")] == [1, 1, 1, 0]
     ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
     assert len(ids) == len(set(ids))
     links = [value for _, attrs in page.tags for key, value in attrs.items() if key in ("href", "src", "action")]
@@ -186,8 +186,7 @@ def test_texts_of_files_are_no_markup(tmp_path):
     waves = dataclasses.replace(tl.kumaresan_tufts(row), notes=(EVIL,), choices=choices, method=EVIL)
     for result in (found, waves):
         page = page_of(result, tmp_path)
-        assert len(page.all("script")) == 1
-        assert "alert(1)" not in page.text["script"]
+        assert not page.all("script")
         assert EVIL.split(" ")[0] in page.text["h1"]
         assert "\\x1b[2J" in page.text["h1"]
         assert "\x1b" not in page.html
@@ -333,7 +332,7 @@ def test_what_is_not_installed_is_said_before_the_work(capsys, name, files, tmp_
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
 def test_in_a_browser(files, width, scheme):
-    """Chromium of the system: no error, no request, no overflow, no violation by axe; tables sort."""
+    """Chromium of the system: no error, no request, no overflow, no violation by axe."""
     api = pytest.importorskip("playwright.sync_api")
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     if not (chromium := Path("/usr/bin/chromium")).exists():
@@ -348,9 +347,5 @@ def test_in_a_browser(files, width, scheme):
         page.goto((files / "page.html").as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert [each["id"] for each in axe.run(page).response["violations"]] == []
-        page.locator("#cells th:nth-child(2) button").click()
-        texts = page.locator("#cells tbody tr td:nth-child(2)").all_inner_texts()
-        values = [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts]
-        assert values == sorted(values)
         assert said == []
         browser.close()

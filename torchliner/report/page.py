@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import io
 import shlex
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ from torchliner.records.notes import Note
 from torchliner.records.origin import described, input_file, standing
 from torchliner.report.answer import Answer, Grid, answer_of, ordered
 from torchliner.report.figure import require_matplotlib, typeset
-from torchliner.report.table import DIGITS, Column, Table, table_of
+from torchliner.report.table import DIGITS, Table, table_of
 
 ENDING = ".html"
 MOST_ROWS, MOST_IN_CSV = 400, 40_000  # of a table on the page, and of its CSV
@@ -54,16 +52,7 @@ def write_report(result: Any, path: str | Path, *others: Any) -> None:
 
 
 def report_file(path: Path, output: Path) -> Answer:
-    """The page of a file of results, written."""
-    result = read_result(path)
-    with naming(path):
-        found = answer_of(result, source=path)
-        write_page(found, output)
-    return found
-
-
-def read_result(path: Path) -> Any:
-    """A result of any kind.
+    """The page of a file of results, written.
 
     Raises:
         ValueError: the file is none, and what it is; a result of another version.
@@ -72,10 +61,14 @@ def read_result(path: Path) -> Any:
         raise ValueError(f"{path} is no result: a page is made of {', '.join(HDF5)}, or of the folder of a campaign")
     with open_file(path) as file:
         schema = text_attribute(file, "schema")
-    if schema in RESULTS:
-        return RESULTS[schema](path)
-    known = ", ".join(RESULTS)
-    raise ValueError(f"{path} is no result: its schema is {printable(schema or 'not stated')!r}, not one of {known}")
+    if schema not in RESULTS:
+        known, schema = ", ".join(RESULTS), printable(schema or "not stated")
+        raise ValueError(f"{path} is no result: its schema is {schema!r}, not one of {known}")
+    result = RESULTS[schema](path)
+    with naming(path):
+        found = answer_of(result, source=path)
+        write_page(found, output)
+    return found
 
 
 def write_page(answer: Answer, path: str | Path) -> None:
@@ -85,17 +78,9 @@ def write_page(answer: Answer, path: str | Path) -> None:
         ImportError: jinja2 or matplotlib is not installed.
         ValueError, OSError: another ending than .html; as ``written_whole``.
     """
-    html = page_of(answer)
-    with written_whole(path, ENDING) as temporary:
-        temporary.write_text(html, encoding="utf-8")
-
-
-def page_of(answer: Answer) -> str:
-    """The whole page; the template says what stands where."""
-    home = resources.files(__package__)
-    css, script, template = ((home / f"page.{end}").read_text(encoding="utf-8") for end in ("css", "js", "html"))
+    css, template = (Path(__file__).with_name(f"page.{end}").read_text(encoding="utf-8") for end in ("css", "html"))
     environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=shown)
-    environment.globals.update(cell=cell, csv=csv_link, svg=svg_link, typeset=lambda text: typeset(shown(text)))
+    environment.globals.update(csv=csv_link, svg=svg_link, typeset=lambda text: typeset(shown(text)))
     rows = [{"choice": name, "value": text} for name, text in _flat(answer.choices)]
     html = environment.from_string(template).render(
         answer=answer,
@@ -105,10 +90,9 @@ def page_of(answer: Answer) -> str:
         cite=CITE,
         most=MOST_ROWS,
         css=css,
-        script=script,
-        digest=base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii"),
     )
-    return str(html)
+    with written_whole(path, ENDING) as temporary:
+        temporary.write_text(html, encoding="utf-8")
 
 
 def require_report() -> Any:
@@ -130,28 +114,25 @@ def shown(value: Any) -> Any:
     return value if hasattr(value, "__html__") else printable(str(value))
 
 
-def cell(column: Column, row: Any) -> Any:
-    """With true minus signs; our own markup as it is."""
-    value = column.value(row)
-    return value if hasattr(value, "__html__") else typeset(column.cell(row))
-
-
 def csv_link(table: Table) -> str:
     """The table as a data URI, of long ones every n-th row."""
     file, step = io.StringIO(), -(-len(table.rows) // MOST_IN_CSV)
     fill_csv(file, Table(table.rows[::step], (), table.csv).as_rows(), DIGITS)
-    return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(file.getvalue().encode('utf-8')).decode('ascii')}"
+    return _data("text/csv;charset=utf-8", file.getvalue().encode("utf-8"))
 
 
 def svg_link(figure: Any) -> str:
-    """The drawing as a data URI, without its title; glyphs are outlines, so no font is needed."""
-    figure.suptitle("")
+    """The drawing as a data URI; glyphs are outlines, so no font is needed."""
     file, settings = io.BytesIO(), {"svg.hashsalt": "torchliner", "svg.fonttype": "path"}
     with require_matplotlib().rc_context(settings), warnings.catch_warnings():
         # Names in scripts that no font at hand has are boxes here and text in table and caption.
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         figure.savefig(file, format="svg", bbox_inches="tight", pad_inches=0.02, metadata={"Date": None})
-    return f"data:image/svg+xml;base64,{base64.b64encode(file.getvalue()).decode('ascii')}"
+    return _data("image/svg+xml", file.getvalue())
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
