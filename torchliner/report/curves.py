@@ -16,7 +16,16 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
 from torchliner.report import figure as look
-from torchliner.report.maps import draw_map, mark_cells, mark_holes, over_surface
+from torchliner.report.maps import (
+    case_title,
+    draw_map,
+    family,
+    interval_words,
+    labels_of,
+    mark_cells,
+    mark_holes,
+    over_surface,
+)
 from torchliner.report.table import Row, rows_of
 from torchliner.velocity.reading import time_moments
 
@@ -102,56 +111,6 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
     known = ~values.isnan()
     total = values.new_zeros(len(points)).index_add_(0, member[known], values[known])
     return points.double(), total / torch.bincount(member[known], minlength=len(points))
-
-
-# Words.
-
-
-def height_label(height: float | None) -> str:
-    """'y = 1 mm' or nothing."""
-    return "" if height is None else f"y = {1e3 * height:.3g} mm"
-
-
-def case_title(one: ImpedanceMap | VelocityPlane) -> str:
-    """The title up to the height: what several heights share."""
-    return one.title.split(", y =")[0]
-
-
-def family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
-    """What several results share: the title up to the height, the frequency, the null test."""
-    hard = any(result.choices.get("surface") == "hard wall" for result in results)
-    title = f"{case_title(results[0]) or 'educed impedance'}{' (null test)' * hard}"
-    return f"{title}, {float(results[0].frequency[frequency_index]):g} Hz"
-
-
-def labels_of(results: Sequence[Any]) -> list[str]:
-    """What tells maps or planes of one figure apart: height, side of the source, level, title, else their number."""
-    return distinct(
-        [
-            (
-                height_label(one.height),
-                f"source {one.source_side}" if one.source_side else "",
-                "" if one.incident_level is None else f"{one.incident_level:g} dB",
-                one.title,
-            )
-            for one in results
-        ]
-    )
-
-
-def distinct(facts: Sequence[Sequence[str]]) -> list[str]:
-    """The first fact that differs if it tells all apart, else all that differ, else a number."""
-    kept = [i for i, values in enumerate(zip(*facts, strict=True)) if len({*values}) > 1] or [0]
-    for few in (kept[:1], kept):
-        labels = [", ".join(each[i] for i in few if each[i]) for each in facts]
-        if len({*labels}) == len(labels):
-            return labels
-    return [f"{label or 'run'}, {i}" for i, label in enumerate(labels, 1)]
-
-
-def interval_words(result: ImpedanceMap) -> str:
-    """'95 % interval' or nothing."""
-    return "" if result.level is None else f"{100 * result.level:g} % interval"
 
 
 # What is known from elsewhere.

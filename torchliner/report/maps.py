@@ -1,4 +1,4 @@
-"""Pictures over (x, z): colours of resistance and reactance, holes and cells of the liner on them."""
+"""Maps over (x, z): colours of resistance and reactance, holes and cells of the liner; what runs are called."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.records import ImpedanceMap
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.holes import Holes, merged_bands
 from torchliner.report import figure as look
 from torchliner.report.table import Row, rows_of
@@ -117,3 +117,53 @@ def probe_rows(result: ImpedanceMap, index: int) -> list[Row]:
     """A row a probe: x, z, and Z."""
     x, z = places_of(result) / (1.0 if result.x is None else 1e3)
     return rows_of(**{"x (m)": x, "z (m)": z}, impedance=result.impedance[..., index].detach().cpu().reshape(-1))
+
+
+# What maps and planes of one figure are called.
+
+
+def height_label(height: float | None) -> str:
+    """'y = 1 mm' or nothing."""
+    return "" if height is None else f"y = {1e3 * height:.3g} mm"
+
+
+def case_title(one: ImpedanceMap | VelocityPlane) -> str:
+    """The title up to the height: what several heights share."""
+    return one.title.split(", y =")[0]
+
+
+def family(results: Sequence[ImpedanceMap], frequency_index: int) -> str:
+    """What several results share: the title up to the height, the frequency, the null test."""
+    hard = any(result.choices.get("surface") == "hard wall" for result in results)
+    title = f"{case_title(results[0]) or 'educed impedance'}{' (null test)' * hard}"
+    return f"{title}, {float(results[0].frequency[frequency_index]):g} Hz"
+
+
+def labels_of(results: Sequence[Any]) -> list[str]:
+    """What tells maps or planes of one figure apart: height, side of the source, level, title, else their number."""
+    return distinct(
+        [
+            (
+                height_label(one.height),
+                f"source {one.source_side}" if one.source_side else "",
+                "" if one.incident_level is None else f"{one.incident_level:g} dB",
+                one.title,
+            )
+            for one in results
+        ]
+    )
+
+
+def distinct(facts: Sequence[Sequence[str]]) -> list[str]:
+    """The first fact that differs if it tells all apart, else all that differ, else a number."""
+    kept = [i for i, values in enumerate(zip(*facts, strict=True)) if len({*values}) > 1] or [0]
+    for few in (kept[:1], kept):
+        labels = [", ".join(each[i] for i in few if each[i]) for each in facts]
+        if len({*labels}) == len(labels):
+            return labels
+    return [f"{label or 'run'}, {i}" for i, label in enumerate(labels, 1)]
+
+
+def interval_words(result: ImpedanceMap) -> str:
+    """'95 % interval' or nothing."""
+    return "" if result.level is None else f"{100 * result.level:g} % interval"

@@ -19,7 +19,7 @@ from torchliner.duct.settled import SETTLED
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report import fields
 from torchliner.report.answer import Answer, Grid, Picture, row_words
-from torchliner.report.curves import distinct
+from torchliner.report.maps import distinct
 from torchliner.report.table import Row, bounds_of, rows_of, table_of
 
 EDUCED = ("impedance", "low", "high", "deviation", "wavenumber", "energy_share", "end_reflection", "residual")

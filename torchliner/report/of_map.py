@@ -15,7 +15,15 @@ from torchliner.records import ImpedanceLine, ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.report import curves, studies
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
-from torchliner.report.maps import draw_map, map_limits, over_surface, probe_rows
+from torchliner.report.maps import (
+    case_title,
+    draw_map,
+    interval_words,
+    labels_of,
+    map_limits,
+    over_surface,
+    probe_rows,
+)
 from torchliner.report.table import STATISTICAL, Row, rows_of, table_of
 from torchliner.studies.compare import compare
 from torchliner.studies.validation import nearest_case
@@ -30,7 +38,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
     first, several, main = results[0], len(results) > 1, main_of(results[0])
     rows = [
         ({"run": label} if several else {}) | row
-        for one, label in zip(results, curves.labels_of(results), strict=True)
+        for one, label in zip(results, labels_of(results), strict=True)
         for row in map_rows(one)
     ]
     answers = [row for row in rows if row["averaging"] in (first.averaging, MATCHED)]
@@ -41,7 +49,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         lines = [_line(first, main), *([near] if near else []), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
-    name = (curves.case_title(first) if several else first.title) or (source.name if source else "")
+    name = (case_title(first) if several else first.title) or (source.name if source else "")
     return Answer(
         title=("Impedance map" + "s" * several) + (f": {name}" if name else ""),
         lines=[*dict.fromkeys([*lines, *(line for one in results for line in _known_lines(one))])],
@@ -183,7 +191,7 @@ def _cells(result: ImpedanceMap) -> list[Row]:
 def _pictures(result: ImpedanceMap, index: int) -> list[Picture]:
     """At the tone, and over frequency where there are several."""
     at, found = f"{float(result.frequency[index]):g} Hz", list[Picture]()
-    bars = f"; bands and bars: {curves.interval_words(result)}" if result.level is not None else ""
+    bars = f"; bands and bars: {interval_words(result)}" if result.level is not None else ""
     if len(result.frequency) > 1:
         words = f"Impedance of the whole liner over frequency{bars}. The axes end before poles of Z."
         draw = partial(curves.draw_spectrum, [result])

@@ -13,8 +13,9 @@ import torch
 from torchliner.records import ImpedanceMap
 from torchliner.records.level_check import DEGREES_PER_DB
 from torchliner.report import figure as look
-from torchliner.report.curves import ORDERS, alongside_at, case_title, family, references_of
+from torchliner.report.curves import ORDERS, alongside_at, references_of
 from torchliner.report.figure import Rows, part_of
+from torchliner.report.maps import case_title, family
 from torchliner.report.table import Row
 from torchliner.studies.laws import impedances_at
 
