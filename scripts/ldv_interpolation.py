@@ -23,8 +23,7 @@ import torchliner as tl
 from common import RESULTS, options_of, parser_of
 from studies.arrival_figures import Curves, draw_attenuation, draw_effects
 from studies.poisson import CLOSED_FORMS, poisson_attenuation
-from torchliner.bursts.arrivals import GridSignal, onto_grid
-from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
+from torchliner.bursts.arrivals import GridSignal, corrected_coherent_part, onto_grid, tone_attenuation
 from torchliner.names import GRID_METHODS
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s

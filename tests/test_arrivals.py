@@ -11,8 +11,7 @@ from scipy.signal import lombscargle
 
 import torchliner as tl
 from studies.poisson import poisson_attenuation
-from torchliner.bursts.arrivals import onto_grid
-from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
+from torchliner.bursts.arrivals import corrected_coherent_part, onto_grid, tone_attenuation
 from torchliner.names import GRID_METHODS
 
 FREQUENCY, RATE = 1500.0, 15e3

@@ -13,11 +13,11 @@ from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 
 from torchliner.bursts.arrivals import onto_grid as onto_grid
+from torchliner.bursts.arrivals import tone_attenuation as tone_attenuation
 from torchliner.bursts.line import educe_bursts as educe_bursts
 from torchliner.bursts.stations import BurstFilters as BurstFilters
 from torchliner.bursts.stations import burst_moments as burst_moments
 from torchliner.bursts.stations import validate_bursts as validate_bursts
-from torchliner.bursts.tone_damping import tone_attenuation as tone_attenuation
 from torchliner.campaign.growing import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning
 from torchliner.conversions import absorption_from_reflection as absorption_from_reflection

@@ -54,8 +54,7 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
     used, counts, each = line.used, line.segments, segment_admittances(line)
     if not bool(used.any()):
         raise ValueError("no station counts: all are flagged ('torchliner ldv info'); flagged='use' takes them")
-    drawn = monte_carlo(each[used], counts[used], draws, SEED)
-    admittance = line.over_segments(each)
+    drawn, admittance = monte_carlo(each[used], counts[used], draws, SEED), line.over_segments(each)
     average = LineAverage(
         impedance=mean_impedance(admittance[used]),
         monte_carlo=mean_impedance(drawn),
@@ -123,7 +122,7 @@ def scatter(segments: Tensor, counts: Tensor) -> Scatter:
         ones = torch.ones(count, dtype=torch.float64)
         power, square, lengths = intervals.scatter(intervals.replicates(own[:count], ones)[1 : 1 + count], ones / count)
         found.append((power, square, count / lengths.double()))
-    power, square, runs = (torch.stack(parts) for parts in zip(*found, strict=True))
+    power, square, runs = map(torch.stack, zip(*found, strict=True))
     return power, square, runs
 
 
@@ -131,8 +130,7 @@ def interval_of(value: Tensor, found: Scatter, level: float, conversion: Convers
     """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    parts = (value, bias, power, square, quantile, runs)
-    middle, off, power, square, quantile, runs = (part.flatten() for part in parts)
+    middle, off, power, square, quantile, runs = map(torch.flatten, (value, bias, power, square, quantile, runs))
     flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
     return flat.map(lambda each: each.reshape(value.shape))
 
@@ -143,8 +141,13 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
     if isinstance(stated, str) or line.average is None:
         return stated if isinstance(stated, str) else "not checked: the line has no average"
     kind, words, pressure = stated
-    used, own, error, count = line.used, line.velocity_amplitude, _velocity_error(line), line.average.stations
-    size, turns = own[used].abs(), torch.ones_like(own)
+    used, own, count = line.used, line.velocity_amplitude, line.average.stations
+    # The standard error of the size of V over itself, from its coherence over so many pieces.
+    start, segment = line.segment_start, float(line.choices["segment"])
+    length = torch.nan_to_num(start, nan=-math.inf).amax(1, keepdim=True) - start[:, :1] + segment
+    pieces, coherence = (length / segment * line.choices["blocks"]).clamp(min=1), line.coherence.clamp(1e-12, 1.0)
+    size, error = own[used].abs(), ((1 - coherence) / (2 * pieces * coherence)).sqrt()
+    turns = torch.ones_like(own)
     if kind != INCIDENT:
         turns = turned_back(line.x, torch.where(used[:, None], own, 0), line.frequency, float(line.fluid.sound_speed))
     mean, spread = (turns * own)[used].mean(0), (size * error[used]).square().sum(0).sqrt() / count
@@ -177,12 +180,3 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
         liner=Gap(*(value[:, 0] for value in gap)),
         cells=Gap(*(value[:, 1:] for value in gap)),
     )
-
-
-def _velocity_error(line: ImpedanceLine) -> Tensor:
-    """Standard error of the size of V over itself, (N, F)."""
-    start, segment = line.segment_start, float(line.choices["segment"])
-    length = torch.nan_to_num(start, nan=-math.inf).amax(1, keepdim=True) - start[:, :1] + segment
-    pieces = (length / segment * line.choices["blocks"]).clamp(min=1)
-    coherence = line.coherence.clamp(min=1e-12, max=1.0)
-    return ((1 - coherence) / (2 * pieces * coherence)).sqrt()

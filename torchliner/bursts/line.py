@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from torchliner.bursts.averages import average_line, line_level_check
-from torchliner.bursts.choices import split_choices
-from torchliner.bursts.station import CASE, educe_station
+from torchliner.bursts.station import CASE, educe_station, split_choices
 from torchliner.checks import phase_tensor, tell
 from torchliner.io.burst_sources import StationSource, list_stations, order_of
 from torchliner.io.line_parts import LineParts
@@ -79,11 +78,12 @@ def educe_bursts(
         reference_phase = phase_tensor(reference_phase).reshape(-1).tolist()
         if len(reference_phase) == 1:  # for all stations
             (reference_phase,) = reference_phase
-    tasks = _tasks(stations, reference, reference_phase)
+    tasks, lines = _tasks(stations, reference, reference_phase), list[ImpedanceLine]()
     kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
-    lines = list[ImpedanceLine]()
     for station, given, psi in tasks:
-        channel = _channel(given, station)
+        channel = given(station) if callable(given) else given
+        if channel is not None and not isinstance(channel, ReferenceChannel):
+            raise TypeError(f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples first")
         key = _digest(model, station, channel, psi, frequency, own, chosen.describe()) if kept else ""
         part = kept.load(key) if kept else None
         if part is None:
@@ -97,10 +97,16 @@ def educe_bursts(
     check = line_level_check(line, chosen)
     if isinstance(check, LevelCheck):
         line, check = dataclasses.replace(line, level_check=check), "checked"
-    notes = tuple(notes_of(line))
+    notes, inputs = tuple(notes_of(line)), list[tuple[str, str]]()
     tell([note.text for note in notes])
+    for station, channel, _ in tasks:
+        named = str(station.path) if isinstance(station, StationSource) else station.name.split(", station ")[0]
+        inputs.append(("bursts", named))
+        if isinstance(channel, ReferenceChannel):  # a function is not called once more
+            inputs.append(("reference channel", channel.name))
+    inputs += [("liner", name) for name in model.files]
     phases = None if reference_phase is None else [phase for _, _, phase in tasks]
-    origin = origin_of(_inputs(tasks, model), reference_phase=phases)
+    origin = origin_of(inputs, reference_phase=phases)
     return with_choices(dataclasses.replace(line, notes=notes), level_check=check, **origin)
 
 
@@ -126,22 +132,6 @@ def _tasks(stations: Any, reference: Any, phase: Any) -> list[Task]:
     return [tasks[i] for i in order_of(places, [each.name for each in found])]
 
 
-def _channel(reference: Any, station: Station) -> ReferenceChannel | None:
-    channel = reference(station) if callable(reference) else reference
-    if channel is not None and not isinstance(channel, ReferenceChannel):
-        raise TypeError(f"a reference is {type(channel).__name__}; make a ReferenceChannel of your samples first")
-    return channel
-
-
-def _inputs(tasks: Sequence[Task], liner: LinerModel) -> Iterator[tuple[str, str]]:
-    """What went into a line, and the names of its files."""
-    for station, channel, _ in tasks:
-        yield "bursts", str(station.path) if isinstance(station, StationSource) else station.name.split(", station ")[0]
-        if isinstance(channel, ReferenceChannel):  # a function is not called once more
-            yield "reference channel", channel.name
-    yield from (("liner", name) for name in liner.files)
-
-
 def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
     """Stations of several lines as one, in the order given; averages and intervals are not carried over.
 
@@ -155,18 +145,17 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
             if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
                 both = f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}"
                 raise ValueError(f"{both}; the stations of a line share one case")
-    joined: dict[str, Any] = {"average": None, "interval": None}
+    joined: dict[str, Any] = {"average": None, "interval": None, "notes": ()}
     for name, value in vars(first).items():
         values = [getattr(line, name) for line in lines]
         if name in OF_SEGMENTS:  # nan for the segments that a shorter station lacks
-            values = [
-                torch.cat([v, (v[:, :1] * torch.nan).expand(-1, most - v.shape[1], *v.shape[2:])], 1) for v in values
-            ]
+            lacking = [(v[:, :1] * torch.nan).expand(-1, most - v.shape[1], *v.shape[2:]) for v in values]
+            values = [torch.cat(each, 1) for each in zip(values, lacking, strict=True)]
         if isinstance(value, Tensor) and name not in OF_LINE:
             joined[name] = torch.cat(values)
-        elif isinstance(value, tuple):
+        elif isinstance(value, tuple) and name != "notes":
             joined[name] = sum(values, ())
-    return dataclasses.replace(first, **joined | {"notes": ()})
+    return dataclasses.replace(first, **joined)
 
 
 def _case(line: ImpedanceLine) -> dict[str, Any]:

@@ -10,23 +10,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.bursts.arrivals import GridSignal, onto_grid
-from torchliner.bursts.choices import StationChoices
-from torchliner.bursts.stations import Station
-from torchliner.bursts.tone_damping import corrected_coherent_part, tone_attenuation
-from torchliner.checks import SAME_FREQUENCY, stated_frequency
+from torchliner.bursts.arrivals import GridSignal, corrected_coherent_part, onto_grid, tone_attenuation
+from torchliner.bursts.stations import BurstFilters, Station
+from torchliner.checks import SAME_FREQUENCY, make_plain, require_choice, require_positive, stated_frequency
 from torchliner.engine.blocks import geometric
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error, response
 from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.liners.model import LinerModel
-from torchliner.names import __version__
+from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel, VelocityPlane
 from torchliner.tones import tone_amplitudes, transfer_function, window_weights
 from torchliner.velocity.answer import goodrich_of
@@ -34,13 +32,69 @@ from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import reading_of, take_moments
 from torchliner.velocity.review import review_rule
 
-MOST_SEGMENTS = 5000
+NAMED = {"method": GRID_METHODS, "correction": CORRECTIONS, "window": STATION_WINDOWS, "flagged": FLAGGED}
+OF_PLANES = {"averaging": "admittance", "background": None, "missing": "refuse"}  # what a single place has
+MOST_SEGMENTS, MOST_DRAWS = 5000, 1_000_000
 STATED = ("frequency", "fluid", "incident_level", "mach", "source_side", "liner", "displacement_thickness", "name")
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
 WINDOWS = {"whole-periods": ("boxcar", {0: 1.0}), "hann": ("hann", {0: 0.5, 1: -0.25, -1: -0.25})}  # c_q by q
 COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
 FEWEST_PIECES = 8  # of a record, over which coherence is found
 NO_TONE = 0.05  # squared coherence with v below which a reference knows no phase
+
+
+@dataclass(frozen=True)
+class StationChoices:
+    """From bursts to segments and from segments to averages; those of the eduction itself are a plane's.
+
+    Args:
+        method: of the reconstruction between arrivals: ``linear`` (the paper), ``hold`` or ``band-limited``.
+        grid_rate: Hz; default twice the mean rate, with a tone at least 16 whole steps a period.
+        band_limit: of ``band-limited``, Hz; default a quarter of the station's mean rate.
+        correction: what is put back of what the reconstruction took from the stated tone, else from a single frequency
+            asked for: ``tone``, its line; ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the
+            paper).
+        segment: length of a segment, s (the paper: 1).
+        overlap: share of a segment that the next one covers too (the paper: 0.5).
+        window: of a segment: ``whole-periods``, each of which weighs alike, or ``hann`` on the reflected signal (the
+            paper).
+        flagged: stations with doubtful bursts: ``exclude`` from the averages or ``use`` them.
+        monte_carlo: draws of (5.2) (the paper: 5000).
+        filters: which bursts count.
+    """
+
+    method: str = "linear"
+    grid_rate: float | None = None
+    band_limit: float | None = None
+    correction: str = "tone"
+    segment: float = 1.0
+    overlap: float = 0.5
+    window: str = "whole-periods"
+    flagged: str = "exclude"
+    monte_carlo: int = 5000
+    filters: BurstFilters = field(default_factory=BurstFilters)
+
+    def __post_init__(self) -> None:
+        make_plain(self)
+        for name, known in NAMED.items():
+            require_choice(name, getattr(self, name), known)
+        require_positive("segment (s)", self.segment)
+        if self.band_limit is not None and self.method != "band-limited":
+            raise ValueError(f"band_limit is for method 'band-limited', not {self.method!r}; leave it out")
+        if not 0 <= self.overlap < 1:
+            raise ValueError(f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1")
+        if not 2 <= self.monte_carlo <= MOST_DRAWS:
+            raise ValueError(f"monte_carlo is {self.monte_carlo}; it is 2 to {MOST_DRAWS} draws")
+
+
+def split_choices(options: dict[str, Any]) -> tuple[StationChoices, Choices]:
+    """Those of stations, and those of the eduction; ValueError for a choice that is for planes of many probes."""
+    of_stations = {key: options[key] for key in options.keys() & StationChoices.__dataclass_fields__.keys()}
+    rest = OF_PLANES | {key: value for key, value in options.items() if key not in of_stations}
+    for name, only in OF_PLANES.items():
+        if rest[name] != only:
+            raise ValueError(f"{name} is {rest[name]!r}; it is for planes of many probes: leave {name} out")
+    return StationChoices(**of_stations), Choices(**rest)
 
 
 def educe_station(
@@ -75,8 +129,8 @@ def educe_station(
         if reference is not None and square < NO_TONE:
             text = f"the squared coherence of v with the reference is {square:.2g} at {f:g} Hz (limit {NO_TONE:g})"
             notes.append(f"{text}: it tells nothing of the phase of the sound there")
-    vertical, nodes = station.moments.components["wall_normal"], known.nodes
-    numbers = {axis: math.nan if (value := getattr(record, axis)) is None else value for axis in "xyz"}
+    vertical = station.moments.components["wall_normal"]
+    numbers = {axis: math.nan if (value := getattr(record, axis)) is None else float(value) for axis in "xyz"}
     numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
     numbers |= {"rate": grid.mean_rate, "grid_rate": grid.rate, "longest_gap": grid.longest_gap[0]}
     tensors: dict[str, Any] = {
@@ -109,7 +163,7 @@ def educe_station(
             "surface": record.liner,
             "blocks": seen.blocks.count,
             "referred": reference is not None,
-            "nodes": None if nodes is None else nodes.describe(),
+            "nodes": None if known.nodes is None else known.nodes.describe(),
             "model_error": model_error,
             **asdict(own),
         },

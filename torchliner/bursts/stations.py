@@ -67,7 +67,7 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
                 )
         record = record.keep(step > 0, counts)
     if (shortest := filters.zero_runs) is not None:
-        bad = torch.stack([run_lengths(values == 0) >= shortest for values in record.components.values()]).any(0)
+        bad = torch.stack([_runs(values == 0) >= shortest for values in record.components.values()]).any(0)
         record = record.keep(~bad, {ZERO_RUN: int(bad.sum())})
     if (limit := filters.outliers) is not None:
         bad = torch.stack([_outlying(v, record.weights, limit) for v in record.components.values()]).any(0)
@@ -75,7 +75,7 @@ def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) ->
     return record
 
 
-def run_lengths(flag: Tensor) -> Tensor:
+def _runs(flag: Tensor) -> Tensor:
     """Length of the run of True to which each element belongs, 0 where False, (N,)."""
     starts = torch.cat([torch.ones(1, dtype=torch.bool), flag[1:] != flag[:-1]])
     member = starts.cumsum(0) - 1
@@ -84,18 +84,16 @@ def run_lengths(flag: Tensor) -> Tensor:
 
 def _outlying(values: Tensor, weights: Tensor, limit: float) -> Tensor:
     """Values beyond so many standard deviations of the median, bool, (N,)."""
-    away = (values - weighted_median(values, weights)).abs()
-    spread = GAUSSIAN_MAD * weighted_median(away, weights)
+
+    def median(of: Tensor) -> float:
+        return float(np.quantile(of.numpy(), 0.5, weights=weights.numpy(), method="inverted_cdf"))
+
+    away = (values - median(values)).abs()
     # Where more than half of the values are equal the median deviation is 0 and says nothing.
-    return away > limit * max(spread, resolution(values))
+    return away > limit * max(GAUSSIAN_MAD * median(away), _resolution(values))
 
 
-def weighted_median(values: Tensor, weights: Tensor) -> float:
-    """Smallest value (N,) at which half of the weight, (N,), at least 0, is reached."""
-    return float(np.quantile(values.numpy(), 0.5, weights=weights.numpy(), method="inverted_cdf"))
-
-
-def resolution(values: Tensor) -> float:
+def _resolution(values: Tensor) -> float:
     """Smallest step between distinct values, in their unit; 0 with fewer than two."""
     distinct = values.unique()
     return float(distinct.diff().min()) if len(distinct) > 1 else 0.0
@@ -160,12 +158,11 @@ def burst_moments(record: BurstRecord) -> BurstMoments:
 
 @dataclass(frozen=True)
 class Station:
-    """One station: bursts as read, those that pass the filters, the moments of these, and why it cannot be trusted.
+    """One station: the bursts that pass the filters, their moments, and why they cannot be trusted.
 
     ``flags`` state number and limit; no average takes a flagged station unless asked to.
     """
 
-    raw: BurstRecord
     kept: BurstRecord
     moments: BurstMoments
     flags: tuple[str, ...]
@@ -175,7 +172,7 @@ class Station:
         """Validate bursts as read and take their moments."""
         kept = validate_bursts(raw, filters)
         moments = burst_moments(kept)
-        return cls(raw, kept, moments, tuple(_flags(raw, kept, moments)))
+        return cls(kept, moments, tuple(_flags(raw, kept, moments)))
 
     @property
     def name(self) -> str:
@@ -183,21 +180,16 @@ class Station:
         return self.kept.title or self.kept.name
 
 
-def zero_shares(raw: BurstRecord) -> dict[str, float]:
-    """Share of velocities that are exactly 0, 0 to 1, by component, of those read."""
-    return {name: float((v == 0).sum()) / raw.bursts for name, v in raw.components.items()}
-
-
 def _flags(raw: BurstRecord, kept: BurstRecord, moments: BurstMoments) -> Iterator[str]:
-    for name, share in zero_shares(raw).items():
-        if share > MOST_ZEROS:
+    for name, values in raw.components.items():
+        if (share := float((values == 0).sum()) / raw.bursts) > MOST_ZEROS:
             yield f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated?"
     gone = 1 - kept.bursts / kept.received
     if gone > MOST_DROPPED:
         yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
     for name, values in raw.components.items():
         # Rounding to a step d adds d^2/12 to the variance.
-        step, rms = resolution(values), moments.components[name].rms
+        step, rms = _resolution(values), moments.components[name].rms
         share = min(1, step**2 / 12 / rms**2 if rms > 0 else 1)
         if step == 0:
             yield f"{name} is constant, {float(values[0]):g} m/s: a dead channel"

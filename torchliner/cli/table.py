@@ -48,7 +48,7 @@ GROUPS = {
             Option("--reference-rate", "of the recording, Hz; default: that of a .wav", NUMBER),
             Option("--reference-start", "of it, s, on the clock of the arrivals; default 0", NUMBER, default=0.0),
             Of(
-                "bursts.choices:StationChoices",
+                "bursts.station:StationChoices",
                 "method grid_rate band_limit correction segment overlap window flagged monte_carlo",
                 "from bursts to segments",
                 {"method": names.GRID_METHODS, "overlap": NUMBER, "window": names.STATION_WINDOWS},

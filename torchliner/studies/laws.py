@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.interpolate import BSpline
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, real_tensor
@@ -124,6 +123,8 @@ class Knots:
 
     def splines(self, speed: Tensor) -> Tensor:
         """B-splines, (V, n), constant beyond the last knot."""
+        from scipy.interpolate import BSpline  # takes half a second or more to import
+
         place = np.sqrt(speed.numpy().clip(0, self.top)).clip(0, self._places[-1])
         return torch.from_numpy(BSpline.design_matrix(place, self._places, ORDER).toarray())
 
