@@ -1,6 +1,6 @@
 """The five configurations of table 2 as bursts that one can have: the chain of figures 9 to 12.
 
-    python scripts/b2a_line.py [-o FOLDER] [--stations 120] [--seconds 10] [--phase averaged]
+    python scripts/b2a_line.py [-o FOLDER] [--stations 120] [--seconds 10]
 
 No line of laser Doppler data above a liner is public. This writes files of bursts as they would be
 measured if the assumptions below held (``assumptions``: they stand on every figure) and runs
@@ -10,29 +10,25 @@ these assumptions contain; it is no measurement.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import torch
 from scipy.special import j1
 
 import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
-from studies.station_line_figures import draw_averages, draw_line_velocity
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.bursts import draw_lines
-from torchliner.report.figure import STYLE, finish
+from torchliner.report.bursts import WIDTHS_OF_SEGMENTS, draw_lines
+from torchliner.report.figure import COLOURS, LINES, PARTS, V_RMS, X_MM, Figure, finish, legend_below, styled, subplots
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
 RATE, VALIDATED, FINE = 15e3, 0.97, 200e3  # bursts a second, share of them, Hz of the simulation
@@ -43,6 +39,8 @@ DISPLACEMENT = 2.0e-3  # m, the paper's
 HOLE_SPACING = 3.31e-3  # m, table 1; eight holes, taken as a 3 x 3 grid without its centre
 GROWTH = 0.35  # of v' along the liner in the lines "growing"
 PAPER = {"4": 2.33 - 0.30j, "5": 2.25 - 0.30j}
+WORDS = (("real", "resistance"), ("imag", "reactance"))
+SHIFT = 0.14  # of bars side by side
 
 
 @dataclass(frozen=True)
@@ -90,23 +88,26 @@ class Turbulence:
         values = plane.velocity.reshape(-1, plane.samples).to(torch.float64)
         values = values - values.mean(1, keepdim=True)
         window = torch.hann_window(plane.samples, dtype=torch.float64)
-        power = torch.fft.rfft(values * window).abs().square().mean(0).numpy()
+        self.power = torch.fft.rfft(values * window).abs().square().mean(0).numpy()
+        self.power[0] = self.power[1]  # the mean was taken off
         self.frequency = np.fft.rfftfreq(plane.samples, 1 / plane.sampling_rate)
-        power[0] = power[1]  # the mean was taken off
-        self.power = power
-        assert plane.height is not None
-        self.pace = SOURCE_FRICTION / plane.height  # 1/s
+        self.pace = SOURCE_FRICTION / (plane.height or math.nan)  # 1/s
 
     def at(self, times: np.ndarray, pace: float, rms: float, seed: int) -> np.ndarray:
         """v at times, m/s, from a record of ``FINE`` Hz; ``pace`` is u_tau/y, 1/s."""
-        generator = np.random.default_rng(seed)
         samples = math.ceil(times[-1] * FINE) + 2
-        frequency = np.fft.rfftfreq(samples, 1 / FINE)
-        scaled = frequency * self.pace / pace
+        scaled = np.fft.rfftfreq(samples, 1 / FINE) * self.pace / pace
         amplitude = np.sqrt(np.interp(scaled, self.frequency, self.power, right=0.0))
-        white = generator.standard_normal((len(frequency), 2)) @ np.array([1, 1j])
+        white = np.random.default_rng(seed).standard_normal((len(scaled), 2)) @ np.array([1, 1j])
         values = np.fft.irfft(white * amplitude, n=samples)
         return np.asarray(rms / values.std() * values[np.rint(times * FINE).astype(int)])
+
+    def above(
+        self, times: np.ndarray, x: float, mach: float, growth: float, seed: int, height: float = 1e-3
+    ) -> np.ndarray:
+        """v at times, m/s, above a place of the liner, along which its rms grows by a share."""
+        friction = FRICTION[mach]
+        return self.at(times, friction / height, V_PLUS * friction * (1 + growth * x / LENGTH), seed)
 
 
 def imprint(x: np.ndarray, height: float, pitch: float, diameter: float) -> np.ndarray:
@@ -125,14 +126,14 @@ def imprint(x: np.ndarray, height: float, pitch: float, diameter: float) -> np.n
     return np.real(along @ share.sum(1))
 
 
-def settled_impedance(liner: Any, rms: float, pressure: float, ratio: float) -> complex:
+def settled_impedance(liner: Any, rms: float, pressure: float) -> complex:
     """Z of the model at the velocity that it lets in itself: Gaussian turbulence plus the tone."""
     turbulent = torch.linspace(-5, 5, 201, dtype=torch.float64)
     weight = torch.exp(-(turbulent**2) / 2)
     phase = torch.arange(24, dtype=torch.float64) * 2 * torch.pi / 24
     z = complex(1.5, -0.3)
     for _ in range(60):
-        peak = ratio * pressure / (tl.Fluid().characteristic_impedance * abs(z))
+        peak = pressure / (tl.Fluid().characteristic_impedance * abs(z))
         speed = (rms * turbulent[:, None] + peak * torch.cos(phase)).abs()
         reflection = tl.reflection_from_impedance(liner.impedance(FREQUENCY, speed))
         mean = (weight[:, None] * reflection).sum() / (weight.sum() * len(phase))
@@ -140,60 +141,21 @@ def settled_impedance(liner: Any, rms: float, pressure: float, ratio: float) -> 
     return z
 
 
-@dataclass(frozen=True)
-class Sound:
-    """The tone of a configuration.
-
-    Args:
-        impedance: of the liner, as the bursts are made with.
-        wavenumber: of the lined duct, 1/m.
-        incident: peak pressure where the wave meets the liner, Pa.
-        start: x there, m.
-    """
-
-    impedance: complex
-    wavenumber: complex
-    incident: float
-    start: float
-
-    @classmethod
-    def of(cls, case: Case, liner: Any) -> Sound:
-        """From level, flow and source side."""
-        incident = pressure_amplitude_from_spl(case.level)
-        z = settled_impedance(liner, V_PLUS * FRICTION[case.mach], incident, 1.0)
-        direction = {"upstream": "downstream", "downstream": "upstream"}[case.side]
-        alpha = complex(
-            wavenumber_from_impedance(
-                torch.tensor(z),
-                FREQUENCY,
-                height=HEIGHT,
-                mach=case.mach,
-                direction=direction,
-                sound_speed=tl.Fluid().sound_speed,
-            )
-        )
-        return cls(z, alpha, incident, 0.0 if case.side == "upstream" else LENGTH)
-
-    def velocity(self, x: np.ndarray) -> np.ndarray:
-        """Into the liner, homogeneous over a cell, complex peak, m/s."""
-        pressure = self.incident * np.exp(-1j * self.wavenumber * (x - self.start))
-        return np.asarray(pressure / (tl.Fluid().characteristic_impedance * self.impedance))
-
-    def facts(self) -> dict[str, float]:
-        """For the table."""
-        decay = 20 * math.log10(math.e) * abs(self.wavenumber.imag) * LENGTH
-        return {
-            "assumed resistance": self.impedance.real,
-            "assumed reactance": self.impedance.imag,
-            "decay (dB)": decay,
-        }
+def wave_of(case: Case, liner: Any) -> tuple[complex, complex]:
+    """Z of the liner, as the bursts are made with, and the wavenumber of the lined duct, 1/m."""
+    z = settled_impedance(liner, V_PLUS * FRICTION[case.mach], pressure_amplitude_from_spl(case.level))
+    direction = {"upstream": "downstream", "downstream": "upstream"}[case.side]
+    about: Any = {"height": HEIGHT, "mach": case.mach, "sound_speed": tl.Fluid().sound_speed}
+    return z, complex(wavenumber_from_impedance(torch.tensor(z), FREQUENCY, direction=direction, **about))
 
 
 def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, stations: int, seconds: float) -> None:
     """Files of bursts of one configuration."""
-    friction = FRICTION[case.mach]
     places = (np.arange(stations) + 0.5) * LENGTH / stations
-    velocity = Sound.of(case, liner).velocity(places)
+    z, wavenumber = wave_of(case, liner)
+    way = places - (0.0 if case.side == "upstream" else LENGTH)  # from where the wave meets the liner
+    pressure = pressure_amplitude_from_spl(case.level) * np.exp(-1j * wavenumber * way)
+    velocity = pressure / (tl.Fluid().characteristic_impedance * z)
     velocity = velocity * imprint(places, case.height, liner.cell_pitch, liner.orifice_diameter)
     for i, (x, amplitude) in enumerate(zip(places, velocity, strict=True)):
         seed = int(1e5 * case.mach) + 1000 * round(case.level) + 7919 * i + len(case.side)
@@ -201,8 +163,7 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
         count = int(1.01 * RATE / VALIDATED * seconds) + 500
         times = np.cumsum(generator.exponential(VALIDATED / RATE, count))
         times = times[times < seconds]
-        rms = V_PLUS * friction * (1 + case.growth * x / LENGTH)
-        values = turbulence.at(times, friction / case.height, rms, seed + 1)
+        values = turbulence.above(times, x, case.mach, case.growth, seed + 1, case.height)
         # Into the liner is -v.
         values -= np.abs(amplitude) * np.cos(2 * np.pi * FREQUENCY * times + np.angle(amplitude))
         valid = generator.random(len(times)) < VALIDATED
@@ -224,15 +185,9 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
         record.write(folder / f"station_{i:03d}.h5")
 
 
-def slope(line: tl.ImpedanceLine, part: str) -> float:
-    """Rise over the liner's length by a straight line."""
-    values = getattr(line.impedance[:, 0], part).numpy()
-    return float(np.polyfit(line.x.numpy(), values, 1)[0] * LENGTH)
-
-
-def summary(case: Case, line: tl.ImpedanceLine, made: dict[str, float]) -> dict[str, Any]:
+def summary(case: Case, line: tl.ImpedanceLine, liner: Any) -> dict[str, Any]:
     """Numbers of a configuration."""
-    found = line.average
+    found, (z, wavenumber) = line.average, wave_of(case, liner)
     assert found is not None
     assert found.interval is not None
     assert line.goodrich is not None
@@ -243,69 +198,33 @@ def summary(case: Case, line: tl.ImpedanceLine, made: dict[str, float]) -> dict[
         "source": case.side,
         "height (mm)": 1e3 * case.height,
     }
-    for part, word in (("real", "resistance"), ("imag", "reactance")):
-        row[word] = float(getattr(found.impedance[0], part))
-        row[f"{word} low"] = float(getattr(found.interval.low[0], part))
-        row[f"{word} high"] = float(getattr(found.interval.high[0], part))
-        row[f"{word} spread of draws"] = float(getattr(found.monte_carlo_spread[0], part))
-        row[f"{word} spread along x"] = float(getattr(found.spatial_spread[0], part))
-        row[f"{word} rise along x"] = slope(line, part)
+    for part, word in WORDS:
+        values = {
+            word: found.impedance,
+            f"{word} low": found.interval.low,
+            f"{word} high": found.interval.high,
+            f"{word} spread of draws": found.monte_carlo_spread,
+            f"{word} spread along x": found.spatial_spread,
+        }
+        row |= {name: float(getattr(value[0], part)) for name, value in values.items()}
+        along = getattr(line.impedance[:, 0], part).numpy()
+        row[f"{word} rise along x"] = float(np.polyfit(line.x.numpy(), along, 1)[0] * LENGTH)
         row[f"{word} of the paper"] = getattr(PAPER.get(case.name, complex("nan")), part)
-    row["v rms (m/s)"] = float(line.velocity_rms.mean())
-    row["v tone peak (m/s)"] = float(line.velocity_level.mean())
-    row["attenuation"] = float(line.attenuation.abs().mean())
-    row["Goodrich resistance"] = float(line.goodrich[0].real)
-    return row | made
+    return row | {
+        "v rms (m/s)": float(line.velocity_rms.mean()),
+        "v tone peak (m/s)": float(line.velocity_level.mean()),
+        "attenuation": float(line.attenuation.abs().mean()),
+        "Goodrich resistance": float(line.goodrich[0].real),
+        "assumed resistance": z.real,
+        "assumed reactance": z.imag,
+        "decay (dB)": 20 * math.log10(math.e) * abs(wavenumber.imag) * LENGTH,
+    }
 
 
-def with_assumptions(figure: Any, caption: str, seconds: float, path: Path) -> None:
-    """The picture, its caption with the assumptions."""
-    with matplotlib.rc_context(fname=STYLE):
-        finish(figure, path, f"{caption}; {assumptions(seconds)}")
-
-
-def draw(lines: dict[str, tl.ImpedanceLine], folder: Path, seconds: float) -> None:
-    """Figures 9 to 12."""
-    main = [lines[case.name] for case in CASES]
-    labels = [f"{c.name}: Mach {c.mach:g}, {c.level:g} dB, {c.side}" for c in CASES]
-    with_assumptions(
-        draw_line_velocity(main, labels=labels), "wall-normal velocity, y = 1 mm", seconds, folder / "b2a_velocity.png"
-    )
-    with_assumptions(
-        draw_lines(main, labels=labels), "liner onera, 1500 Hz, y = 1 mm", seconds, folder / "b2a_impedance.png"
-    )
-    heights = draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"])
-    with_assumptions(heights, "configuration 3 at two heights", seconds, folder / "b2a_heights.png")
-    names = [case.name for case in (*CASES[:3], HIGH, *CASES[3:])]
-    averages = draw_averages(
-        [lines[name] for name in names],
-        labels=[name.replace(", ", "\n") for name in names],
-        references=[PAPER.get(name) for name in names],
-    )
-    with_assumptions(averages, "admittance averages (5.2) by configuration", seconds, folder / "b2a_averages.png")
-
-
-def report(rows: dict[str, dict[str, Any]]) -> None:
-    """The numbers beside the paper's trends."""
-    for name, row in rows.items():
-        print(
-            f"{name:10s} Z {row['resistance']:.3f}{row['reactance']:+.3f}j  interval R "
-            f"{row['resistance low']:.4f} to {row['resistance high']:.4f}  along x R "
-            f"{row['resistance rise along x']:+.3f} X {row['reactance rise along x']:+.3f}  v' "
-            f"{row['v rms (m/s)']:.2f} m/s  decay {row['decay (dB)']:.1f} dB"
-        )
-    porosity, diameter = 0.0395, 0.991e-3
-    added = [tl.goodrich_resistance(m, porosity, DISPLACEMENT, diameter) for m in (0.1, 0.3)]
-    print(
-        f"from configuration 3 to 4: R {rows['4']['resistance'] - rows['3']['resistance']:+.3f}, "
-        f"Goodrich {added[1] - added[0]:+.3f}, the paper 0.94 to 1.12"
-    )
-
-
-def station_rows(line: tl.ImpedanceLine) -> list[dict[str, float]]:
+def station_rows(case: Case, line: tl.ImpedanceLine) -> list[dict[str, Any]]:
     """What the figures show of each station, in six digits."""
     columns: dict[str, torch.Tensor] = {"x (m)": line.x}
-    for part, word in (("real", "resistance"), ("imag", "reactance")):
+    for part, word in WORDS:
         columns[word] = getattr(line.impedance, part)
         if line.interval is not None:
             columns |= {f"{word} {end}": getattr(getattr(line.interval, end), part) for end in ("low", "high")}
@@ -322,50 +241,97 @@ def station_rows(line: tl.ImpedanceLine) -> list[dict[str, float]]:
     if line.level_check is not None:
         columns["level check (dB)"] = line.level_check.cells.level[0]
     rounded = [[float(f"{value:.6g}") for value in each.flatten().tolist()] for each in columns.values()]
-    return [dict(zip(columns, row, strict=True)) for row in zip(*rounded, strict=True)]
+    rows = (dict(zip(columns, row, strict=True)) for row in zip(*rounded, strict=True))
+    return [{"configuration": case.name, **row} for row in rows]
 
 
-def _line(case: Case, liner: Any, turbulence: Turbulence, options: argparse.Namespace) -> tl.ImpedanceLine:
-    """Simulated and educed, or as kept by an earlier run."""
-    kept = None if options.lines is None else options.lines / f"{case.name.replace(' ', '_')}.h5"
-    if kept is not None and kept.exists():
-        return tl.read_line(kept)
-    with tempfile.TemporaryDirectory() as place:
-        write_case(case, liner, turbulence, Path(place), options.stations, options.seconds)
-        began = time.perf_counter()
-        line = tl.educe_bursts(place, liner, phase=options.phase)
-        took = time.perf_counter() - began
-    print(f"{case.name}: {options.stations} stations, {took / options.stations:.2f} s each", flush=True)
-    if kept is not None:
-        line.write(kept)
-    return line
+def velocity_figure(lines: Sequence[tl.ImpedanceLine], labels: Sequence[str]) -> Figure:
+    """Mean and rms of the wall-normal velocity along the line (figure 9)."""
+    figure, axes = subplots(1, 2, 3.2)
+    panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", f"{V_RMS} (m s$^{{-1}}$)"))
+    for axis, (key, text) in zip(axes[0], panels, strict=True):
+        for i, (line, label) in enumerate(zip(lines, labels, strict=True)):
+            style: Any = {"color": COLOURS[i], "linestyle": LINES[i], "linewidth": 0.9, "label": label}
+            axis.plot(1e3 * line.x.numpy(), getattr(line, key).numpy(), **style)
+        axis.set(xlabel=X_MM, ylabel=text)
+    axes[0, 1].set_ylim(bottom=0)
+    legend_below(figure, axes[0, 0], 3)
+    return figure
+
+
+def averages_figure(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Z of (5.2) of several lines (figure 12); right of the symbol the statistical interval, the paper's three standard
+    deviations of the draws, and the spread along the line."""
+    figure, axes = subplots(1, 2, 3.4)
+    places = np.arange(len(rows))
+    for axis, (part, text) in zip(axes[0], PARTS, strict=True):
+        names = ("", " low", " high", " spread of draws", " spread along x", " of the paper")
+        z, low, high, drawn, along, paper = (np.array([row[f"{part}{name}"] for row in rows]) for name in names)
+        drawn = WIDTHS_OF_SEGMENTS * drawn
+        bars = {
+            "95 % interval": (low, high, "-"),
+            "3 standard deviations of the draws of (5.2)": (z - drawn, z + drawn, "-"),
+            "spread along the line": (z - along, z + along, "--"),
+        }
+        for i, (label, (*ends, line)) in enumerate(bars.items()):
+            style: Any = {"color": COLOURS[i], "linestyle": line, "linewidth": 1.8, "label": label}
+            axis.vlines(places + (i - 1) * SHIFT, *ends, **style)
+        at = places - 2 * SHIFT
+        axis.plot(at, z, "o", color="k", markersize=3, zorder=4, label="$Z_\\mathrm{mean}$")
+        axis.plot(at, paper, "*", color=COLOURS[3], markersize=8, zorder=4, label="paper")
+        axis.set_xticks(places, [row["configuration"].replace(", ", "\n") for row in rows], fontsize=7)
+        axis.set(xlabel="configuration", ylabel=text, xlim=(-0.5, len(rows) - 0.5))
+    legend_below(figure, axes[0, 0], 3)
+    return figure
+
+
+@styled
+def draw(lines: dict[str, tl.ImpedanceLine], rows: dict[str, dict[str, Any]], folder: Path, seconds: float) -> None:
+    """Figures 9 to 12, each with the assumptions in its caption."""
+    first = [lines[case.name] for case in CASES]
+    labels = [f"{c.name}: Mach {c.mach:g}, {c.level:g} dB, {c.side}" for c in CASES]
+    heights = draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"])
+    averages = averages_figure([rows[case.name] for case in (*CASES[:3], HIGH, *CASES[3:])])
+    for name, figure, caption in (
+        ("velocity", velocity_figure(first, labels), "wall-normal velocity, y = 1 mm"),
+        ("impedance", draw_lines(first, labels=labels), "liner onera, 1500 Hz, y = 1 mm"),
+        ("heights", heights, "configuration 3 at two heights"),
+        ("averages", averages, "admittance averages (5.2) by configuration"),
+    ):
+        finish(figure, folder / f"b2a_{name}.png", f"{caption}; {assumptions(seconds)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--stations", type=int, default=120)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--phase", choices=["averaged", "self-consistent"], default="averaged")
-    parser.add_argument(
-        "--lines",
-        type=Path,
-        metavar="FOLDER",
-        help="keep educed lines there, and take those that are there, for other figures of them",
-    )
     options = options_of(parser, arguments)
     if options.seconds < 2.6:
         parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
     liner, turbulence = tl.load_liner("onera"), Turbulence()
     lines, rows, stations = {}, {}, []
     for case in (*CASES, HIGH, *GROWING):
-        line = _line(case, liner, turbulence, options)
-        lines[case.name] = line
-        rows[case.name] = summary(case, line, Sound.of(case, liner).facts())
-        stations += [{"configuration": case.name, **row} for row in station_rows(line)]
-    report(rows)
+        with tempfile.TemporaryDirectory() as place:
+            write_case(case, liner, turbulence, Path(place), options.stations, options.seconds)
+            line = tl.educe_bursts(place, liner, phase="averaged")
+        lines[case.name], row = line, summary(case, line, liner)
+        rows[case.name] = row
+        stations += station_rows(case, line)
+        print(
+            f"{case.name:10s} Z {row['resistance']:.3f}{row['reactance']:+.3f}j  interval R "
+            f"{row['resistance low']:.4f} to {row['resistance high']:.4f}  along x R "
+            f"{row['resistance rise along x']:+.3f} X {row['reactance rise along x']:+.3f}  v' "
+            f"{row['v rms (m/s)']:.2f} m/s  decay {row['decay (dB)']:.1f} dB",
+            flush=True,
+        )
+    added = [tl.goodrich_resistance(m, 0.0395, DISPLACEMENT, 0.991e-3) for m in (0.1, 0.3)]
+    print(
+        f"from configuration 3 to 4: R {rows['4']['resistance'] - rows['3']['resistance']:+.3f}, "
+        f"Goodrich {added[1] - added[0]:+.3f}, the paper 0.94 to 1.12"
+    )
     write_rows(list(rows.values()), options.output / "b2a_averages.csv")
     write_rows(stations, options.output / "b2a_stations.csv")
-    draw(lines, options.output, options.seconds)
+    draw(lines, rows, options.output, options.seconds)
     return 0
 
 

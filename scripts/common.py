@@ -1,9 +1,10 @@
-"""What the scripts share: where things lie, the arguments of a study, the shipped planes."""
+"""What the scripts share: where things lie, the arguments of a study, tables of pages, the shipped planes."""
 
 from __future__ import annotations
 
 import argparse
 import csv
+import re
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -14,6 +15,7 @@ from torchliner.checks import DataWarning
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES, RESULTS = ROOT / "data", ROOT / "docs" / "figures", ROOT / "results"
+BLOCK = re.compile(r"<!-- table (\w+) -->\n(.*?)\n?<!-- end -->", re.DOTALL)  # of a page: name, table
 
 
 def parser_of(doc: str | None, output: Path | None = None) -> argparse.ArgumentParser:
@@ -33,6 +35,11 @@ def options_of(parser: argparse.ArgumentParser, arguments: Sequence[str] | None 
     return options
 
 
+def case_files(case: str) -> list[Path]:
+    """Shipped planes of a resolved case, n130 or o145 or such, the lowest first."""
+    return plane_files(f"{'orifice' if case[0] in 'otq' else 'slit'}_{case}_y*.h5")
+
+
 def plane_files(pattern: str) -> list[Path]:
     """Shipped files, the lowest plane first."""
     found = sorted(DATA.glob(pattern))
@@ -41,10 +48,25 @@ def plane_files(pattern: str) -> list[Path]:
     return found
 
 
-def case_files(case: str) -> list[Path]:
-    """Shipped planes of a resolved case, n130 or o145 or such, the lowest first."""
-    kind = "orifice" if case[0] in "otq" else "slit"
-    return plane_files(f"{kind}_{case}_y*.h5")
+def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
+    """Markdown, columns parted by |, with minus signs, at which a browser breaks no value."""
+    rows = [[part.strip() for part in header.split("|")], *lines]
+    text = [f"| {' | '.join(row)} |" for row in rows]
+    return re.sub(r"-(?=\d)", "−", "\n".join([text[0], "|" + "---|" * len(rows[0]), *text[1:]]))
+
+
+def tables_of(page: Path) -> dict[str, str]:
+    """The tables of a page by name."""
+    return dict(BLOCK.findall(page.read_text(encoding="utf-8")))
+
+
+def write_tables(page: Path, tables: Mapping[str, str]) -> None:
+    """The tables into their page."""
+
+    def put(found: re.Match[str]) -> str:
+        return f"<!-- table {found[1]} -->\n{tables.get(found[1], found[2])}\n<!-- end -->"
+
+    page.write_text(BLOCK.sub(put, page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def run_study(
@@ -53,8 +75,12 @@ def run_study(
     rows_of: Callable[[], Sequence[Mapping[str, Any]]],
     draw: Callable[[Sequence[Any], Path], Any] | None = None,
     arguments: Sequence[str] | None = None,
+    tables: Callable[[Sequence[Any]], Mapping[str, str]] | None = None,
 ) -> int:
-    """A study: rows to STEM.csv and a picture of them, or with ``--check`` the rows beside those in docs/figures."""
+    """A study: rows to STEM.csv and a picture of them, or with ``--check`` the rows beside those in docs/figures.
+
+    ``tables``, made of the rows, are printed and put into docs/STEM.md, unless the output is another folder.
+    """
     from torchliner.report.table import table_of
 
     parser = parser_of(doc, FIGURES)
@@ -66,6 +92,10 @@ def run_study(
     table.write_csv(options.output / f"{stem}.csv")
     if draw is not None:
         draw(rows, options.output / f"{stem}.png")
+    for name, text in ({} if tables is None else tables(rows)).items():
+        print(f"\n{name}\n{text}")
+        if options.output == FIGURES:
+            write_tables(ROOT / "docs" / f"{stem}.md", {name: text})
     print(f"{len(rows)} rows are in {options.output / stem}.csv")
     return 0
 
@@ -73,7 +103,7 @@ def run_study(
 def check_rows(rows: Sequence[Mapping[str, Any]], path: Path, share: float = 2e-3) -> int:
     """Say which rows differ from those of a file by more than a share, or 0.002; how many do."""
     with path.open(newline="") as file:
-        kept, off = list(csv.DictReader(file)), abs(sum(1 for _ in rows))
+        kept = list(csv.DictReader(file))
     off = abs(len(rows) - len(kept))
     for i, (row, old) in enumerate(zip(rows, kept, strict=False)):
         for name, value in row.items():

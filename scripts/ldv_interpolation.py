@@ -1,10 +1,15 @@
 """What the way onto a grid does to laser Doppler velocities, on bursts whose true velocity is known.
 
-    python scripts/ldv_interpolation.py [-o FOLDER] [--draws 200]
+    python scripts/ldv_interpolation.py [-o FOLDER] [--check]
 
 A tone of 1500 Hz (2 m/s peak) and Gaussian turbulence (1.5 m/s rms, falling like f^-5/3 from 500 Hz
-to 20 kHz) are seen at Poisson arrivals and rebuilt. Figures with their numbers as CSV: the factor
-on the tone and the error of its amplitude; rms and the educed Z of the liner `onera`.
+to 20 kHz) are seen at Poisson arrivals and rebuilt. By mean rate: the factor on the tone and the error
+of its amplitude (200 draws); rms and the educed Z of the liner `onera`.
+
+For Poisson arrivals of rate lambda the distances B, F from any instant to the arrivals before and after are
+independent and exponential. With x = omega/lambda ``hold`` leaves <e^(-j omega B)> = 1/(1 + jx) of a tone. ``linear``:
+given D = B + F, of density lambda^2 D e^(-lambda D), the mean over B of [F e^(-j omega B) + B e^(j omega F)]/D is
+2 (1 - cos(omega D))/(omega D)^2; over D, by Frullani's integral, ln(1 + x^2)/x^2.
 """
 
 from __future__ import annotations
@@ -13,6 +18,7 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,21 +26,27 @@ from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 import torchliner as tl
-from common import RESULTS, options_of, parser_of
-from studies.arrival_figures import Curves, draw_attenuation, draw_effects
-from studies.poisson import CLOSED_FORMS, poisson_attenuation
-from torchliner.bursts.arrivals import GridSignal, corrected_coherent_part, onto_grid, tone_attenuation
+from common import run_study
+from torchliner.bursts.arrivals import corrected_coherent_part, onto_grid, tone_attenuation
 from torchliner.names import GRID_METHODS
+from torchliner.report.figure import COLOURS, MARKERS, finish, styled, subplots
+from torchliner.studies.variants import Row
 
 FREQUENCY, PEAK, RMS = 1500.0, 2.0, 1.5  # Hz, m/s, m/s
 KNEE, HIGHEST, FINE = 500.0, 20e3, 200e3  # Hz; of the turbulence, and of the true record
 RATES = (8e3, 10e3, 15e3, 20e3, 25e3, 35e3, 50e3, 100e3)
-PUBLISHED = {15e3: 0.84, 25e3: 0.94, 50e3: 0.98}
-SHORT, LONG = 0.1, 2.0  # s; records for the errors of amplitudes, and for all else
+PUBLISHED = {15: 0.84, 25: 0.94, 50: 0.98}  # factor of linear interpolation, by kHz
+SHORT, LONG, DRAWS = 0.1, 2.0, 200  # s; records for the errors of amplitudes, and for all else
 GRID = 60e3  # Hz: 40 steps a period, three times the turbulence's end
-VARIABLE = "mean rate (Hz)"
 RULES = ("averaged", "self-consistent")
-CORRECTED = ("linear, tone corrected", "linear, tone and its noise corrected")
+CORRECTED = {"linear, tone corrected": False, "linear, tone and its noise corrected": True}
+WAYS = (*GRID_METHODS, *CORRECTED)
+FITS = ("as interpolated", "corrected", "fit at the arrivals")
+PANELS = {  # of rms and Z over the true ones
+    "rms": "rms",
+    "resistance averaged": "resistance, averaged",
+    "resistance self-consistent": "resistance, self-consistent",
+}
 
 
 class Flow:
@@ -65,21 +77,20 @@ class Flow:
         return times[times < self.seconds]
 
 
-def attenuation_tables() -> tuple[Curves, Curves]:
-    """|G| for drawn arrivals, and the closed forms on finer rates."""
-    found: dict[str, list[float]] = {method: [] for method in GRID_METHODS}
-    for seed, rate in enumerate(RATES):
-        times = Flow(LONG, seed).arrivals(rate)
-        for method in GRID_METHODS:
-            factor = tone_attenuation(onto_grid(times, times, method=method, frequency=FREQUENCY), FREQUENCY).factor
-            found[method].append(float(factor.abs().squeeze()))
-    fine = np.geomspace(RATES[0], RATES[-1], 101)
-    closed = {method: poisson_attenuation(FREQUENCY, fine, method).abs().numpy() for method in CLOSED_FORMS}
-    drawn = {method: np.array(values) for method, values in found.items()}
-    return (
-        Curves(np.array(RATES), drawn, VARIABLE),
-        Curves(fine, closed, VARIABLE),
-    )
+def closed_forms(rate: Any) -> dict[str, Any]:
+    """Size of the factor on the tone by method."""
+    x = 2 * math.pi * FREQUENCY / np.asarray(rate)
+    return {"linear": np.log1p(x**2) / x**2, "hold": 1 / np.hypot(1, x)}
+
+
+def factors(number: int, rate: float) -> dict[str, float]:
+    """|G| of drawn arrivals by method."""
+    times = Flow(LONG, number).arrivals(rate)
+    found = {
+        method: tone_attenuation(onto_grid(times, times, method=method, frequency=FREQUENCY), FREQUENCY).factor
+        for method in GRID_METHODS
+    }
+    return {f"factor, {method}": float(factor.abs().squeeze()) for method, factor in found.items()}
 
 
 def fit_at_arrivals(times: Tensor, values: Tensor) -> complex:
@@ -90,87 +101,86 @@ def fit_at_arrivals(times: Tensor, values: Tensor) -> complex:
     return complex(cosine, sine) / 2
 
 
-def amplitude_errors(draws: int) -> Curves:
+def amplitude_errors(number: int, rate: float) -> dict[str, float]:
     """Bias and scatter of the tone's amplitude by linear interpolation, over its size."""
-    names = ("as interpolated", "corrected", "fit at the arrivals")
-    columns: dict[str, list[float]] = {}
-    for number, rate in enumerate(RATES):
-        found = []
-        for draw in range(draws):
-            flow = Flow(SHORT, 1000 * (number + 1) + draw)
-            times = flow.arrivals(rate)
-            values = flow.velocity(times)
-            signal = onto_grid(times, values, GRID)
-            factors = tone_attenuation(signal, FREQUENCY, window="boxcar")
-            line = factors.line(signal)
-            turn = np.exp(-2j * np.pi * FREQUENCY * signal.start)
-            lines = [complex(each[0]) * turn for each in (line, factors.true_amplitude(line))]
-            found.append([*lines, fit_at_arrivals(times, values)])
-        errors = np.array(found) / (PEAK / 2) - 1
-        for i, name in enumerate(names):
-            bias, scatter = abs(errors[:, i].mean()), errors[:, i].std(ddof=1)
-            columns.setdefault(f"bias, {name}", []).append(float(bias))
-            columns.setdefault(f"scatter, {name}", []).append(float(scatter))
-    numbers = {name: np.array(column) for name, column in columns.items()}
-    return Curves(np.array(RATES), numbers, VARIABLE)
-
-
-def effects() -> tuple[list[tuple[str, Curves, float]], Curves]:
-    """Panels of rms and Z by method, relative to the truth of the same draw; and all numbers."""
-    rows = []
-    for number, rate in enumerate(RATES):
-        flow = Flow(LONG, 500 + number)
+    found = []
+    for draw in range(DRAWS):
+        flow = Flow(SHORT, 1000 * (number + 1) + draw)
         times = flow.arrivals(rate)
         values = flow.velocity(times)
-        signals = {method: onto_grid(times, values, GRID, method) for method in GRID_METHODS}
-        signals |= _corrections(signals["linear"])
-        true = flow.velocity(signals["linear"].times)
-        rows.append(_effects_of({"true": true} | {n: s.values for n, s in signals.items()}))
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    parts = ("rms (m/s)", *(f"{p} {rule}" for rule in RULES for p in ("resistance", "reactance")))
-    numbers = {f"{part}, {name}": column[:, i] for name, column in columns.items() for i, part in enumerate(parts)}
-    panels = []
-    for i, label in ((0, "rms"), (1, "resistance, averaged"), (3, "resistance, self-consistent")):
-        shown = {n: c[:, i] / columns["true"][:, i] for n, c in columns.items() if n != "true"}
-        panels.append((f"{label}, over the true value", Curves(np.array(RATES), shown, VARIABLE), 1.0))
-    return panels, Curves(np.array(RATES), numbers, VARIABLE)
+        signal = onto_grid(times, values, GRID)
+        damping = tone_attenuation(signal, FREQUENCY, window="boxcar")
+        line = damping.line(signal)
+        turn = np.exp(-2j * np.pi * FREQUENCY * signal.start)
+        lines = [complex(each[0]) * turn for each in (line, damping.true_amplitude(line))]
+        found.append([*lines, fit_at_arrivals(times, values)])
+    errors = np.array(found) / (PEAK / 2) - 1
+    sizes = {"bias": abs(errors.mean(0)), "scatter": errors.std(0, ddof=1)}
+    return {f"{word}, {name}": float(v) for word, each in sizes.items() for name, v in zip(FITS, each, strict=True)}
 
 
-def _corrections(signal: GridSignal) -> dict[str, GridSignal]:
-    factors = tone_attenuation(signal, FREQUENCY)
-    pairs = zip(CORRECTED, (False, True), strict=True)
-    return {name: corrected_coherent_part(signal, factors, noise=noise) for name, noise in pairs}
-
-
-def _effects_of(signals: dict[str, Tensor]) -> dict[str, list[float]]:
-    """rms, and resistance and reactance under each phase rule."""
-    plane = tl.VelocityPlane(torch.stack(list(signals.values())), sampling_rate=GRID)
-    found = {name: [float(values.std())] for name, values in signals.items()}
+def effects(number: int, rate: float) -> dict[str, float]:
+    """rms, and resistance and reactance under each phase rule, by method, over the truth of the same draw."""
+    flow = Flow(LONG, 500 + number)
+    times = flow.arrivals(rate)
+    values = flow.velocity(times)
+    signals = {method: onto_grid(times, values, GRID, method) for method in GRID_METHODS}
+    damping = tone_attenuation(signals["linear"], FREQUENCY)
+    for name, noise in CORRECTED.items():
+        signals[name] = corrected_coherent_part(signals["linear"], damping, noise=noise)
+    velocity = torch.stack([flow.velocity(signals["linear"].times), *(signal.values for signal in signals.values())])
+    columns = {"rms": velocity.std(1)}
+    plane = tl.VelocityPlane(velocity, sampling_rate=GRID)
     for rule in RULES:
-        result = tl.educe(plane, tl.load_liner("onera"), FREQUENCY, phase=rule, interval=None, averaging="admittance")
-        for name, z in zip(signals, result.impedance[:, 0], strict=True):
-            found[name] += [float(z.real), float(z.imag)]
-    return found
+        found = tl.educe(plane, tl.load_liner("onera"), FREQUENCY, phase=rule, interval=None, averaging="admittance")
+        z = found.impedance[:, 0]
+        columns |= {f"resistance {rule}": z.real, f"reactance {rule}": z.imag}
+    pairs = {name: zip(WAYS, (column / column[0])[1:], strict=True) for name, column in columns.items()}
+    return {f"{name}, {way}": float(value) for name, each in pairs.items() for way, value in each}
 
 
-def study(folder: Path, draws: int) -> dict[str, Curves]:
-    """Draw the figures into a folder; returns all numbers by name."""
-    factors, closed = attenuation_tables()
-    errors = amplitude_errors(draws)
-    draw_attenuation(factors, closed, PUBLISHED, errors, folder / "ldv_attenuation.png")
-    panels, numbers = effects()
-    draw_effects(panels, folder / "ldv_effects.png")
-    return {"attenuation": factors, "closed_forms": closed, "errors": errors, "effects": numbers}
+def rows_of() -> list[Row]:
+    """One for each mean rate."""
+    return [
+        Row({"mean rate (Hz)": rate} | factors(i, rate) | amplitude_errors(i, rate) | effects(i, rate))
+        for i, rate in enumerate(RATES)
+    ]
+
+
+@styled
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """``attenuation``: factor on the tone, bias and scatter of its amplitude; ``effects``: rms and R over the truth."""
+    kilohertz, fine = np.array(RATES) / 1e3, np.geomspace(8, 100, 101)
+    figure, axes = subplots(1, 2, 3.5)
+    left, right = axes[0]
+    for i, method in enumerate(GRID_METHODS):
+        drawn = [row[f"factor, {method}"] for row in rows]
+        left.plot(kilohertz, drawn, MARKERS[i], color=COLOURS[i], label=method)
+    for i, (method, closed) in enumerate(closed_forms(1e3 * fine).items()):
+        left.plot(fine, closed, color=COLOURS[i], label=f"{method}, closed form")
+    left.plot(list(PUBLISHED), list(PUBLISHED.values()), "+", color="k", markersize=9, label="linear, known values")
+    for i, name in enumerate(FITS):
+        for word, line in (("bias", "--"), ("scatter", "-")):
+            label = f"{word}, {name}"
+            right.plot(kilohertz, [row[label] for row in rows], MARKERS[i] + line, color=COLOURS[i], label=label)
+    left.set_ylabel("factor on the tone $|G|$")
+    right.set(ylabel=r"error of the amplitude, over $|A|$", yscale="log")
+    for axis in (left, right):
+        axis.legend(fontsize=7)
+        axis.set(xlabel=r"arrivals $\lambda$ (kHz)", xscale="log")
+    finish(figure, path.with_name("ldv_attenuation.png"))
+    figure, axes = subplots(1, len(PANELS), 3.1)
+    for axis, (name, label) in zip(axes[0], PANELS.items(), strict=True):
+        axis.axhline(1.0, color="k", linewidth=0.9, label="velocity known everywhere")
+        for i, way in enumerate(WAYS):
+            axis.plot(kilohertz, [row[f"{name}, {way}"] for row in rows], MARKERS[i] + "-", color=COLOURS[i], label=way)
+        axis.set(xlabel=r"arrivals $\lambda$ (kHz)", xscale="log", ylabel=f"{label}, over the true value")
+    finish(figure, path.with_name("ldv_effects.png"), legend=3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = parser_of(__doc__, RESULTS / "ldv_interpolation")
-    parser.add_argument("--draws", type=int, default=200, help="of the amplitude's errors")
-    options = options_of(parser, arguments)
-    for name, table in study(options.output, options.draws).items():
-        table.write_csv(options.output / f"ldv_{name}.csv")
-    print(f"figures and numbers are in {options.output}")
-    return 0
+    """Draw, rebuild, educe."""
+    return run_study(__doc__, "ldv_interpolation", rows_of, draw, arguments)
 
 
 if __name__ == "__main__":

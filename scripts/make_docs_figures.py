@@ -58,13 +58,9 @@ def main() -> None:
         picture = FIGURES / f"audit_{case.split('_')[1]}.png"
         torchliner(["audit", *names, "--quiet", "--figure", str(picture)])
     torchliner(["liner", "onera", "--figure", str(FIGURES / "liner_onera.png"), "--quiet"])
-    reasons = [validation_page.reasons_of(case) for case in validation_page.REASONED]
-    rows = [row for case in validation_page.CASES for row in validation_page.rows_of(case)]
-    validation_page.draw(rows, reasons, FIGURES)
-    ldv_interpolation.study(FIGURES, 200)
     torchliner(["duct", "solve", "b2a", "--quiet", "--field", str(FIGURES / "duct_field.png")])
-    b2a_line.main(["-o", str(FIGURES)])  # half an hour
-    for script in (calibrate_resolved, figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, side_by_side):
+    studies = (calibrate_resolved, figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, ldv_interpolation)
+    for script in (*studies, side_by_side, validation_page, b2a_line):  # an hour
         script.main(["-o", str(FIGURES)])
     print(f"pictures are in {FIGURES}")
 

@@ -21,18 +21,18 @@ from typing import Any
 import numpy as np
 import torch
 
-import b2a_line
 import torchliner as tl
+from b2a_line import FRICTION, LENGTH, Turbulence, imprint
+from b2a_line import RATE as BURST_RATE
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.case import impedance_along
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
 from torchliner.io.csv_rows import write_rows
 from torchliner.liners.plates import cavity_propagation
-from torchliner.records import ImpedanceMap
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, styled, subplots
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, part_of, styled, subplots
 
-FREQUENCY, LENGTH, MACH = 1500.0, 0.150, 0.3
+FREQUENCY, MACH = 1500.0, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane
 ROUNDS, SETTLED = 30, 1e-6  # of the fixed point
 CHECKED = 6  # every sixth place by the literal sum, which takes long
@@ -41,6 +41,7 @@ SIDES = ("upstream", "downstream")
 BLOCKS = 8  # of the record, for the error of the in situ method
 DRAWS = 500
 TURBULENT_PRESSURE = 3.0  # rms over rho u_tau^2
+Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,16 @@ class World:
         """1 over the mean of 1/Z along the liner."""
         return complex(1 / (1 / self.impedance).mean())
 
+    def row(self, method: str, z: Any, low: Any, high: Any) -> dict[str, Any]:
+        """One educed value and its interval beside the truth."""
+        z, low, high = complex(z), complex(low), complex(high)
+        row: dict[str, Any] = {"turbulence": self.name, "source": self.side, "method": method}
+        row |= {"resistance": z.real, "reactance": z.imag}
+        for part in ("resistance", "reactance"):
+            row |= {f"{part} low": part_of(low, part), f"{part} high": part_of(high, part)}
+        off = z - self.truth
+        return row | {"error of resistance": off.real, "error of reactance": off.imag}
+
 
 class Tone(tl.Tones):
     """Outside the record it and the velocity repeat."""
@@ -84,61 +95,44 @@ class Tone(tl.Tones):
     edge = "periodic"
 
 
-def tone(amplitude: np.ndarray, times: np.ndarray) -> np.ndarray:
+def tone(amplitude: np.ndarray, samples: int) -> np.ndarray:
     """Real signals of complex peaks (P,), (P, T)."""
-    phase = 2 * np.pi * FREQUENCY * times
-    return np.real(amplitude[:, None] * np.exp(1j * phase))
+    return np.real(amplitude[:, None] * np.exp(2j * np.pi * FREQUENCY * np.arange(samples) / RATE))
 
 
 def plane_of(x: np.ndarray, into_liner: np.ndarray, side: str) -> tl.VelocityPlane:
     """A measured plane; files store v away from the liner."""
-    return tl.VelocityPlane(
-        -into_liner,
-        sampling_rate=RATE,
-        x=x,
-        frequency=FREQUENCY,
-        height=HEIGHT,
-        mach=MACH,
-        source_side=side,
-        liner="onera",
-        name=f"simulated plane, source {side}",
-    )
+    about: Any = {"sampling_rate": RATE, "frequency": FREQUENCY, "height": HEIGHT, "mach": MACH, "source_side": side}
+    return tl.VelocityPlane(-into_liner, x=x, liner="onera", name=f"simulated plane, source {side}", **about)
 
 
 def settle(name: str, side: str, liner: Any, turbulence: np.ndarray, x: np.ndarray) -> World:
     """The wall and the sound that belong together."""
     setup = load_duct("b2a", source_side=side, frequency=[FREQUENCY])
     solver = tl.DuctSolver(setup.case, setup.frequency)
-    times = np.arange(turbulence.shape[1]) / RATE
-    impedance = np.full(len(x), 2.0 - 0.3j)
+    impedance, moved = np.full(len(x), 2.0 - 0.3j), math.inf
     for _ in range(ROUNDS):
-        field = solver.solve(impedance_along(x, impedance))
-        new = reflect(field, liner, turbulence, x, times)
-        moved = np.abs(new - impedance).max()
-        impedance = new
+        new = reflect(solver.solve(impedance_along(x, impedance)), liner, turbulence, x)
+        moved, impedance = float(np.abs(new - impedance).max()), new
         if moved < SETTLED:
             break
     else:
         raise RuntimeError(f"the wall did not settle: it still moves by {moved:.2g}")
     field = solver.solve(impedance_along(x, impedance))
     some = slice(None, None, CHECKED)
-    literal = reflect(field, liner, turbulence[some], x[some], times, literal=True)
-    literal_error = float(np.abs(literal - impedance[some]).max())
-    return World(name, side, setup, solver, x, turbulence, impedance, field, literal_error)
+    literal = reflect(field, liner, turbulence[some], x[some], literal=True)
+    off = float(np.abs(literal - impedance[some]).max())
+    return World(name, side, setup, solver, x, turbulence, impedance, field, off)
 
 
-def reflect(
-    field: DuctField, liner: Any, turbulence: np.ndarray, x: np.ndarray, times: np.ndarray, literal: bool = False
-) -> np.ndarray:
+def reflect(field: DuctField, liner: Any, turbulence: np.ndarray, x: np.ndarray, literal: bool = False) -> np.ndarray:
     """Z that the wave of each place meets there, its phase to the velocity being known."""
     velocity = field.wall_velocity(x)[0].numpy()
-    pressure = field.wall_pressure(x, "lined")[0].numpy()
-    incident = pressure + tl.Fluid().characteristic_impedance * velocity
-    measured, phase = turbulence + tone(velocity, times), np.angle(incident)
+    incident = field.wall_pressure(x, "lined")[0].numpy() + tl.Fluid().characteristic_impedance * velocity
+    measured, phase = turbulence + tone(velocity, turbulence.shape[1]), np.angle(incident)
     if not literal:
-        plane = plane_of(x, measured, field.source)
-        how: dict[str, Any] = {"averaging": "admittance", "interval": None}
-        return tl.educe(plane, liner, phase="given", reference_phase=phase, **how).impedance[:, 0].numpy()
+        how: dict[str, Any] = {"averaging": "admittance", "interval": None, "phase": "given", "reference_phase": phase}
+        return tl.educe(plane_of(x, measured, field.source), liner, **how).impedance[:, 0].numpy()
     found = []
     for i in range(len(x)):
         plane, wave = plane_of(x[i : i + 1], measured[i : i + 1], field.source), Tone(FREQUENCY, phase=phase[i])
@@ -146,113 +140,66 @@ def reflect(
     return np.array(found)
 
 
-def mapped(method: str, world: World, found: ImpedanceMap) -> dict[str, Any]:
-    """A map's average with its statistical interval."""
-    educed = found.liner["admittance"]
-    interval = educed.interval
-    assert interval is not None
-    return result(method, world, complex(educed.impedance[0]), complex(interval.low[0]), complex(interval.high[0]))
-
-
-def result(method: str, world: World, z: complex, low: complex, high: complex) -> dict[str, Any]:
-    """One educed value beside the truth."""
-    return {
-        "turbulence": world.name,
-        "source": world.side,
-        "method": method,
-        "resistance": z.real,
-        "reactance": z.imag,
-        "resistance low": low.real,
-        "resistance high": high.real,
-        "reactance low": low.imag,
-        "reactance high": high.imag,
-        "error of resistance": z.real - world.truth.real,
-        "error of reactance": z.imag - world.truth.imag,
-    }
-
-
-def by_velocity(world: World, liner: Any) -> tuple[list[dict[str, Any]], ImpedanceMap]:
+def by_velocity(world: World, liner: Any) -> tuple[Rows, tl.ImpedanceMap]:
     """DIR-TDIBC on planes: at the wall, at 1 mm, with a liner that is not it."""
-    times = np.arange(world.turbulence.shape[1]) / RATE
-    at_wall = plane_of(world.x, world.turbulence + tone(world.sound, times), world.side)
-    shape = b2a_line.imprint(world.x, HEIGHT, liner.cell_pitch, liner.orifice_diameter)
-    above = plane_of(world.x, world.turbulence + tone(world.sound * shape, times), world.side)
-    wrong = replace(liner, porosity=1.05 * liner.porosity)
-    first = tl.educe(at_wall, liner)
-    rows = [
-        mapped("DIR-TDIBC, at the wall", world, first),
-        mapped("DIR-TDIBC, 1 mm above the holes", world, tl.educe(above, liner)),
-        mapped("DIR-TDIBC, porosity 5 % too high", world, tl.educe(at_wall, wrong)),
-    ]
-    return rows, first
+
+    def measured(sound: np.ndarray) -> tl.VelocityPlane:
+        return plane_of(world.x, world.turbulence + tone(sound, world.turbulence.shape[1]), world.side)
+
+    at_wall = measured(world.sound)
+    above = measured(world.sound * imprint(world.x, HEIGHT, liner.cell_pitch, liner.orifice_diameter))
+    found = {
+        "DIR-TDIBC, at the wall": tl.educe(at_wall, liner),
+        "DIR-TDIBC, 1 mm above the holes": tl.educe(above, liner),
+        "DIR-TDIBC, porosity 5 % too high": tl.educe(at_wall, replace(liner, porosity=1.05 * liner.porosity)),
+    }
+    rows = []
+    for method, one in found.items():
+        educed = one.liner["admittance"]
+        assert educed.interval is not None
+        rows.append(world.row(method, educed.impedance[0], educed.interval.low[0], educed.interval.high[0]))
+    return rows, next(iter(found.values()))
 
 
 def by_bursts(
-    world: World, liner: Any, noise: b2a_line.Turbulence, growth: float, stations: int, seconds: float
+    world: World, liner: Any, noise: Turbulence, growth: float, stations: int, seconds: float
 ) -> dict[str, Any]:
     """DIR-TDIBC on laser Doppler bursts 1 mm above the holes."""
     x = (np.arange(stations) + 0.5) * LENGTH / stations
-    shape = b2a_line.imprint(x, HEIGHT, liner.cell_pitch, liner.orifice_diameter)
-    sound = world.field.wall_velocity(x)[0].numpy() * shape
+    sound = world.field.wall_velocity(x)[0].numpy() * imprint(x, HEIGHT, liner.cell_pitch, liner.orifice_diameter)
+    about: Any = {"frequency": FREQUENCY, "mach": MACH, "source_side": world.side}
+    about |= {"incident_level": 145.0, "liner": "onera"}
     records = []
-    for i, (place, amplitude) in enumerate(zip(x, sound, strict=True)):
-        generator = np.random.default_rng(7000 + i)
-        gaps = generator.exponential(1 / b2a_line.RATE, int(1.1 * b2a_line.RATE * seconds))
+    for i, (place, amplitude) in enumerate(zip(x.tolist(), sound, strict=True)):
+        gaps = np.random.default_rng(7000 + i).exponential(1 / BURST_RATE, int(1.1 * BURST_RATE * seconds))
         times = np.cumsum(gaps)
         times = times[times < seconds]
-        turbulent = turbulence_at(noise, times, float(place), growth, 8000 + i)
-        into = turbulent + np.real(amplitude * np.exp(2j * np.pi * FREQUENCY * times))
-        records.append(
-            tl.BurstRecord(
-                times,
-                wall_normal=-into,
-                x=float(place),
-                y=HEIGHT,
-                frequency=FREQUENCY,
-                mach=MACH,
-                incident_level=145.0,
-                source_side=world.side,
-                liner="onera",
-                title=f"station {i}",
-            )
-        )
+        into = noise.above(times, place, MACH, growth, 8000 + i)
+        into += np.real(amplitude * np.exp(2j * np.pi * FREQUENCY * times))
+        records.append(tl.BurstRecord(times, wall_normal=-into, x=place, y=HEIGHT, title=f"station {i}", **about))
     average = tl.educe_bursts(records, liner, FREQUENCY).average
     assert average is not None
     assert average.interval is not None
-    return result(
-        "DIR-TDIBC, laser Doppler, 1 mm",
-        world,
-        complex(average.impedance[0]),
-        complex(average.interval.low[0]),
-        complex(average.interval.high[0]),
-    )
+    ends = average.interval.low[0], average.interval.high[0]
+    return world.row("DIR-TDIBC, laser Doppler, 1 mm", average.impedance[0], *ends)
 
 
-def turbulence_at(noise: b2a_line.Turbulence, times: np.ndarray, x: float, growth: float, seed: int) -> np.ndarray:
-    """v at a place, m/s."""
-    friction = b2a_line.FRICTION[MACH]
-    rms = b2a_line.V_PLUS * friction * (1 + growth * x / LENGTH)
-    return noise.at(times, friction / HEIGHT, rms, seed)
-
-
-def hydrodynamic_pressure(noise: b2a_line.Turbulence, times: np.ndarray) -> np.ndarray:
+def hydrodynamic_pressure(noise: Turbulence, times: np.ndarray) -> np.ndarray:
     """Of the turbulence on the facesheet, Pa, (P, T)."""
-    friction = b2a_line.FRICTION[MACH]
+    friction = FRICTION[MACH]
     rms = TURBULENT_PRESSURE * tl.Fluid().density * friction**2
     return np.stack([noise.at(times, friction / HEIGHT, rms, 9000 + i) for i in range(PLACES)])
 
 
 def cavities(world: World, liner: Any, hydrodynamic: np.ndarray) -> tl.PressureRecord:
     """Pressures on the facesheet, with turbulence, and behind it, in cavities with losses."""
-    fluid = tl.Fluid()
-    times = np.arange(world.turbulence.shape[1]) / RATE
+    fluid, samples = tl.Fluid(), world.turbulence.shape[1]
     omega = torch.tensor(2 * math.pi * FREQUENCY, dtype=torch.float64)
-    radius = torch.tensor(liner.cavity_hydraulic_radius, dtype=torch.float64)
-    turn = complex(torch.sinh(cavity_propagation(omega, radius, fluid) * liner.cavity_depth))
+    turn = complex(torch.sinh(cavity_propagation(omega, liner.cavity_hydraulic_radius, fluid) * liner.cavity_depth))
     behind = fluid.characteristic_impedance * world.sound / (liner.open_area_fraction * turn)
     return tl.PressureRecord(
-        tone(world.field.wall_pressure(world.x, "lined")[0].numpy(), times) + hydrodynamic,
-        tone(behind, times),
+        tone(world.field.wall_pressure(world.x, "lined")[0].numpy(), samples) + hydrodynamic,
+        tone(behind, samples),
         sampling_rate=RATE,
         x=world.x,
         cavity_depth=liner.cavity_depth,
@@ -264,10 +211,10 @@ def cavities(world: World, liner: Any, hydrodynamic: np.ndarray) -> tl.PressureR
     )
 
 
-def by_cavities(world: World, record: tl.PressureRecord) -> tuple[list[dict[str, Any]], Any]:
+def by_cavities(world: World, record: tl.PressureRecord) -> tuple[Rows, Any]:
     """Dean's method, and with a cavity that is 1 % deeper than thought."""
     assert record.cavity_depth is not None
-    rows, first = [], None
+    rows, every = [], {}
     samples = record.facesheet.shape[-1] // BLOCKS
     for label, depth, losses in (
         ("in situ, lossless cavity", 1.0, "none"),
@@ -275,20 +222,18 @@ def by_cavities(world: World, record: tl.PressureRecord) -> tuple[list[dict[str,
         ("the same, depth 1 % too small", 0.99, "viscothermal"),
     ):
         stated = replace(record, cavity_depth=depth * record.cavity_depth)
-        found = tl.in_situ(stated, losses=losses)
+        every[label] = tl.in_situ(stated, losses=losses)
         parts = []
-        for block in range(BLOCKS):
-            some = slice(block * samples, (block + 1) * samples)
+        for some in (slice(block * samples, (block + 1) * samples) for block in range(BLOCKS)):
             part = replace(stated, facesheet=record.facesheet[..., some], backplate=record.backplate[..., some])
             parts.append(complex(tl.in_situ(part, losses=losses).liner_impedance[0]))
-        z = complex(found.liner_impedance[0])
+        z = complex(every[label].liner_impedance[0])
         wide = 2.36 / math.sqrt(BLOCKS) * complex(np.std(np.real(parts), ddof=1), np.std(np.imag(parts), ddof=1))
-        rows.append(result(label, world, z, z - wide, z + wide))
-        first = found if label == "in situ, with losses" else first
-    return rows, first
+        rows.append(world.row(label, z, z - wide, z + wide))
+    return rows, every["in situ, with losses"]
 
 
-def by_microphones(world: World) -> list[dict[str, Any]]:
+def by_microphones(world: World) -> Rows:
     """On the wall opposite the liner; 95 % of draws of 0.1 dB and 0.1 degrees."""
     line = world.setup.line_of(world.field).over_liner()
     found: dict[str, Any] = {
@@ -299,103 +244,54 @@ def by_microphones(world: World) -> list[dict[str, Any]]:
     rows = []
     for method, one in found.items():
         drawn = one.draws.impedance[:, 0].numpy()
-        low, high = (
-            complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share)) for share in (0.025, 0.975)
-        )
-        rows.append(result(method, world, complex(one.impedance[0]), low, high))
+        ends = (complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share)) for share in (0.025, 0.975))
+        rows.append(world.row(method, one.impedance[0], *ends))
     return rows
 
 
-def profile(world: World, by_plane: ImpedanceMap, by_cavity: Any) -> list[dict[str, Any]]:
+def profile(world: World, by_plane: tl.ImpedanceMap, by_cavity: Any) -> Rows:
     """Z along the liner: what it is, and what the local methods say."""
-    return [
-        {
-            "turbulence": world.name,
-            "source": world.side,
-            "x (m)": x,
-            "true resistance": z.real,
-            "true reactance": z.imag,
-            "DIR-TDIBC resistance": one.real,
-            "DIR-TDIBC reactance": one.imag,
-            "in situ resistance": other.real,
-            "in situ reactance": other.imag,
-        }
-        for x, z, one, other in zip(
-            world.x.tolist(),
-            world.impedance.tolist(),
-            by_plane.impedance[:, 0].tolist(),
-            by_cavity.point_impedance[:, 0].tolist(),
-            strict=True,
-        )
-    ]
+    rows: Rows = [{"turbulence": world.name, "source": world.side, "x (m)": x} for x in world.x.tolist()]
+    local = by_plane.impedance[:, 0], by_cavity.point_impedance[:, 0]
+    for name, column in zip(("true", "DIR-TDIBC", "in situ"), (world.impedance, *local), strict=True):
+        for row, z in zip(rows, column.tolist(), strict=True):
+            row |= {f"{name} resistance": z.real, f"{name} reactance": z.imag}
+    return rows
 
 
 @styled
-def draw(
-    rows: Sequence[dict[str, Any]],
-    profiles: Sequence[dict[str, Any]],
-    truths: dict[tuple[str, str], complex],
-    path: Path,
-) -> Figure:
+def draw(rows: Rows, profiles: Rows, path: Path) -> Figure:
     """Along x in the growing turbulence; averages of all methods in both."""
     figure, axes = subplots(2, 2, 7.2)
     growing = list(WORLDS)[-1]
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    for column, (word, (_, label)) in enumerate(zip(("resistance", "reactance"), PARTS, strict=True)):
-        axis, dots = axes[0, column], axes[1, column]
+    methods = [method for method in dict.fromkeys(row["method"] for row in rows) if method != "true"]
+    for column, (word, label) in enumerate(PARTS):
+        axis, dots = axes[:, column]
         for i, side in enumerate(SIDES):
             mine = [p for p in profiles if (p["turbulence"], p["source"]) == (growing, side)]
-            x = [1e3 * p["x (m)"] for p in mine]
-            axis.plot(x, [p[f"true {word}"] for p in mine], color=COLOURS[i], label=f"(a), (b): true, source {side}")
-            axis.plot(
-                x,
-                [p[f"DIR-TDIBC {word}"] for p in mine],
-                "x",
-                color=COLOURS[i],
-                markersize=3,
-                label=f"(a), (b): DIR-TDIBC, source {side}",
-            )
-            axis.plot(
-                x,
-                [p[f"in situ {word}"] for p in mine],
-                "o",
-                color=COLOURS[i],
-                markersize=3,
-                markerfacecolor="none",
-                label=f"(a), (b): in situ with losses, {side}",
-            )
-            for j, world in enumerate(WORLDS):
-                truth = truths[world, side]
-                value = {"resistance": truth.real, "reactance": truth.imag}[word]
-                dots.axvline(value, color=COLOURS[i], linewidth=0.8, linestyle=("--", "-")[j])
-                for row in rows:
-                    if (row["turbulence"], row["source"]) != (world, side):
-                        continue
-                    up = -methods.index(row["method"]) - 0.18 * (2 * i + j - 1.5)
-                    ends = [row[f"{word} low"], row[f"{word} high"]]
-                    dots.plot(ends, [up, up], color=COLOURS[i], linewidth=0.8)
-                    dots.plot(
-                        row[word],
-                        up,
-                        MARKERS[i],
-                        color=COLOURS[i],
-                        markersize=3.5,
-                        markerfacecolor=COLOURS[i] if j else "white",
-                        label=f"source {side}, {world}",
-                    )
-        axis.set_xlabel("$x$ (mm)")
-        axis.set_ylabel(label)
-        dots.set_xlabel(label)
+            for name, shape in (("true", "-"), ("DIR-TDIBC", "x"), ("in situ", "o")):
+                x, y = [1e3 * p["x (m)"] for p in mine], [p[f"{name} {word}"] for p in mine]
+                label = f"(a), (b): {name}, source {side}"
+                axis.plot(x, y, shape, color=COLOURS[i], markersize=3, markerfacecolor="none", label=label)
+        for row in rows:
+            i, j = SIDES.index(row["source"]), list(WORLDS).index(row["turbulence"])
+            if row["method"] == "true":
+                dots.axvline(row[word], color=COLOURS[i], linewidth=0.8, linestyle=("--", "-")[j])
+                continue
+            up = -methods.index(row["method"]) - 0.18 * (2 * i + j - 1.5)
+            style: Any = {"color": COLOURS[i], "markersize": 3.5, "markerfacecolor": COLOURS[i] if j else "white"}
+            dots.plot([row[f"{word} low"], row[f"{word} high"]], [up, up], color=COLOURS[i], linewidth=0.8)
+            dots.plot(row[word], up, MARKERS[i], label=f"source {row['source']}, {row['turbulence']}", **style)
+        axis.set(xlabel="$x$ (mm)", ylabel=label)
         dots.set_yticks([-i for i in range(len(methods))], methods if column == 0 else [])
         dots.tick_params(axis="y", length=0)
         for i in range(len(methods) - 1):
             dots.axhline(-i - 0.5, color="0.9", linewidth=0.5, zorder=0)
-        dots.set_ylim(-len(methods) + 0.5, 0.5)
+        dots.set(xlabel=label, ylim=(-len(methods) + 0.5, 0.5))
     legend_below(figure, axes[:, 0], 2)
     words = (
         f"SIMULATED, Z known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
-        "\n(c), (d): averages along x, lines: known Z; bars: 95 % of what the record or the draws "
-        "leave"
+        "\n(c), (d): averages along x, lines: known Z; bars: 95 % of what the record or the draws leave"
     )
     return finish(figure, path, words)
 
@@ -405,16 +301,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=4.0, help="of planes and bursts")
     parser.add_argument("--stations", type=int, default=24, help="of laser Doppler bursts")
     options = options_of(parser, arguments)
-    liner, noise = tl.load_liner("onera"), b2a_line.Turbulence()
+    liner, noise = tl.load_liner("onera"), Turbulence()
     x = (np.arange(PLACES) + 0.5) * LENGTH / PLACES
     times = np.arange(round(options.seconds * RATE)) / RATE
     hydrodynamic = hydrodynamic_pressure(noise, times)
-    rows, profiles, truths = [], [], {}
+    rows: Rows = []
+    profiles: Rows = []
     for name, growth in WORLDS.items():
-        turbulence = np.stack([turbulence_at(noise, times, place, growth, 5000 + i) for i, place in enumerate(x)])
+        turbulence = np.stack([noise.above(times, place, MACH, growth, 5000 + i) for i, place in enumerate(x)])
         for side in SIDES:
             world = settle(name, side, liner, turbulence, x)
-            truths[name, side] = world.truth
             z = world.impedance
             print(
                 f"{name}, source {side}: true Z {world.truth:.4f}, R {z.real.min():.3f} to "
@@ -426,8 +322,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             bursts = by_bursts(world, liner, noise, growth, options.stations, options.seconds)
             pressures, by_cavity = by_cavities(world, cavities(world, liner, hydrodynamic))
             rows += [*planes, bursts, *pressures, *by_microphones(world)]
+            rows.append(world.row("true", world.truth, world.truth, world.truth))
             profiles += profile(world, by_plane, by_cavity)
-            rows.append(result("true", world, world.truth, world.truth, world.truth))
     for row in rows:
         print(
             f"{row['turbulence'][11:18]:8s} {row['source']:10s} {row['method']:34s} "
@@ -436,8 +332,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     write_rows(rows, options.output / "side_by_side.csv")
     write_rows(profiles, options.output / "side_by_side_along_x.csv")
-    shown = [row for row in rows if row["method"] != "true"]
-    draw(shown, profiles, truths, options.output / "side_by_side.png")
+    draw(rows, profiles, options.output / "side_by_side.png")
     return 0
 
 

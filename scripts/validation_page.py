@@ -1,29 +1,28 @@
 """Everything in docs/validation.md: all rules on all resolved cases, and why they miss.
 
-    python scripts/validation_page.py [--write] [--rows FILE]
+    python scripts/validation_page.py [-o FOLDER] [--rows FILE]
 
-Rows, tables and pictures go to results/validation. ``--write`` puts rows and pictures into docs/figures,
-the tables into docs/validation.md, and the default rules into the package, where ``educe``
-and ``audit`` find them. ``--rows`` takes the rows from a CSV instead of computing them again, which
-takes minutes.
+Rows and pictures go to docs/figures, the tables into docs/validation.md, and the default rules into the package, where
+``educe`` and ``audit`` find them; with another folder, there alone. ``--rows`` takes the rows from a CSV instead of
+computing them again, which takes minutes.
 """
 
 from __future__ import annotations
 
 import csv
 import math
-import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from scipy.optimize import brentq
+
 import torchliner as tl
-from common import DATA, FIGURES, RESULTS, ROOT, case_files, options_of, parser_of
-from studies.validation_figures import ReachPanel, draw_reach, draw_validation_errors
-from studies.validation_reasons import Reason, reason_of
+from common import DATA, FIGURES, ROOT, case_files, options_of, page_table, parser_of, write_tables
+from studies.limits import hole_velocity, reach, speed_that_gives
+from studies.validation_figures import FASTEST, draw_reach, draw_validation_errors
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.whole_file import written_whole
 from torchliner.names import AVERAGINGS
 from torchliner.report.of_fits import table_of_rules
 from torchliner.report.table import format_complex
@@ -37,21 +36,24 @@ from torchliner.studies.validation import (
 )
 from torchliner.studies.variants import Row
 
-PAGE, FOLDER = ROOT / "docs" / "validation.md", RESULTS / "validation"
-KNOWN = ROOT / "torchliner" / "studies" / TABLE
-QUIET = ("n115", "n130", "o115", "o130", "t00_130")  # up to 130 dB without flow
-LOUD, FLOW = ("n145", "o145"), ("g01_145", "g03_145", "t03_130", "t015_145")
-GROUPS = {"to 130 dB": QUIET, "145 dB": LOUD, "flow": FLOW}
+PAGE, KNOWN = ROOT / "docs" / "validation.md", ROOT / "torchliner" / "studies" / TABLE
+GROUPS = {
+    "to 130 dB": ("n115", "n130", "o115", "o130", "t00_130"),  # without flow
+    "145 dB": ("n145", "o145"),
+    "flow": ("g01_145", "g03_145", "t03_130", "t015_145"),
+}
 CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "t00_130", "t03_130", "t015_145")
 REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
-MOVING = tuple(case for case in REASONED if not case.endswith("115"))
 CHECKED = "phase-locked"  # the averaging whose level check the page shows
-PRINTED = 6  # digits of the committed rows
+PAIRS = {
+    **dict.fromkeys(("for_resistance", "for_reactance"), ("constant", "sine")),
+    **dict.fromkeys(("factor", "contraction"), ("replayed", "rms")),
+}
 
 
-def kind_of(case: str) -> str:
-    """'slit' or 'orifice'."""
-    return "orifice" if case[0] in "ot" else "slit"
+def planes_of(case: str) -> list[tl.VelocityPlane]:
+    """Shipped planes of a case, lowest first."""
+    return [tl.read_plane(path) for path in case_files(case)]
 
 
 def liner_of(case: str) -> tl.SDoFLiner:
@@ -61,86 +63,113 @@ def liner_of(case: str) -> tl.SDoFLiner:
     return liner
 
 
-def planes_of(case: str) -> list[tl.VelocityPlane]:
-    """Shipped planes of a case, lowest first."""
-    return [tl.read_plane(path) for path in case_files(case)]
-
-
-def pressures_of(case: str) -> tl.PressureRecord:
-    """Shipped pressures of a case."""
-    return tl.read_pressure(DATA / f"pressure_{case}.h5")
-
-
 def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[Row]:
     """All rules of a case beside its reference and the in situ value (Dean, pressure first)."""
     several = planes_of(case) if planes is None else planes
     rows = [row for plane in several for row in validate(plane, liner_of(case))]
-    found = tl.in_situ(pressures_of(case), allow_short=True)
+    found = tl.in_situ(tl.read_pressure(DATA / f"pressure_{case}.h5"), allow_short=True)
     dean = complex(found.liner_impedance_pressure_first[0])
     return [Row(row, in_situ=dean) for row in rows]
 
 
-def stored_row(row: dict[str, str]) -> Row:
-    """The row of such a CSV again."""
-
-    def pair(key: str) -> complex:
-        names = [f"{part}_{key}" if key in ("low", "high") else f"{key}_{part}" for part in ("resistance", "reactance")]
-        return complex(*(float(row[name]) for name in names))
-
-    rest = ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods")
-    known: dict[str, Any] = {name: pair(name) for name in ("in_situ", "low", "high")} | {
-        name: float(row[name]) for name in rest
-    }
-    rule = (row["drive"], row["mean"], row["phase"])
-    known |= {"case": row["case"], "height": float(row["height"]), "averaging": row["averaging"]}
-    return validation_row(rule, pair("educed"), pair("true"), **known)
-
-
 def read_rows(path: Path) -> list[Row]:
-    """Rows of an earlier run."""
+    """Rows of an earlier run, from their CSV."""
+    found = []
     with path.open(newline="") as file:
-        return [stored_row(row) for row in csv.DictReader(file)]
+        for row in csv.DictReader(file):
+            known: dict[str, Any] = {name: row[name] for name in ("case", "averaging")}
+            for name in ("educed", "true", "in_situ"):
+                known[name] = complex(float(row[f"{name}_resistance"]), float(row[f"{name}_reactance"]))
+            for name in ("low", "high"):
+                known[name] = complex(float(row[f"resistance_{name}"]), float(row[f"reactance_{name}"]))
+            for name in ("height", "level_check", "speed", "velocity_rms", "mach", "incident_level", "periods"):
+                known[name] = float(row[name])
+            found.append(validation_row((row["drive"], row["mean"], row["phase"]), **known))
+    return found
 
 
 def write_rule_rows(rows: Sequence[Row], path: Path) -> None:
-    """As CSV, to ``PRINTED`` digits."""
-    write_rows(
-        [
-            {k: f"{v:.{PRINTED}g}" if isinstance(v, float) else v for k, v in row.items()}
-            for row in table_of_rules(rows).as_rows()
-        ],
-        path,
+    """As CSV, to six digits."""
+    write_rows(table_of_rules(rows).as_rows(), path, ".6g")
+
+
+def reason_of(case: str) -> Row:
+    """Why the rules miss: the velocity of the case's own holes put through the model, and what that can return at all.
+
+    Returns:
+        case, true: name; reference Z, normalised.
+        speed: rms velocity in the holes times the porosity, m/s: the model's |v|.
+        replayed, self_consistent, of_rms: Z educed from that velocity: default rules, with the phase that the tone in
+            it sets, and from its rms.
+        for_resistance, for_reactance: rms of a constant |v| and of a sine that give the reference R (X), m/s; None
+            where none does.
+        nearest: to the reference, of all that |v(t)| up to ``FASTEST`` gives with the phase averaged.
+        factor: on the velocity of the holes that gives the reference R, replayed and as an rms; None where none from
+            0.2 to 10 does.
+        contraction: contraction coefficient that does, likewise, from 0.05 to 1.
+    """
+    record, liner = tl.read_pressure(DATA / f"pressure_{case}.h5"), liner_of(case)
+    true, f, holes = complex(record.reference["true"]), record.frequency, hole_velocity(record)
+    assert f is not None
+
+    def educed(model: Any = liner, **choices: Any) -> complex:
+        return complex(tl.educe(holes, model, interval=None, averaging="admittance", **choices).answer[0])
+
+    def speeds(value: float, part: str) -> list[float | None]:
+        return [speed_that_gives(liner, f, value, part, shape, FASTEST) for shape in ("constant", "sine")]
+
+    def that_gives(name: str, low: float, high: float) -> list[float | None]:
+        found: list[float | None] = []
+        for drive in ("instantaneous", "rms"):
+
+            def excess(value: float, drive: str = drive) -> float:
+                return educed(liner.replace(**{name: value}), drive=drive).real - true.real
+
+            crossed = excess(low) * excess(high) <= 0
+            found.append(float(brentq(excess, low, high, xtol=1e-4)) if crossed else None)
+        return found
+
+    return Row(
+        case=case,
+        true=true,
+        speed=float(holes.velocity.square().mean().sqrt()),
+        replayed=educed(),
+        self_consistent=educed(phase="self-consistent"),
+        of_rms=educed(drive="rms"),
+        for_resistance=speeds(true.real, "real"),
+        for_reactance=speeds(true.imag, "imag"),
+        nearest=reach(liner, f, FASTEST).nearest(true),
+        factor=that_gives("velocity_gain", 0.2, 10.0),
+        contraction=that_gives("vena_contracta", 0.05, 1.0),
     )
 
 
-def reasons_of(case: str) -> Reason:
-    """What the velocity of the case's own holes gives."""
-    return reason_of(pressures_of(case), liner_of(case), case)
-
-
-def table(header: str, lines: Sequence[Sequence[str]]) -> str:
-    """Markdown."""
-    columns = [part.strip() for part in header.split("|")]
-    rule = "|" + "---|" * len(columns)
-    return "\n".join(["| " + " | ".join(columns) + " |", rule, *("| " + " | ".join(r) + " |" for r in lines)])
-
-
-def page_table(header: str, lines: Sequence[Sequence[str]]) -> str:
-    """The same with minus signs, at which a browser breaks no value."""
-    return re.sub(r"-(?=\d)", "−", table(header, lines))
+def plain(reason: Row) -> dict[str, Any]:
+    """For CSV: pairs and complex values as two numbers."""
+    row: dict[str, Any] = {}
+    for key, value in reason.items():
+        if isinstance(value, complex):
+            row |= {f"{key}_resistance": value.real, f"{key}_reactance": value.imag}
+        elif key in PAIRS:
+            row |= {f"{key}_{end}": "" if v is None else v for end, v in zip(PAIRS[key], value, strict=True)}
+        else:
+            row[key] = value
+    return row
 
 
 def rule_table(rows: Sequence[Row]) -> str:
     """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
     found = [{(e.drive, e.mean, e.phase, e.averaging): e for e in errors_by_rule(g)} for g in groups]
-    shown = [("instantaneous", "kept", phase) for phase in (DEFAULT[2], "self-consistent")]
-    shown += [(drive, "kept", DEFAULT[2]) for drive in ("rms", "running-rms")]
+    shown = {
+        f"instantaneous, {DEFAULT[2]}": DEFAULT,
+        "instantaneous, self-consistent": ("instantaneous", "kept", "self-consistent"),
+        **{drive: (drive, "kept", DEFAULT[2]) for drive in ("rms", "running-rms")},
+    }
     lines = []
-    for rule in shown:
+    for words, rule in shown.items():
         for averaging in AVERAGINGS:
             cells = [errors[*rule, averaging].median for errors in found]
-            words = ", ".join((rule[0], rule[2])) if rule[0] == DEFAULT[0] else rule[0]
             lines.append([words, averaging, *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])
     return page_table(" | ".join(["drive, phase", "averaging", *GROUPS]), lines)
 
@@ -160,146 +189,62 @@ def default_table(rows: Sequence[Row]) -> str:
     return page_table(f"case | reference Z | y (mm) | {' | '.join(AVERAGINGS)} | dB", lines)
 
 
+def reason_tables(reasons: Sequence[Row]) -> dict[str, str]:
+    """The holes' own velocity put through the model, and what would give the reference; how near the model comes."""
+
+    def pair(values: Sequence[float | None]) -> str:
+        return ", ".join("none" if v is None else f"{v:.3f}" for v in values)
+
+    replays, needs = [], []
+    for row in (row for row in reasons if not row.case.endswith("115")):
+        z = {name: format_complex(value) for name, value in row.items() if isinstance(value, complex)}
+        p = {name: pair(row[name]) for name in PAIRS}
+        educed = [z[name] for name in ("replayed", "self_consistent", "of_rms", "true")]
+        replays.append([row.case, f"{row.speed:.3f}", *educed, p["factor"], p["contraction"]])
+        needs.append([row.case, p["for_resistance"], p["for_reactance"], z["true"], z["nearest"]])
+    head = "case | rms (m/s) | replayed | self-consistent | of the rms | reference Z | speed × | C_vc"
+    limits = "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z"
+    return {"reasons": page_table(head, replays), "limits": page_table(limits, needs)}
+
+
 def known_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The table of the package: what the default rules gave, and where."""
     found = []
-    for row in rows:
-        if row.rule != DEFAULT:
-            continue
+    for row in (row for row in rows if row.rule == DEFAULT):
         liner = liner_of(row.case)
+        about = row | {"hole_diameter": liner.hole_diameter, "porosity": liner.surface_porosity}
         found.append(
-            {
-                "case": row.case,
-                "hole": hole_kind(liner.name),
-                "height": f"{row.height:.4g}",
-                "hole_diameter": f"{liner.hole_diameter:.4g}",
-                "porosity": f"{liner.surface_porosity:.4g}",
-                "mach": f"{row.mach:g}",
-                "incident_level": f"{row.incident_level:g}",
-                "speed": f"{row.speed:.3g}",
-                "velocity_rms": f"{row.velocity_rms:.3g}",
-                "averaging": row.averaging,
-                "resistance": f"{row.educed.real:.3f}",
-                "reactance": f"{row.educed.imag:.3f}",
-                "true_resistance": f"{row.true.real:.3f}",
-                "true_reactance": f"{row.true.imag:.3f}",
-            }
+            {"case": row.case, "hole": hole_kind(liner.name)}
+            | {name: f"{about[name]:.4g}" for name in ("height", "hole_diameter", "porosity")}
+            | {name: f"{about[name]:g}" for name in ("mach", "incident_level")}
+            | {name: f"{about[name]:.3g}" for name in ("speed", "velocity_rms")}
+            | {"averaging": row.averaging}
+            | {"resistance": f"{row.educed.real:.3f}", "reactance": f"{row.educed.imag:.3f}"}
+            | {"true_resistance": f"{row.true.real:.3f}", "true_reactance": f"{row.true.imag:.3f}"}
         )
     return found
 
 
-def pair_words(pair: tuple[float | None, float | None]) -> str:
-    """'0.241, 0.252'."""
-    return ", ".join("none" if v is None else f"{v:.3f}" for v in pair)
-
-
-def reason_table(rows: Sequence[Reason]) -> str:
-    """The holes' own velocity put through the model, and what would give the reference R."""
-    return page_table(
-        "case | rms (m/s) | replayed | self-consistent | of the rms | reference Z | speed × | C_vc",
-        [
-            [
-                r.case,
-                f"{r.speed:.3f}",
-                *(format_complex(z) for z in (r.replayed, r.self_consistent, r.of_rms, r.true)),
-                pair_words(r.factor),
-                pair_words(r.contraction),
-            ]
-            for r in rows
-        ],
-    )
-
-
-def limit_table(rows: Sequence[Reason]) -> str:
-    """What the model would need, and how near it comes."""
-    return page_table(
-        "case | for R: constant, sine | for X: constant, sine | reference Z | nearest Z",
-        [
-            [
-                r.case,
-                pair_words(r.for_resistance),
-                pair_words(r.for_reactance),
-                format_complex(r.true),
-                format_complex(r.nearest),
-            ]
-            for r in rows
-        ],
-    )
-
-
-def blocks_of(page: str) -> dict[str, str]:
-    """The tables of the page by name."""
-    return dict(re.findall(r"<!-- table (\w+) -->\n(.*?)\n<!-- end -->", page, re.DOTALL))
-
-
-def with_tables(page: str, tables: dict[str, str]) -> str:
-    """The page with its tables replaced."""
-
-    def replaced(found: re.Match[str]) -> str:
-        return f"<!-- table {found[1]} -->\n{tables.get(found[1], found[2])}\n<!-- end -->"
-
-    return re.sub(r"<!-- table (\w+) -->\n(.*?)\n?<!-- end -->", replaced, page, flags=re.DOTALL)
-
-
-def write_tables(page: Path, tables: dict[str, str]) -> None:
-    """The tables into their page, which is whole at any time."""
-    with written_whole(page) as temporary:
-        text = with_tables(page.read_text(encoding="utf-8"), tables)
-        temporary.write_text(text, encoding="utf-8")
-
-
-def draw(rows: Sequence[Row], reasons: Sequence[Reason], folder: Path) -> None:
-    """Both pictures and the numbers behind them."""
-    draw_validation_errors(rows, folder / "validation_errors.png")
-    write_rule_rows(rows, folder / "validation_errors.csv")
-    panels = [
-        ReachPanel(title, liner_of(name), 1400.0, [r for r in reasons if r.case[0] in letters])
-        for title, name, letters in (
-            ("slit", "n115", "ng"),
-            ("orifice", "o115", "o"),
-            ("coarser lattice", "t03_130", "t"),
-        )
-    ]
-    draw_reach(panels, folder / "validation_reach.png")
-    write_rows([row.plain() for row in reasons], folder / "validation_reach.csv")
-
-
-def everything(rows: Sequence[Row] | None, say: Callable[[str], None]) -> dict[str, str]:
-    """Tables by name; numbers and pictures in results/validation."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    if rows is None:
-        rows = []
-        for case in CASES:
-            say(f"{case}: all rules")
-            rows += rows_of(case)
-    reasons = [reasons_of(case) for case in REASONED]
-    draw(rows, reasons, FOLDER)
-    rows = read_rows(FOLDER / "validation_errors.csv")  # so that the tables follow from the file
-    return {
-        "default": default_table(rows),
-        "rules": rule_table(rows),
-        "reasons": reason_table([row for row in reasons if row.case in MOVING]),
-        "limits": limit_table([row for row in reasons if row.case in MOVING]),
-    }
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compute, print, write."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--write", action="store_true", help="into docs/ as well")
+    parser = parser_of(__doc__, FIGURES)
     parser.add_argument("--rows", type=Path, help="the rows as CSV")
     options = options_of(parser, arguments)
-    rows = None if options.rows is None else read_rows(options.rows)
-    tables = everything(rows, lambda text: print(text, file=sys.stderr))
+    rows = read_rows(options.rows) if options.rows else [row for case in CASES for row in rows_of(case)]
+    reasons, folder = [reason_of(case) for case in REASONED], options.output
+    draw_validation_errors(rows, folder / "validation_errors.png")
+    write_rule_rows(rows, folder / "validation_errors.csv")
+    models = (("slit", "n115", "ng"), ("orifice", "o115", "o"), ("coarser lattice", "t03_130", "t"))
+    panels = {title: (liner_of(name), [r for r in reasons if r.case[0] in letters]) for title, name, letters in models}
+    draw_reach(panels, folder / "validation_reach.png")
+    write_rows([plain(row) for row in reasons], folder / "validation_reach.csv")
+    rows = read_rows(folder / "validation_errors.csv")  # so that the tables follow from the file
+    tables = {"default": default_table(rows), "rules": rule_table(rows), **reason_tables(reasons)}
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
-    if options.write:
-        for path in FOLDER.glob("validation_*"):
-            with written_whole(FIGURES / path.name) as temporary:
-                temporary.write_bytes(path.read_bytes())
+    if folder == FIGURES:
         write_tables(PAGE, tables)
-        write_rows(known_rows(read_rows(FOLDER / "validation_errors.csv")), KNOWN, end="\n")
-    print(f"\nNumbers and pictures are in {FOLDER}")
+        write_rows(known_rows(rows), KNOWN, end="\n")
     return 0
 
 

@@ -135,7 +135,7 @@ def test_velocity_ratio_in_closed_form(liner):
 
 def test_the_curve_is_fitted_to_the_cases():
     """The constants are those of the stored shares, which scripts/answers_page.py computes; others would be told."""
-    curve = load_script("studies/share_curve")
+    curve = load_script("answers_page")
     with (DATA.parent / "docs" / "figures" / "velocity_ratio.csv").open(newline="") as file:
         rows = [{name: float(value) for name, value in row.items() if name != "case"} for row in csv.DictReader(file)]
     assert curve.differs(rows) == []

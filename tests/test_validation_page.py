@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 
 import numpy as np
@@ -12,16 +11,14 @@ from conftest import FREQUENCY, RATE, load_script, plane_of, turbulence
 from test_audit import Counted
 
 import torchliner as tl
-from studies.hole_velocity import hole_velocity
-from studies.limits import reach, speed_that_gives
+from common import tables_of
+from studies.limits import hole_velocity, reach, speed_that_gives
 from torchliner.report.of_fits import table_of_rules
 from torchliner.studies.validation import validate
 
 page = load_script("validation_page")
-PAGE = page.PAGE.read_text(encoding="utf-8")
-TABLES = page.blocks_of(PAGE)
+TABLES = tables_of(page.PAGE)
 ROWS = page.read_rows(page.FIGURES / "validation_errors.csv")
-reasons_of = functools.cache(page.reasons_of)
 
 # --- what a model can return
 

@@ -28,7 +28,7 @@ NOWHERE = complex(math.nan, math.nan)
 UNKNOWN = dict.fromkeys(("in_situ", "low", "high"), NOWHERE) | dict.fromkeys(
     ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods"), math.nan
 )
-TABLE = "reference_cases.csv"  # the default rules of docs/validation.md, by scripts/validation_page.py --write
+TABLE = "reference_cases.csv"  # the default rules of docs/validation.md, by scripts/validation_page.py
 WORDS = ("case", "hole", "averaging")  # columns of the table that are no numbers
 MACH = 0.1  # that counts as much as a factor e in |v|, or as another kind of hole
 HEIGHT = 0.1  # weight of a factor e in the height over the hole
