@@ -209,7 +209,7 @@ def summary(case: Case, line: tl.ImpedanceLine, liner: Any) -> dict[str, Any]:
         row |= {name: float(getattr(value[0], part)) for name, value in values.items()}
         along = getattr(line.impedance[:, 0], part).numpy()
         row[f"{word} rise along x"] = float(np.polyfit(line.x.numpy(), along, 1)[0] * LENGTH)
-        row[f"{word} of the paper"] = getattr(PAPER.get(case.name, complex("nan")), part)
+        row[f"{word} of the paper"] = getattr(PAPER.get(case.name, complex(math.nan, math.nan)), part)
     return row | {
         "v rms (m/s)": float(line.velocity_rms.mean()),
         "v tone peak (m/s)": float(line.velocity_level.mean()),
