@@ -20,8 +20,8 @@ import validation_page
 from common import DATA, FIGURES, plane_files
 from torchliner.checks import DataWarning
 from torchliner.cli.main import main as torchliner
+from torchliner.io.microphone_file import read_pressure
 from torchliner.io.planes import read_plane
-from torchliner.io.pressure_file import read_pressure
 from torchliner.liners.catalogue import load_liner
 from torchliner.pressure.dean import in_situ
 from torchliner.report.curves import draw_along_x, draw_spectrum, draw_velocity

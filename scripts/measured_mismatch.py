@@ -26,7 +26,7 @@ from common import FIGURES, parser_of
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.io.csv_rows import write_rows
 from torchliner.records import MicrophoneLine, WallEduction
-from torchliner.records.drawn_impedance import deviation as deviation_of
+from torchliner.records.wall_eduction import deviation as deviation_of
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, part_of, styled, subplots
 from torchliner.studies.variants import Row
 

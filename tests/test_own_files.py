@@ -277,8 +277,7 @@ def named(*names):
     """Other averagings."""
 
     def change(file):
-        del file["averaging"]
-        file["averaging"] = names
+        file["averaging"][...] = names
 
     return change
 
@@ -291,18 +290,22 @@ def named(*names):
         ("map, plane", raised("frequency", -2000.0), "a.h5:/frequency"),
         ("map, plane", raised("phase_rule_used", 1), "phase_rule_used holds other values than 0 and 1"),
         ("map, plane", lambda file: file.pop("coherence"), "coherence is missing; the file holds: absorp"),
-        ("map, plane", lambda file: file.attrs.pop("title") and file.attrs.update(notes="{"), "'notes' is not JSON"),
-        ("map, plane", lambda file: file.attrs.pop("level_check_limit"), "'level_check_limit'"),
+        (
+            "map, plane",
+            lambda file: file.attrs.pop("title") and file.attrs.update(notes="{"),
+            r"'notes' is '{': Invalid JSON",
+        ),
+        ("map, plane", lambda file: file.attrs.pop("level_check"), "lacks the attribute 'level_check'"),
         ("map, plane", named("probes first", "admittance", "velocity"), "averaging holds"),
-        ("points", lambda file: file.attrs.update(choices="[]"), "'choices' is .*; an object is needed"),
+        ("points", lambda file: file.attrs.update(choices="[]"), "'choices' is .* an object; repair it"),
         ("line of stations", lambda file: file.attrs.update(flags="[]"), "flags has 0 values for 2 stations"),
         ("waves", lambda file: file.pop("eduction_0/microphones"), "microphones are missing"),
         ("waves", raised("eduction_0/order", -1), "order is 5 of 6 singular values"),
         ("waves", raised("eduction_0/frequency", 3.0), "of other frequencies"),
-        ("moments", head("blocks", borders=[0, 5000]), r":/peaks has shape .*1 block|sums has shape .*1 block"),
+        ("moments", head("blocks", borders=[0, 5000]), r"peaks has shape .*1 block|sums has shape .*1 block"),
         ("moments", head("velocity", precision="int8"), "damaged, or of another layout .*int8"),
         ("moments", head("nodes", kind="levels"), "damaged, or of another layout .*kinks"),
-        ("moments", head("nodes", count=20), r":/admittance_sums has shape .*20 node"),
+        ("moments", head("nodes", count=20), r"admittance_sums has shape .*20 node"),
         ("moments", lambda file: file.pop("taken"), ":/taken is missing"),
         ("moments", raised("peaks", np.nan), ":/peaks holds values that are not finite; reduce the data again"),
         ("moments", raised("admittance_sums", np.inf), ":/admittance_sums .*infinite"),

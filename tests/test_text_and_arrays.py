@@ -12,8 +12,7 @@ import torchliner as tl
 from torchliner import file_checks
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.foreign import read_array
-from torchliner.io.microphone_file import read_microphones
-from torchliner.io.signal_file import read_signal
+from torchliner.io.microphone_file import read_microphones, read_signal
 
 LINER = "frequency, resistance, reactance"
 BURSTS = "arrival_time [ms], wall_normal [m/s]"

@@ -13,7 +13,7 @@ from test_wall_pressure import line_of
 
 import torchliner as tl
 from torchliner.cli.main import DONE, main
-from torchliner.records.drawn_impedance import fine_places
+from torchliner.records.wall_eduction import fine_places
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SIDES = ("upstream", "downstream")

@@ -39,6 +39,8 @@ from torchliner.fluid import Fluid as Fluid
 from torchliner.io.burst_sources import list_stations as list_stations
 from torchliner.io.burst_sources import read_bursts as read_bursts
 from torchliner.io.microphone_file import read_microphones as read_microphones
+from torchliner.io.microphone_file import read_pressure as read_pressure
+from torchliner.io.microphone_file import read_signal as read_signal
 from torchliner.io.moments_file import read_moments as read_moments
 from torchliner.io.own_file import read_line as read_line
 from torchliner.io.own_file import read_map as read_map
@@ -46,8 +48,6 @@ from torchliner.io.own_file import read_points as read_points
 from torchliner.io.own_file import read_wall as read_wall
 from torchliner.io.planes import read_holes as read_holes
 from torchliner.io.planes import read_plane as read_plane
-from torchliner.io.pressure_file import read_pressure as read_pressure
-from torchliner.io.signal_file import read_signal as read_signal
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
 from torchliner.liners.layered import Cavity as Cavity

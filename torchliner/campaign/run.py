@@ -15,7 +15,7 @@ from torchliner.campaign.campaign_file import Campaign
 from torchliner.campaign.index import DONE, FAILED, full_row, read_index, write_index
 from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
-from torchliner.io.pressure_file import read_pressure
+from torchliner.io.microphone_file import read_pressure
 from torchliner.io.whole_file import locked, printable, writable_folder, written_whole
 from torchliner.names import __version__
 from torchliner.pressure.dean import with_in_situ

@@ -15,7 +15,7 @@ from torchliner.cli.inputs import background_of, planes_of, read_planes, read_re
 from torchliner.cli.show import facts_text, progress_bar, show, told
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.planes import format_of, paths_of
-from torchliner.records.unit_checks import plane_unit_warnings
+from torchliner.records.notes import plane_unit_warnings
 from torchliner.report.curves import draw_velocity
 from torchliner.report.inspection import inspect_moments, inspect_plane
 

@@ -16,10 +16,9 @@ import h5py
 
 from torchliner.file_checks import require_regular
 from torchliner.io.burst_text import HEAD, BurstFormat, Options, Place
-from torchliner.io.hdf5 import get_group, open_file
-from torchliner.io.own_file import taken
+from torchliner.io.hdf5 import open_file
+from torchliner.io.own_file import groups_of, read_row, require_schema, taken
 from torchliner.io.own_writer import write_record, write_several
-from torchliner.io.tables import read_variables, require_schema
 from torchliner.names import BURST_FORMATS, resolve
 from torchliner.records import BurstRecord
 from torchliner.records.declared import table_of
@@ -171,14 +170,14 @@ def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
 def _groups(file: h5py.File, path: Path) -> list[h5py.Group]:
     """Of the stations of an open file."""
     require_schema(file, path, BurstRecord.SCHEMA)
-    count = sum(name.startswith("station_") for name in file)
-    return [get_group(file, f"station_{i}", path) for i in range(count)] or [file]
+    return groups_of(file, "station", path) or [file]
 
 
 def _places(path: Path) -> list[Place]:
     with open_file(path) as file:
-        found = [read_variables(group, PLACE, path) for group in _groups(file, path)]
-    return [(own.get("x"), own.get("y"), own.get("z")) for own in found]
+        groups = _groups(file, path)
+        read = [[read_row(each, row, path) if row.field in each else None for row in PLACE] for each in groups]
+    return [(x, y, z) for x, y, z in read]
 
 
 def _read(path: Path, number: int, *_: Any) -> BurstRecord:

@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from torchliner.io.tables import dims_of, plain
+from torchliner.io.own_writer import dims_of, plain
 from torchliner.io.whole_file import printable, written_whole
 from torchliner.records.declared import flat
 from torchliner.records.outlets import Result

@@ -19,10 +19,9 @@ import numpy as np
 from scipy.io import loadmat, netcdf_file
 
 from torchliner.file_checks import DAMAGE, naming, require_memory, require_regular
-from torchliner.io.hdf5 import hold_open, open_file
+from torchliner.io.hdf5 import PLAIN, Packing, hold_open, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import require_velocity
-from torchliner.io.stored_values import PLAIN, Packing
 from torchliner.io.to_plane import to_plane
 from torchliner.io.variables import Field, Source, hdf5_source
 from torchliner.names import ARRAY_ENDINGS, did_you_mean

@@ -1,23 +1,25 @@
-"""What our HDF5 files share: opening, datasets in SI units, JSON, reference impedances."""
+"""HDF5 as it is opened and read: no value that was never written, and numbers as the CF conventions pack them."""
 
 from __future__ import annotations
 
-import json
+import math
+import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from torchliner.file_checks import naming, require_regular
-from torchliner.io.stored_values import read_values, require_stored
-from torchliner.units import SI_QUANTITY, require_plausible, si_factor
+from torchliner.checks import tell
+from torchliner.file_checks import Unwritten, naming, require_memory, require_regular
 
-LONGEST_TEXT = 60_000  # bytes
 CHUNK_CACHE = 64 << 20  # bytes; the default of 1 MiB decompresses every tile many times
+LINEAR, RANGE = ("scale_factor", "add_offset"), ("valid_range", "valid_min", "valid_max")
+PACKING = (*LINEAR, *RANGE, "_FillValue", "missing_value")
 
 
 @contextmanager
@@ -34,82 +36,42 @@ def hold_open(path: str | Path) -> h5py.File:
         FileNotFoundError: no such file.
         OSError: a folder or a device, not HDF5, or truncated.
     """
-    path = Path(path)
     require_regular(path)
-    try:
-        return _opened(path, locking=False)
-    except OSError as error:
-        kind = "is truncated" if "truncated" in str(error) else "is not an HDF5 (netCDF-4) file"
-        if isinstance(error, PermissionError):
-            kind = "cannot be read"
-        remedy = "; copy it again, or write it anew" if kind == "is truncated" else ""
-        raise OSError(f"{path} {kind}: {error}{remedy}") from error
-
-
-def _opened(path: Path, **settings: Any) -> h5py.File:
-    try:
-        return h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE, **settings)
-    except OSError as error:
-        # The same process holds it open with locking; HDF5 wants the flags to agree.
-        if "locking" in str(error) and settings:
-            return _opened(path)
-        if "already open for write" in str(error) and "swmr" not in settings:
-            return _opened(path, swmr=True, **settings)  # by one who lets others read
-        raise
+    # This process may hold it open with locking, HDF5 wants the flags to agree; or for writing while others read.
+    for settings in ({"locking": False}, {}, {"locking": False, "swmr": True}, {"swmr": True}):
+        try:
+            return h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE, **settings)
+        except OSError as error:
+            failed = error
+            if not re.search("locking|already open for write", str(error)):
+                break
+    why = "is truncated" if "truncated" in str(failed) else "is not an HDF5 (netCDF-4) file"
+    why = "cannot be read" if isinstance(failed, PermissionError) else why
+    remedy = "; copy it again, or write it anew" if why == "is truncated" else ""
+    raise OSError(f"{path} {why}: {failed}{remedy}") from failed
 
 
 def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
     """Whether a group has an object of this name; a link that leads nowhere is a ValueError, to a pipe an OSError."""
     link = group.get(key, getlink=True)
-    if link is None:
-        return False
+    if link is None or isinstance(link, h5py.HardLink):
+        return link is not None
     if isinstance(link, h5py.ExternalLink):
         for target in (Path(group.file.filename).parent / link.filename, Path(link.filename)):
             if target.exists():
                 require_regular(target)  # HDF5 would wait for a pipe without an end
-    if not isinstance(link, h5py.HardLink) and group.get(key) is None:
-        target = ":".join(getattr(link, name) for name in ("filename", "path") if hasattr(link, name))
-        raise ValueError(
-            f"{place(group, key, path)} is a link to {target}, which is not there; restore that or remove the link"
-        )
+    if group.get(key) is None:
+        to = ":".join(getattr(link, name) for name in ("filename", "path") if hasattr(link, name))
+        label = f"{path}:{(group.name or '').rstrip('/')}/{key}"
+        raise ValueError(f"{label} is a link to {to}, which is not there; restore that or remove the link")
     return True
 
 
-def get_dataset(group: h5py.Group, key: str, path: str | Path) -> h5py.Dataset:
-    """A dataset by name; a ValueError lists what is there instead."""
-    if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
-        where = "the file" if group.name == "/" else "the group"
-        raise ValueError(
-            f"{place(group, key, path)} is missing; {where} holds: {', '.join(sorted(group)) or 'nothing'}"
-        )
-    return group[key]
-
-
-def get_group(file: h5py.Group, key: str, path: str | Path) -> h5py.Group:
-    """A group by name; errors as of ``get_dataset`` and ``require_names``."""
-    if not is_there(file, key, path) or not isinstance(file[key], h5py.Group):
-        raise ValueError(f"{place(file, key, path)} is no group; there are: {', '.join(file)}")
-    require_names(file[key], path)
-    return file[key]
-
-
-def require_names(group: h5py.Group, path: str | Path) -> None:
-    """Refuse a group whose damage hides some of its names: optional variables would be missed in silence."""
-    lost = [name for name in group if group.get(name, getlink=True) is None]
-    if lost or len(set(group)) < len(group):
-        raise ValueError(f"{path} is damaged: of the names that {group.name} lists {lost or 'some'} lead nowhere")
-
-
-def place(group: h5py.Group, key: str, path: str | Path) -> str:
-    """FILE:/group/dataset, for messages."""
-    return f"{path}:{(group.name or '').rstrip('/')}/{key}"
-
-
-def text_attribute(dataset: Any, key: str) -> str | None:
-    """A string attribute or None."""
-    value = dataset.attrs.get(key)
+def text_attribute(owner: Any, key: str) -> str | None:
+    """A string attribute of what has ``attrs``, or None."""
+    value = owner.attrs.get(key)
     if value is None:
-        list(dataset.attrs)  # fails where damage hides an attribute, which is not left out then
+        list(owner.attrs)  # fails where damage hides an attribute, which is not left out then
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(-1)[0]
     if value is None or isinstance(value, h5py.Empty):
@@ -117,114 +79,145 @@ def text_attribute(dataset: Any, key: str) -> str | None:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def read_si(group: h5py.Group, key: str, unit: str, path: str | Path, any_size: bool = False) -> np.ndarray:
-    """A dataset in an SI unit; real numbers as meant, float64 where the file has another unit than ``unit``.
+def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
+    """Refuse what HDF5 would fill with zeros; before reading.
 
+    Args:
+        dataset: that is to be read.
+        label: FILE:/dataset, for messages.
+        path: of the file that was opened.
     Raises:
-        ValueError: it is missing, has no unit of this quantity, holds no real numbers, or such as
-            no measurement has, unless ``any_size``; as ``read_values``.
+        ValueError: an empty or a virtual dataset; chunks or values that were never written; raw storage outside the
+            file.
+    Warns:
+        DataWarning: the values stand in another file, by an external link.
     """
-    dataset, label = get_dataset(group, key, path), place(group, key, path)
-    factor = si_factor(SI_QUANTITY[unit], text_attribute(dataset, "units"), label)
-    values = read_values(dataset, label, path)
-    values = values if factor == 1 else values.astype(np.float64) * factor
-    if not any_size:
-        require_plausible(values, SI_QUANTITY[unit], label)
-    return values
+    if dataset.shape is None:
+        raise ValueError(f"{label} is empty: it has neither shape nor values")
+    if dataset.external or dataset.is_virtual:
+        raise ValueError(f"{label} keeps its values outside the file; copy them into one file (h5repack -l CONTI)")
+    if dataset.file.driver != "core" and not os.path.samefile(dataset.file.filename, path):  # core: in memory
+        tell(f"{label} is a link; its values stand in {dataset.file.filename}")
+    if dataset.chunks is None:
+        # Space is made when the first value is written, for all of them at once.
+        wanted, written, what = int(dataset.size > 0), int(dataset.id.get_storage_size() > 0), "blocks"
+    else:
+        wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
+        written, what = dataset.id.get_num_chunks(), "chunks"
+    if written < wanted:
+        raise Unwritten(
+            f"{label}: {wanted - written} of {wanted} {what} were never written and would read as "
+            f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is there, or write the rest"
+        )
 
 
-def read_number(group: h5py.Group, key: str, unit: str, path: str | Path) -> float:
-    """One number in an SI unit; an array of one counts."""
-    size = get_dataset(group, key, path).size
-    if size != 1:
-        raise ValueError(f"{place(group, key, path)} has shape {group[key].shape}; one number is needed")
-    return float(read_si(group, key, unit, path).reshape(()))
+# Packed numbers
 
 
-def read_texts(group: h5py.Group, key: str, path: str | Path) -> list[str]:
-    """A list of texts along a dimension."""
-    dataset, label = get_dataset(group, key, path), place(group, key, path)
-    if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
-        raise ValueError(f"{label} is {dataset.dtype} of shape {dataset.shape}; a list of texts is needed")
+@dataclass(frozen=True)
+class Packing:
+    """How numbers are stored: value = factor * stored + offset.
+
+    Args:
+        factor, offset: of the value.
+        marks: stored values that stand for none.
+        low, high: stored values beyond them stand for none.
+        unsigned: integers are stored as if they had a sign.
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+    marks: tuple[Any, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    unsigned: bool = False
+
+    def unpack(self, stored: np.ndarray, kind: Any = None) -> np.ndarray:
+        """The values meant, nan where there is none; of the dtype ``kind``, default that of ``stored``, float64 of
+        integers that are packed or missing."""
+        stored = stored.view(_unsigned(stored.dtype)) if self.unsigned else stored
+        lost = np.zeros(stored.shape, bool)
+        for mark in self.marks:
+            lost |= stored == mark
+        if (self.low, self.high) != (-math.inf, math.inf):
+            lost |= (stored < self.low) | (stored > self.high)
+        missing, linear = bool(lost.any()), (self.factor, self.offset) != (1.0, 0.0)
+        if kind is None:
+            kind = np.float64 if stored.dtype.kind != "f" and (missing or linear) else stored.dtype
+        values = stored.astype(kind, order="C", copy=missing or linear)
+        with np.errstate(over="ignore", invalid="ignore"):  # told with the faults of probes
+            if linear:
+                values *= values.dtype.type(self.factor)
+                values += values.dtype.type(self.offset)
+        if missing:
+            values[lost] = np.nan
+        return values
+
+
+PLAIN = Packing()
+
+
+def packing_of(attributes: Mapping[str, Any], kind: np.dtype[Any], label: str, fill: Any = None) -> Packing:
+    """What is said of the packing of a variable.
+
+    Args:
+        attributes: of the variable.
+        kind: as which it is stored.
+        label: FILE:/variable, for messages.
+        fill: what the file itself fills in.
+    Raises:
+        ValueError: an attribute is no finite number; a factor of 0.
+    Source: CF conventions 1.8, sections 2.5.1 and 8.1; netCDF Users Guide for ``_Unsigned``.
+    """
+    unsigned = kind.kind == "i" and "true" in np.asarray(attributes.get("_Unsigned", "")).astype(str).reshape(-1)
+    kind = _unsigned(kind) if unsigned else kind
+    found: dict[str, list[Any]] = {} if fill is None else {"fill": [fill]}
+    for key in set(PACKING) & set(attributes):
+        values = np.asarray(attributes[key]).reshape(-1)
+        if values.dtype.kind not in "fiu" or len(values) < 1 + (key == "valid_range"):
+            raise ValueError(f"{label}: attribute {key} is {attributes[key]!r}; numbers are needed")
+        found[key] = (values.astype("i8").astype(kind) if unsigned and key not in LINEAR else values).tolist()
+    factor, offset = (float(found.get(key, [default])[0]) for key, default in zip(LINEAR, (1.0, 0.0), strict=True))
+    if factor == 0 or not math.isfinite(factor) or not math.isfinite(offset):
+        raise ValueError(
+            f"{label}: scale_factor is {factor:g}, add_offset {offset:g}; finite ones, the first not 0, are needed"
+        )
+    marks = [mark for key in ("_FillValue", "missing_value", "fill") for mark in found.get(key, ())]
+    with np.errstate(all="ignore"):
+        cast = [(mark, np.asarray(mark).astype(kind)[()]) for mark in marks]
+    # nan needs no mark; among integers only a mark that is one can occur.
+    missing = tuple({own for mark, own in cast if mark == mark and (kind.kind == "f" or own == mark)})
+    low, high = found.get("valid_range", (-math.inf, math.inf))[:2]
+    low, high = found.get("valid_min", (low,))[0], found.get("valid_max", (high,))[0]
+    return Packing(factor, offset, missing, float(low), float(high), unsigned)
+
+
+def _unsigned(kind: np.dtype[Any]) -> np.dtype[Any]:
+    return np.dtype(kind.str.replace("i", "u"))
+
+
+def fill_of(dataset: h5py.Dataset) -> Any:
+    """What a dataset of HDF5 is filled with by its own words; 0 is chosen by hand for gaps that count as 0."""
+    chosen = dataset.id.get_create_plist().fill_value_defined() == h5py.h5d.FILL_VALUE_USER_DEFINED
+    return dataset.fillvalue if chosen and dataset.fillvalue != 0 else None
+
+
+def read_values(dataset: h5py.Dataset, label: str, path: str | Path) -> np.ndarray:
+    """Numbers of a dataset as they are meant: as ``Packing.unpack``.
+
+    Args:
+        dataset, label, path: as for ``require_stored``.
+    Raises:
+        ValueError: as ``require_stored`` and ``packing_of``; no real numbers; more than the machine's memory.
+    """
+    require_numbers(dataset, label)
     require_stored(dataset, label, path)
-    return [str(text) for text in dataset.asstr(errors="replace")[()]]
+    require_memory(dataset.size * dataset.dtype.itemsize, f"{label}, {dataset.shape},")
+    packing = packing_of(dict(dataset.attrs), dataset.dtype, label, fill_of(dataset))
+    return packing.unpack(np.asarray(dataset[()]))
 
 
-def set_texts(owner: Any, **texts: str) -> None:
-    """Attributes as texts of fixed length, which nco and Octave read; HDF5 has 64 kB for them, beyond it no choice."""
-    for key, text in texts.items():
-        stored = text.encode()
-        fixed = h5py.string_dtype("utf-8", max(1, len(stored)) if len(stored) < LONGEST_TEXT else None)
-        owner.attrs.create(key, stored, dtype=fixed)
-
-
-def write_variable(
-    group: h5py.Group, name: str, values: Any, units: str, dims: Sequence[str] = (), **storage: Any
-) -> h5py.Dataset:
-    """A netCDF-4 variable: data, units, and its dimension scales, which must exist.
-
-    A variable whose dimension bears its own name is that dimension's scale.
-    """
-    dataset = group.create_dataset(name, data=values, **storage)
-    set_texts(dataset, units=units)
-    attach_scales(dataset, group, dims)
-    return dataset
-
-
-def attach_scales(dataset: h5py.Dataset, group: h5py.Group, dims: Sequence[str]) -> None:
-    """Name the axes of a dataset by dimension scales of its group, of which it may be one."""
-    for axis, dim in enumerate(dims):
-        if group[dim] == dataset:
-            dataset.make_scale(dim)
-        else:
-            dataset.dims[axis].attach_scale(group[dim])
-
-
-def write_index(group: h5py.Group, name: str, count: int) -> None:
-    """A dimension without coordinates: 0, 1, ..."""
-    row = write_variable(group, name, np.arange(count), "1", (name,))
-    set_texts(row, long_name=f"number of the {name.replace('_', ' ')}")
-
-
-def write_texts(group: h5py.Group, name: str, texts: Sequence[str], dim: str) -> None:
-    """A list of texts along a dimension, whose scale it is if it bears its name."""
-    attach_scales(group.create_dataset(name, data=list(texts), dtype=h5py.string_dtype()), group, (dim,))
-
-
-def tiles(shape: Sequence[int], rows: int, columns: int = 64, level: int = 9) -> dict[str, Any]:
-    """Storage of a compressed variable: gzip in tiles of at most ``rows`` along the first axis."""
-    chunks = tuple(min(n, columns if axis else rows) for axis, n in enumerate(shape))
-    return {"compression": "gzip", "compression_opts": level, "shuffle": True, "chunks": chunks}
-
-
-def to_json(value: Any) -> str:
-    """JSON text; arrays and tensors become lists, what JSON does not know becomes text."""
-    return json.dumps(value, default=lambda item: item.tolist() if hasattr(item, "tolist") else str(item))
-
-
-def read_json(file: h5py.Group, key: str, path: str | Path, default: Any) -> Any:
-    """A JSON attribute, or ``default`` if there is none."""
-    text = text_attribute(file, key)
-    if not text:
-        return default
-    label = f"{path}: attribute {key!r}"
-    try:
-        found = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{label} is not JSON ({error}); repair or remove it") from error
-    wanted, kind = (list, "a list") if isinstance(default, tuple | list) else (dict, "an object")
-    if isinstance(default, tuple | list | dict) and not isinstance(found, wanted):
-        raise ValueError(f"{label} is {text[:40]!r}; {kind} is needed")
-    return found
-
-
-def write_references(file: h5py.File, reference: Mapping[str, complex]) -> None:
-    """Impedances by name, each as two scalars whose attribute ``label`` holds the name."""
-    for number, (label, value) in enumerate(reference.items()):
-        stem = "reference_" + re.sub(r"\W+", "_", label)
-        if f"{stem}_resistance" in file:
-            stem = f"{stem}_{number}"
-        parts = {"resistance": complex(value).real, "reactance": complex(value).imag}
-        for part, amount in parts.items():
-            row = write_variable(file, f"{stem}_{part}", amount, "1")
-            set_texts(row, label=label, long_name=f"{part} from elsewhere, {label}")
+def require_numbers(dataset: Any, label: str) -> None:
+    """Refuse texts, records and truth values."""
+    if dataset.dtype.kind not in "fiu":
+        raise ValueError(f"{label} is {dataset.dtype}; numbers are needed")

@@ -1,13 +1,20 @@
-"""Lines of microphones, one file each: HDF5 that is valid netCDF-4, or a table of text (docs/wall_pressure.md).
+"""Pressures, one file each: HDF5 that is valid netCDF-4, or a table of text (docs/formats.md, docs/wall_pressure.md).
 
-The pressure is complex, as two reals ``pressure_real`` and ``pressure_imaginary`` of dimensions (..., microphone,
-frequency); or it is a signal ``pressure`` (microphone, time) beside ``reference`` (time), of which the reader keeps the
-tones that are coherent with the reference. A table has columns ``x``, ``frequency`` (unless one is stated above),
-``spl`` and ``phase``, in any order, one row for each microphone and frequency.
+Along a duct, a line of microphones: complex pressure, as two reals ``pressure_real`` and ``pressure_imaginary`` of
+dimensions (..., microphone, frequency); or a signal ``pressure`` (microphone, time) beside ``reference`` (time), of
+which the reader keeps the tones that are coherent with the reference. A table has columns ``x``, ``frequency`` (unless
+one is stated above), ``spl`` and ``phase``, in any order, one row for each microphone and frequency.
+
+Around a liner: the facesheet's pressure is (time, z, x), (time, x) or (time, probe), the backplate's (time),
+(time, cell) or like the facesheet's, the microphones' (time, microphone).
+
+And recorded incident signals: WAV, or a plain array whose rate the user states.
 """
 
 from __future__ import annotations
 
+import struct
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,25 +22,30 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.file_checks import naming
+from torchliner.file_checks import naming, require_regular
 from torchliner.fluid import Fluid
-from torchliner.io.axes import FLUID_UNITS, read_case, read_signal, read_times
 from torchliner.io.flow_noise import reject_flow_noise
-from torchliner.io.hdf5 import get_dataset, is_there, open_file, place
-from torchliner.io.pressure_file import read_pressure
+from torchliner.io.foreign import read_array
+from torchliner.io.hdf5 import is_there, open_file, text_attribute
+from torchliner.io.own_file import (
+    get_field,
+    read_attribute,
+    read_clock,
+    read_coordinate,
+    read_row,
+    require_schema,
+    take,
+)
+from torchliner.io.own_writer import FLUID_UNITS
 from torchliner.io.stated_lines import read_stated
-from torchliner.io.stored_values import read_values
-from torchliner.io.tables import FileKind
+from torchliner.io.variables import time_axis
 from torchliner.records import MicrophoneLine, PressureRecord
-from torchliner.records.declared import variables_of
+from torchliner.records.declared import table_of
+from torchliner.records.incident import Recorded
+from torchliner.records.pressure_record import SIGNALS
 from torchliner.text_columns import Array, header_line, read_lines, read_table
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
-KIND = FileKind(
-    MicrophoneLine.SCHEMA,
-    "line of microphones",
-    {"title": "", "source_side": "unknown", "liner": "", "provenance": {}, "notes": ()},
-)
 COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "phase"}
 EXAMPLE = "x [mm], frequency [Hz], SPL [dB], phase [deg]"
 STATED = {
@@ -43,6 +55,37 @@ STATED = {
     **dict.fromkeys(("title", "source_side", "liner"), "text"),
 }
 SAME_X = 1e-9  # m
+HEAD = 1 << 16  # bytes, in which a .wav says what it is
+(FREQUENCY,) = table_of(MicrophoneLine, "frequency")
+
+
+def read_pressure(path: str | Path) -> PressureRecord:
+    """A record from a file of ours, or of anyone who follows the schema.
+
+    Args:
+        path: .h5, .hdf5 or .nc.
+    Raises:
+        FileNotFoundError, OSError: missing, truncated, not HDF5.
+        ValueError: not of this schema; a variable is missing, has another shape, unit or size than it can have. The
+            message names FILE:/variable.
+    """
+    path = Path(path)
+    with open_file(path) as file:
+        if "schema" in file.attrs:
+            require_schema(file, path, PressureRecord.SCHEMA)
+        rows = table_of(PressureRecord, *SIGNALS)
+        if not any(there := [is_there(file, row.names[0], path) for row in rows]):
+            get_field(file, rows[0].names[0], path)  # says what is there instead
+        rate, samples, start = read_clock(file, path)
+        known: dict[str, Any] = {"sampling_rate": rate, "start": start, "name": str(path)}
+        for row, found in zip(rows, there, strict=True):
+            known[row.field] = _signal(file, row.names[0], row.unit, samples, path) if found else None
+        shape = () if known["facesheet"] is None else known["facesheet"].shape[:-1]
+        known |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
+        known["title"] = text_attribute(file, "title") or path.stem
+        cells = get_field(file, "probe_cell", path).values() if is_there(file, "probe_cell", path) else None
+        made: PressureRecord = take(file, PressureRecord, path, {**known, "probe_cell": cells})
+        return made
 
 
 def read_microphones(
@@ -74,18 +117,15 @@ def read_microphones(
     else:
         with open_file(path) as file:
             if "schema" in file.attrs:
-                KIND.require(file, path)
-            amplitudes = is_there(file, "pressure_real", path)
-            unread = set() if amplitudes else {"pressure", "coherence", "wall_impedance"}
-            if not (amplitudes or is_there(file, "frequency", path)):
-                unread.add("frequency")
-            table = [row for row in variables_of(MicrophoneLine) if row.field not in {*about, *unread}]
-            head = {**read_case(file, KIND, table, path), "name": str(path), **about}
-            if not amplitudes:
-                head |= {} if frequency is None else {"frequency": frequency}
-                signals = _from_signals(file, path, head, segment=segment, window=window, start=start)
-                return MicrophoneLine(**head | signals)
-            line = MicrophoneLine(**head)
+                require_schema(file, path, MicrophoneLine.SCHEMA)
+            known = {"title": text_attribute(file, "title") or path.stem, "name": str(path), **about}
+            signals = not is_there(file, "pressure_real", path)
+            if signals:
+                known |= {} if frequency is None else {"frequency": frequency}
+                known |= _from_signals(file, path, known, segment=segment, window=window, start=start)
+            line = take(file, MicrophoneLine, path, known)
+            if signals:
+                return line
     if segment is not None or start != 0.0:
         raise ValueError(f"{path} holds amplitudes, no time signals; leave segment and start out")
     return line if frequency is None else line.at(frequency)
@@ -100,17 +140,31 @@ def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
     return read_microphones(path) if along else read_pressure(path)
 
 
-def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: Any) -> dict[str, Any]:
-    """Pressure, coherence, provenance and notes from signals."""
-    if "frequency" not in head:
+def _signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> np.ndarray:
+    """A signal in an SI unit, time last, float32 or float64 as in the file.
+
+    Raises:
+        ValueError: as ``Field.signal_factor`` and ``time_axis``.
+    """
+    signal = get_field(file, key, path)
+    factor, axis, values = signal.signal_factor(unit), time_axis(signal, samples), signal.values()
+    values = values if values.dtype in (np.float32, np.float64) else values.astype(np.float32)
+    moved = np.ascontiguousarray(np.moveaxis(values, axis, -1))
+    return moved if factor == 1 else moved * moved.dtype.type(factor)
+
+
+def _from_signals(file: h5py.File, path: Path, known: dict[str, Any], **options: Any) -> dict[str, Any]:
+    """Fields of a line that follow from signals; of the others some are ``known``."""
+    if "frequency" not in known and not is_there(file, "frequency", path):
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
-    rate, samples = read_times(file, path)
-    signals = read_signal(file, "pressure", "Pa", samples, path).astype(np.float64)
-    reference = read_values(get_dataset(file, "reference", path), place(file, "reference", path), path)
+    frequency = known["frequency"] if "frequency" in known else read_row(file, FREQUENCY, path)
+    rate, samples, _ = read_clock(file, path)
+    signals = _signal(file, "pressure", "Pa", samples, path).astype(np.float64)
+    reference = get_field(file, "reference", path).values().astype(np.float64)
     found = reject_flow_noise(
         torch.from_numpy(np.ascontiguousarray(signals)),
-        torch.from_numpy(reference.astype(np.float64).reshape(-1)),
-        torch.as_tensor(head["frequency"], dtype=torch.float64).reshape(-1),
+        torch.from_numpy(reference.reshape(-1)),
+        torch.as_tensor(frequency, dtype=torch.float64).reshape(-1),
         rate,
         name=str(path),
         **options,
@@ -121,11 +175,15 @@ def _from_signals(file: h5py.File, path: Path, head: dict[str, Any], **options: 
         "largest_rejected_level_db": float(found.rejected_level.max()),
         "largest_relative_error": float(found.relative_error.max()),
     }
+    said = {"provenance": dict[str, Any], "notes": tuple[str, ...]}
+    own = {key: known.get(key) or read_attribute(file, key, hint, path) or hint() for key, hint in said.items()}
     return {
+        "frequency": frequency,
         "pressure": found.amplitude,
-        "coherence": found.coherence,
-        "provenance": {**head["provenance"], "flow_noise": report},
-        "notes": (*head["notes"], *found.notes),
+        "coherence": known.get("coherence", found.coherence),
+        "wall_impedance": known.get("wall_impedance"),
+        "provenance": {**own["provenance"], "flow_noise": report},
+        "notes": (*own["notes"], *found.notes),
     }
 
 
@@ -162,3 +220,57 @@ def _grid(columns: dict[str, Array], path: Path) -> tuple[Array, Array, Array, A
         )
     level, phase = (columns[name][order].reshape(shape).T for name in ("spl", "phase"))
     return x[0], level, phase, frequency
+
+
+# Recorded incident signals
+
+
+def read_signal(path: str | Path, sampling_rate: float | None = None, channel: int | None = None) -> Recorded:
+    """A recorded incident signal.
+
+    Args:
+        path: .wav (integers become fractions of full scale; only ratios matter), or .npy, .mat, .h5 of one array.
+        sampling_rate: Hz; a .wav states its own, other files do not.
+        channel: of several; may be left out if there is one.
+    Raises:
+        FileNotFoundError, ValueError: missing, not readable, no rate, several channels.
+    """
+    path = Path(path)
+    require_regular(path)
+    if path.suffix.lower() == ".wav":
+        rate, values = _read_wav(path)
+        if sampling_rate is not None and abs(sampling_rate / rate - 1) > 1e-6:
+            raise ValueError(f"{path} says {rate:g} Hz, sampling_rate {sampling_rate:g} Hz; one of them is wrong")
+    else:
+        if sampling_rate is None:
+            raise ValueError(f"{path} does not state its sampling rate; give sampling_rate in Hz")
+        rate, values = sampling_rate, np.asarray(read_array(path), dtype=np.float64)
+        values = values.squeeze() if values.ndim == 2 and 1 in values.shape else values
+    columns = values[:, None] if values.ndim == 1 else values
+    if columns.ndim != 2 or not 0 <= (channel or 0) < columns.shape[1] or (channel is None and columns.shape[1] > 1):
+        raise ValueError(f"{path} has shape {values.shape}, (samples, channels); choose one channel, not {channel}")
+    with naming(path):
+        return Recorded(columns[:, channel or 0], rate, path.name)
+
+
+def _read_wav(path: Path) -> tuple[float, np.ndarray]:
+    """Rate and samples by scipy, which believes a header whose bits do not fill its bytes."""
+    from scipy.io import wavfile
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # scipy only warns of a file that ends too soon
+            warnings.filterwarnings("ignore", message="Chunk .* not understood")
+            rate, values = wavfile.read(path)
+        head = path.read_bytes()[:HEAD]
+        form = "<HIIHH" if head[:4] == b"RIFF" else ">HIIHH"
+        channels, _, _, block, bits = struct.unpack_from(form, head, head.index(b"fmt ") + 10)
+        if 8 * block != bits * channels:
+            raise ValueError(f"{bits} bits a sample do not fill the {block} bytes of its {channels} channel(s)")
+        if values.ndim == 0 or 0 in values.shape:
+            raise ValueError("it holds no samples, as one that was streamed or broken off")
+    except Exception as error:  # whatever it says of damage
+        raise ValueError(f"{path} is not a whole .wav file: {error}") from error
+    offset = 128 if values.dtype == np.uint8 else 0
+    scale = -float(np.iinfo(values.dtype).min) if values.dtype.kind == "i" else float(offset or 1)
+    return float(rate), (values.astype(np.float64) - offset) / scale

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -14,29 +15,29 @@ from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments, ReducedVelocity
 from torchliner.engine.nodes import OfOneLiner, nodes_of
 from torchliner.engine.survey import Membership, Survey, gram_of
-from torchliner.io.axes import read_coordinate
-from torchliner.io.hdf5 import open_file, place, set_texts, text_attribute
-from torchliner.io.own_file import take
-from torchliner.io.own_writer import fill
-from torchliner.io.tables import FileKind, new_file, read_variables, write_attribute, write_variables
+from torchliner.io.hdf5 import is_there, open_file, text_attribute
+from torchliner.io.own_file import read_attribute, read_coordinate, read_row, require_schema, take
+from torchliner.io.own_writer import fill, new_file, write_row
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.records.declared import Part, Variable, require_shape, variables_of
+from torchliner.records.declared import Variable, require_shapes, table_of, variables_of
+from torchliner.records.notes import Note
 
 STEM = "torchliner moments "
-OWN: dict[str, Any] = {"velocity": {}, "blocks": {}, "nodes": {}, "settings": {}, "notes": ()}
-KIND = FileKind(f"{STEM}1", "record of moments", OWN)
-PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
+SCHEMA = f"{STEM}1"
 BLOCK = ("block", "point")
 SQUARES = "square of cells"
+CELLS, AREA = variables_of(Cells), Variable("area", "m2", ("point",))
+(START,) = table_of(VelocityPlane, "start")
+PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
+Notes = tuple[Note | str, ...]
 KNOWN = (
-    Variable("lines", "Hz", ("line",), name="line_frequency"),
     Variable("turns", "Hz", ("turn",), name="turn_frequency", optional=True),
     Variable("used", "1", ("point",), "flag"),
-    Variable("area", "m2", ("point",), optional=True),
 )
 SURVEY = (
+    Variable("lines", "Hz", ("line",), name="line_frequency"),
     Variable("sums", "m/s", ("block", "row", "point"), name="line_sums", wide=True),
     Variable("squares", "m2/s2", BLOCK, name="square_sums", wide=True),
     Variable("peaks", "m/s", BLOCK),
@@ -53,7 +54,6 @@ SUMS = {
         for name, each in {"admittance": "point", "velocity": "cell", "phase-locked": "point"}.items()
     },
 }
-CELLS = tuple(variables_of(Cells))
 
 
 def write_moments(known: Moments, path: str | Path) -> None:
@@ -66,30 +66,28 @@ def write_moments(known: Moments, path: str | Path) -> None:
         at = known.nodes.frequency.tolist()
         raise ValueError(f"{path}: moments of one liner at {at} Hz have no file; use tl.moments")
     plane, seen = known.plane, known.survey
+    velocity = {"shape": list(plane.velocity.shape), "precision": str(plane.velocity.dtype).removeprefix("torch.")}
     said = {
-        "velocity": {
-            "shape": list(plane.velocity.shape),
-            "precision": str(plane.velocity.dtype).removeprefix("torch."),
-        },
+        "schema": SCHEMA,
+        "velocity": velocity,
         "blocks": {**vars(seen.blocks), "harmonics": seen.harmonics},
         "nodes": {} if known.nodes is None else known.nodes.describe(),
         "settings": {**known.settings, "cell_pitch": known.cell_pitch},
         "notes": known.notes,
     }
-    turns = known.turns if len(known.turns) else None
-    own = SimpleNamespace(lines=seen.lines, turns=turns, used=known.used, area=plane.area)
-    sums = {name: each[:, 0, 0] if name == SQUARES else each for name, each in known.sums.items()}
+    held = ((known, KNOWN), (seen, SURVEY), (known.cells, CELLS), (known.locked, LOCKED))
     with new_file(path) as file:
-        fill(file, plane, unsaid=("velocity", "streamwise", "sampling_rate", "name", "area"))
-        set_texts(file, schema=KIND.schema)
-        for key, value in said.items():
-            write_attribute(file, key, value)
-        write_variables(file, own, KNOWN)
-        write_variables(file, SimpleNamespace(**sums), tuple(SUMS[name] for name in sums))
-        write_variables(file, seen, SURVEY)
-        write_variables(file, known.cells, CELLS)
-        if known.locked is not None:
-            write_variables(file, known.locked, LOCKED)
+        fill(file, plane, unsaid=("velocity", "streamwise", "area"), **said)
+        for owner, table in held if known.locked else held[:-1]:
+            for row in table:
+                value = getattr(owner, row.field)
+                if not (value is None or (row.optional and len(value) == 0)):
+                    write_row(file, row, value)
+        for name, each in known.sums.items():
+            write_row(file, SUMS[name], each[:, 0, 0] if name == SQUARES else each)
+        write_row(file, START, plane.start)
+        if plane.area is not None:
+            write_row(file, AREA, plane.area)
 
 
 def holds_moments(path: str | Path) -> bool:
@@ -110,52 +108,51 @@ def read_moments(path: str | Path) -> Moments:
     """
     path = Path(path)
     with open_file(path) as file:
-        KIND.require(file, path)
-        said = KIND.read_head(file, path)
+        require_schema(file, path, SCHEMA)
+        head = ("velocity", "blocks", "nodes", "settings")
+        said = {key: read_attribute(file, key, dict[str, Any], path) for key in head}
         shape, precision = tuple(said["velocity"]["shape"]), PRECISIONS[said["velocity"]["precision"]]
-        harmonics = said["blocks"].pop("harmonics")
-        blocks = Blocks(**said["blocks"] | {"borders": tuple(said["blocks"]["borders"])})
+        harmonics, borders = said["blocks"].pop("harmonics"), tuple(said["blocks"]["borders"])
+        blocks = Blocks(**said["blocks"] | {"borders": borders})
         nodes = nodes_of(said["nodes"]) if said["nodes"] else None
         settings, pitch = said["settings"], said["settings"].pop("cell_pitch")
         locks = settings["averaging"] == "phase-locked"
-        names = [SQUARES, *([*AVERAGINGS][: 2 + locks] if nodes else [])]
-        tables = {
-            "own": KNOWN,
-            "cells": CELLS,
-            "survey": SURVEY,
-            "locked": LOCKED if locks else (),
-            "sums": tuple(SUMS[name] for name in names),
-        }
-        found = {part: read_variables(file, table, path) for part, table in tables.items()}
-        own, cells = found["own"], Cells(**found["cells"])
-        turns = own.get("turns", torch.zeros(0, dtype=torch.float64))
+        sums = [SUMS[name] for name in (SQUARES, *([*AVERAGINGS][: 2 + locks] if nodes else []))]
+        rows = (*KNOWN, *SURVEY, *CELLS, *(LOCKED if locks else ()), *sums)
+        there = [row for row in rows if not row.optional or is_there(file, row.names[0], path)]
+        found = {row.field: read_row(file, row, path) for row in there}
+        area = read_row(file, AREA, path) if is_there(file, AREA.field, path) else None
         about: dict[str, Any] = {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
         about |= {"velocity": ReducedVelocity(shape, precision, str(path)), "streamwise": None, "name": str(path)}
-        about |= {"sampling_rate": blocks.sampling_rate, "area": own.get("area")}
-        plane = take(file, VelocityPlane, path, about, Part())
-        count = {"point": plane.probes, "block": blocks.count, "line": len(own["lines"]), "cell": cells.count}
-        count |= {"row": 1 + 2 * len(own["lines"]), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
-        count |= {"turn_row": 1 + 2 * len(turns)} | ({} if nodes is None else {"node": nodes.count})
-        sizes: dict[str, tuple[int, ...]] = {name: (size,) for name, size in count.items()}
-        for part, table in tables.items():
-            for row in (row for row in table if row.field in found[part]):
-                value, label = found[part][row.field], place(file, row.names[0], path)
-                require_shape(row, value.shape, sizes, label)
-                if row not in CELLS and not bool(torch.isfinite(value).all()):
-                    raise ValueError(f"{label} holds values that are not finite; reduce the data again")
-    survey = Survey(blocks, own["lines"], harmonics, **found["survey"], gram=gram_of(blocks, own["lines"]))
-    tone = {"lines": own["lines"][:harmonics], "sampling_rate": blocks.sampling_rate}
+        plane = take(file, VelocityPlane, path, about | {"sampling_rate": blocks.sampling_rate, "area": area})
+        lines, turns = found["lines"], found.get("turns", torch.zeros(0, dtype=torch.float64))
+        count = {"point": plane.probes, "block": blocks.count, "line": len(lines), "turn_row": 1 + 2 * len(turns)}
+        count |= {"row": 1 + 2 * len(lines), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
+        count |= {} if nodes is None else {"node": nodes.count}
+        stored = [(replace(row, field=row.names[0]), found[row.field]) for row in there]
+        require_shapes(stored, str(path), {key: (n,) for key, n in count.items()})
+        for row in there:
+            if row not in CELLS and not bool(torch.isfinite(found[row.field]).all()):
+                raise ValueError(f"{path}:/{row.names[0]} holds values that are not finite; reduce the data again")
+        notes = read_attribute(file, "notes", Notes, path)
+
+    def fields(table: Iterable[Variable]) -> dict[str, Any]:
+        return {row.field: found[row.field] for row in table if row in there}
+
+    cells, gram = Cells(**fields(CELLS)), gram_of(blocks, lines)
+    survey = Survey(blocks=blocks, harmonics=harmonics, gram=gram, **fields(SURVEY))
+    tone = {"lines": lines[:harmonics], "sampling_rate": blocks.sampling_rate}
     return Moments(
         plane=plane,
         settings=settings,
         cell_pitch=pitch,
         cells=cells,
         membership=Membership.of(cells.labels, cells.count, survey.sums.device),
-        used=own["used"],
+        used=found["used"],
         survey=survey,
-        locked=Drive(**tone, **found["locked"]) if locks else None,
+        locked=Drive(**tone, **fields(LOCKED)) if locks else None,
         nodes=nodes,
         turns=turns,
-        sums={name: each[:, None, None] if name == SQUARES else each for name, each in found["sums"].items()},
-        notes=said["notes"],
+        sums={row.field: found[row.field][:, None, None] if row.field == SQUARES else found[row.field] for row in sums},
+        notes=notes,
     )

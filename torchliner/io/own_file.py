@@ -1,4 +1,4 @@
-"""Records of our own files, read back."""
+"""Records of our own files, and of files of others that follow their layout, read back."""
 
 from __future__ import annotations
 
@@ -10,20 +10,25 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 import torch
+from pydantic import TypeAdapter, ValidationError, create_model
 
 from torchliner import records
+from torchliner.checks import frequency_tensor
 from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
-from torchliner.io.axes import FLUID, read_coordinate, read_references
-from torchliner.io.hdf5 import get_group, is_there, open_file, place, read_texts, text_attribute
-from torchliner.io.own_writer import REFERENCES
-from torchliner.io.tables import read_attribute, read_variables, require_schema
+from torchliner.io.clocks import read_times
+from torchliner.io.hdf5 import is_there, open_file, require_stored, text_attribute
+from torchliner.io.own_writer import FLUID_UNITS, REFERENCES
+from torchliner.io.variables import Field, coordinate, field_of, references_of
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
 from torchliner.records.case import Case
-from torchliner.records.declared import Part, parts_of, require_shapes, variables_of
-from torchliner.records.drawn_impedance import DrawnImpedance
+from torchliner.records.declared import WHOLE, Part, Variable, facts_of, flat, parts_of, require_shapes, variables_of
+from torchliner.records.wall_eduction import DrawnImpedance
+from torchliner.units import SI_QUANTITY, require_plausible
 
+KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")  # types that torch has
 SCHEMAS = {kind.SCHEMA: kind for kind in vars(records).values() if hasattr(kind, "SCHEMA")}
 
 
@@ -64,10 +69,10 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
         ValueError: the microphones of an eduction are missing, elsewhere, or of other frequencies; a covariance that is
             not symmetric; as ``read_record``.
     """
+    schema, stem = DrawnImpedance.GROUPS
     with open_file(path) as file:
-        schema, stem = DrawnImpedance.GROUPS
         require_schema(file, path, schema)
-        found = taken_groups(file, stem, path, records.WallEduction, records.FieldFit)
+        found = tuple(taken(each, path, records.WallEduction, records.FieldFit) for each in groups_of(file, stem, path))
     for i, one in enumerate(found):
         places, known = set(one.x.tolist()), set() if one.line is None else set(one.line.x.tolist())
         if len(places) < len(one.x) or not places <= known or not torch.equal(one.frequency, one.line.frequency):
@@ -77,55 +82,83 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
     return found
 
 
+# Records
+
+
+def require_schema(group: h5py.Group, path: str | Path, *schemas: str) -> str:
+    """The schema of a file or a group.
+
+    Raises:
+        ValueError: none of these; damage hides some of its names, and optional variables would be missed in silence.
+    """
+    found, lost = text_attribute(group, "schema"), [name for name in group if group.get(name, getlink=True) is None]
+    if lost or len(set(group)) < len(group):
+        raise ValueError(f"{path} is damaged: of the names that {group.name} lists {lost or 'some'} lead nowhere")
+    if found not in schemas:
+        where = f"{path}" if group.name == "/" else f"{path}:{group.name}"
+        raise ValueError(f"{where} has the schema {found!r}; {' or '.join(map(repr, schemas))} is needed")
+    return str(found)
+
+
+def groups_of(group: h5py.Group, stem: str, path: str | Path) -> list[h5py.Group]:
+    """The groups ``stem_0``, ``stem_1`` and so on of a file or group; a ValueError where one of them is missing."""
+    names = [f"{stem}_{i}" for i in range(sum(name.startswith(f"{stem}_") for name in group))]
+    for name in names:
+        if not is_there(group, name, path) or not isinstance(group[name], h5py.Group):
+            raise ValueError(f"{path}:{group.name.rstrip('/')}/{name} is no group; there are: {', '.join(group)}")
+    return [group[name] for name in names]
+
+
 def taken(group: h5py.Group, path: str | Path, *kinds: Any) -> Any:
     """``read_record`` from an open file, or a group of one."""
     kind = SCHEMAS[require_schema(group, path, *(kind.SCHEMA for kind in kinds))]
-    known: dict[str, Any] = {}
-    if group.name == "/" and issubclass(kind, Case):
-        known["name"] = str(path)
-    if kind is ImpedanceMap:  # a number of the columns stands where there is no place
-        shape = group["mean_velocity"].shape if "mean_velocity" in group else ()
-        places = {key: read_coordinate(group, key, shape, Path(path)) for key in "xz"}
-        known |= {key: None if at is None else torch.from_numpy(at) for key, at in places.items()}
-    made = take(group, kind, path, known, Part())
-    with naming(str(path)):
-        require_shapes(made, f"{path}:{group.name}")
+    known = {"name": str(path)} if group.name == "/" and issubclass(kind, Case) else {}
+    made = take(group, kind, path, known)
+    with naming(path):
+        require_shapes(flat(made, derived=False), f"{path}:{group.name}")
     return made
 
 
-def taken_groups(group: h5py.Group, stem: str, path: str | Path, *kinds: Any) -> tuple[Any, ...]:
-    """Records that stand in groups ``stem_0``, ``stem_1`` and so on."""
-    count = sum(name.startswith(f"{stem}_") for name in group)
-    return tuple(taken(get_group(group, f"{stem}_{i}", path), path, *kinds) for i in range(count))
+def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any], part: Part = WHOLE) -> Any:
+    """A record, or one that is a part of another, from what ``fill`` wrote.
 
-
-def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any], part: Part) -> Any:
-    """A record, or one that is a part of another, from what ``fill`` wrote; ``known``: fields that are known."""
-    rows = [row.within(part) for row in variables_of(kind) if row.field not in known]
-    found: dict[str, Any] = {**read_variables(group, rows, path), **known}
-    hints, inner = _hints(kind), parts_of(kind, part)
+    Args:
+        group, path: an open file or a group of one, and its name for messages.
+        kind: class of the record.
+        known: fields that are not read.
+        part: how it stands within another.
+    """
+    found, hints = dict(known), _hints(kind)
+    for row in (row for row in variables_of(kind) if row.field not in known):
+        own = part.row(row)
+        if not row.optional or any(_has(group, name, path) for name in own.names):
+            value = read_row(group, own, path)
+            whole = isinstance(value, float) and "int" in str(hints[row.field])
+            found[row.field] = int(value) if whole else value
     for each in dataclasses.fields(kind):
-        hint = hints[each.name]
-        if "variable" in each.metadata:
-            if isinstance(found.get(each.name), float) and "int" in str(hint):
-                found[each.name] = int(found[each.name])
+        hint, value = hints[each.name], None
+        if "variable" in each.metadata or each.name in known:
             continue
-        if each.name in known:
-            continue
-        if each.name in inner:
-            value = _take_part(group, hint, path, inner[each.name])
+        if each.name in parts_of(kind):
+            value = _take_part(group, each.name, hint, path, part.part(parts_of(kind)[each.name]))
         elif hint is Fluid:
-            value = Fluid(**read_variables(group, FLUID, path))
+            gas = [Variable(name, unit) for name, unit in FLUID_UNITS.items() if is_there(group, name, path)]
+            value = Fluid(**{row.field: read_row(group, row, path) for row in gas})
         elif each.type == REFERENCES:
-            value = read_references(group, path)
+            value = references_of(
+                {f"/{key}": get_field(group, key, path) for key in group if key.startswith("reference_")}
+            )
         else:
-            value = _attribute(group, part.head + each.name, each, hint, path)
-        if value is not None or each.default is dataclasses.MISSING:
+            value = read_attribute(group, each.name, hint, path)
+            if value is None and each.default is each.default_factory is dataclasses.MISSING:
+                raise ValueError(f"{path} lacks the attribute {each.name!r}: it is damaged")
+        if value is not None or each.default is each.default_factory is dataclasses.MISSING:
             found[each.name] = value
-    with naming(str(path)):
+    with naming(path):
         made = kind(**found)
     if isinstance(made, Interval) and bool((torch.view_as_real(made.low) > torch.view_as_real(made.high)).any()):
-        raise ValueError(f"{place(group, rows[0].names[0], path)} or its other part is above the upper bound")
+        low = part.row(variables_of(kind)[0]).names[0]
+        raise ValueError(f"{path}:{group.name.rstrip('/')}/{low} or its other part is above the upper bound")
     return made
 
 
@@ -140,37 +173,119 @@ def _class_of(hint: Any) -> Any:
     return inner or (hint if dataclasses.is_dataclass(hint) else None)
 
 
-def _attribute(group: h5py.Group, key: str, field: Any, hint: Any, path: str | Path) -> Any:
-    """What an attribute holds; None where it is not there and the field has a value without."""
-    if text_attribute(group, key) is None:
-        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            raise ValueError(f"{path} lacks the attribute {key!r}: it is damaged")
-        return None
-    empty: Any = {str: "", tuple: (), Mapping: {}}.get(typing.get_origin(hint) or hint)
-    return read_attribute(group, key, path, empty)
-
-
-def _take_part(group: h5py.Group, hint: Any, path: str | Path, part: Part) -> Any:
-    """A record, several, or None where nothing of it is there."""
+def _take_part(group: h5py.Group, name: str, hint: Any, path: str | Path, part: Part) -> Any:
+    """A record, several, or None where nothing of it is there: with a part of it alone the file is damaged."""
     kind = _class_of(hint)
     if part.by == "groups":
         kinds = [each for each in SCHEMAS.values() if issubclass(each, kind)]
         if typing.get_origin(hint) is tuple:
-            return taken_groups(group, part.stem, path, *kinds)
-        return taken(get_group(group, part.stem, path), path, *kinds) if part.stem in group else None
-    if part.by == "":
-        return take(group, kind, path, {}, part) if _there(group, kind, part, path) else None
-    averagings = read_texts(group, "averaging", path)
-    if part.by == "averagings":
-        whole = take(group, kind, path, {}, part)
-        return {name: whole.map(lambda value, i=i: value[i]) for i, name in enumerate(averagings)}
-    places = {name: part.named(name) for name in averagings}
-    return {name: take(group, kind, path, {}, at) for name, at in places.items() if _there(group, kind, at, path)}
+            return tuple(taken(each, path, *kinds) for each in groups_of(group, part.stem, path))
+        return taken(group[part.stem], path, *kinds) if is_there(group, part.stem, path) else None
+    if part.by:
+        averagings = read_row(group, Variable("averaging", kind="text", dims=("averaging",)), path)
+        if part.by == "averagings":
+            whole = take(group, kind, path, {}, part)
+            return {key: whole.map(lambda value, i=i: value[i]) for i, key in enumerate(averagings)}
+        places = {key: WHOLE.part(part, key) for key in averagings}
+        return {key: take(group, kind, path, {}, at) for key, at in places.items() if _there(group, kind, at, path)}
+    if not _there(group, kind, part, path):
+        return None
+    hints: dict[str, Any] = {key: (_hints(kind)[key], ...) for key in facts_of(kind)}
+    said = read_attribute(group, name, create_model(name, **hints), path) if hints else {}
+    if said is None:
+        raise ValueError(f"{path} lacks the attribute {name!r}: it is damaged")
+    return take(group, kind, path, dict(said), part)
 
 
 def _there(group: h5py.Group, kind: Any, part: Part, path: str | Path) -> bool:
-    """Whether anything of a record is there: with a part of it alone the file is damaged."""
-    rows = (row.within(part) for row in variables_of(kind) if row.kind != "text")
-    return any(is_there(group, name, path) for row in rows for name in row.names) or any(
-        _there(group, _class_of(_hints(kind)[name]), inner, path) for name, inner in parts_of(kind, part).items()
+    """Whether anything of a record is there."""
+    rows = (part.row(row) for row in variables_of(kind) if row.kind != "text")
+    return any(_has(group, name, path) for row in rows for name in row.names) or any(
+        _there(group, _class_of(_hints(kind)[name]), part.part(own), path) for name, own in parts_of(kind).items()
     )
+
+
+# Variables and attributes
+
+
+def _has(group: h5py.Group, key: str, path: str | Path) -> bool:
+    """Whether there is such a variable, not the length of a dimension alone."""
+    return is_there(group, key, path) and not field_of(group, key, path).bare
+
+
+def get_field(group: h5py.Group, key: str, path: str | Path) -> Field:
+    """A variable by name; a ValueError lists what is there instead."""
+    if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
+        where, held = "the file" if group.name == "/" else "the group", ", ".join(sorted(group)) or "nothing"
+        raise ValueError(f"{path}:{group.name.rstrip('/')}/{key} is missing; {where} holds: {held}")
+    return field_of(group, key, path)
+
+
+def read_row(group: h5py.Group, row: Variable, path: str | Path) -> Any:
+    """A number, a tensor in an SI unit, or a tuple of texts.
+
+    Raises:
+        ValueError: it is missing, has no unit of this quantity, or holds what it cannot; FILE:/variable is named.
+    """
+    fields = [get_field(group, name, path) for name in row.names]
+    label = fields[0].label
+    if row.kind == "text":
+        texts = fields[0].array
+        if h5py.check_string_dtype(texts.dtype) is None or texts.ndim != 1:
+            raise ValueError(f"{label} is {texts.dtype} of shape {texts.shape}; a list of texts is needed")
+        require_stored(texts, label, path)
+        return tuple(str(text) for text in texts.asstr(errors="replace")[()])
+    if not row.dims:
+        return fields[0].number(row.unit)
+    parts = []
+    for each in fields:
+        factor, values = each.factor(row.unit), each.values()
+        values = values if factor == 1 else values.astype(np.float64) * factor
+        if not row.wide:
+            require_plausible(values, SI_QUANTITY[row.unit], each.label)
+        kept = values.dtype.isnative and values.dtype.kind + str(values.dtype.itemsize) in KEPT
+        parts.append(torch.from_numpy(values if kept else values.astype("f8" if values.dtype.kind == "f" else "i8")))
+    if any(part.shape != parts[0].shape for part in parts):
+        raise ValueError(f"{label} and its other part have shapes {[tuple(part.shape) for part in parts]}")
+    value = parts[0] if len(parts) == 1 else torch.complex(*parts)
+    if not row.wide and bool(torch.isinf(value).any()):
+        raise ValueError(f"{label} or its other part is infinite; restore the file")
+    if row.kind == "flag":
+        if not bool(((value == 0) | (value == 1)).all()):
+            raise ValueError(f"{label} holds other values than 0 and 1")
+        value = value.to(torch.bool)
+    if row.field == "frequency":
+        with naming(label):
+            value = frequency_tensor(value)
+    return value
+
+
+def read_attribute(owner: Any, key: str, hint: Any, path: str | Path) -> Any:
+    """A text as it is, all else from JSON, as ``hint`` says; None where there is none."""
+    text = text_attribute(owner, key)
+    if text is None or hint is str:
+        return text
+    try:
+        return _adapter(hint).validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = "".join(f"[{each!r}]" for each in first["loc"])
+        raise ValueError(f"{path}: attribute {key!r}{where} is {text[:40]!r}: {first['msg']}; repair it") from error
+
+
+_adapter = functools.cache(TypeAdapter)
+
+
+# Axes of files that others may have written
+
+
+def read_clock(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int, float]:
+    """Sampling rate (Hz), number of samples, and time of the first, s; as ``clocks.read_times``."""
+    return read_times(get_field(group, key, path))[:3]
+
+
+def read_coordinate(file: h5py.Group, key: str, shape: tuple[int, ...], path: str | Path) -> Any:
+    """x or z of probes, m; None if the file has none, or numbers its columns alone; as ``variables.coordinate``."""
+    if not is_there(file, key, path):
+        return None
+    return coordinate(get_field(file, key, path), 1 if not shape else shape[-1] if key == "x" else shape[0])

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchliner.file_checks import machine_memory, require_memory
-from torchliner.records.holes import Holes
+from torchliner.records.cells import Holes
 from torchliner.records.slabs import slab_bounds
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -16,7 +16,7 @@ from torchliner.checks import require_choice, tell, whole_number
 from torchliner.io.plane_format import Clock, Stored
 from torchliner.names import OVERLAPS
 from torchliner.records import VelocityPlane
-from torchliner.records.same_case import require_same_probes
+from torchliner.records.case import require_same_probes
 from torchliner.records.slabs import slab_bounds
 
 JOINED = "joined"  # in the provenance

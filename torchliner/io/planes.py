@@ -18,7 +18,7 @@ from torchliner.io.plane_parts import JOINED, join_planes, select
 from torchliner.io.points import require_velocity
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
-from torchliner.records.holes import Holes
+from torchliner.records.cells import Holes
 from torchliner.records.origin import series_of
 from torchliner.text_columns import read_lines, read_table
 from torchliner.units import si_factor

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 from torchliner.file_checks import Unwritten, naming
 from torchliner.fluid import Fluid
-from torchliner.io.axes import FLUID_UNITS
 from torchliner.io.clocks import read_times
+from torchliner.io.own_file import read_attribute
+from torchliner.io.own_writer import FLUID_UNITS
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.points import component_of, require_direction
-from torchliner.io.tables import FileKind
 from torchliner.io.variables import (
     Field,
     Fields,
@@ -30,12 +30,11 @@ from torchliner.io.variables import (
 )
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
+from torchliner.records.cells import Holes
 from torchliner.records.declared import variables_of
-from torchliner.records.holes import Holes
 from torchliner.units import SI_QUANTITY, si_factor
 
-ATTRIBUTES = {"title": "", "source_side": "unknown", "liner": "", "provenance": {}}
-KIND = FileKind("torchliner plane 1", "velocity plane", ATTRIBUTES)
+HEAD = {"title": str, "source_side": str, "liner": str, "provenance": dict[str, Any]}  # attributes of our files
 VELOCITY, STREAMWISE, AREA = "wall_normal_velocity", "streamwise_velocity", "area"
 HOLES = ("hole_x", "hole_z", "hole_diameter")
 STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
@@ -306,8 +305,8 @@ def find_places(
 def _case(source: Source, head: Field, velocity: Field) -> dict[str, Any]:
     """Attributes of the file; numbers of the case and the gas: variables, or attributes of velocity and file, in SI
     units or with a unit, "1.4 kHz"."""
-    found: dict[str, Any] = KIND.read_head(head, head.path)  # type: ignore[arg-type]  # it has attributes
-    found["title"] = found["title"] or head.path.stem
+    said = {key: read_attribute(head, key, hint, head.path) for key, hint in HEAD.items()}
+    found: dict[str, Any] = {"title": head.path.stem} | {key: value for key, value in said.items() if value}
     for name, unit in STATED.items():
         for where in dict.fromkeys((velocity.name.rpartition("/")[0], "")):
             each = source.fields.get(f"{where}/{name}")

@@ -17,17 +17,19 @@ import torch
 from torch import Tensor
 
 from torchliner.file_checks import naming, require_memory
-from torchliner.io.hdf5 import hold_open, is_there, text_attribute
-from torchliner.io.plane_format import Clock, Stored
-from torchliner.io.stored_values import (
+from torchliner.io.hdf5 import (
     PLAIN,
     Packing,
     fill_of,
+    hold_open,
+    is_there,
     packing_of,
     read_values,
     require_numbers,
     require_stored,
+    text_attribute,
 )
+from torchliner.io.plane_format import Clock, Stored
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.

@@ -27,10 +27,10 @@ from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
 from torchliner.pressure.tones import Parts, Tones
 from torchliner.records import ImpedanceMap, PointImpedances, PointUncertainty, PressureRecord, VelocityPlane
+from torchliner.records.case import require_same_run
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
-from torchliner.records.same_case import require_same_run
 from torchliner.tones import transfer_from_amplitudes
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)

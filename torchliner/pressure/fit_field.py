@@ -36,7 +36,7 @@ from torchliner.pressure.field_model import (
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
-from torchliner.records.drawn_impedance import fine_places
+from torchliner.records.wall_eduction import fine_places
 
 SAME = 1e-6  # relative, and m, of what line and case both state
 FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them

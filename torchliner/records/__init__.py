@@ -1,13 +1,12 @@
 """The records everything passes through."""
 
 from torchliner.records.burst_record import BurstRecord, ReferenceChannel
-from torchliner.records.educed import Educed, Interval, PointUncertainty
-from torchliner.records.holes import Holes
+from torchliner.records.cells import Holes
+from torchliner.records.educed import Educed, Interval, PointImpedances, PointUncertainty
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.level_check import Gap, LevelCheck
 from torchliner.records.microphone_line import MicrophoneLine
-from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.pressure_record import PressureRecord
 from torchliner.records.velocity_plane import StoredVelocity, VelocityPlane
 from torchliner.records.wall_eduction import FieldFit, WallEduction

@@ -64,7 +64,7 @@ class BurstRecord(Written, OfOneTone):
                         f"{self.name}: {label} has shape {tuple(tensor.shape)}; a list of at least one burst is needed"
                     )
                 object.__setattr__(self, label, tensor)
-        self._check_case()
+        check(self)
 
     @property
     def bursts(self) -> int:

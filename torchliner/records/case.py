@@ -1,22 +1,26 @@
-"""What is stated of a measurement or a result beside its numbers."""
+"""What is stated of a measurement or a result beside its numbers, and whether several records belong to one case."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, field
 from typing import Any
 
 from torch import Tensor
 
-from torchliner.checks import require_choice
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
-from torchliner.records.declared import check, part, record, var
+from torchliner.records.declared import part, record, var
 from torchliner.records.level_check import UNKNOWN, LevelCheck
 from torchliner.records.notes import Note
 
 LOUDEST = 194.0  # dB: one atmosphere rms
 QUIETEST = -126.0  # dB: its last digit in double precision
+SAME_PLACE = 1e-6  # m
+STATED = ("liner", "mach", "incident_level", "source_side")  # the same at all heights above one liner
+OF_ONE_PLANE = (*STATED, "height", "frequency", "holes")
+OF_ONE_RUN = ("frequency", "incident_level", "mach")
 
 
 @record
@@ -33,7 +37,7 @@ class Stated:
     _: KW_ONLY
     fluid: Fluid = field(default_factory=Fluid)
     mach: float | None = var(text="bulk Mach number, x counting along the flow", range="[0, 1)", default=None)
-    source_side: str = "unknown"
+    source_side: str = field(default="unknown", metadata={"choices": SOURCE_SIDES})
     reference: Mapping[str, complex] = field(default_factory=dict)
     title: str = ""
 
@@ -52,11 +56,6 @@ class Case(Stated):
     liner: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     name: str = "record"
-
-    def _check_case(self, *, tensors: bool = False) -> None:
-        """Refuse what no case has."""
-        check(self, tensors=tensors)
-        require_choice(f"{self.name}: source_side", self.source_side, SOURCE_SIDES)
 
 
 @record
@@ -98,3 +97,61 @@ class Found(Stated):
         if check is None:
             return str(self.choices.get("level_check", UNKNOWN))
         return f"off {check.known}, limit {check.limit:.2g} dB"
+
+
+def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False) -> None:
+    """Refuse two records that state different things.
+
+    Args:
+        first, other: planes or pressure records.
+        names: attributes that must agree, besides the case in the provenance.
+        remedy: last words of the message.
+        where_stated: let an attribute that one of them does not state pass.
+    Raises:
+        ValueError: they differ; what differs is named.
+    """
+    pairs = {name: (getattr(first, name), getattr(other, name)) for name in names}
+    pairs["case"] = (first.provenance.get("case"), other.provenance.get("case"))
+    for name, (mine, theirs) in pairs.items():
+        if mine != theirs and not (where_stated and None in (mine, theirs)):
+            raise ValueError(
+                f"{first.name} and {other.name} are not one case: {name} is {mine!r} and {theirs!r}; {remedy}"
+            )
+
+
+def require_same_run(plane: Any, record: Any) -> None:
+    """Refuse a pressure record that states another case, tone, level or flow than the plane."""
+    require_same_case(plane, record, OF_ONE_RUN, "name the pressure record of the same run", where_stated=True)
+
+
+def require_same_probes(first: Any, other: Any) -> None:
+    """Refuse files of one plane whose probes or stated case differ, by a ValueError that names what does."""
+    both = f"{first.name} and {other.name} cannot be joined"
+    if other.probe_shape != first.probe_shape:
+        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")
+    for name in ("x", "z"):
+        mine, theirs = getattr(first, name), getattr(other, name)
+        if (mine is None) != (theirs is None):
+            raise ValueError(f"{both}: one of them states no {name}")
+        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
+            raise ValueError(f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm")
+    require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
+
+
+def planes_by_height(planes: Sequence[Any]) -> list[Any]:
+    """The planes, lowest first.
+
+    Raises:
+        ValueError: no plane, one without a height, two at one height, or planes of several cases.
+    """
+    if not planes:
+        raise ValueError("no plane is given")
+    for plane in planes:
+        if plane.height is None:
+            raise ValueError(f"{plane.name} states no height; set 'height' (m) in the file, or convert with --height")
+    ordered = sorted(planes, key=lambda plane: plane.height)
+    for before, plane in itertools.pairwise(ordered):
+        if plane.height - before.height < SAME_PLACE:
+            raise ValueError(f"{before.name} and {plane.name} are both at {1e3 * plane.height:g} mm; give one another")
+        require_same_case(ordered[0], plane, STATED, "give the heights of one case")
+    return ordered

@@ -1,17 +1,19 @@
-"""Cells of a liner: which probes belong to which, and averages over them."""
+"""What a liner's facesheet is divided into: cells, which probes belong to which, averages over them; and its holes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.records.declared import var
-from torchliner.records.probes import AtProbes
+from torchliner.records.probes import AtProbes, finite_places
 
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
+WIDEST = 0.1  # m, no hole of a liner: a slip of units
 
 
 @dataclass(frozen=True)
@@ -59,16 +61,32 @@ class Cells:
 
 
 def sort_into_cells(plane: AtProbes, pitch: float | None) -> Cells:
-    """Cells of a plane, or of pressures on it: square tiles of side ``pitch`` (m) counted from the
-    liner's edge.
+    """Cells of a plane, or of pressures on it: square tiles of side ``pitch`` (m) counted from the liner's edge.
 
-    The edge is x = 0 (z = 0) if the probes begin before or within a pitch of it, else half a
-    spacing before the first probe. Tiles that probes span by less than 0.9 do not count, unless
-    there is no other. Without a pitch or without coordinates all probes are one cell.
+    The edge is x = 0 (z = 0) if the probes begin before or within a pitch of it, else half a spacing before the first
+    probe. Tiles that probes span by less than 0.9 do not count, unless there is no other. Without a pitch or without
+    coordinates all probes are one cell.
     """
-    x, z = plane.probe_coordinates()
-    column, x_centres = _tiles(x, pitch, plane.probes)
-    row, z_centres = _tiles(z, pitch, plane.probes)
+    tiles = []
+    for values in plane.probe_coordinates():
+        if values is None:
+            nowhere = torch.full((1,), torch.nan, dtype=torch.float64)
+            tiles.append((torch.zeros(plane.probes, dtype=torch.int64), nowhere))
+            continue
+        points = torch.unique(values)
+        spacing = float(points.diff().median()) if len(points) > 1 else 0.0
+        first, low, high = float(points[0]), float(points[0]) - spacing / 2, float(points[-1]) + spacing / 2
+        if pitch is None or high - low < (1 + WHOLE) * pitch:
+            centre = torch.tensor([(low + high) / 2], dtype=torch.float64)
+            tiles.append((torch.zeros(plane.probes, dtype=torch.int64), centre))
+            continue
+        start = pitch * math.floor(first / pitch + 1e-9) if first < pitch else low
+        index = torch.floor((values - start) / pitch + 1e-9).to(torch.int64)
+        edges = start + pitch * torch.arange(int(index.max()) + 1, dtype=torch.float64)
+        whole = (edges + pitch).clamp(max=high) - edges.clamp(min=low) >= WHOLE * pitch
+        number = torch.where(whole, whole.to(torch.int64).cumsum(0) - 1, -1)
+        tiles.append((number[index], (edges + pitch / 2)[whole]))
+    (column, x_centres), (row, z_centres) = tiles
     both = (column >= 0) & (row >= 0)
     tile = torch.where(both, row * len(x_centres) + column, torch.full_like(row, -1))
     filled, compact = torch.unique(tile[both], return_inverse=True)
@@ -77,21 +95,68 @@ def sort_into_cells(plane: AtProbes, pitch: float | None) -> Cells:
     return Cells(labels, x_centres[filled % len(x_centres)], z_centres[filled // len(x_centres)])
 
 
-def _tiles(values: Tensor | None, pitch: float | None, probes: int) -> tuple[Tensor, Tensor]:
-    nothing = torch.zeros(probes, dtype=torch.int64)
-    if values is None:
-        return nothing, torch.tensor([torch.nan], dtype=torch.float64)
-    points = torch.unique(values)
-    spacing = float(points.diff().median()) if len(points) > 1 else 0.0
-    low, high = float(points[0]) - spacing / 2, float(points[-1]) + spacing / 2
-    if pitch is None or high - low < (1 + WHOLE) * pitch:
-        return nothing, torch.tensor([(low + high) / 2], dtype=torch.float64)
-    first = float(points[0])
-    start = pitch * math.floor(first / pitch + 1e-9) if first < pitch else low
-    index = torch.floor((values - start) / pitch + 1e-9).to(torch.int64)
-    last = int(index.max())
-    edges = start + pitch * torch.arange(last + 1, dtype=torch.float64)
-    spanned = (edges + pitch).clamp(max=high) - edges.clamp(min=low)
-    whole = spanned >= WHOLE * pitch
-    renumbered = torch.where(whole, whole.to(torch.int64).cumsum(0) - 1, -1)
-    return renumbered[index], (edges + pitch / 2)[whole]
+@dataclass(frozen=True, repr=False)
+class Holes:
+    """Holes of a liner's facesheet, for figures: no impedance follows from them.
+
+    Args:
+        x, z: of the centres, m, (H,); no z for slits, which go all along it.
+        diameter: of round holes, or width along x of slits, m, (H,).
+    Raises:
+        ValueError: other numbers of values, none, not finite; a diameter beyond 0 to 0.1 m.
+    """
+
+    x: tuple[float, ...] = var("hole", unit="m", text="streamwise coordinate of the centre of a hole")
+    diameter: tuple[float, ...] = var("hole", unit="m", text="diameter of a hole, or width of a slit along x")
+    z: tuple[float, ...] | None = var("hole", unit="m", text="spanwise coordinate, likewise", default=None)
+
+    def __post_init__(self) -> None:
+        for label, value in vars(self).items():
+            if value is not None:
+                places = tuple(finite_places(value, label, "holes").tolist())
+                object.__setattr__(self, label, places)
+                if len(places) != len(self.x) or not places:
+                    raise ValueError(f"holes: {label} has {len(places)} values for {len(self.x)} holes")
+        for x, diameter in zip(self.x, self.diameter, strict=True):
+            if not 0 < diameter <= WIDEST:
+                raise ValueError(
+                    f"holes: diameter of the hole at x = {x:g} m is {diameter:g} m; it must be positive, and at most "
+                    f"{WIDEST:g} m: check its unit"
+                )
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def words(self) -> str:
+        """'2 slits, x = 6.2 to 18.7 mm'."""
+        kind = ("hole" if self.z is not None else "slit") + "s" * (len(self) > 1)
+        return f"{len(self)} {kind}, x = {1e3 * min(self.x):.4g} to {1e3 * max(self.x):.4g} mm"
+
+    def __repr__(self) -> str:
+        return f"Holes: {self.words}"
+
+    def __mul__(self, factor: float) -> Holes:
+        """All lengths times a factor."""
+        fields = (each and tuple(factor * one for one in each) for each in vars(self).values())
+        return Holes(*fields)  # type: ignore[arg-type]
+
+    def within(self, x: Tensor | None, z: Tensor | None) -> Holes | None:
+        """Those that touch the range of coordinates, m, of probes (None where unknown); None if none is left."""
+        kept, half = np.ones(len(self), bool), np.array(self.diameter) / 2
+        for own, at in ((self.x, x), (self.z, z)):
+            if own is not None and at is not None:
+                kept &= (own + half >= float(at.min())) & (own - half <= float(at.max()))
+        fields = (each and tuple(np.array(each)[kept].tolist()) for each in vars(self).values())
+        return Holes(*fields) if kept.any() else None  # type: ignore[arg-type]
+
+
+def merged_bands(holes: Holes) -> list[tuple[float, float]]:
+    """Stretches of x, m, that lie over some hole, in order: those that overlap are one."""
+    found: list[tuple[float, float]] = []
+    for low, high in sorted((x - size / 2, x + size / 2) for x, size in zip(holes.x, holes.diameter, strict=True)):
+        if found and low <= found[-1][1]:
+            found[-1] = found[-1][0], max(high, found[-1][1])
+        else:
+            found.append((low, high))
+    return found

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, replace
 from itertools import takewhile
 from typing import Any, TypeVar, dataclass_transform
 
 import torch
 
-from torchliner.checks import make_plain, require_complex
+from torchliner.checks import make_plain, require_choice, require_complex
 
-SEVERAL = ("probes", "columns", "rows", "draws", "facesheet", "backplate")  # may stand for several axes or none
+SEVERAL = ("probes", "columns", "rows", "draws", "facesheet", "backplate", "places")  # for several axes or none
 OF_TWO = {"part": (2,), "with_part": (2,)}  # dimensions of real and imaginary part
-PARTS = {"impedance": ("resistance", "reactance"), "complex": ("real", "imaginary")}
-LONG_NAMES = {"impedance": "normalised {}, {}", "complex": "{} part of the {}"}
 ANY = "(-inf, inf)"  # the range of what is finite
 Kind = TypeVar("Kind", bound=type)
 
@@ -30,10 +29,10 @@ class Variable:
         unit: SI, of record and file; the reader converts other units of the same quantity.
         dims: names of the axes, () for one number. "time", last in records, is first in files; those of ``SEVERAL``
             stand for what the ``axes`` of the record say.
-        kind: real, flag (0 and 1 in the file), text, complex (two variables ``_real`` and ``_imaginary``), impedance.
+        kind: real, flag (0 and 1 in the file), text or complex (two variables, ``_real`` and ``_imaginary``).
         text: what it is.
-        name: of the variable; default that of the field. That of an impedance has "{}" where those of its parts have
-            resistance and reactance.
+        name: of the variable; default that of the field. An impedance has "{}" where the names of its two variables
+            have resistance and reactance.
         optional: may be None in the record and absent from the file.
         wide: a sum, a bound or a quotient, which may be infinite or far from all that is measured.
         range: of the values of a record, such as "[0, 1)"; "" for any.
@@ -51,38 +50,29 @@ class Variable:
     range: str = ""
     attributes: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        if "{}" in self.name:
-            object.__setattr__(self, "kind", "impedance")
+    @property
+    def parts(self) -> dict[str, str]:
+        """Long names by name: of the variable, or of its real and its imaginary part."""
+        name = self.name or self.field
+        if "{}" in name:
+            return {name.format(part): f"normalised {part}, {self.text}" for part in ("resistance", "reactance")}
+        if self.kind == "complex":
+            return {f"{name}_{part}": f"{part} part of the {self.text}" for part in ("real", "imaginary")}
+        return {name: self.text}
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of the variable, or of its two parts."""
-        name = self.name or self.field
-        return tuple(name.format(part) if "{}" in name else f"{name}_{part}" for part in PARTS.get(self.kind, ())) or (
-            name,
-        )
-
-    @property
-    def long_names(self) -> tuple[str, ...]:
-        """Likewise."""
-        return tuple(LONG_NAMES[self.kind].format(part, self.text) for part in PARTS.get(self.kind, ())) or (self.text,)
-
-    def within(self, part: Part) -> Variable:
-        """The same in the file of the record that it is a part of."""
-        words = " ".join(filter(None, (self.text, part.text)))
-        dims = part.dims + tuple(name for dim in self.dims for name in part.axes.get(dim, (dim,)))
-        return dataclasses.replace(self, name=part.stem + (self.name or self.field), dims=dims, text=words)
+        return tuple(self.parts)
 
 
 @dataclass(frozen=True)
 class Part:
-    """How a record within a record stands in its file: its variables behind a stem, their axes behind others.
+    """How a record within a record stands in its file: what is put before the names of its variables and before their
+    axes, and behind what they are.
 
     Args:
-        stem: of names.  dims: axes before those of its own.  text: behind what its variables are.
-        axes: dimensions that names of its own stand for.
-        head: before the names of its attributes.
+        stem, dims, text: these.
         by: "averagings": a mapping, its values stacked along ``averaging``; "names": a mapping, the stem of each behind
             its key; "groups": one or several records, each in a group of its own; "": one record.
     """
@@ -90,20 +80,24 @@ class Part:
     stem: str = ""
     dims: tuple[str, ...] = ()
     text: str = ""
-    axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     by: str = ""
-    head: str = ""
 
-    def within(self, outer: Part, field: str) -> Part:
-        """The same, a field of a record that is a part itself."""
-        inner = Variable("", dims=self.dims, text=self.text, name=self.stem).within(outer)
-        head = f"{outer.head}{field}_"
-        return dataclasses.replace(self, stem=inner.name, dims=inner.dims, text=inner.text, head=head)
+    def row(self, own: Variable) -> Variable:
+        """A variable of the inner record as the file has it."""
+        words = " ".join(filter(None, (own.text, self.text)))
+        return replace(own, name=self.stem + (own.name or own.field), dims=self.dims + own.dims, text=words)
 
-    def named(self, name: str) -> Part:
-        """One of several by names; as measured, the averaging ``admittance`` needs none."""
-        stem, text = ("", "") if name == "admittance" else (f"{name.replace('-', '_')}_", f", averaging {name}")
-        return dataclasses.replace(self, stem=stem + self.stem, text=self.text + text)
+    def part(self, own: Part, key: str = "") -> Part:
+        """A record within the inner one; of several by names that of a key. As measured, averaging ``admittance``, it
+        needs none."""
+        text = " ".join(filter(None, (own.text, self.text)))
+        stem = self.stem + own.stem
+        if key not in ("", "admittance"):
+            stem, text = f"{key.replace('-', '_')}_{stem}", f"{text}, averaging {key}"
+        return Part(stem, self.dims + own.dims, text, own.by)
+
+
+WHOLE = Part()  # of a record that is a file, or a group of one, by itself
 
 
 def var(
@@ -122,18 +116,9 @@ def var(
     return field(default=default, metadata={"variable": about})
 
 
-def part(
-    stem: str = "",
-    *dims: str,
-    text: str = "",
-    by: str = "",
-    default: Any = MISSING,
-    default_factory: Any = MISSING,
-    **axes: tuple[str, ...],
-) -> Any:
+def part(stem: str = "", *dims: str, text: str = "", by: str = "", **default: Any) -> Any:
     """A field that is a record, or a mapping of records, by itself; see ``Part``."""
-    known: Any = {"default": default, "default_factory": default_factory}
-    return field(**known, metadata={"part": Part(stem, dims, text, axes, by)})
+    return field(**default, metadata={"part": Part(stem, dims, text, by)})
 
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(var, part, field))
@@ -149,48 +134,52 @@ def record(cls: Kind) -> Kind:
 
 
 def _words(row: Variable) -> str:
-    kind = {"impedance": "normalised impedance", "flag": "bool", "complex": "complex"}.get(row.kind, "")
+    kind = "normalised impedance" if "{}" in row.name else {"flag": "bool", "complex": "complex"}.get(row.kind, "")
     axes = f"({', '.join(row.dims)})" if row.dims else ""
     values = f"within {row.range}" if row.range not in ("", ANY) else ""
     return ", ".join(filter(None, (row.text, kind, "" if row.unit == "1" else row.unit, values, axes)))
 
 
-def variables_of(kind: type) -> list[Variable]:
-    """What the fields of a record are in its file, in order; those of its parts aside."""
-    return [
-        dataclasses.replace(each.metadata["variable"], field=each.name)
-        for each in dataclasses.fields(kind)
-        if "variable" in each.metadata
-    ]
+def _variables_of(kind: Any) -> tuple[Variable, ...]:
+    fields = dataclasses.fields(kind)
+    return tuple(replace(each.metadata["variable"], field=each.name) for each in fields if "variable" in each.metadata)
+
+
+def _parts_of(kind: Any) -> dict[str, Part]:
+    return {each.name: each.metadata["part"] for each in dataclasses.fields(kind) if "part" in each.metadata}
+
+
+# What the fields of a record are in its file, in order, those of its parts aside; and how the records within it stand
+# there, by field.
+variables_of: Callable[[Any], tuple[Variable, ...]] = functools.cache(_variables_of)
+parts_of: Callable[[Any], dict[str, Part]] = functools.cache(_parts_of)
 
 
 def table_of(kind: type, *names: str) -> tuple[Variable, ...]:
-    """Some of them, by field."""
+    """Some of the variables, by field."""
     return tuple(row for row in variables_of(kind) if row.field in names)
 
 
-def parts_of(kind: type, outer: Part) -> dict[str, Part]:
-    """Records within a record, by field."""
-    known = {each.name: each.metadata["part"] for each in dataclasses.fields(kind) if "part" in each.metadata}
-    return {name: own.within(outer, name) for name, own in known.items()}
+def facts_of(kind: Any) -> list[str]:
+    """Fields that are neither variables nor records: attributes of its file."""
+    return [each.name for each in dataclasses.fields(kind) if not {"variable", "part"} & {*each.metadata}]
 
 
-def flat(record: Any, part: Part | None = None, *, derived: bool = True) -> Iterator[tuple[Variable, Any]]:
+def flat(record: Any, part: Part = WHOLE, *, derived: bool = True) -> Iterator[tuple[Variable, Any]]:
     """Every variable of a record and of its parts as its file has it, and its value; ``derived``: what follows, too."""
-    part = part or Part()
     for row in (*variables_of(type(record)), *(getattr(record, "DERIVED", ()) if derived else ())):
         if (value := getattr(record, row.field)) is not None:
-            yield row.within(part), value
-    for name, inner in parts_of(type(record), part).items():
+            yield part.row(row), value
+    for name, own in parts_of(type(record)).items():
         value = getattr(record, name)
-        if inner.by == "averagings":
+        if own.by == "averagings":
             several = [*value.values()]
-            yield from flat(type(several[0]).stacked(several), inner, derived=derived)
-        elif inner.by == "names":
+            yield from flat(type(several[0]).stacked(several), part.part(own), derived=derived)
+        elif own.by == "names":
             for key, one in value.items():
-                yield from flat(one, inner.named(key), derived=derived)
-        elif inner.by == "" and dataclasses.is_dataclass(value):
-            yield from flat(value, inner, derived=derived)
+                yield from flat(one, part.part(own, key), derived=derived)
+        elif own.by == "" and value is not None:
+            yield from flat(value, part.part(own), derived=derived)
 
 
 def check(record: Any, *, tensors: bool = False) -> None:
@@ -201,63 +190,60 @@ def check(record: Any, *, tensors: bool = False) -> None:
         tensors: leave scalar tensors, through which derivatives may pass.
     Raises:
         TypeError: another kind of value.
-        ValueError: field, value, place and range are named.
+        ValueError: field, value, place and range are named; a text that is none of the ``choices`` of its field.
     """
     make_plain(record, tensors=tensors)
-    for row in variables_of(type(record)):
-        value = getattr(record, row.field)
-        if value is not None and row.range:
-            _require_range(row, torch.as_tensor(value).detach(), record.name)
-    require_shapes(record, record.name)
+    for each in dataclasses.fields(record):
+        if "choices" in each.metadata:
+            require_choice(f"{record.name}: {each.name}", getattr(record, each.name), each.metadata["choices"])
+    there = [(row, value) for row in variables_of(type(record)) if (value := getattr(record, row.field)) is not None]
+    for row, value in there:
+        if not row.range:
+            continue
+        low, high = (float(end) for end in row.range[1:-1].split(","))
+        values = torch.as_tensor(value).detach()
+        values = values.abs() if values.is_complex() else values
+        good = (values >= low if row.range[0] == "[" else values > low) & (
+            values <= high if row.range[-1] == "]" else values < high
+        )
+        if not bool(good.all()):
+            place = tuple((~good).nonzero()[0].tolist())
+            where = f" at {', '.join(map(str, place))} and {int((~good).sum()) - 1} more" if place else ""
+            unit = "" if row.unit == "1" else f" {row.unit}"
+            needed = "finite values are" if row.range == ANY else f"{row.range}{unit} is"
+            text = f" ({row.text})" if row.text else ""
+            number = f"{float(values[place]):g}{unit}{where}"
+            raise ValueError(f"{record.name}: {row.field} is {number}; {needed} needed{text}")
+    require_shapes(there, record.name)
 
 
-def _require_range(row: Variable, values: torch.Tensor, name: str) -> None:
-    low, high = (float(end) for end in row.range[1:-1].split(","))
-    real = values.abs() if values.is_complex() else values
-    above, below = (
-        real >= low if row.range[0] == "[" else real > low,
-        real <= high if row.range[-1] == "]" else real < high,
-    )
-    good = above & below
-    if bool(good.all()):
-        return
-    place = tuple((~good).nonzero()[0].tolist())
-    where = f" at {', '.join(map(str, place))} and {int((~good).sum()) - 1} more" if place else ""
-    number, unit = float(real[place]), "" if row.unit == "1" else f" {row.unit}"
-    needed = "finite values are" if row.range == ANY else f"{row.range}{unit} is"
-    text = f" ({row.text})" if row.text else ""
-    raise ValueError(f"{name}: {row.field} is {number:g}{unit}{where}; {needed} needed{text}")
+def require_shapes(
+    rows: Iterable[tuple[Variable, Any]], name: str, sizes: Mapping[str, tuple[int, ...]] = OF_TWO
+) -> None:
+    """Refuse values whose axes are not those that they say, or are longer than in the values before.
 
-
-def require_shapes(record: Any, name: str) -> None:
-    """Refuse fields whose axes are not those that they say, or are longer than in the fields before.
-
+    Args:
+        rows: variables with their values, as of ``flat``.
+        name: for messages.
+        sizes: lengths of dimensions that are known, () for those of no axis.
     Raises:
         TypeError: a real tensor where a complex one is meant.
         ValueError: a shape; what is needed is named.
     """
-    sizes: dict[str, tuple[int, ...]] = {**OF_TWO}
-    for row, value in flat(record, derived=False):
-        if row.dims:
-            if row.kind in PARTS:
-                require_complex(f"{name}: {row.field}", value)
-            shape = (len(value),) if isinstance(value, tuple | list) else tuple(value.shape)
-            require_shape(row, shape, sizes, f"{name}: {row.field}")
-
-
-def require_shape(row: Variable, shape: Sequence[int], sizes: dict[str, tuple[int, ...]], label: str) -> None:
-    """Each dimension has one length in all variables; ``sizes`` collects them, () for those of no axis.
-
-    Raises:
-        ValueError: this shape is another.
-    """
-    own = sum(dim not in SEVERAL for dim in row.dims)
-    free, at = len(shape) - own, 0
-    fits = free >= 0 and (free == 0 or own < len(row.dims))
-    for dim in row.dims if fits else ():
-        length = tuple(shape[at : at + (free if dim in SEVERAL else 1)])
-        at += len(length)
-        fits &= sizes.setdefault(dim, length) == length
-    if not fits:
-        needed = ", ".join(f"{'x'.join(map(str, sizes[dim]))} {dim}" if sizes.get(dim) else dim for dim in row.dims)
-        raise ValueError(f"{label} has shape {tuple(shape)}; ({needed}) is needed")
+    known = dict(sizes)
+    for row, value in rows:
+        if not row.dims:
+            continue
+        if row.kind == "complex" or "{}" in row.name:
+            require_complex(f"{name}: {row.field}", value)
+        shape = (len(value),) if isinstance(value, tuple | list) else tuple(value.shape)
+        own = sum(dim not in SEVERAL for dim in row.dims)
+        free, at = len(shape) - own, 0
+        fits = free >= 0 and (free == 0 or own < len(row.dims))
+        for dim in row.dims if fits else ():
+            length = shape[at : at + (free if dim in SEVERAL else 1)]
+            at += len(length)
+            fits &= known.setdefault(dim, length) == length
+        if not fits:
+            needed = ", ".join(f"{'x'.join(map(str, known[dim]))} {dim}" if known.get(dim) else dim for dim in row.dims)
+            raise ValueError(f"{name}: {row.field} has shape {shape}; ({needed}) is needed")

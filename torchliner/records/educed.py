@@ -1,4 +1,5 @@
-"""An educed impedance at some places, and how far it may be off because its record is finite."""
+"""An educed impedance at some places, how far it may be off because its record is finite; and impedances that another
+method found at points, cells and the whole liner."""
 
 from __future__ import annotations
 
@@ -9,8 +10,11 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from torchliner.checks import index_of_frequency
 from torchliner.conversions import absorption_from_reflection, admittance_from_reflection, impedance_from_reflection
-from torchliner.records.declared import Variable, part, record, var
+from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
+from torchliner.records.notes import Note
+from torchliner.records.outlets import Result
 
 STATISTICAL = "statistical (blocks of the record)"
 
@@ -46,21 +50,6 @@ class Interval:
     def joined(cls, parts: Sequence[Interval], axis: int = 0) -> Interval:
         """Several, one after another along an axis."""
         return cls(*(torch.cat(each, axis) for each in zip(*(vars(part).values() for part in parts), strict=True)))
-
-
-@record
-class PointUncertainty:
-    """Statistical intervals of ``PointImpedances``, in both orders of averaging.
-
-    Args:
-        settings: level, what was resampled, blocks.
-    """
-
-    cells: Interval = part("cell_", "cell", "frequency", text="of each cell")
-    cells_pressure_first: Interval = part("cell_pressure_first_", "cell", "frequency", text="of each cell, likewise")
-    liner: Interval = part("liner_", "frequency", text="of the whole surface")
-    liner_pressure_first: Interval = part("liner_pressure_first_", "frequency", text="of the whole surface, likewise")
-    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @record
@@ -123,3 +112,82 @@ class Educed:
             raise ValueError(f"{len(intervals)} of {len(several)} averagings have intervals; a file needs all or none")
         bounds = [torch.stack(each) for each in zip(*(vars(one).values() for one in intervals), strict=True)]
         return cls(torch.stack([each.reflection for each in several]), Interval(*bounds) if intervals else None)
+
+
+CELL = ("cell", "frequency")
+OVER_POINTS, FIRST = "from the admittance averaged over points", "pressure averaged first"
+
+
+@record
+class PointUncertainty:
+    """Statistical intervals of ``PointImpedances``, in both orders of averaging.
+
+    Args:
+        settings: level, what was resampled, blocks.
+    """
+
+    cells: Interval = part("cell_", "cell", "frequency", text="of each cell")
+    cells_pressure_first: Interval = part("cell_pressure_first_", "cell", "frequency", text="of each cell, likewise")
+    liner: Interval = part("liner_", "frequency", text="of the whole surface")
+    liner_pressure_first: Interval = part("liner_pressure_first_", "frequency", text="of the whole surface, likewise")
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@record
+class PointImpedances(Result):
+    """What stands beside an educed map: impedances by a method that replays nothing.
+
+    All impedances are normalised by rho c, exp(+j omega t), v into the liner; nan where a point belongs to no cell.
+
+    Args:
+        name: of the method, for legends and tables.
+        choices: every option.
+        notes: warnings, with numbers.
+        uncertainty: statistical intervals, because the record is finite; None without any.
+    """
+
+    name: str
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    cell_x: Tensor = var("cell", unit="m", text="streamwise coordinate of a cell, nan where unknown")
+    cell_z: Tensor = var("cell", unit="m", text="spanwise coordinate of a cell, likewise")
+    cell_impedance: Tensor = var(*CELL, name="cell_{}", wide=True, text=f"of each cell, {OVER_POINTS}")
+    cell_impedance_pressure_first: Tensor = var(
+        *CELL, name="cell_{}_pressure_first", wide=True, text=f"of each cell, {FIRST}"
+    )
+    liner_impedance: Tensor = var("frequency", name="liner_{}", wide=True, text=f"of the whole surface, {OVER_POINTS}")
+    liner_impedance_pressure_first: Tensor = var(
+        "frequency", name="liner_{}_pressure_first", wide=True, text=f"of the whole surface, {FIRST}"
+    )
+    coherence: Tensor = var(*CELL, text="squared coherence of the two pressures, mean over the points of a cell")
+    point_x: Tensor = var("point", unit="m", text="streamwise coordinate of a point, nan where unknown")
+    point_z: Tensor = var("point", unit="m", text="spanwise coordinate of a point, likewise")
+    point_impedance: Tensor = var("point", "frequency", name="point_{}", wide=True, text="at each point")
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[Note | str, ...] = ()
+    uncertainty: PointUncertainty | None = part(default=None)
+
+    SCHEMA: ClassVar = "torchliner points 1"
+    PLACES: ClassVar = {"points": ("point",), "cells": ("cell",), "liners": ()}
+    TOGETHER: ClassVar = True
+
+    def __post_init__(self) -> None:
+        require_shapes(flat(self, derived=False), self.name)
+
+    @property
+    def answer(self) -> Tensor:
+        """Z of the whole surface from the admittance averaged over points, (F,)."""
+        return self.liner_impedance
+
+    def bounds_of_liner(self, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
+        """Of the whole surface's statistical interval at one frequency; None without any. ``order``: "" for the
+        admittance averaged over points, "_pressure_first"."""
+        known = self.uncertainty
+        return None if known is None else getattr(known, f"liner{order}").bounds(index)
+
+    def at(self, frequency: float) -> int | None:
+        """Index of a frequency (Hz), None if it is not among these."""
+        return index_of_frequency(self.frequency, frequency)
+
+    def _answer(self) -> Any:
+        known = self.uncertainty
+        return (self.answer, None, None) if known is None else (self.answer, known.liner, known.settings.get("level"))

@@ -16,7 +16,7 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.records.case import Found
-from torchliner.records.declared import Variable, part, record, require_shapes, var
+from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
 from torchliner.records.educed import Interval
 from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
@@ -97,7 +97,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     station_notes: tuple[tuple[str, ...], ...] = ()
     average: LineAverage | None = part("line_", text="of the line", default=None)
     _: KW_ONLY
-    level_check: LevelCheck | None = part(places=("station",), default=None)
+    level_check: LevelCheck | None = part(default=None)
 
     DERIVED: ClassVar = (
         Variable("segment_impedance", dims=SEGMENT, name="segment_{}", text="of each segment"),
@@ -110,8 +110,13 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     PLACES: ClassVar = {"stations": ("station",)}
     PLOT: ClassVar = "torchliner.report.bursts:draw_lines"
 
+    @property
+    def axes(self) -> dict[str, tuple[str, ...]]:
+        """Dimensions of its file."""
+        return {"places": ("station",)}
+
     def __post_init__(self) -> None:
-        require_shapes(self, "line")
+        require_shapes(flat(self, derived=False), "line")
         for label in ("flags", "dropped", "station_notes"):
             if len(getattr(self, label)) != self.stations:
                 raise ValueError(f"{label} has {len(getattr(self, label))} values for {self.stations} stations")

@@ -13,12 +13,11 @@ from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import AVERAGINGS, resolve
 from torchliner.records.case import Found
+from torchliner.records.cells import Holes
 from torchliner.records.declared import Variable, part, record, var
-from torchliner.records.educed import Educed
-from torchliner.records.holes import Holes
+from torchliner.records.educed import Educed, PointImpedances
 from torchliner.records.level_check import LevelCheck, LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
-from torchliner.records.point_impedances import PointImpedances
 from torchliner.records.probes import probe_axes
 
 FULL = ("probes", "frequency")
@@ -70,7 +69,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Found):
     alongside: tuple[PointImpedances, ...] = part("alongside", by="groups", default=())
     holes: Holes | None = part("hole_", default=None)
     _: KW_ONLY
-    level_check: LevelCheck | None = part(places=("cell",), default=None)
+    level_check: LevelCheck | None = part(default=None)
     level_matched: LevelMatched | None = part("level_matched_", default=None)
 
     DERIVED: ClassVar = (
@@ -93,7 +92,7 @@ class ImpedanceMap(DrawnAtFrequency, Result, Found):
     @property
     def axes(self) -> dict[str, tuple[str, ...]]:
         """Dimensions of its file."""
-        return probe_axes(tuple(self.mean_velocity.shape))
+        return {**probe_axes(tuple(self.mean_velocity.shape)), "places": ("cell",)}
 
     @property
     def averagings(self) -> tuple[str, ...]:

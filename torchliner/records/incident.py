@@ -101,7 +101,7 @@ class Tones(ComplexTones):
             if value.numel() not in (1, count):
                 raise ValueError(f"{name} has {value.numel()} values for {count} tones; give one, or one for each")
             object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
-        shown = (_listed(self.frequency), _listed(self.amplitude), _listed(self.phase))
+        shown = map(_listed, (self.frequency, self.amplitude, self.phase))
         object.__setattr__(self, "label", "tones {} Hz, amplitude {}, phase {} rad".format(*shown))
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
@@ -143,11 +143,11 @@ class Sweep(_Banded):
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
-        frequency_tensor(self.high, sampling_rate)
         from scipy.signal import chirp  # its import takes half a second
 
+        frequency_tensor(self.high, sampling_rate)
         method: Any = self.spacing
-        times = (torch.arange(samples, dtype=torch.float64) / sampling_rate).numpy()
+        times = torch.arange(samples, dtype=torch.float64).numpy() / sampling_rate
         return torch.from_numpy(chirp(times, self.low, samples / sampling_rate, self.high, method=method, phi=-90.0))
 
 

@@ -33,20 +33,22 @@ class Gap:
         found = {name: float(value[place]) for name, value in vars(self).items()}
         return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
-    def verdict(self, limit: float, *place: int) -> str:
-        """``passes``, ``fails``, or ``inconclusive`` where the interval reaches back into the limit, dB (that of the
-        phase is as large an error of Z); "" where there is nothing to compare."""
-        words = []
-        for name, most in (("level", limit), ("phase", limit * DEGREES_PER_DB)):
-            value, low, high = (float(getattr(self, f"{name}{end}")[place]) for end in ("", "_low", "_high"))
-            if not math.isfinite(low + high):
-                low = high = value
-            if math.isfinite(value):
-                clear = low > most or high < -most
-                words.append(PASSES if abs(value) <= most else FAILS if clear else INCONCLUSIVE)
-            elif name == "level":
-                return ""
-        return next(word for word in (FAILS, INCONCLUSIVE, PASSES) if word in words)
+
+def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:
+    """From the complex ratio of implied to known pressure.
+
+    Args:
+        ratio: complex; nan where nothing is known.
+        ends: of the interval of its logarithm less that of the value (real part: nepers, imaginary part: rad); None
+            without one.
+        has_phase: whether its phase means anything.
+    """
+    nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
+    low, high = ends or (torch.complex(nothing, nothing),) * 2
+    level, per_neper = 20 * torch.log10(ratio.abs()), 20 / math.log(10)
+    phase = torch.rad2deg(ratio.angle()) if has_phase else nothing
+    of_level = (level + per_neper * low.real, level + per_neper * high.real)
+    return Gap(level, *of_level, phase, phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag))
 
 
 @record
@@ -76,8 +78,17 @@ class LevelCheck:
     cells: Gap = part("place_", "averaging", "places", "frequency", text="of each place")
 
     def verdict(self, averaging: str, index: int = 0) -> str:
-        """Of the whole plane at one frequency: see ``Gap.verdict``."""
-        return self.liner.verdict(self.limit, self.averagings.index(averaging), index)
+        """Of the whole at one frequency: ``passes``, ``fails``, or ``inconclusive`` where the interval reaches back
+        into the limit (that of the phase is as large an error of Z); "" where there is nothing to compare."""
+        here, found = self.liner.at(self.averagings.index(averaging), index), []
+        for name, most in (("level", self.limit), ("phase", self.limit * DEGREES_PER_DB)):
+            if (value := here[name]) is not None:
+                low, high = here[f"{name}_low"], here[f"{name}_high"]
+                low, high = (value, value) if low is None or high is None else (low, high)
+                found.append(PASSES if abs(value) <= most else FAILS if low > most or high < -most else INCONCLUSIVE)
+        if here["level"] is None:
+            return ""
+        return next(word for word in (FAILS, INCONCLUSIVE, PASSES) if word in found)
 
     @property
     def failed(self) -> bool:
@@ -101,7 +112,6 @@ class LevelCheck:
         verdict = self.verdict(averaging, index)
         if verdict in ("", PASSES):
             return ""
-        off = self.liner.at(self.averagings.index(averaging), index)["level"] or 0.0
         start = (
             f"level check at {frequency:g} Hz {'fails' if verdict == FAILS else 'is inconclusive'}, {averaging}: "
             f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}, beyond the limit of "
@@ -109,38 +119,21 @@ class LevelCheck:
         )
         if verdict == INCONCLUSIVE:
             return f"{start}, and the interval reaches back: take a longer record"
-        others = [each for each in self.averagings if self.verdict(each, index) == PASSES]
-        tried = (
-            f"{' and '.join(others)} passes: take it"
-            if others
-            else "no averaging passes: give a run without sound (--background), calibrate the model, check the level, "
-            "or take another height"
-        )
-        excluded = (
-            "The size is right, so it is the reactance of the model that is wrong"
-            if abs(off) <= self.limit
-            else "The velocity is not that of the cell, or the model is wrong, or the level is "
-            f"{float(self.pressure_level[index]) + off:.1f} dB, which Z and velocity imply"
-        )
+        off = float(self.liner.level[self.averagings.index(averaging), index])
+        excluded = "The size is right, so it is the reactance of the model that is wrong"
+        if abs(off) > self.limit:
+            excluded = (
+                "The velocity is not that of the cell, or the model is wrong, or the level is "
+                f"{float(self.pressure_level[index]) + off:.1f} dB, which Z and velocity imply"
+            )
+        passing = " and ".join(each for each in self.averagings if self.verdict(each, index) == PASSES)
+        tried = f"{passing} passes: take it"
+        if not passing:
+            tried = (
+                "no averaging passes: give a run without sound (--background), calibrate the model, check the level, "
+                "or take another height"
+            )
         return f"{start}. {excluded}; {tried}"
-
-
-def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:
-    """From the complex ratio of implied to known pressure.
-
-    Args:
-        ratio: complex; nan where nothing is known.
-        ends: of the interval of its logarithm less that of the value (real part: nepers,
-            imaginary part: rad); None without one.
-        has_phase: whether its phase means anything.
-    """
-    nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
-    low, high = ends or (torch.complex(nothing, nothing),) * 2
-    level, per_neper = 20 * torch.log10(ratio.abs()), 20 / math.log(10)
-    phase = torch.rad2deg(ratio.angle()) if has_phase else nothing
-    of_level = (level + per_neper * low.real, level + per_neper * high.real)
-    of_phase = (phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag))
-    return Gap(level, *of_level, phase, *of_phase)
 
 
 @record

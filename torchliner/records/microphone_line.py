@@ -14,10 +14,10 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, index_of_frequency, plain_array, plain_number, real_tensor, tell
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.records.case import LOUDEST, Case
-from torchliner.records.declared import ANY, record, var
+from torchliner.records.declared import ANY, check, record, var
+from torchliner.records.notes import unit_warnings
 from torchliner.records.outlets import Reported, Written
 from torchliner.records.probes import finite_places
-from torchliner.records.unit_checks import unit_warnings
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
@@ -52,14 +52,10 @@ class MicrophoneLine(Written, Reported, Case):
     frequency: Any = var("frequency", unit="Hz", text="frequency of the tone")
     _: KW_ONLY
     duct_height: float = var(unit="m", range="(0, inf)", text="from the liner to the opposite wall")
-    duct_width: float | None = var(
-        unit="m", range="(0, inf)", text="across; only for the cut-on of spanwise modes", default=None
-    )
+    duct_width: float | None = var(unit="m", range="(0, inf)", text="across, for spanwise modes", default=None)
     liner_start: float | None = var(unit="m", range=ANY, text="x of the liner's end upstream", default=None)
     liner_end: float | None = var(unit="m", range=ANY, text="x of the liner's end downstream", default=None)
-    wall_impedance: Any = var(
-        "frequency", name="wall_{}", default=None, text="of the liner; nan where unknown, or rigid"
-    )
+    wall_impedance: Any = var("frequency", name="wall_{}", default=None, text="of the liner, nan where unknown")
     coherence: Any = var("microphone", "frequency", text="squared, with the reference channel", default=None)
     notes: tuple[str, ...] = ()
     name: str = "microphones"
@@ -67,27 +63,29 @@ class MicrophoneLine(Written, Reported, Case):
     SCHEMA: ClassVar = "torchliner microphones 1"
 
     def __post_init__(self) -> None:
-        frequency, x, pressure = frequency_tensor(self.frequency), finite_places(self.x, "x", self.name), self.pressure
-        if not isinstance(pressure, Tensor):
-            pressure = torch.as_tensor(plain_array(pressure, f"{self.name}: pressure"))
-        if not pressure.is_complex():
+        frequency, x, p = frequency_tensor(self.frequency), finite_places(self.x, "x", self.name), self.pressure
+        p = p if isinstance(p, Tensor) else torch.as_tensor(plain_array(p, f"{self.name}: pressure"))
+        if not p.is_complex():
             raise TypeError(
-                f"{self.name}: pressure is {pressure.dtype}; complex amplitudes in Pa are needed. "
-                "For SPL in dB and phases in degrees use MicrophoneLine.from_levels"
+                f"{self.name}: pressure is {p.dtype}; complex amplitudes in Pa are needed. For SPL in dB and phases in "
+                "degrees use MicrophoneLine.from_levels"
             )
-        single = len(frequency) == 1 and pressure.shape[-1:] == x.shape
-        found = {"frequency": frequency, "x": x, "pressure": pressure[..., None] if single else pressure}
-        if self.wall_impedance is not None:
-            found["wall_impedance"] = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
-        if self.coherence is not None:
-            found["coherence"] = real_tensor(self.coherence)
+        single = len(frequency) == 1 and p.shape[-1:] == x.shape
+        wall, coherence = self.wall_impedance, self.coherence
+        found = {
+            "frequency": frequency,
+            "x": x,
+            "pressure": p[..., None] if single else p,
+            "wall_impedance": None if wall is None else torch.as_tensor(wall, dtype=torch.complex128),
+            "coherence": None if coherence is None else real_tensor(coherence),
+        }
         for label, value in found.items():
             object.__setattr__(self, label, value)
         back = (x.diff() <= 0).nonzero()
         if len(x) < 2 or len(back):
             where = f", but {1e3 * float(x[back[0]]):g} mm is not below the next" if len(back) else ""
             raise ValueError(f"{self.name}: x has {len(x)} microphones{where}; two or more, sorted by x, make a line")
-        self._check_case(tensors=True)
+        check(self, tensors=True)
         start, end = self.liner_start, self.liner_end
         if (start is None) != (end is None) or (start is not None and end is not None and start >= end):
             raise ValueError(f"{self.name}: liner_start is {start} m and liner_end {end} m; give both, start < end")
@@ -138,8 +136,7 @@ class MicrophoneLine(Written, Reported, Case):
     def stated_mach(self) -> float:
         """``mach`` as a plain number; ValueError where none is stated."""
         if self.mach is None:
-            how = "(mach = ... in the file, mach=, --mach): 0 says that there is no flow"
-            raise ValueError(f"{self.name} states no Mach number; give it {how}")
+            raise ValueError(f"{self.name} states no Mach number; give mach=, --mach, or mach = ... in the file")
         return plain_number(self.mach)
 
     @property
@@ -185,9 +182,8 @@ class MicrophoneLine(Written, Reported, Case):
         wanted = frequency_tensor(frequency).tolist()
         index = [index_of_frequency(self.frequency, each) for each in wanted]
         if None in index:
-            raise ValueError(
-                f"{self.name} has no {wanted[index.index(None)]:g} Hz; it holds {self.frequency.tolist()} Hz"
-            )
+            lost = wanted[index.index(None)]
+            raise ValueError(f"{self.name} has no {lost:g} Hz; it holds {self.frequency.tolist()} Hz")
         fields = {n: v[..., index] for n in ("wall_impedance", "coherence") if (v := getattr(self, n)) is not None}
         return replace(self, frequency=self.frequency[index], pressure=self.pressure[..., index], **fields)
 

@@ -1,8 +1,19 @@
-"""Warnings as objects: a code to act on, a text to read, and how much is at stake where that is known."""
+"""Warnings as objects, and those about units: metres like mm, Hz like kHz, levels like pascals, phases like radians."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+
+LOWEST_TONE, LOWEST_RATE = 20.0, 500.0  # Hz: below, no liner is tuned
+# m: what a liner's data may span, and lie above it; a boundary layer's displacement.
+LONGEST, HIGHEST, THICKEST = 20.0, 0.05, 0.1
+SAMPLES = 4.0  # of a period: fewer show no velocity
+LIKE_PASCALS = 20.0  # dB, below any duct's sound
+TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 
 
 @dataclass(frozen=True)
@@ -21,3 +32,69 @@ class Note:
 
     def __str__(self) -> str:
         return self.text
+
+
+def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
+    """Why numbers of a plane may be in other units than Hz, m and dB, or not be meant.
+
+    Args:
+        plane: a ``VelocityPlane``.
+        frequency: the lowest that is asked for, Hz; None if none is.
+    """
+    name, rate, spans = plane.name, plane.sampling_rate, []
+    for key in "xz":
+        if (at := getattr(plane, key)) is not None:
+            spans.append((f"{key} spans", float(at.max() - at.min()), 0.0, LONGEST, "m", "mm"))
+    checked = [
+        *spans,
+        ("the height is", plane.height, 0.0, HIGHEST, "m", "mm"),
+        ("displacement_thickness is", plane.displacement_thickness, 0.0, THICKEST, "m", "mm"),
+        ("the frequency is", frequency, LOWEST_TONE, math.inf, "Hz", "kHz"),
+        ("the sampling rate is", rate, LOWEST_RATE, math.inf, "Hz", "kHz"),
+        ("the incident level is", plane.incident_level, LIKE_PASCALS, math.inf, "dB", "pascals"),
+    ]
+    found = [
+        f"{name}: {what} {value:.4g} {unit}, {'above' if value > high else 'below'} {min(max(value, low), high):g} "
+        f"{unit}; are these {other}? SI units and dB re 20 uPa rms are needed"
+        for what, value, low, high, unit, other in checked
+        if value is not None and not low <= value <= high
+    ]
+    if frequency and rate < SAMPLES * frequency:
+        found.append(
+            f"{name}: {rate / frequency:.4g} samples a period of {frequency:.6g} Hz, below {SAMPLES:g}: check sampling "
+            "rate and frequency"
+        )
+    return found
+
+
+def height_warnings(plane: Any, cell_pitch: float | None) -> list[str]:
+    """Whether a plane lies too high above a liner of that cell pitch (m) to see its cells."""
+    if cell_pitch is None or plane.height is None or plane.height <= cell_pitch:
+        return []
+    return [
+        f"{plane.name} lies {1e3 * plane.height:.4g} mm above the liner, more than its cell pitch of "
+        f"{1e3 * cell_pitch:.4g} mm: the velocity of the cells is hardly seen there"
+    ]
+
+
+def unit_warnings(name: str, level: Tensor, phase: Tensor, waves_per_metre: Tensor, length: float) -> tuple[str, ...]:
+    """Why the units of a table may not be what they should be.
+
+    Args:
+        name: of the record.
+        level: dB.  phase: degrees, of the same shape, (..., N, F).
+        waves_per_metre: f/c, 1/m, (F,).
+        length: between the outermost microphones, m.
+    """
+    found, loudest = [], float(level.max())
+    if loudest < LIKE_PASCALS:
+        found.append(
+            f"{name}: the highest level is {loudest:.3g} dB; are these pascals? SPL in dB re 20 uPa rms is needed"
+        )
+    largest, most = float(phase.abs().max()), 2 * math.pi * float(waves_per_metre.max()) * length
+    if largest <= 2 * math.pi and most > TURN:
+        found.append(
+            f"{name}: no phase is beyond {largest:.3g}, while a plane wave turns by {math.degrees(most):.0f} degrees; "
+            "are these radians? Degrees are needed"
+        )
+    return tuple(found)

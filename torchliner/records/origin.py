@@ -13,7 +13,8 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from decimal import Decimal
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -28,33 +29,27 @@ SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtr", ".vtm", ".v
 NUMBER = re.compile(r"(.*?)(\d+(?:\.\d+)?(?:[eE][-+]\d{1,3})?)")  # plane_0.0012, plane_1.2e-03
 COUNTER = re.compile(r"(.*?)(\d+)")
 FAR = 10  # steps between two frames of what is no one series
-Series = dict[str, dict[Path, Decimal]]
 State = tuple[tuple[str, int, int, int], ...]  # of files: name, bytes, time of change, inode
 Result = TypeVar("Result", bound=Any)
 
 
-def numbered_series(folder: Path, endings: Collection[str]) -> Series:
+def numbered_series(folder: Path, endings: Collection[str]) -> dict[str, dict[Path, Decimal]]:
     """Files with a number at the end of their names, by the name before it, in its order.
 
     A decimal is one number, as where names tell times: t_0.9 and t_1.0 are of one series. y1.001, y1.002, y2.001,
     y2.002 are of two: read as decimals they would leave far gaps.
     """
-    found = _by_name(NUMBER, (each for each in folder.iterdir() if each.suffix in endings))
+
+    def by_name(pattern: re.Pattern[str], files: Iterable[Path]) -> dict[str, dict[Path, Decimal]]:
+        rows = [(part[1], Decimal(part[2]), each) for each in files if (part := pattern.fullmatch(each.stem))]
+        return {name: {each: n for _, n, each in own} for name, own in groupby(sorted(rows), key=itemgetter(0))}
+
+    found = by_name(NUMBER, (each for each in folder.iterdir() if each.suffix in endings))
     for name, files in [*found.items()]:
-        numbers = [*files.values()]
-        steps = sorted(high - low for low, high in pairwise(numbers))
+        steps = sorted(high - low for low, high in pairwise(files.values()))
         if steps and steps[-1] > FAR * steps[0]:
             del found[name]
-            found |= _by_name(COUNTER, files)
-    return found
-
-
-def _by_name(pattern: re.Pattern[str], files: Iterable[Path]) -> Series:
-    """Files by what stands before their number, sorted by it."""
-    rows = [(part[1], Decimal(part[2]), each) for each in files if (part := pattern.fullmatch(each.stem)) is not None]
-    found: Series = {}
-    for name, number, each in sorted(rows):
-        found.setdefault(name, {})[each] = number
+            found |= by_name(COUNTER, files)
     return found
 
 
@@ -69,13 +64,6 @@ def series_of(path: Path) -> list[Path]:
         series = numbered_series(path.parent, (path.suffix,)).values()
         found = {each for files in series if path in files for each in files}
     return sorted({path} | {each for each in found if each.is_file()})
-
-
-def named_file(name: str) -> Path | None:
-    """The file of a record's name, FILE or FILE:/dataset; None where there is none of that name."""
-    text, inside, _ = name.partition(":/")
-    # A folder holds a record only where something in it is named: "velocity" is a name of others.
-    return Path(text) if os.path.isfile(text) or (inside and os.path.isdir(text)) else None
 
 
 def state_of(path: Path) -> State:
@@ -95,21 +83,16 @@ def input_file(what: str, path: str | Path) -> dict[str, Any]:
     files = [(name, size) for name, size, *_ in state_of(Path(path))]
     total = sum(size for _, size in files)
     if len(files) == 1 and total <= BLOCKS * BLOCK:
-        with open(files[0][0], "rb") as file:
-            return {
-                "what": what,
-                "name": str(path),
-                "bytes": total,
-                "hash": hashlib.file_digest(file, "sha256").hexdigest(),
-            }
-    names = [(os.path.basename(name) if len(files) > 1 else "", size) for name, size in files]
-    found = hashlib.sha256(repr(names).encode())
-    each = max(2, BLOCKS // max(1, len(files)))  # blocks of a file, first and last among them
-    for name, size in files[:: 1 + 2 * len(files) // BLOCKS]:
-        with open(name, "rb") as file:
-            for place in range(each):
-                file.seek(max(0, size - BLOCK) * place // (each - 1))
-                found.update(file.read(BLOCK))
+        found = hashlib.sha256(Path(files[0][0]).read_bytes())
+    else:
+        names = [(os.path.basename(name) if len(files) > 1 else "", size) for name, size in files]
+        found = hashlib.sha256(repr(names).encode())
+        each = max(2, BLOCKS // max(1, len(files)))  # blocks of a file, first and last among them
+        for name, size in files[:: 1 + 2 * len(files) // BLOCKS]:
+            with open(name, "rb") as file:
+                for place in range(each):
+                    file.seek(max(0, size - BLOCK) * place // (each - 1))
+                    found.update(file.read(BLOCK))
     return {"what": what, "name": str(path), "bytes": total, "hash": found.hexdigest()}
 
 
@@ -123,13 +106,18 @@ def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str,
     """For the ``choices`` of a result: ``inputs``, ``versions`` and what else is given.
 
     Args:
-        named: what an input is and its name; names that are no files are of data in memory.
+        named: what an input is and its name, FILE or FILE:/dataset; names that are no files are of data in memory.
         more: values that are kept where they are not None.
     """
-    files = [(what, path) for what, name in named if (path := named_file(str(name))) is not None]
+    files: dict[tuple[str, str], None] = {}
+    for what, name in named:
+        text, inside, _ = str(name).partition(":/")
+        # A folder holds a record only where something in it is named: "velocity" is a name of others.
+        if os.path.isfile(text) or (inside and os.path.isdir(text)):
+            files[what, text] = None
     versions = {"torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()}
     return {
-        "inputs": [input_file(what, path) for what, path in dict.fromkeys(files)],
+        "inputs": [input_file(what, path) for what, path in files],
         "versions": {"torchliner": __version__, **versions},
         **{key: value for key, value in more.items() if value is not None},
     }

@@ -17,7 +17,6 @@ from torchliner.checks import index_of_frequency
 from torchliner.names import resolve
 from torchliner.records.declared import variables_of
 
-Facts = list[tuple[str, str]]
 MOST = 12  # rows of a notebook's table
 UNSAID = ("frequency", "columns", "rows")  # dimensions
 
@@ -32,32 +31,31 @@ class Summarised:
     def _heading(self) -> str:
         """'ImpedanceMap 'title': 2 x 3 probes, 1 cell, 1400 Hz'."""
         of: Any = getattr(self, "plane", self)
-        title = f" {of.title!r}" if getattr(of, "title", "") else ""
-        rows = [(row.dims[0], getattr(of, row.field)) for row in variables_of(type(of)) if len(row.dims) == 1]
-        sizes = {dim: tuple(each.shape) for dim, each in rows if isinstance(each, Tensor) and dim not in UNSAID}
+        fields = {row.dims[0]: getattr(of, row.field) for row in variables_of(type(of)) if len(row.dims) == 1}
+        sizes = {dim: each.shape for dim, each in fields.items() if isinstance(each, Tensor) and dim not in UNSAID}
         if hasattr(of, "probe_shape"):
             sizes = {"probe": of.probe_shape}
-        words = [_count(shape, dim.removesuffix("s")) for dim, shape in sizes.items()]
+        words = []
+        for dim, shape in sizes.items():
+            count = " x ".join(map(str, shape)) or "1"
+            words.append(f"{count} {dim.removesuffix('s')}{'' if count == '1' else 's'}")
         if hasattr(of, "sampling_rate"):
             words.append(f"{of.samples} samples at {of.sampling_rate:g} Hz")
         if isinstance(f := of.frequency, Tensor):
             several = f"{len(f)} frequencies, {float(f.min()):g} to " if len(f) > 1 else ""
             words.append(f"{several}{float(f.max()):g} Hz")
+        title = f" {of.title!r}" if getattr(of, "title", "") else ""
         return f"{type(self).__name__}{title}: {', '.join(words)}"
 
-    def _facts(self) -> Facts:
+    def _facts(self) -> list[tuple[str, str]]:
         """Z at each frequency, with the bounds of its interval, or what is stated."""
         of: Any = getattr(self, "plane", self)
         if (known := self._answer()) is None:
-            stated = [(row, getattr(of, row.field)) for row in variables_of(type(of)) if not row.dims]
-            return [
-                *((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))),
-                *(
-                    (row.field, f"{float(each):g} {row.unit}".removesuffix(" 1"))
-                    for row, each in stated
-                    if each is not None
-                ),
-            ]
+            named = [(name, getattr(of, name, "")) for name in ("liner", "source_side")]
+            units = {row.field: row.unit.removeprefix("1") for row in variables_of(type(of)) if not row.dims}
+            stated = [(name, getattr(of, name), unit) for name, unit in units.items()]
+            numbers = [(name, f"{float(each):g} {unit}".strip()) for name, each, unit in stated if each is not None]
+            return [fact for fact in (*named, *numbers) if fact[1]]
         impedance, interval, level = known
         texts = [f"Z = {z:.3f}" for z in impedance.tolist()]
         if interval is not None and level is not None:
@@ -119,12 +117,12 @@ class Result(Written, Reported):
     TOGETHER: ClassVar = False
 
     def to_xarray(self) -> Any:
-        """``xarray.Dataset`` (extra ``xarray``) with coordinates, units and long names: what ``xarray.open_dataset``
-        shows of the file, and the complex values."""
+        """``xarray.Dataset`` with coordinates, units and long names: what ``xarray.open_dataset`` shows of the file,
+        and the complex values."""
         return resolve("torchliner.io.own_writer:to_xarray")(self)
 
     def to_dataframe(self, of: str | None = None) -> Any:
-        """``pandas.DataFrame`` (extra ``xarray``) with one row a place and frequency; headings as in CSV.
+        """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV.
 
         Args:
             of: ``probes`` (default) or ``cells`` of a map; ``stations`` of a line; ``points``, ``cells`` or
@@ -143,8 +141,7 @@ class Drawn(Written):
 
         Args:
             path: picture to write.
-            ax: axes to draw into, one for each panel, or one for the first panel alone; default a
-                new figure.
+            ax: axes to draw into, one for each panel, or one for the first panel alone; default a new figure.
         Returns:
             The matplotlib figure (extra ``report``), which a notebook shows; the axes, where they were given.
         """
@@ -169,9 +166,3 @@ class DrawnAtFrequency(Drawn):
             known = ", ".join(f"{each:g}" for each in self.frequency.tolist())
             raise ValueError(f"frequency is {frequency:g} Hz; the record has {known} Hz")
         return self._draw(path, ax, frequency_index=index)
-
-
-def _count(shape: tuple[int, ...], noun: str) -> str:
-    """'2 x 3 probes'."""
-    count = " x ".join(map(str, shape)) or "1"
-    return f"{count} {noun}{'' if count == '1' else 's'}"

@@ -64,7 +64,6 @@ class PressureRecord(Written, AtProbes):
     name: str = "pressure"
 
     SCHEMA: ClassVar = "torchliner pressure 1"
-    FILE: ClassVar = "torchliner.io.pressure_file:write_pressure"
 
     def __post_init__(self) -> None:
         for label, unit in SIGNALS.items():
@@ -99,7 +98,7 @@ class PressureRecord(Written, AtProbes):
             object.__setattr__(self, "microphone_y", finite_places(places, "microphone_y", self.name))
         if self.probe_cell is not None:
             self._check_cells()
-        self._check_case()
+        self._check()
 
     def _check_cells(self) -> None:
         labels = torch.as_tensor(plain_array(self.probe_cell, f"{self.name}: probe_cell"))

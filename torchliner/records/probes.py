@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_array, real_tensor, require_positive
 from torchliner.records.case import OfOneTone
-from torchliner.records.declared import record, var
+from torchliner.records.declared import check, record, var
 from torchliner.units import require_plausible
 
 
@@ -31,19 +32,22 @@ class AtProbes(OfOneTone):
     x: Any = var("columns", unit="m", default=None, text="streamwise coordinate, of each column or probe")
     z: Any = var("rows", unit="m", text="spanwise coordinate, of each row or probe", default=None)
 
-    def _check_case(self, *, tensors: bool = False) -> None:
+    UNSAID: ClassVar = ("sampling_rate", "start", "name")  # in its file: times and the file's name
+
+    def _check(self) -> None:
+        """Coordinates as tensors; refuse what no such record has."""
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
         shape = self.probe_shape
         for label in ("x", "z"):
-            if getattr(self, label) is not None:
-                values = finite_places(getattr(self, label), label, self.name)
-                wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
+            if (value := getattr(self, label)) is not None:
+                values = finite_places(value, label, self.name)
+                wanted = math.prod(shape) if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
                 if len(values) != wanted:
                     raise ValueError(
                         f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need {wanted}"
                     )
                 object.__setattr__(self, label, values)
-        super()._check_case(tensors=tensors)
+        check(self)
 
     @property
     def samples(self) -> int:
@@ -58,7 +62,7 @@ class AtProbes(OfOneTone):
     @property
     def probes(self) -> int:
         """Number of probes; 1 without probe axes."""
-        return int(np.prod(self.probe_shape, dtype=np.int64))
+        return math.prod(self.probe_shape)
 
     @property
     def duration(self) -> float:
@@ -112,15 +116,6 @@ def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
     return value
 
 
-def _require_plain(value: Any, label: str, unit: str) -> None:
-    """Refuse an array whose axes, sign and unit are said beside its numbers, where they would go by unseen."""
-    if hasattr(value, "dims") or hasattr(value, "dimensions"):
-        raise TypeError(
-            f"{label} is a {type(value).__name__} whose axes have names; read a plane by VelocityPlane.from_xarray, or "
-            f"give its plain values, time last, in {unit}"
-        )
-
-
 def finite_places(value: Any, label: str, name: str) -> Tensor:
     """Coordinates as float64, (N,), a copy: the caller may fill his array again.
 
@@ -134,3 +129,12 @@ def finite_places(value: Any, label: str, name: str) -> Tensor:
         raise ValueError(f"{name}: {label} holds values that are not finite")
     require_plausible(values.numpy(), "length", f"{name}: {label}")
     return values
+
+
+def _require_plain(value: Any, label: str, unit: str) -> None:
+    """Refuse an array whose axes, sign and unit are said beside its numbers, where they would go by unseen."""
+    if hasattr(value, "dims") or hasattr(value, "dimensions"):
+        raise TypeError(
+            f"{label} is a {type(value).__name__} whose axes have names; read a plane by VelocityPlane.from_xarray, or "
+            f"give its plain values, time last, in {unit}"
+        )

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor, require_positive, stated_frequency, tell
 from torchliner.names import resolve
+from torchliner.records.cells import Holes
 from torchliner.records.declared import part, record, var
-from torchliner.records.holes import Holes
 from torchliner.records.outlets import Drawn
 from torchliner.records.probes import AtProbes, signal_tensor
 from torchliner.records.slabs import Reader
@@ -69,10 +69,10 @@ class VelocityPlane(Drawn, AtProbes):
             )
         if self.area is not None:
             area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
+            object.__setattr__(self, "area", area)
             if len(area) != self.probes:
                 raise ValueError(f"{self.name}: area has {len(area)} values; {self.probes} are needed")
-            object.__setattr__(self, "area", area)
-        self._check_case()
+        self._check()
         if self.holes is not None:
             if not isinstance(self.holes, Holes) or (inside := self.holes.within(self.x, self.z)) is None:
                 raise ValueError(
@@ -137,16 +137,17 @@ class VelocityPlane(Drawn, AtProbes):
         require_positive("velocity scale", velocity)
         loaded, per_time = self.load(), velocity / length
         factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
-        factors |= {"area": length**2, "sampling_rate": per_time, "frequency": per_time, "start": 1 / per_time}
-        factors |= {"velocity": velocity, "streamwise": velocity}
-        known = {name: (getattr(loaded, name), factor) for name, factor in factors.items()}
+        factors |= dict.fromkeys(("sampling_rate", "frequency"), per_time) | {"start": 1 / per_time}
+        factors |= {"area": length**2, "velocity": velocity, "streamwise": velocity}
+        scaled = {
+            name: each * factor for name, factor in factors.items() if (each := getattr(loaded, name)) is not None
+        }
         level = self.incident_level if velocity == 1 else None
         if level != self.incident_level:
             tell(
                 f"{self.name}: incident_level, {self.incident_level:g} dB, is that of the velocities before they were "
                 "scaled and is left out; state incident_level=... of those after"
             )
-        scaled = {name: value * factor for name, (value, factor) in known.items() if value is not None}
         return replace(loaded, incident_level=level, **scaled)
 
     def load(self) -> VelocityPlane:

@@ -1,20 +1,211 @@
-"""Impedance out: from pressures along a wall, with the wavenumbers behind it."""
+"""Impedance out: from pressures along a wall, with the waves behind it, and what draws of the errors say of it."""
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY
-from typing import ClassVar
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, field
+from pathlib import Path
+from typing import Any, ClassVar
 
 import torch
+from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
-from torchliner.records.declared import Variable, record, require_shapes, var
-from torchliner.records.drawn_impedance import EACH, DrawnImpedance, fine_places
+from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.names import resolve
+from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
+from torchliner.records.microphone_line import DRAWN, MicrophoneLine
+from torchliner.records.notes import Note
+from torchliner.records.outlets import Reported, Written
 
+FINE = 201  # places of a level along the microphones
+LEVEL = 0.95  # of the interval in the file
+INTERVAL = f"{100 * LEVEL:g} % statistical interval"
+EACH = ("draws", "frequency")
 WAVES = ("draws", "wave", "frequency")
-MICROPHONES = ("draws", "microphone", "frequency")
-PLACES = ("draws", "place", "frequency")
-SINGULAR = ("draws", "singular_value", "frequency")
+
+
+@record
+class DrawnImpedance(Written, Reported):
+    """Statistics over ``draws``, which all eductions from microphones share; nan where nothing was found or is known.
+
+    Args:
+        method: for tables and legends.
+        source_side: ``upstream`` or ``downstream``.
+        draws: the same eduction over draws of the microphones' errors, (D, ..., F); None without.
+        choices: every option; ``level_error`` and ``phase_error`` are the errors that were assumed.
+        notes: warnings, with numbers.
+        line: microphones that were used; None where the method does not keep them, which files and pages need.
+    """
+
+    _: KW_ONLY
+    method: str
+    frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
+    x: Tensor = var("microphone", unit="m", text="microphones that were used")
+    impedance: Tensor = var(*EACH, name="{}", text="v into the liner")
+    residual: Tensor = var(*EACH, text="rms of what is left over that of the pressures")
+    source_side: str
+    draws: DrawnImpedance | None = part("draws", by="groups", default=None)
+    choices: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[Note | str, ...] = ()
+    line: MicrophoneLine | None = part("microphones", by="groups", default=None)
+    covariance: Tensor | None = var(
+        *EACH, "part", "with_part", wide=True, default=None, text="covariance of resistance and reactance"
+    )
+    freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
+    misfit: Tensor | None = var(
+        *EACH, default=None, text="squared residual over that of the assumed errors, 1 where all is right"
+    )
+
+    DERIVED: ClassVar[tuple[Variable, ...]] = (
+        Variable("low", "1", ("frequency",), name="{}_low", text=f"lower bound, {INTERVAL}"),
+        Variable("high", "1", ("frequency",), name="{}_high", text=f"upper bound, {INTERVAL}"),
+        Variable("deviation", "1", ("frequency",), name="{}_deviation", text="standard deviation, or to first order"),
+    )
+    GROUPS: ClassVar = ("torchliner wall 1", "eduction")  # schema of a file of several, name of each
+
+    @property
+    def axes(self) -> dict[str, tuple[str, ...]]:
+        """Dimensions of its file."""
+        return {"draws": ("draw",) * (self.impedance.ndim - 1)}
+
+    @property
+    def source_line(self) -> MicrophoneLine:
+        """``line``, of one case, for files and pages; a ValueError where none was kept, or several, as of draws."""
+        if self.line is None:
+            raise ValueError(f"{self.method}: the line of microphones was not kept; a file or a page needs it")
+        if self.impedance.ndim != 1:
+            raise ValueError(
+                f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a page has one"
+            )
+        return self.line
+
+    def write(self, path: str | Path, *others: DrawnImpedance) -> None:
+        """Write one netCDF-4 file (.h5, .hdf5, .nc) that ``read_wall`` and a report take, ``others`` behind it; errors
+        as of ``Written.write`` and ``source_line``."""
+        _ = [one.source_line for one in (self, *others)]
+        resolve("torchliner.io.own_writer:write_several")((self, *others), path)
+
+    def report(self, path: str | Path, *others: DrawnImpedance) -> None:
+        """Write one self-contained HTML page, ``others`` beside it; as ``Reported.report``."""
+        resolve(self.PAGE)(self, path, *others)
+
+    def _answer(self) -> Any:
+        return (self.impedance, None, None) if self.impedance.ndim == 1 else None
+
+    def fitted_along(self) -> tuple[Tensor, Tensor]:
+        """Places along the microphones, m, (X,), and the fitted pressure, peak, Pa, (..., X, F)."""
+        raise NotImplementedError
+
+    def level_along(self) -> tuple[Tensor, Tensor]:
+        """Places along the microphones, m, (X,), and the fitted SPL, dB, (..., X, F)."""
+        places, pressure = self.fitted_along()
+        return places, spl_from_pressure_amplitude(pressure)
+
+    @property
+    def error_scale(self) -> Tensor:
+        """Of the errors used over those assumed, (..., F): the root of the misfit where that is above
+        ``choices["largest_misfit"]``, else 1."""
+        if self.misfit is None:
+            return torch.ones_like(self.impedance.real)
+        return torch.where(self.misfit > self.choices.get("largest_misfit", 1.0), self.misfit, 1.0).sqrt()
+
+    @property
+    def used_errors(self) -> tuple[Tensor, Tensor]:
+        """Standard deviations in level, dB, and in phase, degrees, that the draws have, (..., F)."""
+        level, phase = (self.choices.get(name, torch.nan) for name in ("level_error", "phase_error"))
+        return level * self.error_scale, phase * self.error_scale
+
+    @property
+    def estimated(self) -> Tensor:
+        """Where ``covariance`` comes from residuals, not from errors that were stated, (..., F)."""
+        return torch.ones_like(self.impedance.real, dtype=torch.bool)
+
+    @property
+    def drawn(self) -> Tensor:
+        """Impedances of the draws, (D, ..., F), nan where there is none; a ValueError without draws."""
+        if self.draws is None:
+            raise ValueError(f"{self.method}: no draws were made; educe with draws=500")
+        found = self.draws.impedance
+        return torch.where(torch.isfinite(found), found, complex(torch.nan, torch.nan))
+
+    @property
+    def mean(self) -> Tensor:
+        """Mean impedance of the draws that have one, (..., F)."""
+        return torch.complex(self.drawn.real.nanmean(0), self.drawn.imag.nanmean(0))
+
+    @property
+    def standard_deviation(self) -> Tensor:
+        """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
+        return deviation(self.drawn)
+
+    @property
+    def failed(self) -> Tensor:
+        """How many draws have no impedance, (..., F)."""
+        return torch.isnan(self.drawn.real).sum(0)
+
+    @property
+    def standard_error(self) -> Tensor:
+        """Of resistance (real part) and reactance (imaginary part), (..., F); without draws. A ValueError where no
+        covariance is known."""
+        if self.covariance is None:
+            raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")
+        spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
+        return torch.complex(spread[..., 0], spread[..., 1])
+
+    def interval(self, level: float = LEVEL) -> tuple[Tensor, Tensor]:
+        """Bounds of a statistical interval: real parts bound R, imaginary parts X.
+
+        The middle ``level`` of the draws; without draws Student's interval, or the normal one of stated errors, to
+        first order.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
+        share = (1 + level) / 2
+        if self.draws is None:
+            student = float(ndtri(share) if self.freedom is None else stdtrit(self.freedom, share))
+            away = torch.where(self.estimated, student, float(ndtri(share))) * self.standard_error
+            return self.impedance - away, self.impedance + away
+        parts = (self.drawn.real, self.drawn.imag)
+        low, high = (torch.complex(*(part.nanquantile(end, 0) for part in parts)) for end in (1 - share, share))
+        return low, high
+
+    # What the file of one line has beside its fields; None where no interval is known.
+
+    @property
+    def low(self) -> Tensor | None:
+        """Lower bound of the interval of one line, (F,)."""
+        return self.interval()[0] if self._known else None
+
+    @property
+    def high(self) -> Tensor | None:
+        """Upper bound of the interval of one line, (F,)."""
+        return self.interval()[1] if self._known else None
+
+    @property
+    def deviation(self) -> Tensor | None:
+        """Standard deviation of the draws of one line, or to first order, (F,)."""
+        if not self._known:
+            return None
+        return self.standard_error if self.draws is None else self.standard_deviation
+
+    @property
+    def _known(self) -> bool:
+        return self.impedance.ndim == 1 and (self.draws is not None or self.covariance is not None)
+
+
+def deviation(values: Tensor) -> Tensor:
+    """Standard deviation over the first axis, real and imaginary parts each by itself; what is not finite is left out,
+    and of fewer than two there is none (nan)."""
+    good = torch.isfinite(values)
+    off = torch.where(good, values - torch.where(good, values, 0).sum(0) / good.sum(0), 0)
+    count = torch.where(good.sum(0) > 1, good.sum(0) - 1, torch.nan)
+    return torch.complex(*((part.square().sum(0) / count).sqrt() for part in (off.real, off.imag)))
+
+
+def fine_places(x: Tensor) -> Tensor:
+    """Places from the first microphone to the last, m, (FINE,)."""
+    return torch.linspace(float(x[0]), float(x[-1]), FINE, dtype=torch.float64)
 
 
 @record
@@ -35,7 +226,12 @@ class WallEduction(DrawnImpedance):
     )
     origin: float = var(unit="m", text="x of the microphone nearest the source")
     singular_values: Tensor | None = var(
-        *SINGULAR, unit="Pa", default=None, text="singular values of the prediction matrix; None for fits"
+        *EACH[:1],
+        "singular_value",
+        "frequency",
+        unit="Pa",
+        default=None,
+        text="of the prediction matrix; None for fits",
     )
     rank: int | None = var(text="waves that were kept; None for fits", default=None)
     order: int | None = var(text="order of the prediction; None for fits", default=None)
@@ -47,7 +243,7 @@ class WallEduction(DrawnImpedance):
     )
 
     def __post_init__(self) -> None:
-        require_shapes(self, self.method)
+        require_shapes(flat(self, derived=False), self.method)
         if self.singular_values is not None and self.singular_values.shape[-2] != self.order:
             raise ValueError(
                 f"{self.method}: order is {self.order} of {self.singular_values.shape[-2]} singular values"
@@ -99,11 +295,17 @@ class FieldFit(DrawnImpedance):
         *EACH, kind="complex", text="reflection of the far end, stated or fitted, of the plane-like modes"
     )
     pressure: Tensor = var(
-        *MICROPHONES, unit="Pa", kind="complex", name="fitted_pressure", text="peak of the fitted pressure"
+        *DRAWN, unit="Pa", kind="complex", name="fitted_pressure", text="peak of the fitted pressure"
     )
     along: Tensor = var("place", unit="m", text="places from the first microphone to the last")
     pressure_along: Tensor = var(
-        *PLACES, unit="Pa", kind="complex", name="fitted_pressure_along", text="peak of the fitted pressure there"
+        "draws",
+        "place",
+        "frequency",
+        unit="Pa",
+        kind="complex",
+        name="fitted_pressure_along",
+        text="peak of the fit there",
     )
     misfit: Tensor = var(*EACH, text="chi squared over its degrees of freedom, 1 where all is right")
     converged: Tensor = var(*EACH, kind="flag", text="whether the last step was below the tolerance")

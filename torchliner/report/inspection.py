@@ -17,8 +17,8 @@ from torchliner.engine.sums import Job, PlaneRecord, largest, linear, reduce
 from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
+from torchliner.records.notes import height_warnings, plane_unit_warnings
 from torchliner.records.slabs import slab_bounds
-from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
 from torchliner.velocity.reading import time_moments
 from torchliner.velocity.review import first_fault
 

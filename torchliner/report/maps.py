@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.holes import Holes, merged_bands
+from torchliner.records.cells import Holes, merged_bands
 from torchliner.report import figure as look
 from torchliner.report.table import Row, rows_of
 

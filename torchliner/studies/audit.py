@@ -22,7 +22,7 @@ from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readings
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
-from torchliner.records.same_case import planes_by_height
+from torchliner.records.case import planes_by_height
 from torchliner.studies.validation import nearest_case
 from torchliner.studies.variants import (
     Records,

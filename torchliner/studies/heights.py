@@ -14,7 +14,7 @@ from torchliner.checks import require_positive, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.same_case import planes_by_height
+from torchliner.records.case import planes_by_height
 from torchliner.studies.variants import Row, Study, plane_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe

@@ -18,9 +18,9 @@ from torchliner.engine.intervals import replicates
 from torchliner.engine.moments import Moments
 from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import MicrophoneLine, PressureRecord
+from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.level_check import UNKNOWN
-from torchliner.records.same_case import require_same_run
 from torchliner.tones import segment_amplitudes
 
 INCIDENT, WALL = "incident", "wall"

@@ -17,7 +17,7 @@ from torchliner.engine.blocks import SLAB
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, remaining
 from torchliner.engine.kernels import BAND, HIGHEST, KernelTable, build_kernels
 from torchliner.engine.replay import Replay, transfer
-from torchliner.io.reflected_file import reflected_file
+from torchliner.io.plane_writer import reflected_file
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Educed

@@ -19,8 +19,7 @@ from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.educed import Educed
-from torchliner.records.notes import Note
-from torchliner.records.unit_checks import height_warnings, plane_unit_warnings
+from torchliner.records.notes import Note, height_warnings, plane_unit_warnings
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 
