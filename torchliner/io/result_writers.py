@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from torchliner.io.csv_rows import result_rows
+from torchliner.io.hdf5 import text_attribute
 from torchliner.io.own_writer import complex_names, fill, in_memory
 from torchliner.io.whole_file import printable, written_whole
 from torchliner.names import frequency_ends
@@ -57,7 +58,8 @@ def write_matlab(record: Any, path: str | Path) -> None:
 
 def _plain(group: h5py.Group) -> dict[str, Any]:
     """Variables and texts of a group; a real and an imaginary part become one array."""
-    found: dict[str, Any] = {key: text.decode() for key, text in group.attrs.items() if isinstance(text, bytes)}
+    said = {key: text_attribute(group, key) for key in group.attrs if not key.startswith("_")}
+    found: dict[str, Any] = {key: text for key, text in said.items() if text is not None}
     for name, each in group.items():
         if isinstance(each, h5py.Group):
             found[name] = _plain(each)

@@ -17,6 +17,7 @@ from torchliner.records.probes import signal_tensor
 
 AWAY = "away from the liner"  # the sign of velocities
 COMPONENTS = ("wall_normal", "streamwise")
+V = "velocity"  # of their names in files
 
 
 @record
@@ -34,12 +35,8 @@ class BurstRecord(Written, OfOneTone):
     """
 
     arrival_time: Any = var("burst", unit="s", range=ANY, text="arrival of the particle")
-    wall_normal: Any = var(
-        "burst", unit="m/s", range=ANY, name="wall_normal_velocity", text="upwards", default=None, positive=AWAY
-    )
-    streamwise: Any = var(
-        "burst", unit="m/s", range=ANY, name="streamwise_velocity", text="positive downstream", default=None
-    )
+    wall_normal: Any = var("burst", unit="m/s", range=ANY, name=f"wall_normal_{V}", default=None, positive=AWAY)
+    streamwise: Any = var("burst", unit="m/s", range=ANY, name=f"streamwise_{V}", text="downstream", default=None)
     transit_time: Any = var("burst", unit="s", range="[0, inf)", text="weight against velocity bias", default=None)
     _: KW_ONLY
     x: float | None = var(unit="m", range=ANY, text="streamwise coordinate of the station", default=None)

@@ -17,6 +17,7 @@ from torchliner.records.notes import Note
 
 LOUDEST = 194.0  # dB: one atmosphere rms
 QUIETEST = -126.0  # dB: its last digit in double precision
+LEVELS = f"[{QUIETEST:g}, {LOUDEST:g}]"
 SAME_PLACE = 1e-6  # m
 STATED = ("liner", "mach", "incident_level", "source_side")  # the same at all heights above one liner
 OF_ONE_PLANE = (*STATED, "height", "frequency", "holes")
@@ -64,9 +65,7 @@ class OfOneTone(Case):
 
     _: KW_ONLY
     frequency: float | None = var(unit="Hz", text="of the tone", range="(0, inf)", default=None)
-    incident_level: float | None = var(
-        unit="dB", text="nominal SPL, re 20 uPa rms", range=f"[{QUIETEST:g}, {LOUDEST:g}]", default=None
-    )
+    incident_level: float | None = var(unit="dB", text="nominal SPL, re 20 uPa", range=LEVELS, default=None)
     displacement_thickness: float | None = var(unit="m", text="delta* of the flow", range="[0, inf)", default=None)
 
 
@@ -83,9 +82,7 @@ class Found(Stated):
 
     _: KW_ONLY
     incident_level: float | None = var(unit="dB", text="stated level of the incident wave", default=None)
-    goodrich: Tensor | None = var(
-        "frequency", name="goodrich_{}", default=None, text="without sound under the flow, by Goodrich"
-    )
+    goodrich: Tensor | None = var("frequency", name="goodrich_{}", default=None, text="without sound, by Goodrich")
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     level_check: LevelCheck | None = part(default=None)

@@ -39,11 +39,9 @@ class LineAverage:
     impedance: Tensor = var("frequency", name="{}", wide=True, text="1 over the mean of 1/Z, (5.2)")
     monte_carlo: Tensor = var("frequency", name="monte_carlo_{}", wide=True, text="mean of the draws of (5.2)")
     monte_carlo_spread: Tensor = var(
-        "frequency", name="monte_carlo_spread_{}", wide=True, text="standard deviation over the draws of (5.2)"
+        "frequency", name="monte_carlo_spread_{}", wide=True, text="deviation over these draws"
     )
-    spatial_spread: Tensor = var(
-        "frequency", name="spatial_spread_{}", wide=True, text="standard deviation over the stations"
-    )
+    spatial_spread: Tensor = var("frequency", name="spatial_spread_{}", wide=True, text="deviation over the stations")
     interval: Interval | None = part("", "frequency", text="segments resampled, stations independent")
     stations: int = var(text="stations that count")
 
@@ -67,9 +65,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     """
 
     frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
-    reflection: Tensor = var(
-        *SEGMENT, kind="complex", name="segment_reflection", text="reflection coefficient of a segment"
-    )
+    reflection: Tensor = var(*SEGMENT, kind="complex", name="segment_reflection", text="R of a segment")
     segment_start: Tensor = var("station", "segment", unit="s", text="time at which a segment begins")
     x: Tensor = var("station", unit="m", text="streamwise coordinate, nan where unknown")
     y: Tensor = var("station", unit="m", text="distance from the liner, likewise")
@@ -87,9 +83,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     received: Tensor = var("station", text="bursts in the file")
     bursts: Tensor = var("station", text="bursts that count")
     used: Tensor = var("station", kind="flag", text="whether a station counts in averages")
-    wall: Tensor | None = var(
-        *STATION, kind="flag", text="whether a station counts there as wall, of admittance 0", default=None
-    )
+    wall: Tensor | None = var(*STATION, kind="flag", text="whether it counts as wall, of admittance 0", default=None)
     interval: Interval | None = part("", *STATION, text="moving blocks over segments", default=None)
     names: tuple[str, ...] = var("station", kind="text", name="station_name", text="title of the station", default=())
     flags: tuple[tuple[str, ...], ...] = ()

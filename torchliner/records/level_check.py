@@ -68,9 +68,7 @@ class LevelCheck:
     averaging: str
     known: str
     kind: str
-    pressure_level: Tensor = var(
-        "frequency", unit="dB", name="known_pressure_level", text="of the known pressure at the wall, nan where unknown"
-    )
+    pressure_level: Tensor = var("frequency", unit="dB", name="known_pressure_level", text="at the wall, nan: unknown")
     limit: float
     uncertainty: float
     confidence: float | None
@@ -153,7 +151,5 @@ class LevelMatched:
     share: Tensor = var("frequency", wide=True, text="share of the answer's incoherent velocity")
     share_low: Tensor = var("frequency", wide=True, text="lower bound of the share")
     share_high: Tensor = var("frequency", wide=True, text="upper bound of the share")
-    sensitivity: Tensor = var(
-        "frequency", unit="dB", wide=True, text="change of the level check by a factor e in the incoherent velocity"
-    )
+    sensitivity: Tensor = var("frequency", unit="dB", wide=True, text="change of the gap by a factor e in it")
     uncertainty: float = 0.0

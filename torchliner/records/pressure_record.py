@@ -36,31 +36,19 @@ class PressureRecord(Written, AtProbes):
         *BACK, unit="Pa", range=LARGEST, name="backplate_pressure", text="at the cavity bottom", default=None
     )
     _: KW_ONLY
-    cavity_depth: float | None = var(
-        unit="m", range="(0, inf)", text="from the mouth of the cavity to the backplate", default=None
-    )
-    cavity_porosity: float = var(
-        range="(0, 1]", text="share of the liner's surface that is cavity, 80 % is 0.8", default=1.0
-    )
-    cavity_hydraulic_radius: float | None = var(
-        unit="m", range="(0, inf)", text="for losses in the cavity; D/2 for a square of side D", default=None
-    )
-    cell_pitch: float | None = var(
-        unit="m", range="(0, inf)", text="by which probes are sorted into cells, as those of planes are", default=None
-    )
+    cavity_depth: float | None = var(unit="m", range="(0, inf)", text="from mouth to backplate", default=None)
+    cavity_porosity: float = var(range="(0, 1]", text="share of the surface that is cavity", default=1.0)
+    cavity_hydraulic_radius: float | None = var(unit="m", range="(0, inf)", text="of it, for losses", default=None)
+    cell_pitch: float | None = var(unit="m", range="(0, inf)", text="sorts probes into cells", default=None)
     probe_cell: Any = var("facesheet", text="cell of each probe instead, from 0, -1 for none", default=None)
     microphones: Any = var(
         *MICROPHONES, unit="Pa", range=LARGEST, name="microphone_pressure", text="along a line", default=None
     )
-    microphone_y: Any = var(
-        "microphone", unit="m", text="distances from the surface whose impedance is wanted", default=None
-    )
+    microphone_y: Any = var("microphone", unit="m", text="distances from the surface", default=None)
     microphone_velocity: Any = var(
         *MICROPHONES, unit="m/s", range=LARGEST, text="away from the surface", default=None, positive=AWAY
     )
-    microphone_mach: float = var(
-        range="(-1, 1)", text="of a flow along the microphones' axis, away from the surface", default=0.0
-    )
+    microphone_mach: float = var(range="(-1, 1)", text="of a flow away from the surface", default=0.0)
     name: str = "pressure"
 
     SCHEMA: ClassVar = "torchliner pressure 1"

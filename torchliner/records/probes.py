@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchliner.checks import plain_array, real_tensor, require_positive
 from torchliner.records.case import OfOneTone
-from torchliner.records.declared import check, record, var
+from torchliner.records.declared import ANY, check, record, var
 from torchliner.units import require_plausible
 
 
@@ -26,9 +26,7 @@ class AtProbes(OfOneTone):
 
     _: KW_ONLY
     sampling_rate: float
-    start: float = var(
-        unit="s", text="time of the first sample on the clock of the data", range="(-inf, inf)", default=0.0
-    )
+    start: float = var(unit="s", text="time of the first sample", range=ANY, default=0.0)
     x: Any = var("columns", unit="m", default=None, text="streamwise coordinate, of each column or probe")
     z: Any = var("rows", unit="m", text="spanwise coordinate, of each row or probe", default=None)
 

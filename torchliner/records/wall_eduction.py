@@ -53,9 +53,7 @@ class DrawnImpedance(Written, Reported):
         *EACH, "part", "with_part", wide=True, default=None, text="covariance of resistance and reactance"
     )
     freedom: int | None = var(text="real degrees of freedom of the residuals", default=None)
-    misfit: Tensor | None = var(
-        *EACH, default=None, text="squared residual over that of the assumed errors, 1 where all is right"
-    )
+    misfit: Tensor | None = var(*EACH, default=None, text="squared residual over that of the assumed errors")
 
     DERIVED: ClassVar[tuple[Variable, ...]] = (
         Variable("low", "1", ("frequency",), name="{}_low", text=f"lower bound, {INTERVAL}"),
@@ -217,13 +215,9 @@ class WallEduction(DrawnImpedance):
     """
 
     _: KW_ONLY
-    wavenumber: Tensor = var(
-        *EACH, unit="1/m", kind="complex", text="wavenumber alpha of the wave that runs with the source"
-    )
+    wavenumber: Tensor = var(*EACH, unit="1/m", kind="complex", text="alpha of the wave that is educed")
     modes: Tensor = var(*WAVES, unit="1/m", kind="complex", name="mode_wavenumber", text="wavenumber of each wave")
-    amplitudes: Tensor = var(
-        *WAVES, unit="Pa", kind="complex", name="mode_amplitude", text="peak amplitude of each wave at the origin"
-    )
+    amplitudes: Tensor = var(*WAVES, unit="Pa", kind="complex", name="mode_amplitude", text="peak at the origin")
     origin: float = var(unit="m", text="x of the microphone nearest the source")
     singular_values: Tensor | None = var(
         *EACH[:1],
@@ -288,15 +282,9 @@ class FieldFit(DrawnImpedance):
     """
 
     _: KW_ONLY
-    amplitude: Tensor = var(
-        *EACH, unit="Pa", kind="complex", text="peak amplitude of the source's wave where the case has its own"
-    )
-    end_reflection: Tensor = var(
-        *EACH, kind="complex", text="reflection of the far end, stated or fitted, of the plane-like modes"
-    )
-    pressure: Tensor = var(
-        *DRAWN, unit="Pa", kind="complex", name="fitted_pressure", text="peak of the fitted pressure"
-    )
+    amplitude: Tensor = var(*EACH, unit="Pa", kind="complex", text="peak of the source's wave, if it has one")
+    end_reflection: Tensor = var(*EACH, kind="complex", text="reflection of the far end, stated or fitted")
+    pressure: Tensor = var(*DRAWN, unit="Pa", kind="complex", name="fitted_pressure", text="peak of the fit")
     along: Tensor = var("place", unit="m", text="places from the first microphone to the last")
     pressure_along: Tensor = var(
         "draws",
