@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
+from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import impedance_along
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
@@ -55,7 +57,8 @@ def rows_of(label: str, one: Solved) -> list[dict[str, Any]]:
     """SPL and phase at the microphones."""
     setup, field = one
     places = setup.places
-    level, phase = (values(places, setup.wall)[0].detach() for values in (field.wall_level, field.wall_phase))
+    pressure = field.wall_pressure(places, setup.wall)[0].detach()
+    level, phase = spl_from_pressure_amplitude(pressure), torch.rad2deg(torch.angle(pressure))
     return [
         {"case": label, "source": field.source, "x (m)": float(x), "SPL (dB)": float(s), "phase (deg)": float(a)}
         for x, s, a in zip(places, level, phase, strict=True)

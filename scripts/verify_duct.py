@@ -19,18 +19,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from common import options_of, parser_of
 from oracles.mode_matching import match_modes
 from torchliner.checks import DataWarning
-from torchliner.duct.boundaries import EndModes, end_modes
 from torchliner.duct.case import DuctCase
+from torchliner.duct.columns import Basis
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
-from torchliner.duct.polynomials import Basis
 from torchliner.duct.solver import DuctSolver
 
 CONDITION = "continuous-velocity"  # no flow slips here: either would do
@@ -74,13 +72,10 @@ def exact_mode_error(
     mesh = DuctMesh(case, np.linspace(0, LENGTH, columns + 1), np.linspace(0, HEIGHT, rows + 1), degree)
     down, up = _modes_of(profile)  # type: ignore[arg-type]  # flows are frozen records
 
-    def lined_modes(_: MeanFlow, __: Tensor, y: Tensor, flow: bool) -> EndModes:
-        return end_modes(down, up, y, flow)
-
     x, y = (places.ravel() for places in node_places(mesh))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # the liner reaches both ends, on purpose
-        found = DuctSolver(case, FREQUENCY, mesh, modes=lined_modes).solve(TRUE).at(x, y)[0][0]
+        found = DuctSolver(case, FREQUENCY, mesh, modes=(down, up)).solve(TRUE).at(x, y)[0][0]
     mode, start = (down, 0.0) if source == "upstream" else (up, LENGTH)
     phase = torch.exp(-1j * mode.wavenumber[0, 0] * torch.as_tensor(x - start))
     wanted = mode.at(y)[0][0, 0] * phase

@@ -7,6 +7,7 @@ element matrices, with everything a case can hold.
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ import torch
 from scipy.sparse.linalg import spsolve
 
 from oracles.lee_assembled import solve_assembled
-from torchliner.duct.boundaries import EndModes
 from torchliner.duct.case import DuctCase
 from torchliner.duct.field import fields_at
 from torchliner.duct.flow_profiles import ParabolicProfile, TanhProfile, UniformProfile
@@ -128,13 +128,14 @@ def test_scikit_fem_gives_the_same(degree):
     mesh = DuctMesh(case, X_EDGES, Y_EDGES, degree)
     frequency = torch.tensor([FREQUENCY], dtype=torch.float64)
 
-    def entering(_, __, y, flow):
-        wave, v = wave_in(y.numpy())
-        along = torch.as_tensor(np.concatenate([wave, v])).to(torch.complex128)
-        still = torch.zeros(1, 2, len(y), dtype=torch.complex128)
-        return EndModes(still[:, :, 0], torch.stack([along, 0 * along])[None], still)
+    def entering(y):  # p = u: no wave against the flow
+        wave, v = (torch.as_tensor(part, dtype=torch.complex128)[None, None] for part in wave_in(y.numpy()))
+        return wave, wave, v
 
-    swept = SweptDuct(mesh, frequency, entering)
+    still = torch.zeros(1, 1, dtype=torch.complex128)
+    down = SimpleNamespace(wavenumber=still, at=entering)
+    up = SimpleNamespace(wavenumber=still, at=lambda y: [0 * part for part in entering(y)])
+    swept = SweptDuct(mesh, frequency, (down, up))
     arriving = swept.reading[0, :-2]
     reflection = (B2A - 1) / (B2A + 1)
     one = torch.eye(len(arriving), dtype=torch.complex128)

@@ -18,9 +18,8 @@ from benchmarks.harness import Bench, apart, row
 from common import case_files
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile
-from torchliner.duct.growing_wave import growing_wave
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.settled import solve_settled
+from torchliner.duct.settled import growing_wave, solve_settled
 from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.pressure.microphone_errors import draw_pressures
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
-from torchliner.duct.boundaries import EndModes, plane_modes, wall_matrices
+from torchliner.duct.boundaries import wall_matrices
 from torchliner.duct.case import DuctCase
-from torchliner.duct.columns import Rows, element_matrices
+from torchliner.duct.columns import Basis, Rows, element_matrices
 from torchliner.duct.mesh import DuctMesh
-from torchliner.duct.polynomials import Basis
+from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.names import DIRECTIONS
 
 Complex = NDArray[np.complex128]
 
@@ -50,7 +50,7 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
     n, count = basis.count, len(mesh.y) - 1
     size = 3 * n * n
     y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * basis.nodes.numpy()
-    modes = plane_modes(case.profile, hertz, torch.as_tensor(y.ravel()), flow)
+    modes = [duct_modes(case.profile, hertz, count=1, direction=d) for d in DIRECTIONS]
     blocks = _Blocks(count, len(mesh.widths), size)
     along = n * (2 if flow else 1)
     ahead, back = slice(0, along), slice(along, along + n)
@@ -75,7 +75,7 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
         lined = int(mesh.lined[: c + 1].sum()) - 1
         returns = wall[lined] if mesh.lined[c] else np.eye(n)
         blocks.add(c, 0, c, 0, -incoming[0][:, up] @ returns @ outgoing[0][down])
-    right = _close_ends(blocks, case, mesh, basis, modes, ports, along)
+    right = _close_ends(blocks, case, mesh, basis, modes, y.ravel(), ports, along)
     return blocks.matrix(), right
 
 
@@ -84,7 +84,8 @@ def _close_ends(
     case: DuctCase,
     mesh: DuctMesh,
     basis: Basis,
-    modes: EndModes,
+    modes: list[DuctModes],
+    y: NDArray[np.float64],
     ports: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
     along: int,
 ) -> Complex:
@@ -95,15 +96,17 @@ def _close_ends(
     upstream = case.source == "upstream"
     returns = [complex(case.source_reflection), complex(case.end_reflection)]
     returns = returns if upstream else returns[::-1]
-    alpha = float(modes.wavenumber[0, 0 if upstream else 1].real)
+    alpha = float(modes[0 if upstream else 1].wavenumber[0, 0].real)
+    p, u, v = (np.stack([one.numpy()[0, 0] for one in part]) for part in zip(*(m.at(y) for m in modes), strict=True))
+    with_flow, against = np.concatenate([(p + u) / 2, v], -1)[:, : along * count], (p - u) / 2
     distance = case.place_of_incidence(case.source) - (case.start if upstream else case.end)
     sent = case.incident * np.exp(1j * alpha * distance)
     kinds = along // n
     for left in (True, False):
         c = 0 if left else len(ports) - 1
         ins, outs = (slice(0, along), slice(along, along + n)) if left else (slice(along, along + n), slice(0, n))
-        into = modes.along[0].numpy() if left else modes.against[0].numpy()
-        reading = modes.against[0].numpy() if left else modes.along[0, :, : count * n].numpy()
+        into = with_flow if left else against
+        reading = against if left else with_flow[:, : count * n]
         going, coming = (1, 0) if left else (0, 1)  # modes upstream and downstream
         r, mean = returns[0 if left else 1], reading @ means
         direction = (into[going] + r * into[coming]) / (mean[going] + r * mean[coming])

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchliner.duct.polynomials import chebyshev_points, derivative_matrix
+from torchliner.duct.numerics import chebyshev_points, derivative_matrix
 
 EXTRA_POINTS = 30  # Chebyshev points beyond twice the modes
 

@@ -1,6 +1,6 @@
 """A straight duct with a liner on one wall: flow, modes, sound field.
 
 ``flow_profiles``; ``case`` and ``presets`` (stated in code, in files); ``dispersion`` (uniform flow) and ``modes``
-(sheared flow), whose roots ``roots`` follows; the linearised Euler equations: ``mesh``, ``polynomials``, ``columns``,
-``sweep`` (all columns, for every unit wave), ``boundaries`` (walls, ends, energy), ``solver`` and ``settled``.
+(sheared flow), whose roots ``numerics`` follows; the linearised Euler equations: ``mesh``, ``columns``, ``sweep`` (all
+columns, for every unit wave), ``boundaries`` (walls, ends, energy), ``solver``, ``field`` and ``settled``.
 """

@@ -28,37 +28,13 @@ import torch
 from torch import Tensor
 
 from torchliner.duct.case import wall_reflection
-from torchliner.duct.flow_profiles import MeanFlow
+from torchliner.duct.columns import Basis
 from torchliner.duct.mesh import DuctMesh
-from torchliner.duct.modes import DuctModes, duct_modes
-from torchliner.duct.polynomials import Basis
-from torchliner.names import DIRECTIONS
 
 SINGULAR = 1e-6  # residual over right-hand side
 CHUNK = 64 * 2**20  # bytes of matrices solved at once
 GAIN, FED = 1.01, 2.0  # energy out, and out or absorbed, over that in
 PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
-
-
-class EndModes(NamedTuple):
-    """The modes that the ends let out, p = 1 on the wall y = H; (F, ...) over N points."""
-
-    wavenumber: Tensor  # alpha of the mode downstream and upstream, 1/m, (F, 2), complex
-    along: Tensor  # (p + u)/2 and, with flow, v, of both, (F, 2, N or 2 N)
-    against: Tensor  # (p - u)/2 of both, (F, 2, N)
-
-
-def plane_modes(profile: MeanFlow, frequency: Tensor, y: Tensor, flow: bool) -> EndModes:
-    """Plane-like modes at heights y (m, (N,))."""
-    down, up = (duct_modes(profile, frequency, count=1, direction=d) for d in DIRECTIONS)
-    return end_modes(down, up, y, flow)
-
-
-def end_modes(down: DuctModes, up: DuctModes, y: Tensor, flow: bool) -> EndModes:
-    """Modes 0 of both directions at heights y (m, (N,))."""
-    p, u, v = (torch.cat(pair, 1) for pair in zip(*([f[:, :1] for f in m.at(y)] for m in (down, up)), strict=True))
-    along = torch.cat([(p + u) / 2, v], -1) if flow else (p + u) / 2
-    return EndModes(torch.stack([down.wavenumber[:, 0], up.wavenumber[:, 0]], -1), along, (p - u) / 2)
 
 
 def wall_matrices(impedance: Any, mesh: DuctMesh, basis: Basis, frequency: Tensor) -> Tensor:
@@ -97,6 +73,11 @@ def downwind_derivative(mesh: DuctMesh, basis: Basis) -> Tensor:
     return whole.reshape(len(widths) * n, len(widths) * n)
 
 
+def reflected(wall: Tensor, eta: Tensor) -> Tensor:
+    """R eta, (..., F, W)."""
+    return (wall @ eta.unflatten(-1, wall.shape[-3:-1])[..., None])[..., 0].flatten(-2)
+
+
 class Boundaries:
     """The boundaries of a swept duct, for every wall and every end.
 
@@ -126,19 +107,16 @@ class Boundaries:
         parts = (wall, 4), (starts, 2), (returns, 2)
         lead = torch.Size(np.broadcast_shapes(*(part.shape[:-inner] for part, inner in parts)))
         step = max(1, CHUNK // (16 * self.back.shape[-2] ** 2 * len(self.back)))
-        if lead.numel() <= step:
-            return self._solve(wall, starts, returns)
-        flat = [part.expand(*lead, *part.shape[-inner:]).flatten(0, len(lead) - 1).split(step) for part, inner in parts]
-        found = [self._solve(*some) for some in zip(*flat, strict=True)]
-        waves, eta = (torch.cat(part).unflatten(0, lead) for part in zip(*found, strict=True))
-        return waves, eta
+        flat = (part.expand(*lead, *part.shape[-n:]).reshape(lead.numel(), *part.shape[-n:]) for part, n in parts)
+        found = [self._solve(*some) for some in zip(*(part.contiguous().split(step) for part in flat), strict=True)]
+        waves, eta = (torch.cat(part) for part in zip(*found, strict=True))
+        return waves.reshape(*lead, *waves.shape[1:]), eta.reshape(*lead, *eta.shape[1:])
 
     def _solve(self, wall: Tensor, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:
-        columns = wall.shape[-3:-1]
-        lined = (self.back.unflatten(-1, columns).transpose(-2, -3) @ wall).transpose(-2, -3).flatten(-2) - self.own
+        """The same of one row of items."""
+        lined = self.back.unflatten(-1, wall.shape[-3:-1]).transpose(-2, -3) @ wall
         ends = self.going + returns[..., None, :] * self.coming
-        shape = np.broadcast_shapes(lined.shape[:-1], ends.shape[:-1])
-        system = torch.cat([lined.expand(*shape, -1), ends.expand(*shape, -1)], -1)
+        system = torch.cat([lined.transpose(-2, -3).flatten(-2) - self.own, ends], -1)
         right = -(self.coming * starts[..., None, :]).sum(-1)
         found = torch.linalg.solve_ex(system, right[..., None])[0][..., 0]
         matrix, solution = system.detach(), found.detach()
@@ -154,15 +132,10 @@ class Boundaries:
                 "frequency"
             )
         eta, out = found[..., :-2], found[..., -2:]
-        ends, waves = starts + returns * out, reflected(wall, eta)
+        into, waves = starts + returns * out, reflected(wall, eta)
         if self.slip is not None:
             waves = waves - (self.slip @ (eta - waves)[..., None])[..., 0]
-        return torch.cat([ends[..., :1], out[..., :1], waves, ends[..., 1:], out[..., 1:]], -1), eta
-
-
-def reflected(wall: Tensor, eta: Tensor) -> Tensor:
-    """R eta, (..., F, W)."""
-    return (wall @ eta.unflatten(-1, wall.shape[-3:-1])[..., None])[..., 0].flatten(-2)
+        return torch.cat([into[..., :1], out[..., :1], waves, into[..., 1:], out[..., 1:]], -1), eta
 
 
 class EnergyBalance(NamedTuple):

@@ -27,6 +27,13 @@ def other_side(source: str) -> str:
     return SOURCES[1 - SOURCES.index(source)]
 
 
+def complex_tensor(value: Any, device: torch.device | None = None) -> Tensor:
+    """Numbers, arrays or tensors as complex128; torch alone would make complex64 of a complex number."""
+    if isinstance(value, Tensor):
+        return value.to(device, torch.complex128)
+    return torch.as_tensor(np.asarray(value, np.complex128), device=device)
+
+
 @dataclass(frozen=True, eq=False)
 class DuctCase:
     """Rigid walls at y = 0 and y = H, the one at y = 0 lined in places; flow along +x.
@@ -63,10 +70,9 @@ class DuctCase:
 
     def __post_init__(self) -> None:
         for name in ("start", "end", "incident", "end_reflection", "source_reflection"):
-            value = getattr(self, name)
-            sizes = torch.as_tensor(value if isinstance(value, Tensor) else np.asarray(value, complex)).detach().abs()
+            sizes = complex_tensor(getattr(self, name)).detach().abs()
             if not bool(torch.isfinite(sizes).all()):
-                raise ValueError(f"{name} is {value}; it must be finite")
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be finite")
             if "reflection" in name and bool((sizes > GAINS).any()):
                 size = f"{name} has a modulus of {float(sizes.max()):.4g}, above 1"
                 tell(f"{size}: such an end sends back more than it gets, and fields may have no bound", depth=2)
@@ -75,9 +81,16 @@ class DuctCase:
         require_choice("source", self.source, SOURCES)
         if self.slip_condition is not None:
             require_choice("slip condition", self.slip_condition, CONDITIONS)
-        object.__setattr__(self, "liner", _patches(self.liner))
+        try:
+            pairs = [self.liner] if self.liner and isinstance(self.liner[0], (int, float)) else self.liner
+            patches = tuple((float(start), float(end)) for start, end in pairs)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"liner is {self.liner!r}; it must be (start, end) in m, or a list of such pairs"
+            ) from None
+        object.__setattr__(self, "liner", patches)
         before = self.start
-        for start, end in self.liner:
+        for start, end in patches:
             if not before <= start < end <= self.end:
                 raise ValueError(
                     f"the lined patch from x = {start:g} to {end:g} m must have a length and lie between "
@@ -100,14 +113,6 @@ class DuctCase:
         return 2 * math.pi / self.profile.sound_speed * frequency
 
 
-def _patches(liner: Any) -> tuple[tuple[float, float], ...]:
-    try:
-        pairs = [liner] if liner and isinstance(liner[0], (int, float)) else liner
-        return tuple((float(start), float(end)) for start, end in pairs)
-    except (TypeError, ValueError):
-        raise ValueError(f"liner is {liner!r}; it must be (start, end) in m, or a list of such pairs") from None
-
-
 def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tensor:
     r"""R = (Z - 1)/(Z + 1), complex128, for any passive Z, 0 and infinity included; gradients are kept.
 
@@ -116,9 +121,7 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
     Warns:
         DataWarning: negative resistance.
     """
-    exact = impedance if isinstance(impedance, Tensor) else np.asarray(impedance, np.complex128)
-    wall = torch.as_tensor(exact, device=impedance.device if isinstance(impedance, Tensor) else device)
-    wall = wall.to(torch.complex128)
+    wall = complex_tensor(impedance, impedance.device if isinstance(impedance, Tensor) else device)
     rigid = torch.isinf(wall.real) | torch.isinf(wall.imag)
     finite = torch.where(rigid, 1, wall)
     if not bool(((finite + 1).abs() >= ACTIVE).all()):
@@ -135,7 +138,7 @@ def wall_reflection(impedance: Any, device: torch.device | None = None) -> Tenso
 
 
 def require_slip_condition(profile: MeanFlow, slip_condition: str | None) -> bool:
-    """Whether the wall condition is Ingard-Myers'; either is the same where the flow does not slip.
+    """Whether the wall condition is Ingard's and Myers'; without slip the two conditions are the same.
 
     Raises:
         ValueError: the profile slips along the wall y = 0 and no condition is stated.

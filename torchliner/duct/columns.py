@@ -21,15 +21,55 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from torchliner.duct.flow_profiles import Array, MeanFlow
-from torchliner.duct.polynomials import Basis
+from torchliner.duct.numerics import derivative_matrix, gauss_points, interpolation_matrix
+
+EXTRA_POINTS = 3  # of quadrature, over degree + 1: M(y) is no polynomial
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """n = degree + 1 Lagrange polynomials phi through the Gauss points of 0..1, float64.
+
+    Args:
+        nodes, weights: Gauss points and weights, (n,); the mass matrix is diag(weights).
+        convection: integral of phi_i' phi_j, (n, n).  first, last: phi at 0 and at 1, (n,).
+    """
+
+    nodes: Tensor
+    weights: Tensor
+    convection: Tensor
+    first: Tensor
+    last: Tensor
+
+    @classmethod
+    def of_degree(cls, degree: int, device: torch.device | None = None) -> Basis:
+        """Exact integrals: products of two polynomials are below the Gauss rule's degree."""
+        nodes, weights = gauss_points(degree + 1)
+        convection = (weights[:, None] * derivative_matrix(nodes)).T
+        parts = (nodes, weights, convection, *interpolation_matrix(nodes, [0.0, 1.0]))
+        return cls(*(torch.as_tensor(part, device=device) for part in parts))
+
+    @property
+    def count(self) -> int:
+        """n."""
+        return len(self.nodes)
+
+    def values(self, places: ArrayLike) -> Tensor:
+        """phi at places of 0..1, (P, n)."""
+        return torch.as_tensor(interpolation_matrix(self.nodes.cpu().numpy(), places)).to(self.nodes)
+
+    def quadrature(self) -> tuple[Array, Tensor, Tensor]:
+        """Finer Gauss points, phi there (Q, n) and weights (Q,), for what is no polynomial."""
+        places, weights = gauss_points(self.count + EXTRA_POINTS)
+        return places, self.values(places), torch.as_tensor(weights).to(self.nodes)
 
 
 class Rows(NamedTuple):
-    """The integrals across the duct, element by element, (E, n, n): of phi_i phi_j, of M phi_i phi_j and of
-    dM/dy phi_i phi_j."""
+    """Integrals across the duct of phi_i phi_j, of M phi_i phi_j and of dM/dy phi_i phi_j, by element, (E, n, n)."""
 
     mass: Tensor
     flow: Tensor
@@ -59,36 +99,28 @@ def element_matrices(width: float, basis: Basis, rows: Rows, flow: bool) -> tupl
     """
     count, first, last = len(rows.mass), basis.first[:, None], basis.last[:, None]
     one, along = torch.eye(basis.count).to(basis.nodes), width * torch.diag(basis.weights)
-
-    def across(weight: Tensor, enter: Tensor, leave: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return _kron(weight, enter), _kron(weight, leave), _kron(one, leave.T)
-
-    def upright(enter: Tensor, leave: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        return _kron(enter, along), _kron(leave, along), _kron(leave.T, one)
-
-    # Of each kind: what a wave adds to the equations of p, u, v; flux in, flux out and trace at the edge it leaves by.
+    # Of each kind: what a wave adds to the equations of p, u, v; across or along the edge that it enters by, the weight
+    # of its flux there; the traces at the edge that it enters by and at the one that it leaves by.
     kinds = [
-        ((1, 1, 0), *across(rows.mass + rows.flow, first, last)),
-        ((0, 0, 1), *across(rows.flow, first, last)),
-        ((1, -1, 0), *across(rows.mass - rows.flow, last, first)),
-        ((1, 0, 1), *upright(first, last)),
-        ((1, 0, -1), *upright(last, first)),
+        ((1, 1, 0), rows.mass + rows.flow, first, last),
+        ((0, 0, 1), rows.flow, first, last),
+        ((1, -1, 0), rows.mass - rows.flow, last, first),
+        ((1, 0, 1), None, first, last),
+        ((1, 0, -1), None, last, first),
     ]
-    if not flow:
-        kinds.pop(1)
-
-    def by_field(signs: tuple[int, ...], part: Tensor, dim: int) -> Tensor:
-        return torch.cat([sign * part for sign in signs], dim).expand(count, -1, -1)
-
-    incoming = torch.cat([by_field(signs, enter, -2) for signs, enter, _, _ in kinds], -1)
-    leaving = torch.cat([by_field(signs, leave, -2) for signs, _, leave, _ in kinds], -1)
-    outgoing = torch.cat([by_field(signs, trace, -1) / sum(map(abs, signs)) for signs, _, _, trace in kinds], -2)
-    mass, convected, x = (
-        _kron(rows.mass, along),
-        -_kron(rows.flow, basis.convection),
-        -_kron(rows.mass, basis.convection),
-    )
-    y, still = -_kron(basis.convection, along).expand_as(mass), torch.zeros_like(mass)
+    ins, leaves, outs = list[Tensor](), list[Tensor](), list[Tensor]()
+    for signs, weight, enter, leave in kinds[:1] + kinds[1 if flow else 2 :]:
+        if weight is None:  # through bottom or top
+            parts = _kron(enter, along), _kron(leave, along), _kron(leave.T, one)
+        else:
+            parts = _kron(weight, enter), _kron(weight, leave), _kron(one, leave.T)
+        for into, part, dim in zip((ins, leaves, outs), parts, (-2, -2, -1), strict=True):
+            scale = sum(map(abs, signs)) if into is outs else 1
+            into.append(torch.cat([sign * part / scale for sign in signs], dim).expand(count, -1, -1))
+    incoming, leaving, outgoing = torch.cat(ins, -1), torch.cat(leaves, -1), torch.cat(outs, -2)
+    mass, convected = _kron(rows.mass, along), -_kron(rows.flow, basis.convection)
+    x, y = -_kron(rows.mass, basis.convection), -_kron(basis.convection, along).expand_as(mass)
+    still = torch.zeros_like(mass)
     inside = _blocks([[convected, x, y], [x, convected, _kron(rows.shear, along)], [y, still, convected]])
     masses = _blocks([[mass, still, still], [still, mass, still], [still, still, mass]])
     return inside + leaving @ outgoing, masses, incoming, outgoing

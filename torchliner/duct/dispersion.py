@@ -19,7 +19,7 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor, require_choice, require_complex
 from torchliner.duct.case import wall_reflection
-from torchliner.duct.roots import LONGEST_STEP, follow_roots
+from torchliner.duct.numerics import LONGEST_STEP, follow_roots
 from torchliner.names import CONDITIONS, DIRECTIONS
 
 STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow
@@ -98,7 +98,7 @@ def wavenumber_from_impedance(
         raise ValueError(f"mode is {mode.reshape(-1)[0].item()}; modes are numbered 0, 1, 2, ...")
     reflection = wall_reflection(impedance) + torch.zeros_like(mode, dtype=torch.float64)
     duct, reflection = duct_of(reflection, frequency, height, mach, sound_speed, condition)
-    shape, flat = reflection.shape, duct.flattened()
+    shape, flat = reflection.shape, duct.at(...)
     mode, reflection = mode.expand(shape).reshape(-1), reflection.reshape(-1)
     wall = 1 + reflection, 1 - reflection
     with torch.no_grad():
@@ -129,13 +129,10 @@ class Duct(NamedTuple):
     mach: Tensor
     displaced: bool  # Ingard-Myers, else continuous velocity
 
-    def at(self, index: Tensor) -> Duct:
-        """Some items of the batch."""
-        return Duct(self.wavenumber[index], self.height[index], self.mach[index], self.displaced)
-
-    def flattened(self) -> Duct:
-        """All items in one row."""
-        return Duct(self.wavenumber.reshape(-1), self.height.reshape(-1), self.mach.reshape(-1), self.displaced)
+    def at(self, index: Any) -> Duct:
+        """Some items of the batch, or all of them in one row (``...``)."""
+        k, height, mach = (part[index].reshape(-1) for part in self[:3])
+        return Duct(k, height, mach, self.displaced)
 
 
 def duct_of(

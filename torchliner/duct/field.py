@@ -93,9 +93,11 @@ class DuctField:
         """SPL on a wall, dB re 20 uPa rms, (..., F, P)."""
         return spl_from_pressure_amplitude(self.wall_pressure(x, wall))
 
-    def wall_phase(self, x: Any, wall: str = "opposite") -> Tensor:
-        """Phase of the pressure on a wall, degrees, -180 to 180, (..., F, P)."""
-        return torch.rad2deg(torch.angle(self.wall_pressure(x, wall)))
+    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
+        """The plane-like mode that comes in and that goes out at an end, ``upstream`` or ``downstream``, Pa at the
+        wall, (..., F)."""
+        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
+        return self.waves[..., first], self.waves[..., first + 1]
 
     @property
     def reflection(self) -> Tensor:
@@ -130,17 +132,11 @@ class DuctField:
         lists = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in columns.items()}
         return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
 
-    def end_waves(self, end: str) -> tuple[Tensor, Tensor]:
-        """The plane-like mode that comes in and that goes out at an end, ``upstream`` or ``downstream``, Pa at the
-        wall, (..., F)."""
-        first = 0 if require_choice("end", end, SOURCES) == "upstream" else -2
-        return self.waves[..., first], self.waves[..., first + 1]
-
     def _wall_waves(self, x: Any, wall: str) -> tuple[Tensor, Tensor]:
         """Waves that arrive at a wall and that leave it, Pa, (..., F, P)."""
         require_choice("wall", wall, WALLS)
         mesh, basis = self.mesh, self.swept.basis
-        column, inside = _cells("x", x, mesh.x)
+        column, inside = _cells("x", _places(x), mesh.x)
         values = basis.values(inside).to(self.waves)
         kept = self.swept.upper if wall == "opposite" else self.swept.lower
         rows = torch.einsum("pn,fpnd->fpd", values, kept[:, torch.as_tensor(column).to(values.device)])
@@ -175,9 +171,8 @@ def _places(values: Any) -> Array:
     return np.atleast_1d(np.asarray(plain, np.float64)).ravel()
 
 
-def _cells(name: str, values: Any, edges: Array) -> tuple[NDArray[np.int64], Array]:
+def _cells(name: str, places: Array, edges: Array) -> tuple[NDArray[np.int64], Array]:
     """The cell between edges that each place lies in, and where in it, 0 to 1."""
-    places = _places(values)
     outside = ~((places >= edges[0]) & (places <= edges[-1]))
     if outside.any():
         raise ValueError(f"{name} = {places[outside][0]:g} m lies outside the duct, {edges[0]:g} to {edges[-1]:g} m")

@@ -1,31 +1,25 @@
-"""Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers, law of the wall."""
+"""Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers, tables."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
+from scipy.integrate import trapezoid
+from scipy.interpolate import PchipInterpolator
 
-from torchliner.checks import require_positive, tell
+from torchliner.checks import one_number, plain_array, require_positive, tell
 
 Array = NDArray[np.float64]
-STEP = 1e-30  # imaginary, of t: the slope of an analytic shape is Im shape(t + j h)/h, to rounding
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
 THIN_SHEAR, THINNEST_SHEAR = 0.05, 0.03  # of a tanh profile, half heights: a warning, a refusal
-KARMAN, BUFFER = 0.4, 7.8  # Reichardt's; B = BUFFER + ln(KARMAN)/KARMAN = 5.5
-SUBLAYER, BUFFER_DECAY = 11.0, 3.0  # y+
-LOWEST, HIGHEST = 180.0, 1e7  # friction Reynolds number
-AIR_VISCOSITY = 1.813e-5 / 1.204  # m2/s, 20 C
+WHOLE = 1e-9  # of the height: where a table ends at a wall or the centreline
 
 
 class MeanFlow:
-    """A subsonic flow: U/U_0 as an analytic shape over t, 1 at t = 1, with t the half heights from the nearer wall.
+    """A subsonic flow that is symmetric about the centreline, U/U_0 a shape over t, half heights from the nearer wall.
 
     Attributes:
         bulk_mach: mean of U over the height, divided by c.  duct_height: H, m.  sound_speed: c, m/s.
@@ -39,15 +33,13 @@ class MeanFlow:
     def __post_init__(self) -> None:
         for name in ("duct_height", "sound_speed"):
             require_positive(f"profile {name}", getattr(self, name))
-        _require_subsonic("bulk_mach", self.bulk_mach)
-        _require_subsonic("largest Mach number", self._largest())
+        for name, mach in (("bulk_mach", self.bulk_mach), ("largest Mach number", self._largest())):
+            if not 0 <= mach < 1:
+                limit = "at least 0 and below 1 (a Mach number, not m/s; the flow runs along +x)"
+                raise ValueError(f"profile {name} is {mach:.4g}; it must be {limit}")
 
     def velocity(self, y: ArrayLike) -> Array:
-        """U, m/s, at distances y from a wall, m, 0 to H, any shape.
-
-        Raises:
-            ValueError: a point outside the duct.
-        """
+        """U, m/s, at distances y from a wall, m, 0 to H, any shape; ValueError for a point outside the duct."""
         return self.sound_speed * self.mach(y)
 
     def mach(self, y: ArrayLike) -> Array:
@@ -78,26 +70,19 @@ class MeanFlow:
             raise ValueError(f"y = {heights[outside].flat[0]:g} m lies outside the duct, 0 to {self.duct_height:g} m")
         return heights
 
-    def _shape(self, t: Any) -> Any:
-        """U/U_0; t may be complex, from which the slope comes."""
-        return np.ones_like(t)
+    def _shape(self, t: Array) -> tuple[Array, Array]:
+        """U/U_0 and its derivative by t."""
+        return np.ones_like(t), np.zeros_like(t)
 
     def _mach(self, y: Array) -> Array:
-        return self.centreline_mach * self._shape(self._depth(y))
+        return self.centreline_mach * self._shape(self._depth(y))[0]
 
     def _slope(self, y: Array) -> Array:
         half = self.duct_height / 2
-        slope = np.imag(self._shape(self._depth(y) + 1j * STEP)) / STEP
-        return np.sign(half - y) * self.centreline_mach / half * slope
+        return np.sign(half - y) * self.centreline_mach / half * self._shape(self._depth(y))[1]
 
     def _depth(self, y: Array) -> Array:
         return np.minimum(y, self.duct_height - y) / (self.duct_height / 2)
-
-
-def _require_subsonic(name: str, mach: float) -> None:
-    if not 0 <= mach < 1:
-        limit = "at least 0 and below 1 (a Mach number, not m/s; the flow runs along +x)"
-        raise ValueError(f"profile {name} is {mach:.4g}; it must be {limit}")
 
 
 @dataclass(frozen=True)
@@ -118,8 +103,8 @@ class ParabolicProfile(UniformProfile):
 
     _bulk_share = 2 / 3
 
-    def _shape(self, t: Any) -> Any:
-        return t * (2 - t)
+    def _shape(self, t: Array) -> tuple[Array, Array]:
+        return t * (2 - t), 2 * (1 - t)
 
 
 @dataclass(frozen=True)
@@ -159,84 +144,123 @@ class TanhProfile(MeanFlow):
             unstable = "waves on so thin a layer may be unstable, and results then depend on the mesh"
             tell(f"{text} {THIN_SHEAR:g}: {unstable}", depth=2)
 
-    def _shape(self, t: Any) -> Any:
-        rest = 2 * math.exp(-2 / self.shear) / (1 + math.exp(-2 / self.shear))  # 1 - T without cancellation
-        slope = (2 - rest) / self.shear
-        return np.tanh(t / self.shear) + rest * (slope * (1 - t) + 2 - t) * t
+    @property
+    def _rest(self) -> tuple[float, float]:
+        """1 - T, without cancellation, and (1 + T)/d."""
+        small = math.exp(-2 / self.shear)
+        rest = 2 * small / (1 + small)
+        return rest, (2 - rest) / self.shear
 
-    @cached_property
+    def _shape(self, t: Array) -> tuple[Array, Array]:
+        (rest, steep), layer = self._rest, np.tanh(t / self.shear)
+        slope = (1 - layer**2) / self.shear + rest * (steep * (1 - 2 * t) + 2 - 2 * t)
+        return layer + rest * (steep * (1 - t) + 2 - t) * t, slope
+
+    @property
     def _bulk_share(self) -> float:  # type: ignore[override]
-        return _mean_over_layer(self._shape, 1 / self.shear)
+        rest, steep = self._rest
+        logarithm = 1 / self.shear + math.log1p(math.exp(-2 / self.shear)) - math.log(2)  # of cosh(1/d)
+        return self.shear * logarithm + rest * (steep / 6 + 2 / 3)
 
 
-@dataclass(frozen=True)
-class LawOfTheWallProfile(MeanFlow):
-    r"""Fully developed turbulent flow between smooth walls, scaled to a bulk Mach number.
-
-    .. math:: u^+ = \frac1\kappa \ln\left[1 + \kappa y^+ \frac{1 + r}{1 + r^2}\right]
-        + C\left[1 - e^{-y^+/11} - \frac{y^+}{11} e^{-y^+/3}\right], \quad r = |2y/H - 1|,
-
-    with y+ = y u_tau/nu from the nearer wall, kappa = 0.4, C = 7.8: u+ = y+ at the wall, 2.5 ln y+ + 5.5 above it. The
-    friction velocity is the one that gives the bulk Mach number.
+@dataclass(frozen=True, eq=False)
+class TabulatedProfile(MeanFlow):
+    """U at given heights, between them monotone cubics (PCHIP), which make no new extremes.
 
     Args:
-        bulk_mach, duct_height, sound_speed: as for ``UniformProfile``.
-        kinematic_viscosity: nu, m2/s; default air at 20 C.
+        y: heights, m, increasing from 0 to the duct height, or to half of it for a symmetric flow, (N,), N at least 3.
+        velocity_table: U at ``y``, m/s or in any unit if ``bulk_mach`` is given; at least 0, (N,).
+        duct_height: H, m.  bulk_mach: scale the table to this; default: as it stands, m/s.  sound_speed: c, m/s.
     Raises:
-        ValueError: as ``UniformProfile``, or a friction Reynolds number u_tau H/(2 nu) below 180.
-    Source: Reichardt (1951), Z. angew. Math. Mech. 31, 208. Departure from print: his factor for pipes,
-        1.5 (1 + r)/(1 + 2 r^2), leaves a kink on the centreline, 1.2 wall units above the channels of Hoyas & Jimenez
-        (2006); the factor here is within 0.9 of them, 0.3 there.
+        ValueError: a table that is none, or of no subsonic flow.
+    Source: Fritsch & Carlson (1980) for the cubics, as in scipy.
     """
 
-    bulk_mach: float
+    y: Array
+    velocity_table: Array
     duct_height: float
+    bulk_mach: float = None  # type: ignore[assignment]  # filled in on creation
     sound_speed: float = 343.2
-    kinematic_viscosity: float = AIR_VISCOSITY
 
     def __post_init__(self) -> None:
-        require_positive("profile kinematic_viscosity", self.kinematic_viscosity)
-        lowest = self._bulk_mach_of(LOWEST)
-        if 0 <= self.bulk_mach < lowest:
+        heights, speeds = _checked_table(self.y, self.velocity_table, "velocity_table", 3)
+        if (speeds < 0).any():
+            where = f"{speeds.min():g} at y = {heights[speeds.argmin()]:g} m"
+            raise ValueError(f"velocity_table is {where}; it must be at least 0 (the flow runs along +x)")
+        whole = self.duct_height
+        if abs(heights[-1] - whole / 2) <= WHOLE * whole:
+            heights = np.concatenate([heights, whole - heights[-2::-1]])
+            speeds = np.concatenate([speeds, speeds[-2::-1]])
+        elif abs(heights[-1] - whole) > WHOLE * whole:
             raise ValueError(
-                f"profile bulk_mach is {self.bulk_mach:g}, below {lowest:.3g}, where the friction Reynolds number is "
-                f"{LOWEST:g}, the lowest the law of the wall is taken at; use ParabolicProfile"
+                f"y ends at {heights[-1]:g} m; it must end at the other wall, {whole:g} m, or, for a symmetric flow, "
+                f"on the centreline, {whole / 2:g} m"
             )
+        heights[-1] = whole
+        mean = float(PchipInterpolator(heights, speeds).integrate(0, whole)) / whole
+        bulk = mean / self.sound_speed if self.bulk_mach is None else self.bulk_mach
+        if bulk > 0 and mean == 0:
+            raise ValueError(f"the velocity table is 0 everywhere; it cannot be scaled to bulk_mach {bulk:g}")
+        speeds = speeds * (self.sound_speed * bulk / mean if mean else 0.0)
+        for name, value in (("y", heights), ("velocity_table", speeds), ("bulk_mach", bulk)):
+            object.__setattr__(self, name, value)
         super().__post_init__()
 
     @cached_property
-    def friction_reynolds(self) -> float:
-        """Re_tau = u_tau H/(2 nu)."""
-        ends = math.log(LOWEST) - 1e-9, math.log(HIGHEST)
-        return math.exp(brentq(lambda s: self._bulk_mach_of(math.exp(s)) - self.bulk_mach, *ends, xtol=1e-14))
+    def _bulk_share(self) -> float:  # type: ignore[override]
+        """Of the lower half, over U on the centreline."""
+        if self.centreline_mach == 0:
+            raise ValueError("the velocity on the centreline is 0; it gives no displacement")
+        return float(self._mach.integrate(0, self.duct_height / 2)) / (self.duct_height / 2 * self.centreline_mach)
 
     @property
-    def friction_velocity(self) -> float:
-        """u_tau, m/s."""
-        return 2 * self.kinematic_viscosity * self.friction_reynolds / self.duct_height
+    def centreline_mach(self) -> float:
+        """U_0/c."""
+        return float(self._mach(self.duct_height / 2))
 
-    def _bulk_mach_of(self, reynolds: float) -> float:
-        bulk = _mean_over_layer(lambda t: _velocity_plus(t, reynolds), reynolds)
-        return 2 * self.kinematic_viscosity * reynolds / self.duct_height * bulk / self.sound_speed
-
-    def _shape(self, t: Any) -> Any:
-        return _velocity_plus(t, self.friction_reynolds) / _velocity_plus(np.ones(()), self.friction_reynolds)
+    def _largest(self) -> float:
+        return float(self.velocity_table.max()) / self.sound_speed
 
     @cached_property
-    def _bulk_share(self) -> float:  # type: ignore[override]
-        return _mean_over_layer(self._shape, self.friction_reynolds)
+    def _mach(self) -> PchipInterpolator:  # type: ignore[override]
+        return PchipInterpolator(self.y, self.velocity_table / self.sound_speed)
+
+    @cached_property
+    def _slope(self) -> PchipInterpolator:  # type: ignore[override]
+        return self._mach.derivative()
 
 
-def _velocity_plus(t: Any, reynolds: float) -> Any:
-    """u+ over t = 1 - r."""
-    height = reynolds * t
-    factor = (2 - t) / (1 + (1 - t) ** 2)
-    buffer = -np.expm1(-height / SUBLAYER) - height / SUBLAYER * np.exp(-height / BUFFER_DECAY)
-    return np.log1p(KARMAN * height * factor) / KARMAN + BUFFER * buffer
+def displacement_thickness(y: ArrayLike, velocity: ArrayLike, centreline_velocity: float | None = None) -> float:
+    r"""Displacement thickness :math:`\delta^* = \int_0^{H/2} (1 - U/U_0)\,dy`, in metres.
+
+    Args:
+        y: distance from the wall, m, increasing from 0 to half the duct height, shape (N,).
+        velocity: U(y), m/s, shape (N,).  centreline_velocity: U_0, m/s; default the last value.
+    Raises:
+        ValueError: fewer than two points, unequal lengths, y not increasing from the wall, or U_0 zero or not finite.
+    Source: Roncen et al. (2026), eq. (2.8); trapezoidal rule, so its error is second order in the spacing.
+
+    >>> round(tl.displacement_thickness([0.0, 0.01, 0.02], [0.0, 40.0, 40.0]), 6)  # a ramp of 10 mm
+    0.005
+    """
+    heights, speeds = _checked_table(y, velocity, "velocity", 2)
+    reference = one_number("centreline_velocity", speeds[-1] if centreline_velocity is None else centreline_velocity)
+    if reference == 0 or not math.isfinite(reference):
+        raise ValueError(f"centreline_velocity is {reference:g} m/s; it must be finite and not 0")
+    return float(trapezoid(1 - speeds / reference, heights))
 
 
-def _mean_over_layer(shape: Callable[[Any], Any], scale: float) -> float:
-    """Mean over t = 0..1 of what changes within t = 1/scale: Gauss over ln(1 + scale t), in which it is smooth."""
-    span = math.log1p(scale)
-    s = span * (1 + NODES) / 2
-    return float(np.sum(WEIGHTS * shape(np.expm1(s) / scale) * np.exp(s)) * span / (2 * scale))
+def _checked_table(y: ArrayLike, velocity: ArrayLike, name: str, fewest: int) -> tuple[Array, Array]:
+    """Heights from the wall, 0 m, on, and U there, copied, (N,) with N at least ``fewest``."""
+    heights, speeds = np.array(plain_array(y, "y"), np.float64), np.array(plain_array(velocity, name), np.float64)
+    if heights.shape != speeds.shape or heights.ndim != 1 or len(heights) < fewest:
+        both = f"y has shape {heights.shape} and {name} {speeds.shape}"
+        raise ValueError(f"{both}; two equal lists of at least {fewest} points are needed")
+    if not (np.isfinite(heights).all() and np.isfinite(speeds).all()):
+        raise ValueError(f"y and {name} must be finite")
+    if heights[0] != 0 or np.any(np.diff(heights) <= 0):
+        raise ValueError(
+            "y must increase from the wall to the centreline, or to the other wall, and starts at "
+            f"{heights[0]:g} m; add the wall, y = 0, where the velocity is 0"
+        )
+    return heights, speeds

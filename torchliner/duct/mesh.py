@@ -42,10 +42,9 @@ class DuctMesh:
         require_positive("mesh degree", self.degree)
         case = self.case
         for name, low, high in (("x", case.start, case.end), ("y", 0.0, case.height)):
-            edges = np.array(getattr(self, name), np.float64)
-            tolerance = SAME * (high - low)
-            ends = edges[[0, -1]] if edges.ndim == 1 and len(edges) > 1 else np.full(2, np.nan)
-            if not (np.abs(ends - (low, high)) <= tolerance).all() or (np.diff(edges) <= tolerance).any():
+            edges, tolerance = np.array(getattr(self, name), np.float64), SAME * (high - low)
+            spans = edges.ndim == 1 and len(edges) > 1 and (np.abs(edges[[0, -1]] - (low, high)) <= tolerance).all()
+            if not spans or (np.diff(edges) <= tolerance).any():
                 raise ValueError(
                     f"mesh {name} must be edges that increase from {low:g} to {high:g} m, those of the duct"
                 )
@@ -84,10 +83,8 @@ class DuctMesh:
         return self.widths[self.lined]
 
     def warn_if_coarse(self, frequency: float) -> None:
-        """Warn of fewer points per wavelength, that of the wave against the flow, (1 - M_b) c/f, than the degree needs.
-
-        An element of degree p counts as p + 1 points, along its longer side.
-        """
+        """Warn where the wave against the flow has fewer points per wavelength than the degree needs: an element counts
+        as p + 1 points along its longer side."""
         largest, fewest = max(self.widths.max(), np.diff(self.y).max()), FEWEST.get(self.degree, 7.0)
         points = _shortest_wave(self.case, frequency) * (self.degree + 1) / largest
         if points < fewest:
@@ -125,8 +122,11 @@ def build_mesh(
     largest = min(case.height / 5, _shortest_wave(case, frequency) * (degree + 1) / (SPARE * FEWEST.get(degree, 7.0)))
     row, column = row or largest, column or largest
     sheared = float(np.ptp(case.profile.mach([0.0, case.height / 2]))) > 0
-    wall = wall_cell or (min(0.5e-3, case.height / 100) if sheared else row)
-    half = _graded(case.height / 2, wall, row)
+    cells = [wall_cell or (min(0.5e-3, case.height / 100) if sheared else row)]  # doubling from the wall
+    while sum(cells) + min(2 * cells[-1], row) < case.height / 2 and 2 * cells[-1] < row:
+        cells.append(2 * cells[-1])
+    cells = cells if cells[0] < row else []
+    half = np.concatenate([np.cumsum([0, *cells])[:-1], sum(cells) + _even(case.height / 2 - sum(cells), row)])
     y = np.concatenate([half, case.height - half[-2::-1]])
     x = [np.array([case.start])]
     for low, high in itertools.pairwise(sorted({case.start, case.end, *itertools.chain(*case.liner)})):
@@ -135,17 +135,8 @@ def build_mesh(
 
 
 def _shortest_wave(case: DuctCase, frequency: float) -> float:
-    """Length of the plane wave against the flow, m."""
+    """Length of the plane wave against the flow, (1 - M_b) c/f, m."""
     return (1 - case.profile.bulk_mach) * case.profile.sound_speed / frequency
-
-
-def _graded(length: float, first: float, largest: float) -> Array:
-    """Edges over 0..length: sizes from ``first`` doubling to ``largest``."""
-    sizes = [] if first >= largest else [first]
-    while sizes and sum(sizes) + min(2 * sizes[-1], largest) < length and 2 * sizes[-1] < largest:
-        sizes.append(2 * sizes[-1])
-    reached = sum(sizes)
-    return np.concatenate([np.cumsum([0, *sizes])[:-1], reached + _even(length - reached, largest)])
 
 
 def _even(length: float, largest: float) -> Array:

@@ -29,12 +29,12 @@ from torchliner.checks import frequency_tensor, require_choice, whole_number
 from torchliner.duct.case import require_slip_condition, wall_reflection
 from torchliner.duct.dispersion import rigid_wavenumber
 from torchliner.duct.flow_profiles import MeanFlow
-from torchliner.duct.polynomials import chebyshev_points, integral_matrix, interpolation_matrix
-from torchliner.duct.roots import follow_roots, with_slopes
+from torchliner.duct.numerics import chebyshev_points, follow_roots, integral_matrix, interpolation_matrix, with_slopes
 from torchliner.names import DIRECTIONS
 
 WIDEST, THIN, THINNEST = 1 / 8, 1e-2, 1e-5  # panels, of the height
 POINTS = 12  # Chebyshev points of a panel
+MOST_MODES = 2 * POINTS  # that the points resolve
 DAMPED = 0.3  # -Im over Re of kappa at first: the source grows, which sends every mode to its side, past its cut-on
 CHUNK = 256  # modes followed at once: some 40 MB of matrices
 
@@ -58,10 +58,10 @@ class PridmoreBrown:
 
     @classmethod
     def of(
-        cls, profile: MeanFlow, points: int, myers: bool, device: torch.device | None = None, split: int = 1
+        cls, profile: MeanFlow, myers: bool = False, device: torch.device | None = None, split: int = 1
     ) -> PridmoreBrown:
-        """With ``points`` Chebyshev points in each panel, each panel cut into ``split`` parts."""
-        edges, height, inner = _panel_edges(profile, split), profile.duct_height, chebyshev_points(points)
+        """With ``POINTS`` in each panel, each panel cut into ``split`` parts."""
+        edges, height, inner = _panel_edges(profile, split), profile.duct_height, chebyshev_points(POINTS)
         widths = np.diff(edges)[::-1, None]  # from the rigid wall down: the first panel ends at eta = 1
         nodes = (edges[:0:-1, None] - widths * inner).clip(0, 1)
         y = (height * nodes).clip(0, height)
@@ -101,11 +101,6 @@ class PridmoreBrown:
         wall = (1 - a * mach / kappa if self.myers else 1) * pressure
         return (1 - reflection) * wall + (1 + reflection) * (kappa - a * mach) * flux, pressure
 
-    def velocities(self, a: Tensor, kappa: Tensor, pressure: Tensor, flux: Tensor) -> tuple[Tensor, Tensor]:
-        """u and v over the nodes, (M, K N)."""
-        local = kappa[:, None] - a[:, None] * self.mach.flatten()
-        return a[:, None] * pressure / local + 1j * self.mach_slope.flatten() * flux, local * flux
-
 
 def _panel_edges(profile: MeanFlow, split: int) -> np.ndarray:
     """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b."""
@@ -128,10 +123,10 @@ class DuctModes:
     Args:
         frequency: Hz, (F,).  direction: ``downstream`` or ``upstream``.
         wavenumber: alpha, 1/m, (..., F, N); mode n grew out of rigid mode n.
-        height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in panels of ``points``
-            each, whose ends are there twice.
+        height: y of the nodes, m, (P,), from the rigid wall at H down to the lined one at 0, in panels of ``POINTS``,
+            whose ends are there twice.
         pressure: p, 1 on the rigid wall, (..., F, N, P).
-        axial, normal: u along the flow, v along +y, (..., F, N, P).  points: nodes in each panel.
+        axial, normal: u along the flow, v along +y, (..., F, N, P).
     """
 
     frequency: Tensor
@@ -141,7 +136,6 @@ class DuctModes:
     pressure: Tensor
     axial: Tensor
     normal: Tensor
-    points: int
 
     def at(self, y: Any) -> tuple[Tensor, Tensor, Tensor]:
         """p, u and v at heights y (m, (Q,)), each (..., F, N, Q).
@@ -150,15 +144,15 @@ class DuctModes:
             ValueError: a height outside the duct.
         """
         places = torch.as_tensor(y, dtype=torch.float64, device=self.height.device).reshape(-1)
-        panels = self.height.reshape(-1, self.points)
+        panels = self.height.reshape(-1, POINTS)
         top = float(panels[0, 0])
         if not bool(((places >= 0) & (places <= top)).all()):
             raise ValueError(f"heights of modes run from 0 to {top:g} m")
         panel = (places < panels[:-1, -1, None]).sum(0)
         start, end = panels[panel, 0], panels[panel, -1]
         inside = ((start - places) / (start - end)).cpu().numpy()
-        matrix = torch.as_tensor(interpolation_matrix(chebyshev_points(self.points), inside)).to(self.pressure)
-        columns = panel[:, None] * self.points + torch.arange(self.points, device=places.device)
+        matrix = torch.as_tensor(interpolation_matrix(chebyshev_points(POINTS), inside)).to(self.pressure)
+        columns = panel[:, None] * POINTS + torch.arange(POINTS, device=places.device)
         p, u, v = ((field[..., columns] * matrix).sum(-1) for field in (self.pressure, self.axial, self.normal))
         return p, u, v
 
@@ -171,7 +165,6 @@ def duct_modes(
     count: int = 6,
     direction: str = "downstream",
     slip_condition: str | None = None,
-    points: int = POINTS,
 ) -> DuctModes:
     r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
 
@@ -181,8 +174,8 @@ def duct_modes(
         profile: mean flow M(y).  frequency: Hz, (F,).
         impedance: Z, normalised, v into the wall; complex, broadcast against (F,), leading axes free; infinite is
             rigid. First derivatives by Z exist.
-        count: modes 0 to count - 1.  direction: ``downstream`` or ``upstream``.
-        slip_condition: as for ``DuctCase``.  points: Chebyshev points in each panel of the height.
+        count: modes 0 to count - 1, at most 24.  direction: ``downstream`` or ``upstream``.
+        slip_condition: as for ``DuctCase``.
     Raises:
         ValueError: a Z of nan or -1, a missing slip condition, a count below 1 or beyond what the points resolve.
         RuntimeError: modes that meet on the way.
@@ -190,8 +183,8 @@ def duct_modes(
         DataWarning: negative resistance.
     """
     require_choice("direction", direction, DIRECTIONS)
-    if not 1 <= whole_number("count", count) <= 2 * points:
-        raise ValueError(f"count is {count}; from one mode to {2 * points}, twice the points, can be had")
+    if not 1 <= whole_number("count", count) <= MOST_MODES:
+        raise ValueError(f"count is {count}; from one mode to {MOST_MODES} can be had")
     wanted = frequency_tensor(frequency)
     wall = wall_reflection(impedance, wanted.device)
     wanted = wanted.to(wall.device)
@@ -204,22 +197,21 @@ def duct_modes(
         shapes = f"{tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
         raise ValueError(f"impedance has shape {shapes}") from None
     shape = (*wall.shape, count)
-    equation = PridmoreBrown.of(profile, points, slips, wall.device)
-    rigid = rigid_modes(profile, kappa, count, direction, points)
+    equation = PridmoreBrown.of(profile, slips, wall.device)
+    rigid = rigid_modes(profile, kappa, count, direction)
     items = rigid.expand(shape), kappa[:, None].expand(shape), wall[..., None].expand(shape)
     parts = [_lined(equation, *part) for part in zip(*(item.reshape(-1).split(CHUNK) for item in items), strict=True)]
     a, *fields = (torch.cat(part) for part in zip(*parts, strict=True))
-    pressure, u, v = (part.reshape(*shape, -1) for part in fields)
-    nodes = height * equation.nodes.flatten()
-    return DuctModes(wanted, direction, a.reshape(shape) / height, nodes, pressure, u, v, points)
+    waves = (part.reshape(*shape, -1) for part in fields)
+    return DuctModes(wanted, direction, a.reshape(shape) / height, height * equation.nodes.flatten(), *waves)
 
 
-def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str, points: int = POINTS) -> Tensor:
+def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str) -> Tensor:
     """alpha H of modes 0 to count - 1 between rigid walls, (F, count), at kappa = k H, (F,)."""
     number = math.pi * torch.arange(count).to(kappa)
     sign = 1 if direction == "downstream" else -1
     start = rigid_wavenumber((1 - 1j * DAMPED) * kappa[:, None], profile.bulk_mach, number, sign)
-    equation, each = PridmoreBrown.of(profile, points, False, kappa.device), kappa.repeat_interleave(count)
+    equation, each = PridmoreBrown.of(profile, device=kappa.device), kappa.repeat_interleave(count)
 
     def value(a: Tensor, t: Tensor, k: Tensor) -> Tensor:
         return equation.residual(a, k * (1 - 1j * DAMPED * (1 - t)), 1.0, t)[0]
@@ -239,7 +231,9 @@ def _lined(equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor) 
         _, slope = with_slopes(lambda z: value(z, torch.ones_like(kappa), kappa, wall.detach()), a)
         a = a - equation.residual(a, kappa, wall)[0] / slope
     pressure, flux = equation.solve(a, kappa)
-    return a, pressure, *equation.velocities(a, kappa, pressure, flux)
+    local = kappa[:, None] - a[:, None] * equation.mach.flatten()
+    axial = a[:, None] * pressure / local + 1j * equation.mach_slope.flatten() * flux
+    return a, pressure, axial, local * flux
 
 
 def _followed(value: Any, start: Tensor, kappa: Tensor, *more: Tensor) -> Tensor:

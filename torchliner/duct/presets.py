@@ -3,40 +3,119 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
+from pydantic import BeforeValidator, Field
 from torch import Tensor
 
 from torchliner import file_checks
 from torchliner.checks import noted, tell
 from torchliner.conversions import pressure_amplitude_from_spl
-from torchliner.duct import flow_profiles
-from torchliner.duct.case import DuctCase, Z
-from torchliner.duct.duct_file import (
-    TABLES,
-    DuctFile,
-    DuctTable,
-    FlowTable,
-    MicrophoneTable,
-    SoundTable,
-    wall_from_table,
-)
+from torchliner.duct.case import DuctCase, Z, complex_tensor, impedance_along
 from torchliner.duct.field import DuctField
-from torchliner.duct.flow_table import TabulatedProfile
-from torchliner.file_checks import preset_or_file, validated
+from torchliner.duct.flow_profiles import MeanFlow, ParabolicProfile, TabulatedProfile, TanhProfile, UniformProfile
+from torchliner.file_checks import FluidTable, Strict, one_of, preset_or_file, validated
 from torchliner.fluid import Fluid
-from torchliner.names import __version__
+from torchliner.names import CONDITIONS, FLOW_PROFILES, SOURCES, WALLS, __version__
 from torchliner.records import MicrophoneLine
 from torchliner.text_columns import read_lines, read_table
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
+NEAR = 1e-6  # m
 VELOCITY, VELOCITY_EXAMPLE = {"y": "length", "u": None}, "y [mm], U [m/s]"
+IMPEDANCE, IMPEDANCE_EXAMPLE = (
+    {"x": "length", "resistance": "number", "reactance": "number"},
+    "x [mm], resistance, reactance",
+)
+# What a change of a key takes out of the file: the other way to say it, and the parts of another.
+REPLACES = {
+    "impedance": ("impedance_file",),
+    "impedance_file": ("impedance",),
+    "profile": ("shear", "allow_thin", "file"),
+}
+
+
+def _pair(value: Any) -> Any:
+    """A number, or the two of a list, as a pair, as TOML has complex ones; an infinite one is a rigid wall."""
+    if isinstance(value, list):
+        return tuple(value)
+    if not isinstance(value, (int, float, complex, np.number)):
+        return value
+    z = complex(value)
+    return "rigid" if math.isinf(abs(z)) else (z.real, z.imag)
+
+
+Pair = Annotated[tuple[float, float], BeforeValidator(_pair)]
+Wall = Annotated[tuple[float, float] | Literal["rigid"], BeforeValidator(_pair)]
+
+
+class DuctTable(Strict):
+    """Table ``[duct]``, m."""
+
+    height: float = Field(gt=0, lt=10)
+    start: float
+    end: float
+    liner: list[Pair] = Field(default_factory=list)
+
+
+class FlowTable(Strict):
+    """Table ``[flow]``."""
+
+    profile: Annotated[str, one_of(*FLOW_PROFILES, "table")] = "uniform"
+    bulk_mach: float = Field(ge=0, lt=1)
+    shear: float | None = Field(None, gt=0)
+    allow_thin: bool = False
+    file: str | None = None
+    slip_condition: Annotated[str, one_of(*CONDITIONS)] | None = None
+
+
+class SoundTable(Strict):
+    """Table ``[sound]``."""
+
+    frequency: list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] = Field(min_length=1)
+    level: float = Field(100.0, ge=0, le=200)
+    source_side: Annotated[str, one_of(*SOURCES)] = "upstream"
+    impedance: Annotated[list[Wall], BeforeValidator(lambda v: v if isinstance(v, list | tuple) else [v])] | None = None
+    impedance_file: str | None = None
+    end_reflection: Pair = (0.0, 0.0)
+    source_reflection: Pair = (0.0, 0.0)
+
+
+class MicrophoneTable(Strict):
+    """Table ``[microphones]``: x one by one, or from first to last in steps, m."""
+
+    wall: Annotated[str, one_of(*WALLS)] = "opposite"
+    x: list[float] | None = None
+    first: float | None = None
+    last: float | None = None
+    step: float | None = Field(None, gt=0)
+
+
+class DuctFile(Strict):
+    """A whole file."""
+
+    name: str | None = None
+    description: str = ""
+    source: str = ""
+    duct: DuctTable
+    flow: FlowTable
+    sound: SoundTable
+    microphones: MicrophoneTable = MicrophoneTable()
+    fluid: FluidTable = FluidTable()
+
+
+TABLES: dict[str, type[Strict]] = {
+    "duct": DuctTable,
+    "flow": FlowTable,
+    "sound": SoundTable,
+    "microphones": MicrophoneTable,
+    "fluid": FluidTable,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +124,6 @@ class DuctSetup:
 
     Args:
         name: of the preset or file.  case: the duct.  frequency: Hz, (F,).
-        level: of the incident wave, dB re 20 uPa rms.
         impedance: Z of each patch, complex128, (S,) or (F, S), or a function of x and frequency.
         microphones: x, m, (N,); may be empty.  wall: of the microphones, ``opposite`` or ``lined``.
         facts: what the file says, for results.  fluid: gas.  notes: warnings, with numbers.
@@ -54,7 +132,6 @@ class DuctSetup:
     name: str
     case: DuctCase
     frequency: Tensor
-    level: float
     impedance: Z
     microphones: Tensor
     wall: str
@@ -69,34 +146,29 @@ class DuctSetup:
 
     @property
     def first_wall(self) -> Any:
-        """Z of the first lined patch, () or (F,); inf without one.
-
-        Raises:
-            ValueError: the impedance is a profile along x.
-        """
+        """Z of the first lined patch, () or (F,); inf without one; ValueError for a profile along x."""
         if callable(self.impedance):
             raise ValueError(f"{self.name} has an impedance that varies along x; modes need one: state impedance")
         return self.impedance[..., 0] if self.impedance.numel() else torch.inf
 
     def line_of(self, field: DuctField, **known: Any) -> MicrophoneLine:
-        """A solved field at the microphones, in the order of x, with its known Z; ``known``: what else its provenance
-        states. Warns of several lined patches, of which it names none."""
-        case, places = self.case, np.sort(self.places)
+        """A solved field at the microphones, in the order of x, with its known Z.
+
+        Warns of several lined patches, of which the line names none. ``known``: what else its provenance states.
+        """
+        case, places, notes = self.case, np.sort(self.places), (*self.notes, *field.notes)
         one = len(case.liner) == 1
         start, end = case.liner[0] if one else (None, None)
-        notes = (*self.notes, *field.notes)
         if len(case.liner) > 1:
             patches = f"{self.name} has {len(case.liner)} lined patches, a line of microphones names one"
             notes = (*notes, f"{patches}; it names none, and methods of one liner take all microphones")
             tell(notes[-1])
-        walls = None
+        first = plain = None
         if not callable(field.impedance):  # else Z varies along x
-            z = field.impedance
-            exact = z.detach().cpu() if isinstance(z, Tensor) else torch.as_tensor(np.asarray(z, np.complex128))
-            walls = exact.to(torch.complex128).broadcast_to(len(field.frequency), len(case.liner))
-        first = walls[:, 0] if one and walls is not None else None
-        rows = [] if walls is None else walls.tolist()
-        plain = [[[z.real, z.imag] if np.isfinite(z) else "rigid" for z in row] for row in rows] or None
+            walls = complex_tensor(field.impedance).detach().cpu().broadcast_to(len(self.frequency), len(case.liner))
+            plain = [[[z.real, z.imag] if np.isfinite(z) else "rigid" for z in row] for row in walls.tolist()]
+            if one:
+                first = torch.where(walls[:, 0].isfinite(), walls[:, 0], complex(math.nan, math.nan))
         return MicrophoneLine(
             places,
             field.wall_pressure(places, self.wall).detach().movedim(-1, -2),
@@ -106,7 +178,7 @@ class DuctSetup:
             source_side=field.source,
             liner_start=start,
             liner_end=end,
-            wall_impedance=None if first is None else torch.where(first.isfinite(), first, complex(math.nan, math.nan)),
+            wall_impedance=first,
             fluid=self.fluid,
             title=f"{self.name}, linearised Euler equations",
             provenance={
@@ -122,20 +194,6 @@ class DuctSetup:
             notes=notes,
             name=self.name,
         )
-
-
-PROFILES: dict[str, Callable[..., flow_profiles.MeanFlow]] = {
-    "uniform": flow_profiles.UniformProfile,
-    "parabolic": flow_profiles.ParabolicProfile,
-    "tanh": flow_profiles.TanhProfile,
-    "law-of-the-wall": flow_profiles.LawOfTheWallProfile,
-}
-# What a change of a key takes out of the file: the other way to say it, and the parts of another.
-REPLACES = {
-    "impedance": ("impedance_file",),
-    "impedance_file": ("impedance",),
-    "profile": ("shear", "allow_thin", "file"),
-}
 
 
 def duct_names() -> list[str]:
@@ -172,41 +230,28 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
                 table.pop(other, None)
         table[key] = value
     file = validated(DuctFile, content, path, TABLES)
+    fluid, sound, duct, flow = file.fluid.build(), file.sound, file.duct, file.flow
     try:
         with noted() as notes:
-            setup = _build(file, path)
-        return replace(setup, notes=tuple(notes))
+            profile = _profile(flow, duct.height, fluid, path.parent)
+            case = DuctCase(
+                profile,
+                duct.start,
+                duct.end,
+                duct.liner,
+                source=sound.source_side,
+                incident=pressure_amplitude_from_spl(sound.level),
+                end_reflection=complex(*sound.end_reflection),
+                source_reflection=complex(*sound.source_reflection),
+                density=fluid.density,
+                slip_condition=flow.slip_condition or ("ingard-myers" if float(profile.mach(0.0)) > 0 else None),
+            )
+            impedance, microphones = _impedance(sound, duct, path.parent), _microphones(file.microphones, case)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-
-
-def _build(file: DuctFile, path: Path) -> DuctSetup:
-    fluid, sound, duct = file.fluid.build(), file.sound, file.duct
-    profile = _profile(file.flow, duct.height, fluid, path)
-    impedance = _impedance(sound, duct, path)
-    case = DuctCase(
-        profile,
-        duct.start,
-        duct.end,
-        duct.liner,
-        source=sound.source_side,
-        incident=pressure_amplitude_from_spl(sound.level),
-        end_reflection=complex(*sound.end_reflection),
-        source_reflection=complex(*sound.source_reflection),
-        density=fluid.density,
-        slip_condition=file.flow.slip_condition or ("ingard-myers" if float(profile.mach(0.0)) > 0 else None),
-    )
-    return DuctSetup(
-        file.name or path.stem,
-        case,
-        torch.tensor(sound.frequency, dtype=torch.float64),
-        sound.level,
-        impedance,
-        _microphones(file.microphones, case),
-        file.microphones.wall,
-        file.model_dump(),
-        fluid,
-    )
+    frequency = torch.tensor(sound.frequency, dtype=torch.float64)
+    about = (impedance, microphones, file.microphones.wall, file.model_dump(), fluid, tuple(notes))
+    return DuctSetup(file.name or path.stem, case, frequency, *about)
 
 
 def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
@@ -223,41 +268,58 @@ def _microphones(table: MicrophoneTable, case: DuctCase) -> Tensor:
             raise ValueError(f"{made}; 1 to {MOST_MICROPHONES} are possible")
         places = first + step * torch.arange(count, dtype=torch.float64)
     outside = ((places < case.start) | (places > case.end)).nonzero()[:, 0].tolist()
-    for i in outside[:1]:
-        where = f"microphone {i} at x = {float(places[i]):g} m lies outside the duct"
+    if outside:
+        where = f"microphone {outside[0]} at x = {float(places[outside[0]]):g} m lies outside the duct"
         raise ValueError(f"{where}, {case.start:g} to {case.end:g} m")
     return places
 
 
-def _profile(flow: FlowTable, height: float, fluid: Fluid, path: Path) -> flow_profiles.MeanFlow:
+def _profile(flow: FlowTable, height: float, fluid: Fluid, folder: Path) -> MeanFlow:
     for kind, key in (("tanh", "shear"), ("tanh", "allow_thin"), ("table", "file")):
         if getattr(flow, key) and flow.profile != kind:
             raise ValueError(f"flow {key} is for profile {kind!r}, not {flow.profile!r}")
-    kind = "uniform" if flow.bulk_mach == 0 else flow.profile
-    about: dict[str, Any] = {"sound_speed": fluid.sound_speed}
-    if kind == "tanh":
-        about |= {"shear": flow.shear or 0.1, "allow_thin": flow.allow_thin}
-    if kind == "law-of-the-wall":
-        about["kinematic_viscosity"] = fluid.kinematic_viscosity
-    if kind != "table":
-        return PROFILES[kind](flow.bulk_mach, height, **about)
+    mach, speed = flow.bulk_mach, fluid.sound_speed
+    if mach == 0 or flow.profile == "uniform":
+        return UniformProfile(mach, height, speed)
+    if flow.profile == "parabolic":
+        return ParabolicProfile(mach, height, speed)
+    if flow.profile == "tanh":
+        return TanhProfile(mach, height, flow.shear or 0.1, speed, flow.allow_thin)
     if flow.file is None:
         raise ValueError(f"flow profile 'table' needs file, a CSV of {VELOCITY_EXAMPLE} (any unit of U)")
-    table = path.parent / flow.file
+    table = folder / flow.file
     found = read_table(read_lines(table), VELOCITY, table, example=VELOCITY_EXAMPLE, short={"velocity": "u"})
     try:
-        return TabulatedProfile(found["y"], found["u"], height, bulk_mach=flow.bulk_mach, **about)
+        return TabulatedProfile(found["y"], found["u"], height, mach, speed)
     except ValueError as error:
         raise ValueError(f"{flow.file}: {error}") from error
 
 
-def _impedance(sound: SoundTable, duct: DuctTable, path: Path) -> Z:
-    patches = len(duct.liner)
-    if sound.impedance_file is not None:
-        if sound.impedance is not None or not patches:
-            raise ValueError("sound has an impedance_file, which needs a liner in duct and excludes impedance")
-        return wall_from_table(path.parent / sound.impedance_file, duct)
-    walls = sound.impedance or []
-    if len(walls) != patches:
-        raise ValueError(f"sound has {len(walls)} impedances for {patches} lined patches, and no impedance_file")
-    return torch.tensor([math.inf if pair == "rigid" else complex(*pair) for pair in walls], dtype=torch.complex128)
+def _impedance(sound: SoundTable, duct: DuctTable, folder: Path) -> Z:
+    """Z of the patches, (S,), or Z(x) of a CSV ``x [mm], resistance, reactance``, linear in the admittance; inf is
+    rigid. Warns of stations that end within a lined patch: Z is constant beyond the last."""
+    if sound.impedance_file is None:
+        walls = sound.impedance or []
+        if len(walls) != len(duct.liner):
+            patches = f"{len(walls)} impedances for {len(duct.liner)} lined patches"
+            raise ValueError(f"sound has {patches}, and no impedance_file")
+        return torch.tensor([math.inf if pair == "rigid" else complex(*pair) for pair in walls], dtype=torch.complex128)
+    if sound.impedance is not None or not duct.liner:
+        raise ValueError("sound has an impedance_file, which needs a liner in duct and excludes impedance")
+    path = folder / sound.impedance_file
+    about: dict[str, Any] = {"example": IMPEDANCE_EXAMPLE, "short": {"R": "resistance", "X": "reactance"}}
+    found = read_table(read_lines(path), IMPEDANCE, path, special=("resistance", "reactance"), **about)
+    values = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
+    values.real, values.imag = found["resistance"], found["reactance"]
+    try:
+        between = impedance_along(found["x"], values)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+    low, high = float(found["x"][0]), float(found["x"][-1])
+    stations = f"{path}: its stations, x = {low:g} to {high:g} m,"
+    if low < duct.start - NEAR or high > duct.end + NEAR:
+        raise ValueError(f"{stations} leave the duct, {duct.start:g} to {duct.end:g} m; is their unit right?")
+    for first, last in duct.liner:
+        if low > first + NEAR or high < last - NEAR:
+            tell(f"{stations} do not span the lined patch, x = {first:g} to {last:g} m; Z is constant beyond them")
+    return between

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, tell
-from torchliner.duct import boundaries
-from torchliner.duct.case import DuctCase, require_slip_condition
+from torchliner.duct.boundaries import Boundaries, EnergyBalance, downwind_derivative, energy_balance, wall_matrices
+from torchliner.duct.case import DuctCase, complex_tensor, require_slip_condition
 from torchliner.duct.field import DuctField
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.modes import cut_on_frequency, rigid_modes
+from torchliner.duct.modes import DuctModes, cut_on_frequency, rigid_modes
 from torchliner.duct.sweep import SweptDuct
 from torchliner.engine.sums import one_thread
 from torchliner.names import DIRECTIONS, SOURCES
@@ -33,7 +31,7 @@ class DuctSolver:
 
     Args:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
-        modes: those that the ends let out, as ``boundaries.plane_modes``.
+        modes: downstream and upstream, those that the ends let out; default the plane-like ones of the rigid duct.
     Raises:
         ValueError: a mesh of another duct, frequencies that are none, a missing slip condition.
     Warns:
@@ -46,10 +44,9 @@ class DuctSolver:
         frequency: Any,
         mesh: DuctMesh | None = None,
         *,
-        modes: Callable[..., boundaries.EndModes] = boundaries.plane_modes,
+        modes: tuple[DuctModes, DuctModes] | None = None,
     ) -> None:
-        self.case = case
-        self.frequency = frequency_tensor(frequency)
+        self.case, self.frequency = case, frequency_tensor(frequency)
         highest = float(self.frequency.max())
         self.mesh = mesh or build_mesh(case, highest)
         if self.mesh.case is not case:
@@ -60,9 +57,8 @@ class DuctSolver:
         self.swept, slip = SweptDuct(self.mesh, self.frequency, modes), None
         if slips:
             share = float(case.profile.mach(0.0)) / (2j * case.wavenumber(self.frequency))
-            derivative = boundaries.downwind_derivative(self.mesh, self.swept.basis)
-            slip = share[:, None, None] * derivative.to(share)
-        self._boundaries = boundaries.Boundaries(self.swept.reading, slip)
+            slip = share[:, None, None] * downwind_derivative(self.mesh, self.swept.basis).to(share)
+        self._boundaries = Boundaries(self.swept.reading, slip)
 
     def solve(self, impedance: Any = math.inf, source: str | None = None) -> DuctField:
         """The field of one or many impedances.
@@ -81,32 +77,27 @@ class DuctSolver:
             DataWarning: negative resistance; more energy out than in past a wall that gives none.
         """
         side, basis = require_choice("source", source or self.case.source, SOURCES), self.swept.basis
-        wall = boundaries.wall_matrices(impedance, self.mesh, basis, self.frequency)
+        wall = wall_matrices(impedance, self.mesh, basis, self.frequency)
         # torch 2.13 has given wrong complex LU factors of 150 rows in two threads, in a process that had drawn figures
         # and used threads before; in one thread they were right.
         with one_thread():
             waves, eta = self._boundaries.solve(wall, *self._ends(side))
-        energy = boundaries.energy_balance(self.mesh, basis, waves, eta, wall)
+        energy = energy_balance(self.mesh, basis, waves, eta, wall)
         _warn_of_gain(energy, self.frequency)
         return DuctField(self.swept, side, waves, energy, impedance)
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
-        case, down, shape = self.case, side == "upstream", self.frequency.shape
-        alpha = self.swept.modes.wavenumber[:, 0 if down else 1].real
+        case, down, count = self.case, side == "upstream", len(self.frequency)
+        alpha = self.swept.wavenumber[:, 0 if down else 1].real
         distance = case.place_of_incidence(side) - (case.start if down else case.end)
         amplitude = case.incident * torch.exp(1j * alpha * distance)
         sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
-        both = []
-        for name in ("source_reflection", "end_reflection"):
-            value = getattr(case, name)
-            # A plain complex number would become complex64.
-            exact = value if isinstance(value, Tensor) else np.asarray(value, np.complex128)
-            tensor = torch.as_tensor(exact).to(self.frequency.device, torch.complex128)
-            if tensor.ndim and tensor.shape[-1] not in (1, *shape):
-                raise ValueError(f"{name} has shape {tuple(tensor.shape)}; its last axis must be 1 or {shape[0]}")
-            both.append(tensor.expand(np.broadcast_shapes(tensor.shape, shape)))
-        returns = torch.stack(torch.broadcast_tensors(*both), -1)
+        both = [complex_tensor(r, self.frequency.device) for r in (case.source_reflection, case.end_reflection)]
+        for name, each in zip(("source_reflection", "end_reflection"), both, strict=True):
+            if each.ndim and each.shape[-1] not in (1, count):
+                raise ValueError(f"{name} has shape {tuple(each.shape)}; its last axis must be 1 or {count}")
+        returns = torch.stack(torch.broadcast_tensors(*both, alpha)[:2], -1)
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
 
 
@@ -145,7 +136,7 @@ def _warn_of_mode_1(case: DuctCase, frequency: Tensor) -> None:
         )
 
 
-def _warn_of_gain(balance: boundaries.EnergyBalance, frequency: Tensor) -> None:
+def _warn_of_gain(balance: EnergyBalance, frequency: Tensor) -> None:
     """Where more energy goes out than comes in though the wall takes some, a wave grew."""
     fed = balance.fed
     if bool((fed > 0).any()):

@@ -13,17 +13,17 @@ one column for each unit wave, in the order of X = (s_L, c_L, x, s_R, c_R): the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.duct.boundaries import EndModes, plane_modes
-from torchliner.duct.columns import Column, Rows, condense_column
+from torchliner.duct.columns import Basis, Column, Rows, condense_column
 from torchliner.duct.mesh import DuctMesh
-from torchliner.duct.polynomials import Basis
+from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.engine.sums import one_thread
+from torchliner.names import DIRECTIONS
 
 AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
 
@@ -31,14 +31,16 @@ AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies a
 class SweptDuct:
     """What a duct does with D unit waves into it, at frequencies (Hz, (F,)).
 
+    ``modes``: downstream and upstream, what the ends let out, mode 0 of each; default those of the rigid duct.
+
     Attributes:
-        mesh, basis, frequency: of the duct.  modes: at its ends.
+        mesh, basis, frequency: of the duct.  wavenumber: alpha of the ends' modes, 1/m, (F, 2).
         reading: (F, W + 2, D): waves that arrive at the lined wall; then, of the left and the right end, the mean of
             the outgoing p -+ u less that of the end's modes, which is 0 where no other wave goes out.
         upper, lower: waves (p + v)/2 that arrive at the rigid wall and (p - v)/2 at the other, (F, C, n, D).
     """
 
-    def __init__(self, mesh: DuctMesh, frequency: Tensor, modes: Callable[..., EndModes] = plane_modes) -> None:
+    def __init__(self, mesh: DuctMesh, frequency: Tensor, modes: tuple[DuctModes, DuctModes] | None = None) -> None:
         self.mesh, self.frequency, case = mesh, frequency, mesh.case
         self.basis = basis = Basis.of_degree(mesh.degree, frequency.device)
         self._rows = Rows.of_flow(basis, mesh.y, case.profile)
@@ -47,27 +49,30 @@ class SweptDuct:
         y = torch.as_tensor((mesh.y[:-1, None] + sizes * basis.nodes.cpu().numpy()).ravel()).to(frequency)
         means = torch.as_tensor((sizes * basis.weights.cpu().numpy() / case.height).ravel())
         means = means.to(y.device, torch.complex128)
-        self.modes = modes(case.profile, frequency, y, self._flow)
+        pair = modes or [duct_modes(case.profile, frequency, count=1, direction=d) for d in DIRECTIONS]
+        p, u, v = (torch.cat([f[:, :1] for f in each], 1) for each in zip(*(m.at(y) for m in pair), strict=True))
+        self.wavenumber = torch.stack([m.wavenumber[:, 0] for m in pair], -1)
+        along, against = (p + u) / 2, (p - u) / 2
+        going = torch.stack([against @ means, (along @ means).flip(1)], 1)  # out of the left and the right end
+        # Unit waves into the ends, (F, N or 2 N, 2).
+        self._ends = torch.cat([along, v], -1).mT if self._flow else along.mT, against.flip(1).mT
         n, lined, columns = basis.count, int(mesh.lined.sum()), len(mesh.lined)
         units = 4 + n * lined  # D
         each = 16 * units * (columns * len(y) * (3 if self._flow else 2) + n * lined)
         self._at_once = min(len(frequency), max(1, int(AT_ONCE // each)))
         parts = []
         with one_thread():  # see ``DuctSolver.solve``
-            for at, columns_here, waves in self.sweeps():
-                wall, upper, lower, going = [], [], [], []
-                for i, (column, incoming) in enumerate(zip(columns_here, waves, strict=True)):
+            for at, found, waves in self.sweeps():
+                wall, upper, lower, out = [], [], [], list[Tensor]()
+                for column, incoming in zip(found, waves, strict=True):
                     wall.append(column.out["wall"] @ incoming)
                     upper.append(column.vertical[:, -n:] @ incoming)  # turned at the rigid wall: down into it
                     lower.append(wall[-1] if column.lined else column.vertical[:, :n] @ incoming)
-                    if i == 0:
-                        going.append(means @ (column.out["left"] @ incoming))
-                going.append(means @ (column.out["right"] @ incoming)[:, : len(means)])
-                going[0][:, :2] -= self.modes.against[at] @ means
-                going[1][:, -2:] -= (self.modes.along[at][..., : len(means)] @ means).flip(1)
-                parts.append(
-                    (torch.cat([*wall, torch.stack(going, 1)], 1), torch.stack(upper, 1), torch.stack(lower, 1))
-                )
+                    out = out or [means @ (column.out["left"] @ incoming)]
+                out.append(means @ (column.out["right"] @ incoming)[:, : len(means)])
+                out[0][:, :2] -= going[at, 0]
+                out[1][:, -2:] -= going[at, 1]
+                parts.append((torch.cat([*wall, torch.stack(out, 1)], 1), torch.stack(upper, 1), torch.stack(lower, 1)))
         self.reading, self.upper, self.lower = (torch.cat(part) for part in zip(*parts, strict=True))
 
     def sweeps(self) -> Iterator[tuple[slice, list[Column], Iterator[Tensor]]]:
@@ -80,28 +85,13 @@ class SweptDuct:
                 kind: condense_column(k, kind[0], self.basis, self._rows, self._flow, kind[1]) for kind in set(kinds)
             }
             columns = [known[kind] for kind in kinds]
-            yield at, columns, _waves_into(columns, EndModes(*(part[at] for part in self.modes)))
+            yield at, columns, _waves_into(columns, *(part[at] for part in self._ends))
 
 
-def _waves_into(columns: list[Column], modes: EndModes) -> Iterator[Tensor]:
+def _waves_into(columns: list[Column], left: Tensor, right: Tensor) -> Iterator[Tensor]:
     """The unit waves into each column by both sweeps."""
-    left, right = modes.along.mT, modes.against.flip(1).mT  # unit waves into the ends
     starts = np.cumsum([left.shape[-1], *(column.lined for column in columns)]).tolist()
-    passes, sources = _backward(columns, left, right)
-    along = left.new_zeros(*left.shape[:2], starts[-1] + right.shape[-1])
-    along[..., : starts[0]] = left
-    for i, column in enumerate(columns):
-        back = passes.pop() @ along
-        back[..., starts[i] :] += sources.pop()
-        from_wall = along.new_zeros(len(along), column.lined, along.shape[-1])
-        from_wall[..., starts[i] : starts[i + 1]] = torch.eye(column.lined)
-        incoming = torch.cat([along, back, from_wall], -2)
-        yield incoming
-        along = column.out["right"] @ incoming
-
-
-def _backward(columns: list[Column], left: Tensor, right: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-    """P and t of every column, from the right on; t has the columns of its own wall and of all on its right."""
+    # Backward: P and t of every column, from the right on; t has the columns of its own wall and of all on its right.
     reflection = right.new_zeros(len(right), right.shape[1], left.shape[1])
     one = torch.eye(right.shape[1], dtype=right.dtype, device=right.device)
     source, passes, sources = right, [], []
@@ -115,4 +105,14 @@ def _backward(columns: list[Column], left: Tensor, right: Tensor) -> tuple[list[
         reflection = block("left", "left") + block("left", "right") @ passed
         source = block("left", "right") @ source
         source[..., : column.lined] += block("left", "wall")
-    return passes, sources
+    # Forward: the waves themselves.
+    along = left.new_zeros(*left.shape[:2], starts[-1] + right.shape[-1])
+    along[..., : starts[0]] = left
+    for i, column in enumerate(columns):
+        back = passes.pop() @ along
+        back[..., starts[i] :] += sources.pop()
+        from_wall = along.new_zeros(len(along), column.lined, along.shape[-1])
+        from_wall[..., starts[i] : starts[i + 1]] = torch.eye(column.lined)
+        incoming = torch.cat([along, back, from_wall], -2)
+        yield incoming
+        along = column.out["right"] @ incoming

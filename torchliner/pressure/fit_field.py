@@ -1,45 +1,60 @@
-"""Impedance from wall pressures by fitting the linearised Euler equations themselves.
+r"""Impedance from wall pressures by fitting the linearised Euler equations themselves.
 
-Reflected and evanescent waves of a short liner are part of the model; ``field_model.py`` says what is minimised. An end
-that reflects is a wave that comes in there. With the far end ``fitted`` it is a second amplitude, in which the field is
-linear; with the far end ``stated`` it is what the case says, and a reflection of 0.05 that the case does not know of
-moves Z by more than any error of the microphones.
+Microphone i hears :math:`\sum_k A_k h_{ik}(\rho)`: for each of K waves sent into the duct, one from the source or one
+from either end, the duct's response h to a unit of it times an amplitude that is not known. With the measured p_i the
+residuals are those of :math:`q_i = \sum_k A_k h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the
+imaginary part phase, each over its stated error. The wall is sought as its reflection :math:`\rho = (Z - 1)/(Z + 1)`,
+since steps in Z would march to a rigid wall without end. Levenberg and Marquardt's method takes the exact derivative of
+the field by rho (h is holomorphic, so one derivative serves both parts); A is solved for at every place.
+
+Reflected and evanescent waves of a short liner are part of the model. An end that reflects is a wave that comes in
+there. With the far end ``fitted`` it is a second amplitude, in which the field is linear; with the far end ``stated``
+it is what the case says, and a reflection of 0.05 that the case does not know of moves Z by more than any error of the
+microphones.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch
+import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
-from torchliner.checks import require_choice, tell
-from torchliner.conversions import reflection_from_impedance
+from torchliner.checks import DataWarning, require_choice, tell
+from torchliner.conversions import impedance_from_reflection, reflection_from_impedance
 from torchliner.duct.case import other_side
+from torchliner.duct.field import DuctField
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.least_squares import Minimum
+from torchliner.least_squares import Minimum, Problem, System, best_of, dual_level, least_squares, project, solve_linear
 from torchliner.names import FAR_ENDS, SOURCES, __version__
-from torchliner.pressure.field_model import (
-    FieldModel,
-    best_wall,
-    bounded,
-    covariance_of,
-    impedance_at,
-    impedance_covariance,
-    like_rigid,
-    search,
-)
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
 from torchliner.pressure.notes import field_notes
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.wall_eduction import fine_places
 
+NEAREST = 1e-8  # 1 - rho of what counts as rigid: |Z| = 2e8
+FARTHEST = 100.0  # |rho|: Z = -1 to 2 %
+TOGETHER = 64  # impedances at once
+TOLERANCE, NEAR = 1e-9, 1e-3  # of a step in rho: of the last one, and of a first search
+KEPT = 2  # of the places that first searches end at
+SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
+ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valleys
+# Impedances to begin from: all pairs of resistances and reactances, so many of them.
+Grid = tuple[Sequence[float], Sequence[float], int]
+STEPS_OF_SIZE = [0.01 * 2000 ** (i / 10) for i in range(11)]  # to 20
+SIZES = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0)
+COARSE: Grid = ((0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0), (-8.0, *(-x for x in SIZES[::-1]), 0.0, *SIZES), 4)
+FINE: Grid = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
 SAME = 1e-6  # relative, and m, of what line and case both state
-FIRST_ORDER = 6.0  # standard errors of rho; nearer to a rigid wall Z is not linear over them
+LIKE_RIGID = 2.0  # standard errors of rho within which the wall is not told from a rigid one
+FIRST_ORDER = 6.0  # the same, within which Z is not linear over them
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
 NOTHING = complex(math.nan, math.nan)
 
@@ -78,32 +93,60 @@ def fit_field(
     assumed.require_above(SMALLEST)
     waves = {"stated": 1, "fitted": 2}[far_end]
     _check(line, solver, waves + 1, far_end)
-    model = FieldModel(solver, (line.source_side, other_side(line.source_side))[:waves], line.x, wall)
-    weights = (1 / assumed.parts[0], 1 / assumed.parts[1])
+    pressure, along = line.pressure.detach().to(torch.complex128), fine_places(line.x)
+    sources = (line.source_side, other_side(line.source_side))[:waves]
+    problem = WallSearch(solver, sources, line.x, wall, _cases(pressure), assumed.weights)
     freedom = 2 * (line.microphones - waves - 1)
-    choices = {"method": "field", "wall": wall, "far_end": far_end, **assumed.choices, "draws": assumed.draws}
+    choices: dict[str, Any] = {"method": "field", "wall": wall, "far_end": far_end, "draws": assumed.draws}
     choices |= {"largest_misfit": largest_misfit(freedom, CONTRADICTED), "source_side": line.source_side}
     choices |= {"source": line.name, "microphones": line.microphones, "mach": float(solver.case.profile.bulk_mach)}
-    choices |= {"unknowns": solver.mesh.unknowns, "version": __version__}
-    pressure = line.pressure.detach().to(torch.complex128)
-    target = _cases(pressure)
+    choices |= {**assumed.choices, "unknowns": solver.mesh.unknowns, "version": __version__}
+
+    def record_of(found: Minimum, pressure: Tensor, lost: Tensor) -> FieldFit:
+        """Of a solution for pressures (..., N, F), nan where it is lost, (B, F)."""
+        shape, rho = (*pressure.shape[:-2], pressure.shape[-1]), found.place[..., 0]
+        amplitude, *pressures, far = problem.heard(found, along)
+        at, between = (p.masked_fill(lost[..., None], NOTHING).reshape(*shape, -1).movedim(-1, -2) for p in pressures)
+        misfit = found.cost / freedom
+        used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
+        return FieldFit(
+            method="LEE fit",
+            frequency=line.frequency,
+            x=line.x,
+            impedance=impedance_from_reflection(rho).masked_fill(lost, NOTHING).reshape(shape),
+            covariance=impedance_covariance(rho, used * covariance_of(found)).reshape(*shape, 2, 2),
+            amplitude=solver.case.incident * amplitude[..., 0].reshape(shape),
+            end_reflection=far.reshape(shape),
+            pressure=at,
+            along=along,
+            pressure_along=between,
+            residual=(at - pressure).norm(dim=-2) / pressure.norm(dim=-2),
+            misfit=misfit.reshape(shape),
+            converged=found.converged.reshape(shape),
+            source_side=line.source_side,
+            choices=choices,
+            line=line,
+            freedom=freedom,
+        )
+
     if start is None:
-        found = best_wall(model, target, weights, freedom * largest_misfit(freedom))
+        found = best_wall(problem, freedom * largest_misfit(freedom))
     else:
         if math.isnan(abs(complex(start))) or start == -1:
             raise ValueError(f"start is {start}; an impedance other than -1 is needed")
-        wanted = torch.full((*target.shape[:-1], 1), complex(start), dtype=torch.complex128, device=target.device)
-        found = search(model, target, bounded(reflection_from_impedance(wanted)), weights)
-    result = _result(found, model, pressure, line, freedom, choices)
+        wanted = torch.full((*problem.pressure.shape[:-1], 1), complex(start), dtype=torch.complex128)
+        found = search(problem, bounded(reflection_from_impedance(wanted)).to(pressure.device))
+    result = record_of(found, pressure, torch.zeros_like(found.converged))
 
     def drawn(pressure: Tensor) -> FieldFit:
-        again = search(model, _cases(pressure), found.place.repeat(assumed.draws, 1, 1), weights)
-        return _result(again, model, pressure, line, freedom, choices, all_of_them=False)
+        again = search(problem, found.place.repeat(assumed.draws, 1, 1), pressure=_cases(pressure))
+        return record_of(again, pressure, ~again.converged)
 
     result = assumed.with_draws(result, pressure, freedom, drawn)
     spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
-    rho = found.place[..., 0]
-    doubts = like_rigid(rho, spread), like_rigid(rho, spread, FIRST_ORDER), model.gains(found.place)
+    doubts = [near_rigid(found.place[..., 0], spread, errors) for errors in (LIKE_RIGID, FIRST_ORDER)]
+    with torch.no_grad():
+        doubts.append(problem.fields(found.place)[0].energy.fed)
     notes = field_notes(result, *(each.reshape(result.impedance.shape) for each in doubts))
     tell([str(note) for note in notes])
     return replace(result, notes=notes)
@@ -115,11 +158,8 @@ def _cases(pressure: Tensor) -> Tensor:
 
 
 def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options: Any) -> FieldFit:
-    """``fit_field`` in the duct of a preset or TOML file (see ``load_duct``), at the line's frequencies.
-
-    Raises:
-        ValueError: no duct is stated; as ``fit_field``, whose ``options`` may be given but for the wall.
-    """
+    """``fit_field`` in the duct of a preset or TOML file (see ``load_duct``), at the line's frequencies, with the
+    ``options`` of ``fit_field`` but for the wall."""
     if duct is None:
         raise ValueError("a fit of the field needs the duct: state --duct with a preset or a .toml file")
     setup = load_duct(duct, frequency=line.frequency.tolist())
@@ -157,39 +197,132 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
         raise ValueError(f"{line.name}: {'; '.join(wrong)}")
 
 
-def _result(
-    found: Minimum,
-    model: FieldModel,
-    pressure: Tensor,
-    line: MicrophoneLine,
-    freedom: int,
-    choices: dict[str, Any],
-    all_of_them: bool = True,
-) -> FieldFit:
-    """The record of a solution for pressures (..., N, F); of all of them, or with nan where the fit did not settle."""
-    shape = (*pressure.shape[:-2], pressure.shape[-1])
-    along, rho, lost = fine_places(line.x), found.place[..., 0], ~(found.converged | all_of_them)
-    amplitude = torch.complex(found.amplitude[..., ::2], found.amplitude[..., 1::2])
-    *pressures, far = model.heard(found.place, amplitude, along)
-    at, between = (p.masked_fill(lost[..., None], NOTHING).reshape(*shape, -1).movedim(-1, -2) for p in pressures)
-    misfit = found.cost / freedom
-    used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
-    return FieldFit(
-        method="LEE fit",
-        frequency=line.frequency,
-        x=line.x,
-        impedance=impedance_at(rho).masked_fill(lost, NOTHING).reshape(shape),
-        covariance=impedance_covariance(rho, used * covariance_of(found)).reshape(*shape, 2, 2),
-        amplitude=model.solver.case.incident * amplitude[..., 0].reshape(shape),
-        end_reflection=far.reshape(shape),
-        pressure=at,
-        along=along,
-        pressure_along=between,
-        residual=(at - pressure).norm(dim=-2) / pressure.norm(dim=-2),
-        misfit=misfit.reshape(shape),
-        converged=found.converged.reshape(shape),
-        source_side=line.source_side,
-        choices=choices,
-        line=line,
-        freedom=freedom,
-    )
+@dataclass(frozen=True, eq=False)
+class WallSearch(Problem):
+    """rho as Re rho, Im rho, in a duct that waves are sent into."""
+
+    solver: DuctSolver
+    sources: Sequence[str]  # sides that waves are sent from, (K,)
+    places: Tensor  # x, m, (N,)
+    wall: str  # of the places, ``opposite`` or ``lined``
+    pressure: Tensor  # Pa, (B, F, N); frequencies share the solutions of a duct
+    weights: tuple[float, float]  # 1 over the error of the amplitude's logarithm, and of the phase in radians
+    tolerance: float = TOLERANCE  # of the last step
+
+    longest = 0.3
+
+    def fields(self, rho: Tensor) -> list[DuctField]:
+        """For each source, of walls (B, F, 1); warnings of a trial are not passed on."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)
+            return [self.solver.solve(impedance_from_reflection(rho), side) for side in self.sources]
+
+    def response(self, fields: Sequence[DuctField], places: Tensor) -> Tensor:
+        """h, Pa, (B, F, N, K), for the case's own incident amplitude."""
+        return torch.stack([field.wall_pressure(places, self.wall) for field in fields], -1)
+
+    def system(self, place: Tensor, index: Tensor) -> System:
+        """Residuals (B, F, 2 N) and their derivatives by Re rho, Im rho, with Re A, Im A, ..."""
+        pressure, both = self.pressure[index], []
+        with dual_level():
+            for rho in place.split(TOGETHER):
+                dual = self.response(self.fields(forward_ad.make_dual(rho, torch.ones_like(rho))), self.places)
+                both.append([part.detach() for part in forward_ad.unpack_dual(dual)])
+        value, slope = (torch.cat(parts) for parts in zip(*both, strict=True))
+        by_place = torch.stack([self._in_parts(turn * slope, pressure) for turn in (1, 1j)], -3)
+        one = torch.ones_like(pressure.real)
+        target = torch.cat([one * self.weights[0], 0 * one], -1)
+        return project(self._in_parts(value, pressure), by_place, target)
+
+    def _in_parts(self, fields: Tensor, pressure: Tensor) -> Tensor:
+        """What amplitudes Re A, Im A, ... add to level and phase, over their errors, (..., F, 2 N, 2 K)."""
+        share = fields / pressure[..., None]
+        both = torch.stack([share, 1j * share], -1).flatten(-2)
+        return torch.cat([both.real * self.weights[0], both.imag * self.weights[1]], -2)
+
+    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
+        """Walls within the bounds of rho."""
+        del index
+        return bounded(place + torch.complex(step[..., ::2], step[..., 1::2])), True
+
+    def heard(self, found: Minimum, along: Tensor) -> tuple[Tensor, ...]:
+        """Of a minimum the amplitudes A, (B, F, K), the pressure at the places, Pa, (B, F, N), and at ``along`` (m,
+        (X,)), (B, F, X), and of the end away from the first source the plane-like mode in over out, (B, F)."""
+        amplitudes = torch.complex(found.amplitude[..., ::2], found.amplitude[..., 1::2])
+        parts, end = [], other_side(self.sources[0])
+        for rho, a in zip(found.place.split(TOGETHER), amplitudes.split(TOGETHER), strict=True):
+            fields = self.fields(rho)
+            waves = torch.stack([torch.stack(field.end_waves(end), -1) for field in fields], -1)
+            sent, out = (waves * a[..., None, :]).sum(-1).unbind(-1)
+            lines = [(self.response(fields, x) * a[..., None, :]).sum(-1) for x in (self.places, along)]
+            parts.append((a, *lines, sent / out))
+        return tuple(torch.cat(each) for each in zip(*parts, strict=True))
+
+
+def search(problem: WallSearch, start: Tensor, **changes: Any) -> Minimum:
+    """The minimum next to walls rho, (B, F, 1), of the problem with some changes; Re A, Im A, ... with it."""
+    return least_squares(replace(problem, **changes), start.to(torch.complex128))
+
+
+def best_wall(problem: WallSearch, poor: float) -> Minimum:
+    """The best wall with no guess: from a coarse grid of impedances, and a fine one where chi squared is above
+    ``poor``, since a wrong minimum looks like a wrong duct."""
+    found = from_grid(problem, COARSE)
+    again = (found.cost > poor).any(-1)
+    if bool(again.any()):
+        fine = from_grid(replace(problem, pressure=problem.pressure[again]), FINE)
+        for part, new in zip(found, best_of([Minimum(*(part[again] for part in found)), fine]), strict=True):
+            part[again] = new
+    return found
+
+
+def from_grid(problem: WallSearch, grid: Grid) -> Minimum:
+    """The best wall from the best impedances of a grid each.
+
+    Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more than the level. So
+    the impedances of the grid are compared by pressure, not by its logarithm, and the first search takes relative
+    errors of both parts alike.
+    """
+    (resistance, reactance, starts), pressure = grid, problem.pressure
+    walls = torch.tensor([complex(r, x) for r in resistance for x in reactance], dtype=torch.complex128)
+    places = bounded(reflection_from_impedance(walls)).to(pressure.device)[:, None]
+    parts = places[:, None].expand(-1, pressure.shape[-2], -1).split(TOGETHER)
+    fields = torch.cat([problem.response(problem.fields(part), problem.places) for part in parts])  # (G, F, N, K)
+    misfit = torch.stack([solve_linear(each, pressure)[-1].norm(dim=-1) for each in fields])
+    best = places[misfit.topk(starts, 0, largest=False).indices]  # (S, B, F, 1)
+    about: dict[str, Any] = {"pressure": pressure.repeat(starts, 1, 1), "weights": ALIKE, "tolerance": NEAR}
+    rough = search(problem, best.flatten(0, 1), **about)
+    kept = rough.cost.reshape(best.shape[:-1]).topk(KEPT, 0, largest=False).indices[..., None]
+    return best_of(search(problem, each) for each in rough.place.reshape(best.shape).gather(0, kept))
+
+
+def bounded(rho: Tensor) -> Tensor:
+    """Moved off 1 and infinity, where Z has no number or is -1."""
+    rho = rho * (FARTHEST / rho.abs().clamp(min=FARTHEST))
+    return torch.where((1 - rho).abs() < NEAREST, 1 - NEAREST, rho)
+
+
+def covariance_of(found: Minimum) -> Tensor:
+    """Of Re rho and Im rho, (B, F, 2, 2), for the errors that the weights are from; large, and not 0 as of a
+    pseudo-inverse, where nothing is known."""
+    normal = found.jacobian.mT @ found.jacobian
+    scale = normal.diagonal(dim1=-2, dim2=-1).clamp(min=1e-30).rsqrt()
+    by = scale[..., :, None] * scale[..., None, :]
+    values, vectors = torch.linalg.eigh(normal * by)
+    inverse: Tensor = by * ((vectors / values.clamp(min=SINGULAR)[..., None, :]) @ vectors.mT)
+    return inverse
+
+
+def near_rigid(rho: Tensor, covariance: Tensor, errors: float) -> Tensor:
+    """Whether a rigid wall lies within some standard errors of rho, (...)."""
+    variance = covariance.diagonal(dim1=-2, dim2=-1).sum(-1)
+    return (1 - rho).abs() < errors * variance.clamp(min=0).sqrt()
+
+
+def impedance_covariance(rho: Tensor, covariance: Tensor) -> Tensor:
+    """Of Re Z and Im Z, (..., 2, 2), from that of Re rho and Im rho, to first order; diagonal and infinite where the
+    wall is not told from a rigid one."""
+    slope = 2 / (1 - rho) ** 2
+    turn = torch.stack([torch.stack([slope.real, -slope.imag], -1), torch.stack([slope.imag, slope.real], -1)], -2)
+    infinite = torch.diag_embed(torch.full_like(covariance[..., 0], torch.inf))
+    return torch.where(near_rigid(rho, covariance, LIKE_RIGID)[..., None, None], infinite, turn @ covariance @ turn.mT)

@@ -64,6 +64,11 @@ class MicrophoneErrors:
         return self.level_error * math.log(10) / 20, math.radians(self.phase_error)
 
     @property
+    def weights(self) -> tuple[float, float]:
+        """1 over each."""
+        return 1 / self.parts[0], 1 / self.parts[1]
+
+    @property
     def choices(self) -> dict[str, float]:
         """As a result states them."""
         return {"level_error": self.level_error, "phase_error": self.phase_error}

@@ -60,7 +60,7 @@ def two_wave_fit(
         lead, frequency, s = values.shape[:-1], line.frequency.to(values.device), seen.distance.to(values.device)
         duct, _ = duct_of(values[..., 0], frequency, line.duct_height, seen.mach, about["sound_speed"], condition)
         flat = values.reshape(-1, count)
-        pairs = WavePairs(flat, torch.stack([s, s - s[-1]], -1), duct.flattened(), tied)
+        pairs = WavePairs(flat, torch.stack([s, s - s[-1]], -1), duct.at(...), tied)
         if first:
             found = least_squares(pairs, first[0].expand(*lead, 2).reshape(-1, 2))
         else:

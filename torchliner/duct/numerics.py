@@ -1,4 +1,6 @@
-r"""Roots of analytic functions, many at once: Newton's method, and roots followed without jumps.
+r"""Polynomials through given points of 0 to 1, and roots of analytic functions: Newton's method, roots followed.
+
+A polynomial is its N values at the points; Legendre coefficients lead from them to what is asked for.
 
 F(z, t) is analytic; a root at t = 0 is carried to t = 1 by tangent steps and Newton's method. A step never lands on a
 neighbour: F' may change over it by 0.3, and the Newton-Kantorovich number |F F''/F'^2| at the predicted point is at
@@ -9,9 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
+
+from torchliner.duct.flow_profiles import Array
 
 REACH, KANTOROVICH = 0.3, 0.05
 LONGEST_STEP, SHORTEST_STEP, MOST_STEPS = 0.25, 1e-9, 4000
@@ -22,6 +30,41 @@ NEARBY = 1e-3  # of |z|: a root that stalls short of a double one is that near t
 
 # function(z, t, index): F, dF/dz and dF/dt at the items ``index`` of a batch; z, t and index have one length.
 Function = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]
+
+
+def gauss_points(count: int) -> tuple[Array, Array]:
+    """Gauss points and weights of 0 to 1, (N,) each."""
+    places, weights = legendre.leggauss(count)
+    return (1 + places) / 2, weights / 2
+
+
+def chebyshev_points(count: int) -> Array:
+    """Gauss-Lobatto points of Chebyshev, increasing from 0 to 1, (N,)."""
+    return np.sin(np.pi * np.arange(count) / (count - 1) / 2) ** 2  # (1 - cos)/2 without cancellation
+
+
+def interpolation_matrix(points: Array, places: ArrayLike) -> Array:
+    """Values at ``places`` from those at the points, (P, N)."""
+    return _values(_coefficients(points), places)
+
+
+def derivative_matrix(points: Array) -> Array:
+    """Derivatives at the points, (N, N)."""
+    return _values(2 * legendre.legder(_coefficients(points), axis=0), points)
+
+
+def integral_matrix(points: Array) -> Array:
+    """Integrals from 0 to each point, (N, N)."""
+    return _values(legendre.legint(_coefficients(points), lbnd=-1, axis=0) / 2, points)
+
+
+def _values(coefficients: NDArray[Any], places: ArrayLike) -> Array:
+    return legendre.legvander(2 * np.asarray(places, np.float64) - 1, len(coefficients) - 1) @ coefficients
+
+
+def _coefficients(points: Array) -> Array:
+    """Legendre coefficients of the polynomials that are 1 at one point and 0 at the others, (N, N)."""
+    return np.asarray(np.linalg.inv(legendre.legvander(2 * points - 1, len(points) - 1)), np.float64)
 
 
 def with_slopes(function: Callable[..., Tensor], *at: Tensor) -> tuple[Tensor, ...]:
@@ -62,8 +105,7 @@ def follow_roots(function: Function, start: Tensor, first_step: float = LONGEST_
         Roots, (N,), and how far each came, (N,): 1, or less for one that stalled and stayed there.
     """
     root, place = start.clone(), torch.zeros_like(start.real)
-    step = torch.full_like(place, first_step)
-    longest = max(first_step, LONGEST_STEP)
+    step, longest = torch.full_like(place, first_step), max(first_step, LONGEST_STEP)
     todo = torch.arange(len(start), device=start.device)
     _, slope, rate = function(root, place, todo)
     for _ in range(MOST_STEPS):
