@@ -34,8 +34,7 @@ from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.least_squares import Minimum, Problem, System, best_of, dual_level, least_squares, project, solve_linear
 from torchliner.names import FAR_ENDS, SOURCES, __version__
-from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
-from torchliner.pressure.notes import field_notes
+from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, field_notes, largest_misfit
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.wall_eduction import fine_places
 

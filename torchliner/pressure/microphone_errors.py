@@ -1,4 +1,4 @@
-r"""Errors of microphones, independent in level and in phase: what they leave of a fit, and draws of them.
+r"""Errors of microphones, independent in level and in phase: draws of them, what they leave of a fit, and warnings.
 
 Errors of :math:`s_l` nepers and :math:`s_p` radians are a relative error of variance :math:`s_l^2 + s_p^2`, of which a
 fit of U complex unknowns to N microphones leaves the share :math:`(N - U)/N`. Where the residual is above what 1 in 20
@@ -10,7 +10,7 @@ a ratio of its own, as Student's interval has it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,11 +18,24 @@ import torch
 from scipy.special import chdtri
 from torch import Tensor
 
-from torchliner.checks import whole_number
+from torchliner.checks import FEEDS, whole_number
+from torchliner.duct.flow_profiles import UniformProfile
+from torchliner.duct.modes import cut_on_frequency
+from torchliner.records import FieldFit, MicrophoneLine, WallEduction
+from torchliner.records.notes import Note
 
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
 POOR = 0.01  # share of right models that are warned of
 CONTRADICTED = 0.05  # share of right models whose errors are taken for larger than they are
+LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
+TURNS, DECAYS = 0.5, 0.1  # rad, neper over the array: a wave's direction can be told from more
+LIKE_RIGID = 0.05  # rad or neper over the array, some times what 0.1 dB and 0.1 degrees tell
+HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
+ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
+GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
+
+Notes = tuple[Note, ...]
+Row = tuple[str, Tensor, str]  # code, where it holds, what it says
 
 
 def largest_misfit(freedom: float, share: float = POOR) -> float:
@@ -65,7 +78,7 @@ class MicrophoneErrors:
 
     @property
     def weights(self) -> tuple[float, float]:
-        """1 over each."""
+        """1 over each, of residuals."""
         return 1 / self.parts[0], 1 / self.parts[1]
 
     @property
@@ -121,3 +134,159 @@ def draw_pressures(
         power = torch.randn(max(1, int(freedom)), draws, *own.shape, generator=generator, dtype=torch.float64)
         noise = noise * torch.where(own > 1, own / power.square().mean(0).sqrt(), own)[..., None, :]
     return pressure * torch.exp(torch.complex(noise[0] * level, noise[1] * phase)).to(pressure.device)
+
+
+def wave_notes(result: WallEduction, freedom: float) -> Notes:
+    """Of waves that may not be those of a lined wall, or leave more than the assumed errors, which have ``freedom``
+    real degrees of freedom."""
+    assert result.line is not None
+    choices, z, residual, span = result.choices, result.impedance, result.residual, float(result.x[-1] - result.x[0])
+    # exp(-j alpha x) of a decaying wave has Re alpha and Im alpha of opposite signs.
+    strongest = result.modes.gather(-2, result.energies.argmax(-2, keepdim=True))[..., 0, :]
+    turn, decay = strongest.real * span, strongest.imag * span
+    against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
+    # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
+    sign, spacing = 1 if result.source_side == "upstream" else -1, choices.get("spacing", 0.0)
+    along, side = 1 + sign * choices["mach"], result.source_side
+    highest = choices["sound_speed"] * along / (2 * spacing) if spacing else math.inf
+    k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
+    rigid = ((result.wavenumber - sign * k / along).abs() * span < LIKE_RIGID) & (z.abs() > HARD)
+    weak, feeds = result.energy_share < LEAST_SHARE, z.real < FEEDS
+    poor, misfit = _misfit(result, max(largest_misfit(freedom, POOR / z.numel()), choices["largest_misfit"]))
+    poor &= residual > ROUNDING
+    size = None
+    if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
+        spread = result.standard_error if result.draws is None else result.standard_deviation
+        size = float(spread[poor].abs().max())
+    rows = [
+        (
+            "aliasing",
+            result.frequency >= highest,
+            f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a rigid "
+            "duct's wave; wavenumbers may be off by 2 pi/spacing",
+        ),
+        ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; they are nan"),
+        (
+            "source-side",
+            weak,
+            f"the wave that runs away from a source {side} has at worst {least(result.energy_share, weak):.2g} of the "
+            "energy of the strongest wave: the source may be on the other side, or phases be of exp(-j omega t)",
+        ),
+        (
+            "conjugated-phases",
+            against & (2 * against.sum() > against.numel()),
+            "the phases look conjugated; exp(+j omega t) is needed",
+        ),
+        (
+            "rigid-wall",
+            rigid,
+            f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall looks rigid, "
+            f"and the impedance, |Z| {least(z.abs(), rigid):.3g} and more, is only hard",
+        ),
+        (
+            "active-wall",
+            feeds,
+            f"the resistance is negative, {least(z.real, feeds):.3g} at least: the wave gains energy at the wall, or "
+            "is not the one assumed",
+        ),
+        (
+            "model-misfit",
+            poor,
+            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, {misfit}, which draws take: "
+            "there are other waves, or larger errors; compare ranks, margins and methods",
+        ),
+    ]
+    text = f"{choices.get('unsettled')} of {z.numel()} fits did not settle; their waves may not be the best"
+    first = [Note("unsettled", f"{choices['source']}: {text}")] if choices.get("unsettled") else []
+    return (*first, *duct_notes(result.line), *_notes(result, rows, size))
+
+
+def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) -> Notes:
+    """Of a fit of the field.
+
+    Args:
+        result: the fit.
+        rigid, hard: whether a rigid wall lies within two, and within six standard errors, (..., F).
+        gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
+    """
+    end, settled, z = result.end_reflection.abs(), result.converged, result.impedance
+    feeds = (z.real < FEEDS) & ~(rigid & settled)
+    poor, misfit = _misfit(result, largest_misfit(result.freedom or math.inf, POOR / z[..., 0].numel()))
+    rows = [
+        ("unsettled", ~settled, "the fit did not settle; Z is the best one met"),
+        (
+            "model-misfit",
+            poor,
+            f"the residuals are {misfit}, which error bars take: duct, flow, far end or wall "
+            f"({result.choices['wall']}) are not those of the measurement, or this is not the deepest minimum (start=)",
+        ),
+        (
+            "rigid-wall",
+            rigid & settled,
+            "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
+        ),
+        (
+            "near-rigid-wall",
+            hard & ~rigid & settled,
+            "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
+        ),
+        ("active-wall", feeds, f"the resistance is {least(z.real, feeds):.3g}, below 0"),
+        ("active-end", end > GAINS, f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
+        (
+            "growing-wave",
+            gains > 0,
+            f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the energy that comes "
+            "in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
+        ),
+    ]
+    return _notes(result, rows)
+
+
+def duct_notes(line: MicrophoneLine) -> Notes:
+    """Higher modes of the rigid duct that carry sound."""
+    notes = []
+    for what, size in (("height", line.duct_height), ("width", line.duct_width)):
+        if size is None:
+            continue
+        limit = cut_on_frequency(UniformProfile(abs(line.stated_mach), float(size), float(line.fluid.sound_speed)))
+        above = line.frequency[line.frequency >= limit]
+        if len(above):
+            text = f"from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher mode"
+            share = f"{len(above)} of {len(line.frequency)} frequencies from {float(above.min()):g} Hz on"
+            notes.append(Note("higher-modes", f"{line.name}: {text}: {share}"))
+    return tuple(notes)
+
+
+def _misfit(result: WallEduction | FieldFit, limit: float) -> tuple[Tensor, str]:
+    """Where the misfit is above a limit, (..., F), and what it says of the errors."""
+    assert result.misfit is not None
+    poor, choices = result.misfit > limit, result.choices
+    level, phase = (most(used, poor) for used in result.used_errors)
+    stated = f"times the {choices['level_error']:g} dB and {choices['phase_error']:g} degrees stated"
+    as_of = f"(limit {limit**0.5:.3g}), as of {level:.2g} dB and {phase:.2g} degrees"
+    return poor, f"{most(result.misfit, poor) ** 0.5:.3g} {stated} {as_of}"
+
+
+def _notes(result: WallEduction | FieldFit, rows: Sequence[Row], size: float | None = None) -> Notes:
+    """Of the codes that hold somewhere: how often, where first, and what; of draws that are lost. ``size``: how far Z
+    may be off by a misfit."""
+    found, source = [], result.choices["source"]
+    for code, which, said in rows:
+        if bool(which.any()):
+            first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
+            place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
+            found.append(Note(code, f"{source}: {place}, {said}", size if code == "model-misfit" else None))
+    if result.draws is not None and bool(result.failed.any()):
+        lost = f"{int(result.failed.sum())} of {result.draws.impedance.numel()} draws have no impedance"
+        found.append(Note("lost-draws", f"{source}: {lost} and are left out of mean and interval"))
+    return tuple(found)
+
+
+def least(values: Tensor, which: Tensor) -> float:
+    """Of some values; nan of none."""
+    return float(values[which].min()) if bool(which.any()) else math.nan
+
+
+def most(values: Tensor, which: Tensor) -> float:
+    """Of some values; nan of none."""
+    return -least(-values, which)

@@ -18,8 +18,7 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.names import CONDITIONS, SOURCES, __version__
-from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit
-from torchliner.pressure.notes import wave_notes
+from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit, wave_notes
 from torchliner.records import MicrophoneLine, WallEduction
 
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
