@@ -12,19 +12,17 @@ from them.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
-from torchliner.duct.presets import load_duct
 from torchliner.io.csv_rows import write_rows
-from torchliner.records import FieldFit, WallEduction
 from torchliner.report.figure import (
     COLOURS,
     MARKERS,
@@ -43,7 +41,6 @@ from torchliner.report.figure import (
 
 SIDES = ("upstream", "downstream")
 FIRST = 145.0  # dB, where figure 19 lets its levels start
-STATE = {"B2A": "the paper's", "UFSC/PoliTo": "ASSUMED"}
 
 
 @dataclass(frozen=True)
@@ -52,56 +49,54 @@ class Facility:
 
     name: str
     preset: str
-    truth: dict[str, complex]
-    paper: dict[str, complex]
+    picture: str
+    state: str  # of the impedances
+    truth: Mapping[str, complex]
+    paper: Mapping[str, complex]
 
 
 FACILITIES = (
     Facility(
-        "B2A",
-        "b2a",
+        *("B2A", "b2a", "figure_14", "the paper's"),
         {"upstream": 2.33 - 0.30j, "downstream": 2.25 - 0.30j},
         {"upstream": 1.28 + 0.06j, "downstream": 3.02 - 0.40j},
     ),
     Facility(
-        "UFSC/PoliTo",
-        "ufsc",
+        *("UFSC/PoliTo", "ufsc", "figure_19", "ASSUMED"),
         dict.fromkeys(SIDES, 1.36 - 0.67j),
         {"upstream": 1.04 - 0.36j, "downstream": 1.68 - 0.98j},
     ),
 )
 
 
-@dataclass(frozen=True)
-class Educed:
+class Educed(NamedTuple):
     """One side of a facility: its microphones over the liner, and what two methods make of them."""
 
     line: tl.MicrophoneLine
-    by_modes: WallEduction
-    by_field: FieldFit
+    by_modes: tl.WallEduction
+    by_field: tl.FieldFit
 
 
 def educed(facility: Facility, side: str, draws: int) -> Educed:
     """Solve, then educe."""
-    z = facility.truth[side]
-    setup = load_duct(facility.preset, source_side=side, impedance=[(z.real, z.imag)])
+    setup = tl.load_duct(facility.preset, source_side=side, impedance=facility.truth[side])
     solver = tl.DuctSolver(setup.case, setup.frequency)
     line = setup.line_of(solver.solve(setup.impedance)).over_liner()
     if facility.preset == "ufsc":
         nearest = line.pressure[..., 0 if side == "upstream" else -1, :].abs()
-        scale = pressure_amplitude_from_spl(FIRST) / nearest
-        line = replace(line, pressure=line.pressure * scale)
+        line = replace(line, pressure=line.pressure * (pressure_amplitude_from_spl(FIRST) / nearest))
     return Educed(line, tl.kumaresan_tufts(line, draws=draws), tl.fit_field(line, solver, draws=draws))
 
 
 def draw_cloud(axis: Any, one: Any, colour: str, marker: str, label: str) -> None:
-    if one.draws is not None:
-        drawn = one.draws.impedance[:, 0].numpy()
-        axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
+    """Z in the plane of R and X, with its draws."""
+    drawn = one.draws.impedance[:, 0].numpy()
+    axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
     draw_point(axis, complex(one.impedance[0]), marker=marker, color=colour, markeredgecolor="k", label=label)
 
 
 def draw_levels(axis: Any, line: Any, one: Any, colour: str, marker: str) -> None:
+    """Of the microphones, of the fit and of the range of its draws."""
     x, level = one.level_along()
     drawn = one.draws.level_along()[1][..., 0].numpy()
     draw_values(axis, 1e3 * x, level[:, 0], (np.nanmin(drawn, 0), np.nanmax(drawn, 0)), color=colour)
@@ -113,82 +108,64 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     """Impedances of all draws; levels with their range."""
     figure, axes = subplots(1, 2, 3.7)
     plane, levels = axes[0]
-    pairs = list(enumerate(sides.items()))
-    for i, (side, one) in pairs:
+    for i, (side, one) in enumerate(sides.items()):
         draw_cloud(plane, one.by_modes, COLOURS[i], MARKERS[i], f"KT, {side}")
         draw_levels(levels, one.line, one.by_modes, COLOURS[i], MARKERS[i])
-    for i, (side, one) in pairs:
+    for i, (side, one) in enumerate(sides.items()):
         draw_cloud(plane, one.by_field, COLOURS[2 + i], "D", f"LEE fit, {side}")
-    for i, (side, _) in pairs:
+    for i, side in enumerate(sides):
         z = facility.paper[side]
         plane.plot(z.real, z.imag, "x", color=COLOURS[i], markersize=7, label=f"paper, {side}")
-    for i, (side, _) in pairs:
+    for i, side in enumerate(sides):
         z = facility.truth[side]
         plane.plot(z.real, z.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
-    plane.set_xlabel(PARTS[0][1])
-    plane.set_ylabel(PARTS[1][1])
-    levels.set_xlabel("$x$ (mm)")
-    levels.set_ylabel(SPL)
+    plane.set(xlabel=PARTS[0][1], ylabel=PARTS[1][1])
+    levels.set(xlabel="$x$ (mm)", ylabel=SPL)
     entry(plane, "pressures", "o", markerfacecolor="none")
     entry(plane, "KT, range of the draws")
     frame(plane, "xy")
     legend_below(figure, plane, 4)
     one = next(iter(sides.values()))
-    count = one.by_modes.choices["draws"]
     truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
     words = (
         f"{facility.name}, Mach 0.3, {float(one.line.frequency[0]):g} Hz; LEE pressures of "
-        f"Z = {truths} ({STATE[facility.name]}); "
-        f"{count} draws of 0.1 dB, 0.1 deg; lines: KT, rank 2, with the range of the draws"
+        f"Z = {truths} ({facility.state}); {one.by_modes.choices['draws']} draws of 0.1 dB, 0.1 deg; lines: KT, "
+        "rank 2, with the range of the draws"
     )
     return finish(figure, path, words)
 
 
 def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
     """A row a method."""
-    truth, paper = facility.truth[side], facility.paper[side]
     rows = []
     for found in (one.by_modes, one.by_field):
-        z, mean = complex(found.impedance[0]), complex(found.mean[0])
-        spread = complex(found.standard_deviation[0])
-        rows.append(
-            {
-                "facility": facility.name,
-                "source": side,
-                "method": found.method,
-                "resistance": z.real,
-                "reactance": z.imag,
-                "mean resistance": mean.real,
-                "mean reactance": mean.imag,
-                "std resistance": spread.real,
-                "std reactance": spread.imag,
-                "true resistance": truth.real,
-                "true reactance": truth.imag,
-                "paper's KT resistance": paper.real,
-                "paper's KT reactance": paper.imag,
-                "draws": found.choices["draws"],
-            }
-        )
+        row: dict[str, Any] = {"facility": facility.name, "source": side, "method": found.method}
+        values = {
+            "": found.impedance[0],
+            "mean ": found.mean[0],
+            "std ": found.standard_deviation[0],
+            "true ": facility.truth[side],
+            "paper's KT ": facility.paper[side],
+        }
+        for name, value in values.items():
+            z = complex(value)
+            row |= {f"{name}resistance": z.real, f"{name}reactance": z.imag}
+        rows.append(row | {"draws": found.choices["draws"]})
     return rows
 
 
 def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
     """A row a microphone: as solved, as fitted by KT, and the range over its draws."""
-    assert isinstance(one.by_modes.draws, WallEduction)
+    assert isinstance(one.by_modes.draws, tl.WallEduction)
     fitted = spl_from_pressure_amplitude(one.by_modes.pressure_at(one.line.x))[:, 0]
     drawn = spl_from_pressure_amplitude(one.by_modes.draws.pressure_at(one.line.x))[..., 0]
-    return [
-        {
-            "facility": facility.name,
-            "source": side,
-            "x (m)": float(x),
-            "SPL (dB)": float(one.line.level[i, 0]),
-            "KT (dB)": float(fitted[i]),
-            "KT least (dB)": float(drawn[:, i][drawn[:, i].isfinite()].min()),
-            "KT most (dB)": float(drawn[:, i][drawn[:, i].isfinite()].max()),
-        }
-        for i, x in enumerate(one.line.x)
-    ]
+    rows = []
+    for i, x in enumerate(one.line.x.tolist()):
+        known = drawn[:, i][drawn[:, i].isfinite()]
+        row = {"facility": facility.name, "source": side, "x (m)": x, "SPL (dB)": float(one.line.level[i, 0])}
+        row |= {"KT (dB)": float(fitted[i]), "KT least (dB)": float(known.min()), "KT most (dB)": float(known.max())}
+        rows.append(row)
+    return rows
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -196,9 +173,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--draws", type=int, default=500)
     options = options_of(parser, arguments)
     found, heard = [], []
-    for facility, name in zip(FACILITIES, ("figure_14", "figure_19"), strict=True):
+    for facility in FACILITIES:
         sides = {side: educed(facility, side, options.draws) for side in SIDES}
-        draw(facility, sides, options.output / f"{name}.png")
+        draw(facility, sides, options.output / f"{facility.picture}.png")
         for side, one in sides.items():
             found += impedances(facility, side, one)
             heard += levels(facility, side, one)

@@ -90,7 +90,8 @@ class Boundaries:
         lined, one = reading[..., 2:-2], torch.eye(reading.shape[-2], reading.shape[-1] - 4).to(reading)
         more = 0 if slip is None else (lined + one) @ slip
         # The wall's part of the system is reading E - T = (reading + more) R - (1 + more).
-        self.slip, self.back, self.own = slip, lined + more, (one + more).expand_as(lined)
+        # Contiguous, since a number with a derivative beside it may share no memory with another.
+        self.slip, self.back, self.own = slip, lined + more, (one + more).expand_as(lined).contiguous()
         self.coming, self.going = reading[..., [0, -2]], reading[..., [1, -1]]
 
     def solve(self, wall: Tensor, starts: Tensor, returns: Tensor) -> tuple[Tensor, Tensor]:

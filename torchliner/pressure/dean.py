@@ -43,13 +43,7 @@ SAME_DURATION = 0.01  # relative, of record and plane; warned of beyond
 ENDS = ("", "_pressure_first")  # of the names of impedances
 
 
-def in_situ(
-    record: PressureRecord,
-    frequency: Any = None,
-    *,
-    losses: str = "none",
-    **cut: Any,
-) -> PointImpedances:
+def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "none", **cut: Any) -> PointImpedances:
     """Impedance at every facesheet point, per cell and over the whole surface, after Dean.
 
     Args:
@@ -96,14 +90,12 @@ def in_situ(
         coherence, segments = _coherence(tones, hertz, rows, parts)
         coherences.append(cells.average(torch.where(used[:, None], coherence, 0.0), used))
         counts.append(segments)
-    found = {n: torch.cat([way.impedance(each[n][0][0]) for _, each in made], -1) for n, (_, way) in ways.items()}
+    found, known, blocks = tones.results(made)
     coherence, segments = torch.cat(coherences, -1), min(filter(None, counts), default=0)
-    known, uncertainty = tones.intervals(made), None
-    if known is not None:
-        settings = {"level": tones.interval, "resampled": "time", "blocks": known[1]}
-        uncertainty = PointUncertainty(**known[0], settings=settings)
-    notes += _notes(record, tones.frequency, coherence, segments)
-    notes += tones.few_blocks_notes("in situ", None if uncertainty is None else uncertainty.liner)
+    settings = {"level": tones.interval, "resampled": "time", "blocks": blocks}
+    uncertainty = PointUncertainty(**known, settings=settings) if known else None
+    notes += _notes(record, float(tones.frequency.max()), coherence, segments)
+    notes += tones.few_blocks_notes("in situ", known.get("liner"))
     tell([str(note) for note in notes])
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     x, z = (unknown if values is None else values for values in record.probe_coordinates())
@@ -215,14 +207,14 @@ def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> t
     return found.coherence, found.segments
 
 
-def _notes(record: PressureRecord, frequency: Tensor, coherence: Tensor, segments: int) -> list[Note]:
+def _notes(record: PressureRecord, highest: float, coherence: Tensor, segments: int) -> list[Note]:
     """Pressures that do not belong together; above c/(2 pitch) a cavity that carries more than the plane wave."""
     notes, low = [], coherence < LOW_COHERENCE
     if bool(low.any()):
         text = f"the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at worst, below"
         count = f"{int(low.sum())} of {low.numel()} values ({segments} segments): turbulence, no sound"
         notes.append(Note("low-coherence", f"{record.name}: {text} {LOW_COHERENCE:g} in {count}"))
-    if record.cell_pitch and float(frequency.max()) >= (limit := record.fluid.sound_speed / (2 * record.cell_pitch)):
+    if record.cell_pitch and highest >= (limit := record.fluid.sound_speed / (2 * record.cell_pitch)):
         wide = f"a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, carries transverse waves"
         text = f"above {limit:.4g} Hz {wide}; Dean's formula knows the plane one alone"
         notes.append(Note("cavity-modes", f"{record.name}: {text}"))

@@ -119,8 +119,7 @@ def decompose_waves(
         each.append((size, reflection[0], left.square().mean(0).sqrt(), condition))
         made.append((parts, {"": (reflection, FROM_REFLECTION)}))
     size, reflection, residual, condition = (torch.cat(values) for values in zip(*each, strict=True))
-    known = tones.intervals(made)
-    bounds = known and known[0][""]
+    bounds = tones.results(made)[1].get("")
     name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
     notes = condition_notes(f"{record.name}: {name}", tones.frequency, condition)
     bias = residual * condition
@@ -136,16 +135,18 @@ def decompose_waves(
 
 
 def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor) -> list[int]:
-    """Indices of the microphones that are used."""
-    count = len(record.microphone_y)
-    if isinstance(microphones, str):
-        pair = require_choice("microphones", microphones, ("all", "pair")) == "pair" and count > 1
-        about = (record.microphone_y, frequency, record.fluid.sound_speed, record.microphone_mach)
-        return list(best_pair(*about) if pair else range(count))
-    chosen = [whole_number("microphones", i) for i in microphones]
-    if wrong := [i for i in chosen if not 0 <= i < count]:
-        raise ValueError(f"{record.name} has microphones 0 to {count - 1}, not {wrong[0]}")
-    return chosen
+    """Indices of the microphones that are used; of a pair the two best conditioned at their worst frequency."""
+    places, count = record.microphone_y, len(record.microphone_y)
+    if not isinstance(microphones, str):
+        chosen = [whole_number("microphones", i) for i in microphones]
+        if wrong := [i for i in chosen if not 0 <= i < count]:
+            raise ValueError(f"{record.name} has microphones 0 to {count - 1}, not {wrong[0]}")
+        return chosen
+    if require_choice("microphones", microphones, ("all", "pair")) == "all" or count < 2:
+        return list(range(count))
+    mean = sum(wavenumbers(frequency, record.fluid.sound_speed, record.microphone_mach)) / 2
+    pairs = [list(pair) for pair in combinations(range(count), 2)]
+    return max(pairs, key=lambda pair: float(torch.sin(mean * places[pair].diff()).abs().min()))
 
 
 def sort_waves(
@@ -243,15 +244,6 @@ def split_waves(
     _, waves, left = solve_linear(rows, right)
     residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)
     return waves.movedim(-1, -2), residual if rows.shape[1] > 2 else torch.full_like(residual, torch.nan), condition
-
-
-def best_pair(places: Tensor, frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[int, int]:
-    """The two microphones best conditioned at their worst frequency."""
-    mean = sum(wavenumbers(frequency, sound_speed, mach)) / 2
-    return max(
-        combinations(range(len(places)), 2),
-        key=lambda ij: float(torch.sin(mean * (places[ij[0]] - places[ij[1]])).abs().min()),
-    )
 
 
 def condition_notes(name: str, frequency: Tensor, condition: Tensor) -> list[Note]:

@@ -26,10 +26,7 @@ from torchliner.tones import segment_amplitudes, window_weights
 LEVEL = 0.95
 NO_TONE = 1e-9  # of a signal's largest value
 
-
-def _column(values: Tensor, like: Tensor) -> Tensor:
-    """(S,) with as many axes as (S, ...)."""
-    return values.reshape(-1, *[1] * (like.ndim - 1))
+Quantities = dict[str, tuple[Tensor, Conversion]]  # of those that remain, (1 + S + 4, ..., 1), and how Z follows
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class Parts:
 
     def remaining(self, values: Tensor) -> Tensor:
         """Weighted means of (S, ...) over all parts, without each and without each quarter, (1 + S + 4, ...)."""
-        return replicates(_column(self.weights, values) * values, self.weights)
+        return replicates(torch.einsum("s,s...->s...", self.weights.to(values), values), self.weights)
 
 
 @dataclass(frozen=True)
@@ -134,7 +131,7 @@ class Tones:
             sums = torch.stack([late[..., a:b].to(torch.complex128) @ dual[:, a:b].T for a, b in ends])
             fitted = sums.sum(0)  # tone, conjugate, mean
             left = sums[: blocks.count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
-            size = _column(share, left)
+            size = share.reshape(-1, *[1] * (left.ndim - 1))
             own = left / size.clamp(min=1e-12)
             own = own - (size * own).sum(0) / share.sum()  # what the samples behind the last period add
             found.append((fitted[..., 0] + own)[..., None])
@@ -151,23 +148,18 @@ class Tones:
             where = f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz"
             raise ValueError(f"{where} {which}; leave it out")
 
-    def intervals(
-        self, each: Sequence[tuple[Parts, dict[str, tuple[Tensor, Conversion]]]]
-    ) -> tuple[dict[str, Interval], int] | None:
-        """Intervals of quantities, (..., F), and the fewest parts behind one; None for fewer than four.
-
-        Args:
-            each: at every frequency the parts of the record, and quantities of those that remain,
-                (1 + S + 4, ..., 1), with how Z follows from them.
-        """
-        fewest = min(len(parts.weights) for parts, _ in each)
+    def results(self, each: Sequence[tuple[Parts, Quantities]]) -> tuple[dict[str, Tensor], dict[str, Interval], int]:
+        """Z of quantities, (..., F), from the parts at every frequency; their intervals, none for fewer than four
+        parts; and the fewest parts behind one."""
+        names, fewest = list(each[0][1]), min(len(parts.weights) for parts, _ in each)
+        impedances = {n: torch.cat([made[n][1].impedance(made[n][0][0]) for _, made in each], -1) for n in names}
         if self.interval is None or fewest < FEWEST_BLOCKS:
-            return None
-        found = [
-            {name: jackknife(values, parts.weights, self.interval, way) for name, (values, way) in made.items()}
-            for parts, made in each
-        ]
-        return {name: Interval.joined([one[name] for one in found], -1) for name in found[0]}, fewest
+            return impedances, {}, fewest
+        bounds = {}
+        for n in names:
+            found = [jackknife(made[n][0], parts.weights, self.interval, made[n][1]) for parts, made in each]
+            bounds[n] = Interval.joined(found, -1)
+        return impedances, bounds, fewest
 
     def few_blocks_notes(self, method: str, found: Interval | None) -> list[Note]:
         """Where an interval is missing or rough."""
