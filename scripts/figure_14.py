@@ -140,7 +140,7 @@ def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any
     rows = []
     for found in (one.by_modes, one.by_field):
         row: dict[str, Any] = {"facility": facility.name, "source": side, "method": found.method}
-        values = {
+        values: dict[str, Any] = {
             "": found.impedance[0],
             "mean ": found.mean[0],
             "std ": found.standard_deviation[0],
