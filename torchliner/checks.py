@@ -54,23 +54,17 @@ def plain_number(value: Any) -> float:
 
 
 def _plain(kinds: tuple[type, ...], needed: str, name: str, value: Any) -> Any:
-    """What is one of these kinds, or an array or tensor of one element that is."""
+    """What is one of these kinds, or an array or tensor of one element that is; else a TypeError."""
     plain = value.item() if hasattr(value, "item") and math.prod(value.shape) == 1 else value
     if not isinstance(plain, kinds) or (isinstance(plain, bool) and bool not in kinds):
         raise TypeError(f"{name} is {value!r}; {needed} is needed")
     return kinds[-1](plain)
 
 
-def one_number(name: str, value: Any) -> float:
-    """A number as a float: Python's, NumPy's, or an array or tensor of one; else a TypeError."""
-    return float(_plain((int, float), "one number", name, value))
-
-
-def whole_number(name: str, value: Any) -> int:
-    """A whole number as an int; TypeError for 200.0, text and truth values."""
-    return int(_plain((int,), "a whole number", name, value))
-
-
+# A number as a float, a whole number as an int: Python's, NumPy's, or an array or tensor of one; TypeError for text,
+# truth values, and 200.0 as a whole number.
+one_number: Callable[[str, Any], float] = partial(_plain, (int, float), "one number")
+whole_number: Callable[[str, Any], int] = partial(_plain, (int,), "a whole number")
 _complex = partial(_plain, (int, float, complex), "one number, complex or real,")
 _BY_ANNOTATION: dict[str, Callable[[str, Any], Any]] = {
     "float": one_number,
@@ -82,16 +76,11 @@ _BY_ANNOTATION: dict[str, Callable[[str, Any], Any]] = {
 
 
 def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
-    """Numbers, whole numbers and switches of a frozen dataclass as Python's own; None stays None.
+    """Numbers, whole numbers and switches of a frozen dataclass, by its annotations, as Python's own; None stays None.
 
     A NumPy scalar computes in its own precision: a sampling rate in float32 moves phases by 1e-3 within a second.
-
-    Args:
-        record: its fields are known by their annotations.
-        prefix: of their names in messages; default the record's own name.
-        tensors: leave tensors, through which derivatives may pass.
-    Raises:
-        TypeError: a field of another kind.
+    ``prefix``: of names in messages; default the record's own name. ``tensors``: leave these, through which derivatives
+    may pass. TypeError for a field of another kind.
     """
     prefix = prefix or (f"{record.name}: " if getattr(record, "name", "") else "")
     for each in fields(record):
@@ -118,11 +107,9 @@ def require_complex(name: str, value: Tensor) -> None:
 
 def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
     """Return ``value`` if it is one of ``choices``; else say which one is nearest."""
-    known = list(choices)
-    if value not in known:
-        raise ValueError(
-            f"unknown {name} {value!r}{did_you_mean(str(value), known)}; choose one of: {', '.join(known)}"
-        )
+    if value not in (known := list(choices)):
+        near = did_you_mean(str(value), known)
+        raise ValueError(f"unknown {name} {value!r}{near}; choose one of: {', '.join(known)}")
     return value
 
 
@@ -146,15 +133,16 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
 
 
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
-    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept, arrays copied.
-
-    Raises:
-        TypeError: complex numbers, truth values, text, None.
-    """
-    found = value if isinstance(value, Tensor) else plain_array(value, name)
-    if found.is_complex() if isinstance(found, Tensor) else found.dtype.kind not in "fiu":
+    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept, arrays copied; TypeError for
+    complex numbers, truth values, text, None."""
+    if isinstance(value, Tensor):
+        if value.is_complex():
+            raise TypeError(f"{name}: a real number is needed, not {value.dtype}")
+        return value.to(dtype)
+    found = plain_array(value, name)
+    if found.dtype.kind not in "fiu":
         raise TypeError(f"{name}: a real number is needed, not {found.dtype}")
-    return found.to(dtype) if isinstance(found, Tensor) else torch.as_tensor(found.astype(np.float64)).to(dtype)
+    return torch.as_tensor(found.astype(np.float64)).to(dtype)
 
 
 def phase_tensor(value: Any) -> Tensor:
@@ -166,21 +154,12 @@ def phase_tensor(value: Any) -> Tensor:
 
 
 def stated_frequency(frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None) -> Tensor:
-    """What is asked for, else the ``tone`` that the record ``name`` states, Hz, (F,).
-
-    Raises:
-        ValueError: neither is known; as ``frequency_tensor``.
-    """
+    """What is asked for, else the ``tone`` that the record ``name`` states, Hz, (F,); ValueError where neither is
+    known, and as ``frequency_tensor``."""
     wanted = tone if frequency is None else frequency
     if wanted is None:
         raise ValueError(f"{name} states no frequency; give frequency=..., in Hz")
     return frequency_tensor(wanted, sampling_rate).cpu()
-
-
-def index_of_frequency(known: Tensor, frequency: float) -> int | None:
-    """Where a frequency (Hz) stands among those of a record, (F,); None if it is not there."""
-    close = (known / frequency - 1).abs() < SAME_FREQUENCY
-    return int(close.nonzero()[0]) if bool(close.any()) else None
 
 
 def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tensor:
@@ -193,10 +172,17 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tens
     if wanted.numel() == 0:
         raise ValueError("no frequency is given; name at least one, in Hz")
     for value in wanted.tolist():
-        require_positive("frequency (Hz)", value)
+        if not 0 < value < math.inf:
+            require_positive("frequency (Hz)", value)
         if sampling_rate is not None and value >= sampling_rate / 2:
             raise ValueError(
                 f"frequency {value:g} Hz is at or above Nyquist, {sampling_rate / 2:g} Hz for a sampling rate of "
                 f"{sampling_rate:g} Hz; lower the frequency or use finer data"
             )
     return wanted
+
+
+def index_of_frequency(known: Tensor, frequency: float) -> int | None:
+    """Where a frequency (Hz) stands among those of a record, (F,); None if it is not there."""
+    close = (known / frequency - 1).abs() < SAME_FREQUENCY
+    return int(close.nonzero()[0]) if bool(close.any()) else None

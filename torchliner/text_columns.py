@@ -133,7 +133,7 @@ def read_columns(
         special: columns that may hold inf, though not nan; default: all, and nan as well.
     Raises:
         ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a value that no
-            measurement has (``units.PLAUSIBLE``).
+            measurement has (``units.require_plausible``).
     """
     used, marks, found = [column.index for column in columns], dict[str, str](), dict[str, Array]()
     for number, row in zip(numbers, rows, strict=True):

@@ -14,7 +14,7 @@ largest loss is half as large for a slit; resistance is that of eq. (2.4a).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import torch
 from torch import Tensor
@@ -22,17 +22,7 @@ from torch import Tensor
 from torchliner.checks import plain_number, real_tensor
 from torchliner.liners.cell import CellLiner
 from torchliner.liners.laws import Perforate
-from torchliner.liners.model import (
-    Coefficient,
-    Depth,
-    Factor,
-    FactorFrom0,
-    Length,
-    Mach,
-    Number,
-    Share,
-    ShareFrom0,
-)
+from torchliner.liners.model import Coefficient, Depth, Factor, FactorFrom0, Length, Mach, Number, Share, ShareFrom0
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import VELOCITY_READINGS
 
@@ -100,19 +90,17 @@ class FlowSDoFLiner(SDoFLiner):
 
     mach: Mach = None
 
+    flow_factors: ClassVar[tuple[str, ...]]  # all 0 where the law does not depend on the flow
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.settle(lacks_mach=self.mach is None and self._takes_mach())
-
-    def _takes_mach(self) -> bool:
-        raise NotImplementedError
+        takes_mach = any(plain_number(getattr(self, name)) for name in self.flow_factors)
+        self.settle(lacks_mach=self.mach is None and takes_mach)
 
     def in_flow(self, mach: float | None) -> Self:
         """See ``LinerModel``."""
-        if mach is None:
-            return self
-        if self.mach is None:
-            return self.replace(mach=mach)
+        if mach is None or self.mach is None:
+            return self if mach is None else self.replace(mach=mach)
         stated = plain_number(self.mach)
         if abs(stated - mach) > SAME_MACH:
             both = f"states mach {stated:g}, and the data {mach:g}"
@@ -122,8 +110,7 @@ class FlowSDoFLiner(SDoFLiner):
     @classmethod
     def of(cls, liner: SDoFLiner, **further: Any) -> Self:
         """The same liner with further parameters, SI."""
-        own = {each.name: getattr(liner, each.name) for each in fields(liner)}
-        return cls(**own | further)
+        return cls(**{each.name: getattr(liner, each.name) for each in fields(liner)} | further)
 
 
 @dataclass(frozen=True)
@@ -149,15 +136,13 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
     """
 
     model = "adjusted-sdof"
+    flow_factors = ("mach_resistance", "mach_mass_loss")
 
     end_correction: FactorFrom0 = 1.0
     mass_loss: FactorFrom0 = 1.0
     mass_loss_speed: Factor = 1.0
     mach_resistance: Coefficient = 0.0
     mach_mass_loss: Coefficient = 0.0
-
-    def _takes_mach(self) -> bool:
-        return any(map(plain_number, (self.mach_resistance, self.mach_mass_loss)))
 
     def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
         """See ``SDoFLiner``."""
@@ -185,6 +170,7 @@ class EndLossSDoFLiner(FlowSDoFLiner):
     """
 
     model = "sdof-end-loss"
+    flow_factors = ("mach_loss",)
 
     hydraulic_diameter: Annotated[Any, Number(unit="m", high=0.2)] = None
     end_loss: ShareFrom0 = 0.5
@@ -196,9 +182,6 @@ class EndLossSDoFLiner(FlowSDoFLiner):
         if self.hydraulic_diameter is None:
             self.settle(hydraulic_diameter=self.orifice_diameter)
         super().__post_init__()
-
-    def _takes_mach(self) -> bool:
-        return plain_number(self.mach_loss) > 0
 
     def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
         """See ``SDoFLiner``."""
@@ -220,8 +203,7 @@ def velocity_readings(liner: CellLiner) -> dict[str, CellLiner]:
     """The liner with the other reading of |v|; ValueError if both are the same here."""
     if plain_number(liner.open_area_fraction) == 1:
         raise ValueError("open_area_fraction is 1: |v| as measured and |v| conserved are the same there")
-    others = [name for name in VELOCITY_READINGS if name != liner.velocity_reading]
-    return {name: liner.replace(velocity_reading=name) for name in others}
+    return {name: liner.replace(velocity_reading=name) for name in VELOCITY_READINGS if name != liner.velocity_reading}
 
 
 def porosity_readings(liner: SDoFLiner) -> dict[str, SDoFLiner]:
@@ -241,11 +223,9 @@ def porosity_readings(liner: SDoFLiner) -> dict[str, SDoFLiner]:
             raise ValueError("the liner states no cell_pitch, which the local reading needs")
         share = (2 * plain_number(liner.cavity_hydraulic_radius) / liner.cell_pitch) ** 2
         if not porosity < share < 1:
-            raise ValueError(
-                f"the square of cavity over pitch is {share:.3g}, which is no share of a cell with "
-                f"square cavities and porosity {porosity:g}"
-            )
+            words = f"which is no share of a cell with square cavities and porosity {porosity:g}"
+            raise ValueError(f"the square of cavity over pitch is {share:.3g}, {words}")
         cells = liner.replace(porosity=porosity / share, open_area_fraction=share, cavity_porosity=1.0)
         found[f"local {100 * porosity / share:.3g} %, wall in parallel"] = cells
     others = {f"global, phi_c = {phi:.3g}": whole.replace(cavity_porosity=phi) for phi in (1.0, share)}
-    return {**found, **{name: other for name, other in others.items() if other != liner}}
+    return found | {name: other for name, other in others.items() if other != liner}
