@@ -21,21 +21,9 @@ import torchliner as tl
 from benchmarks import engine, files, methods
 from benchmarks.harness import Bench
 
+ENGINE, METHODS = (engine.engine, engine.stream), (methods.studies, methods.bursts, methods.duct)
 PARTS: dict[str, Callable[[Bench], None]] = {
-    work.__name__: work
-    for work in (
-        engine.engine,
-        engine.signals,
-        engine.stream,
-        methods.studies,
-        methods.bursts,
-        methods.duct,
-        files.cold,
-        files.memory,
-        files.formats,
-        files.workers,
-        files.start,
-    )
+    work.__name__: work for work in (*ENGINE, *METHODS, files.cold, files.memory, files.workers)
 }
 
 
@@ -44,7 +32,7 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default all")
     parser.add_argument("--full", action="store_true", help="the sizes of the paper")
     parser.add_argument("--seconds", type=float, default=20.0, help="work that takes longer is run once")
-    parser.add_argument("--device", default="cpu", help="of the parts engine and signals")
+    parser.add_argument("--device", default="cpu", help="of the part engine")
     parser.add_argument("--folder", type=Path, help="for large files; default a temporary one")
     options = parser.parse_args()
     if unknown := {*options.parts} - {*PARTS}:

@@ -28,131 +28,73 @@ STAMP = ENVIRONMENT / ".torchliner-stamp"
 OLDEST = (3, 11)
 # Called from inside .venv, sys.executable would vanish with it when it is made anew.
 BASE = getattr(sys, "_base_executable", sys.executable)
+LINT = ["-m ruff check .", "-m ruff format --check .", "-m mypy"]
+PYTEST = "-m pytest -n auto --maxprocesses 4 -m"
+TASKS = {  # commands of .venv's Python, one after the other
+    "setup": [],
+    "lint": ["-m ruff check .", "-m ruff format --check .", "-m mypy"],
+    "test": [
+        "-m ruff check .",
+        "-m ruff format --check .",
+        "-m mypy",
+        "-m pytest -n auto --maxprocesses 4 -m not_slow",
+    ],
+    "test-slow": ["-m pytest -n auto --maxprocesses 4 -m slow"],
+    "demo": ["scripts/demo.py"],
+    "docs": ["-m sphinx -W --keep-going -q -b html docs docs/build/html"],
+    "benchmark": ["scripts/benchmark.py"],
+}
 
 
 def run(*command: str | Path) -> None:
     """Run a command in the project's folder; stop with its exit code if it fails."""
-    code = subprocess.call([str(part) for part in command], cwd=ROOT)
-    if code:
+    if code := subprocess.call([str(part) for part in command], cwd=ROOT):
         sys.exit(code)
 
 
 def make_environment() -> None:
     """A virtual environment with pip in it, also where the ensurepip module is missing."""
-    if ENVIRONMENT.exists():
-        shutil.rmtree(ENVIRONMENT)
-    made = subprocess.run([BASE, "-m", "venv", ENVIRONMENT], cwd=ROOT, capture_output=True, text=True)
-    if made.returncode == 0:
+    shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+    if subprocess.run([BASE, "-m", "venv", ENVIRONMENT], cwd=ROOT, capture_output=True).returncode == 0:
         return
     shutil.rmtree(ENVIRONMENT, ignore_errors=True)
     print("venv has no ensurepip; taking pip from the calling Python", flush=True)
     run(BASE, "-m", "venv", "--without-pip", ENVIRONMENT)
-    code = subprocess.call([BASE, "-m", "pip", "--python", PYTHON, "install", "-q", "pip"])
-    if code:
+    if subprocess.call([BASE, "-m", "pip", "--python", PYTHON, "install", "-q", "pip"]):
         sys.exit(
             "This Python can make no environment with pip in it. Install its venv package "
             "(python3-venv on Debian) or another Python, and call again."
         )
 
 
-def pinned_torch() -> str:
-    """torch as constraints.txt pins it."""
-    found = re.search(r"^torch==\S+", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
-    return found.group(0) if found else "torch"
+def install(*what: str | Path) -> None:
+    """With pip, quietly."""
+    run(PYTHON, "-m", "pip", "install", "-q", "--disable-pip-version-check", *what)
 
 
 def setup() -> None:
     """Make or refresh .venv; does nothing if it is up to date."""
     if sys.version_info < OLDEST:
         sys.exit(f"Python {OLDEST[0]}.{OLDEST[1]} or later is needed; this is {sys.version}")
-    torch = os.environ.get("TORCHLINER_TORCH", "")
-    index = os.environ.get("TORCHLINER_TORCH_INDEX", "")
-    wanted = hashlib.sha256(
-        b"".join((ROOT / name).read_bytes() for name in ("pyproject.toml", "constraints.txt"))
-        + f"{torch}|{index}|{sys.version_info[:2]}".encode()
-    ).hexdigest()
+    torch, index = (os.environ.get(f"TORCHLINER_TORCH{end}", "") for end in ("", "_INDEX"))
+    pins = (ROOT / "constraints.txt").read_text()
+    state = f"{(ROOT / 'pyproject.toml').read_text()}{pins}{torch}|{index}|{sys.version_info[:2]}"
+    wanted = hashlib.sha256(state.encode()).hexdigest()
     if PYTHON.exists() and STAMP.exists() and STAMP.read_text() == wanted:
         return
     print("setting up .venv (a minute or two, once)", flush=True)
     if not (torch == "keep" and PYTHON.exists()):
         make_environment()
-    pip: list[str | Path] = [PYTHON, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
     if torch != "keep":
         # torch alone first: the builds' index must never serve the other packages.
-        source = ["--index-url", index] if index else []
-        run(*pip, "--no-deps", *source, torch or pinned_torch())
-    constraints: list[str | Path] = ["-c", "constraints.txt"]
+        pinned = re.findall(r"^torch==\S+", pins, re.MULTILINE)
+        install("--no-deps", *(["--index-url", index] if index else []), torch or (pinned or ["torch"])[0])
+    constraints = ROOT / "constraints.txt"
     if torch:
-        free = ENVIRONMENT / "constraints-without-torch.txt"
-        lines = (ROOT / "constraints.txt").read_text().splitlines()
-        free.write_text("\n".join(line for line in lines if not line.startswith("torch==")))
-        constraints = ["-c", free]
-    run(*pip, *constraints, "-e", ".[test]")
+        constraints = ENVIRONMENT / "constraints-without-torch.txt"
+        constraints.write_text(re.sub(r"^torch==.*\n", "", pins, flags=re.MULTILINE))
+    install("-c", constraints, "-e", ".[test]")
     STAMP.write_text(wanted)
-
-
-def lint() -> None:
-    """Style and types."""
-    run(PYTHON, "-m", "ruff", "check", ".")
-    run(PYTHON, "-m", "ruff", "format", "--check", ".")
-    run(PYTHON, "-m", "mypy")
-
-
-def tests_of(marker: str) -> None:
-    """Tests side by side, each with one thread: torch's own would stand in each other's way."""
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    side_by_side = ["-n", "auto", "--maxprocesses", "4"]
-    run(PYTHON, "-m", "pytest", *side_by_side, "-m", marker)
-
-
-def test() -> None:
-    """Lint, types, all tests but the slow ones; the README's example is one of them."""
-    lint()
-    tests_of("not slow")
-
-
-def test_slow() -> None:
-    """The tests that ``test`` leaves out: statistics of many trials, long records, the kernel for CUDA."""
-    pinned('triton; platform_system == "Linux"')
-    tests_of("slow")
-
-
-def demo() -> None:
-    """The main job on the shipped data."""
-    run(PYTHON, "scripts/demo.py")
-
-
-def pinned(*packages: str) -> None:
-    """What one task alone needs, in the versions of constraints.txt."""
-    pip: list[str | Path] = [PYTHON, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-    run(*pip, "-c", "constraints.txt", *packages)
-
-
-def docs() -> None:
-    """The site in docs/build/html; a warning is an error."""
-    listed = (ROOT / "pyproject.toml").read_text().split("\ndocs = [")[1].split("]\n")[0]
-    pinned(*(name for name in re.findall(r'"([^"]+)"', listed) if "torchliner" not in name))
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    html = ROOT / "docs" / "build" / "html"
-    run(PYTHON, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", html)
-    print(f"{html / 'index.html'}")
-
-
-def benchmark() -> None:
-    """Time and error of the engines, beside the published recipe compiled by numba."""
-    pinned("numba")
-    run(PYTHON, "scripts/benchmark.py")
-
-
-TASKS = {
-    "setup": None,
-    "demo": demo,
-    "test": test,
-    "test-slow": test_slow,
-    "lint": lint,
-    "docs": docs,
-    "benchmark": benchmark,
-}
 
 
 def main() -> None:
@@ -161,9 +103,16 @@ def main() -> None:
         print(__doc__)
         sys.exit(0 if sys.argv[1:] in (["-h"], ["--help"]) else 2)
     setup()
-    task = TASKS[sys.argv[1]]
-    if task is not None:
-        task()
+    task = sys.argv[1]
+    if task == "docs":
+        listed = (ROOT / "pyproject.toml").read_text().split("\ndocs = [")[1].split("]\n")[0]
+        install("-c", "constraints.txt", *(n for n in re.findall(r'"([^"]+)"', listed) if "torchliner" not in n))
+    if task == "test-slow":
+        install("-c", "constraints.txt", 'triton; platform_system == "Linux"')
+    if task in ("test", "test-slow", "docs"):
+        os.environ.setdefault("OMP_NUM_THREADS", "1")  # beside others, more would stand in each other's way
+    for command in TASKS[task]:
+        run(PYTHON, *(word.replace("not_slow", "not slow") for word in command.split()))
 
 
 if __name__ == "__main__":

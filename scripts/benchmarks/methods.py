@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import tempfile
 from collections.abc import Callable
@@ -23,14 +22,6 @@ from torchliner.duct.settled import growing_wave, solve_settled
 from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.pressure.microphone_errors import draw_pressures
 
-# Choices whose rows an audit has, as runs of their own.
-ALONE: tuple[dict[str, Any], ...] = (
-    {},
-    {"mean": "removed"},
-    {"drive": "rms"},
-    {"drive": "running-rms"},
-    {"phase": "self-consistent"},
-)
 FREE = {
     "vena_contracta": (0.3, 1.0),
     "offset_resistance": (-0.2, 0.2),
@@ -47,18 +38,12 @@ MESHES = {17_000: (3, 0.0184, 0.01), 45_000: (4, 0.011, 0.01), 224_000: (4, 0.00
 
 
 def studies(bench: Bench) -> None:
-    """The audit against an ``educe`` for each of some of its rows; a calibration on shipped planes."""
+    """The audit beside one ``educe``, a calibration on shipped planes."""
     plane, liner = plane_of(noise(bench).cpu()), tl.load_liner("polito")
     seconds, audited = bench.best(lambda: tl.audit(plane, liner), 1)
-    values = [audited.base, *(each.impedance for each in audited.rows)]
-
-    def alone() -> list[complex]:
-        return [complex(tl.educe(plane, liner, interval=None, **choices).answer[0]) for choices in ALONE]
-
-    each, ones = bench.best(alone, 1)
-    error = max(min(abs(value - other) for other in values) for value in ones)
-    row(f"audit, {len(audited.rows)} variants", seconds, error=error)
-    row("the same, an educe for each (5 measured)", each / len(ALONE) * len(values))
+    each, one = bench.best(functools.partial(tl.educe, plane, liner, interval=None), 1)
+    row(f"audit, {len(audited.rows)} variants", seconds, error=abs(audited.base - complex(one.answer[0])))
+    row("one educe of them", each)
     files = [path for case in ("n115", "n130") for path in case_files(case)[-3:]]
     slit = tl.load_liner("lbm_slit")
     kept: dict[str, Any] = {"cell_pitch": slit.cell_pitch, "averaging": "velocity"}
@@ -81,26 +66,11 @@ def station(seed: int) -> tl.BurstRecord:
 
 
 def bursts(bench: Bench) -> None:
-    """A station of 10 s, its segments of 1 s in a batch and in a loop; from files; a line of 120 stations."""
+    """A station of 10 s in segments of 1 s; a line of 120 stations from files."""
     liner, record = tl.load_liner("onera"), station(1)
     choices: dict[str, Any] = {"grid_rate": GRID, "flagged": "use", "correction": "none"}
     educe = functools.partial(tl.educe_bursts, [record], liner, **choices)
-    seconds, line = bench.best(educe)
-    count, length = int(line.segments[0]), round(GRID)
-
-    def one_by_one() -> list[complex]:
-        signal, found = tl.onto_grid(record.arrival_time, record.wall_normal, GRID), []
-        for begin in range(0, count * (length // 2), length // 2):
-            piece = signal.values[None, begin : begin + length]
-            plane = tl.VelocityPlane(piece, sampling_rate=GRID, frequency=DOPPLER_TONE)
-            alone = tl.educe(plane, liner, averaging="admittance", interval=None)
-            found.append(complex(alone.probes["admittance"].reflection[0, 0]))
-        return found
-
-    slow, ones = bench.best(one_by_one, 1)
-    error = max(abs(complex(line.reflection[0, i, 0]) - one) for i, one in enumerate(ones))
-    row(f"a station of {BURSTS} bursts, {count} segments", seconds)
-    row("the same in a loop over segments", slow, error=error)
+    row(f"a station of {BURSTS} bursts", bench.best(educe)[0])
     more: dict[str, dict[str, Any]] = {
         "tone corrected": {"correction": "tone"},
         "self-consistent, tone corrected": {"correction": "tone", "phase": "self-consistent"},
@@ -202,36 +172,15 @@ def many_impedances(bench: Bench) -> None:
     error = max(float((one[0] - whole[z, f]).abs().max()) for one, (z, f) in zip(ones, chosen, strict=True))
     row("100 impedances x 20 frequencies, one batch", seconds)
     row("the same one by one (8 measured)", slow / len(chosen) * 2000, error=error)
-    solver = DuctSolver(CASE, frequency[:1], mesh)
-    each, _ = bench.best(lambda: [solver.solve(z).wall_pressure(MICROPHONES) for z in walls[:20]], 2)
-    row("one more impedance on a solver", each / 20)
 
 
 def many_draws(bench: Bench) -> None:
-    """Draws of the errors of 12 microphones as one batch, and some of them each as a line of its own."""
-    frequency = torch.linspace(500, 2400, 20, dtype=torch.float64)
-    works: tuple[tuple[str, torch.Tensor, int, int, Callable[..., Any]], ...] = (
-        ("kumaresan_tufts", frequency, 500, 100, lambda line, _: tl.kumaresan_tufts(line)),
-        ("fit_field", frequency[10:11], 100, 4, tl.fit_field),
-    )
-    for name, asked, draws, measured, educe in works:
-        solver, over = DuctSolver(CASE, asked), MICROPHONES[3:15]
+    """Draws of the errors of 12 microphones as one batch."""
+    every = torch.linspace(500, 2400, 20, dtype=torch.float64)
+    for name, frequency, draws in (("kumaresan_tufts", every, 500), ("fit_field", every[10:11], 100)):
+        solver, over = DuctSolver(CASE, frequency), MICROPHONES[3:15]
         pressure = solver.solve(IMPEDANCE).wall_pressure(over).movedim(-1, -2)
         noisy = draw_pressures(pressure, draws, torch.Generator().manual_seed(0))
-        line = tl.MicrophoneLine(over, noisy, asked, duct_height=HEIGHT, mach=0.3, source_side="upstream")
-        seconds, whole = bench.best(lambda line=line, solver=solver, educe=educe: educe(line, solver), 1)  # type: ignore[misc]
-        solvers = [DuctSolver(CASE, one[None]) for one in asked]
-        chosen = [(i % draws, i % len(asked)) for i in range(measured)]
-
-        def one_by_one(
-            line: Any = line, noisy: Any = noisy, chosen: Any = chosen, educe: Any = educe, solvers: Any = solvers
-        ) -> list[complex]:
-            lines = [
-                dataclasses.replace(line, pressure=noisy[d][:, f], frequency=line.frequency[f][None]) for d, f in chosen
-            ]
-            return [complex(educe(one, solvers[f]).impedance[0]) for one, (_, f) in zip(lines, chosen, strict=True)]
-
-        slow, ones = bench.best(one_by_one, 1)
-        error = max(abs(one - complex(whole.impedance[at])) for one, at in zip(ones, chosen, strict=True))
-        row(f"{name}, {draws} draws x {len(asked)} frequencies, one batch", seconds)
-        row(f"the same one by one ({measured} measured)", slow / measured * draws * len(asked), error=error)
+        line = tl.MicrophoneLine(over, noisy, frequency, duct_height=HEIGHT, mach=0.3, source_side="upstream")
+        fit = functools.partial(getattr(tl, name), line, *([solver] if name == "fit_field" else []))
+        row(f"{name}, {draws} draws x {len(frequency)} frequencies, one batch", bench.best(fit, 1)[0])
