@@ -18,8 +18,7 @@ from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.gate import passed
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, COMMANDS, DONE, INTERRUPTED, main
-from torchliner.cli.options import Kind
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import Kind, Parser
 from torchliner.duct.presets import duct_names
 from torchliner.io.multipole_file import plain_multipole
 from torchliner.studies.heights import study_heights

@@ -30,7 +30,7 @@ from test_two_wave_fit import both_ways
 from test_wall_pressure import line_of
 
 import torchliner as tl
-from torchliner.cli.parser import Parser
+from torchliner.cli.options import Parser
 from torchliner.cli.table import COMMANDS as TABLE
 from torchliner.duct.presets import duct_text
 

@@ -1,23 +1,41 @@
-"""Commands for files of planes: demo, info, convert, reduce."""
+"""Commands for files and campaigns: demo, info, convert, reduce, run, follow, report."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib import resources
 from importlib.util import find_spec
 from typing import Any
 
 import torchliner as tl
-from torchliner.checks import tell
-from torchliner.cli.inputs import background_of, planes_of, read_planes, read_records, samples_of
-from torchliner.cli.show import facts_text, progress_bar, show, told
+from torchliner.campaign.campaign_file import read_campaign
+from torchliner.campaign.cluster import open_cluster
+from torchliner.campaign.follow import Following, Frames
+from torchliner.campaign.index import FAILED, index_table
+from torchliner.campaign.page import report_campaign
+from torchliner.campaign.run import plan, run_campaign
+from torchliner.checks import require_positive, tell
+from torchliner.cli.work import (
+    background_of,
+    facts_text,
+    liners_of,
+    planes_of,
+    progress_bar,
+    read_planes,
+    read_records,
+    samples_of,
+    show,
+    told,
+)
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.planes import format_of, paths_of
 from torchliner.records.notes import plane_unit_warnings
 from torchliner.report.curves import draw_velocity
+from torchliner.report.figure import require_matplotlib
 from torchliner.report.inspection import inspect_moments, inspect_plane
+from torchliner.report.page import report_file, require_report
 
 DEMO_PLANES = ("slit_n130_y0.5mm.h5", "slit_n130_y2.5mm.h5")
 
@@ -88,3 +106,67 @@ def reduce(options: argparse.Namespace) -> None:
     if known is not None:
         facts["error in R"] = found.error(known, liner and (options.frequency or plane.frequency))
     show(options, told(facts_text(facts), facts), found.write)
+
+
+STANDING = ("samples", "record s", "f Hz", "R", "X", "half-width", "needed s")
+
+
+def run(options: argparse.Namespace) -> int:
+    """A campaign: planes, liners, choices; resumable."""
+    campaign = read_campaign(options.campaign, options.output)
+    planned = plan(campaign)
+    units = [{"unit": unit.name, "state": state} for unit, state in planned.units]
+    units += [{"unit": row["unit"], "state": f"cannot be opened: {row['error']}"} for row in planned.failed]
+    to_read = planned.to_read.values()
+    summary = f"{len(units)} units; {len(to_read)} planes to read, {sum(unit.bytes for unit in to_read) / 1e9:.3g} GB"
+    if options.dry_run:
+        show(options, told(summary, units, *(f"{u['unit']}: {u['state']}" for u in units)), lambda _: None)
+        return 0
+    if campaign.figures:
+        require_matplotlib()
+    total = sum(2 * unit.samples for unit in to_read)
+    with open_cluster(options.cluster, options.wait) as client, progress_bar(total, options) as step:
+        rows = run_campaign(campaign, client=client, progress=step)
+    words = f"{index_table(rows).as_text()}\n{summary}\nresults in {campaign.output}, index.csv"
+    show(options, told(words, rows), lambda _: None)
+    return int(any(row["status"] == FAILED for row in rows))
+
+
+def follow(options: argparse.Namespace) -> int:
+    """Impedance and its interval while a plane is being written."""
+    for name in ("every", "idle"):
+        require_positive(f"--{name}", getattr(options, name))
+    frames = Frames(options.plane, options.reading)
+    first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
+    (liner,) = liners_of(options, [first], [options.plane])
+    following = Following(frames, liner, options.frequency, until=options.until, **options.chosen)
+    output, options.output = options.output, None  # written once, at the end
+    if not options.json:
+        print("".join(f"{name:12s}" for name in STANDING), flush=True)
+
+    def print_rows(rows: list[Any]) -> None:
+        for row in rows:
+            show(options, told(_standing(**asdict(row)), asdict(row)))
+
+    reached = False
+    try:
+        reached = following.run(print_rows, every=options.every, idle=options.idle)
+    finally:  # whatever ends it leaves what there is
+        if output is not None and following.going is not None and following.going.periods:
+            following.moments().write(output)
+    return 0 if reached or options.until is None else 1
+
+
+def _standing(samples: int, duration: float, frequency: float, impedance: complex, **rest: float) -> str:
+    """A line, in the order of ``STANDING``."""
+    numbers = (duration, frequency, impedance.real, impedance.imag, *rest.values())
+    return f"{samples:<12d}" + "".join(f"{'-' if v != v else format(v, '.4g'):12s}" for v in numbers)
+
+
+def report(options: argparse.Namespace) -> None:
+    """One page of a result, to read, attach and repeat."""
+    require_report()
+    write = report_campaign if options.result.is_dir() else report_file
+    answer = write(options.result, options.output)
+    plain = {"title": answer.title, "answer": " ".join(answer.lines), "level_check": answer.state}
+    show(options, told(answer.screen(), plain, str(options.output)), lambda _: None)

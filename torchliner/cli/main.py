@@ -16,7 +16,7 @@ try:
     from contextlib import contextmanager
 
     from torchliner.cli.gate import passed
-    from torchliner.cli.parser import BAD_INPUT, Parser
+    from torchliner.cli.options import BAD_INPUT, Parser
     from torchliner.cli.table import COMMANDS, GROUPS
     from torchliner.io.whole_file import printable
     from torchliner.names import __version__, did_you_mean, resolve

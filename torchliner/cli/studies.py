@@ -7,8 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from torchliner.cli.inputs import liners_of, only_liner, read_planes, read_records, samples_of, write_text
-from torchliner.cli.show import progress_bar, show
+from torchliner.cli.work import (
+    liners_of,
+    only_liner,
+    progress_bar,
+    read_planes,
+    read_records,
+    samples_of,
+    show,
+    write_text,
+)
 from torchliner.liners.catalogue import liner_text
 from torchliner.report.answer import answer_of
 from torchliner.report.curves import draw_comparison

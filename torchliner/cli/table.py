@@ -38,10 +38,10 @@ GROUPS = {
             Of("velocity.replay:replay", "averaging mean missing interval device dtype"),
             Of("velocity.replay:replay", "kernel levels spacing interpolation velocity_max window segment"),
         ),
-        "ldv info": row("bursts:info", "bursts rows figure filters seen case place below"),
-        "ldv convert": row("bursts:convert", "bursts plane-file seen case place below"),
+        "ldv info": row("velocity:ldv_info", "bursts rows figure filters seen case place below"),
+        "ldv convert": row("velocity:ldv_convert", "bursts plane-file seen case place below"),
         "ldv educe": row(
-            "bursts:educe",
+            "velocity:ldv_educe",
             "bursts liner map figure strict filters seen case place",
             frequency("the tone", "--educe-at"),
             Option("--reference", "recording of loudspeaker or microphone, or a folder with one a station", FILE),
@@ -84,7 +84,7 @@ GROUPS = {
     },
     "measure an impedance from pressure": {
         "insitu": row(
-            "pressure:insitu",
+            "models:insitu",
             "tone figure",
             Option("record", "pressure record", FILE),
             output("write the rows as .csv, or points, cells and surface,", ".csv", *HDF5),
@@ -94,7 +94,7 @@ GROUPS = {
             choices("allow_short interval"),
         ),
         "kt": row(
-            "pressure:kt",
+            "models:kt",
             "figure",
             Option("lines", "microphone lines: .csv, .h5 or .nc", FILE, "+"),
             Option("--method", f"{METHODS}; default kt", names.WALL_METHODS, default="kt"),
@@ -198,7 +198,7 @@ GROUPS = {
             output("write poles and residues, or the coefficient lists of solvers as .txt,", ".json", ".txt"),
         ),
         "run": row(
-            "campaign:run",
+            "files:run",
             "",
             Option("campaign", "TOML file of a campaign", FILE),
             Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
@@ -209,7 +209,7 @@ GROUPS = {
             Option("--wait", "for its scheduler and its first worker, s; default 30", NUMBER),
         ),
         "follow": row(
-            "campaign:follow",
+            "files:follow",
             "liner tone stated",
             Option("plane", "file that grows, or folder that files come into, in the order of names", FILE),
             output("write the moments so far, however it ends,", *HDF5),
@@ -220,7 +220,7 @@ GROUPS = {
             choices("phase interval dtype"),
         ),
         "report": row(
-            "campaign:report",
+            "files:report",
             "",
             Option("result", "file that another command wrote, or the folder of a campaign", FILE),
             output("write the page", ".html", required=True),
