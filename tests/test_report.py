@@ -19,7 +19,7 @@ from torchliner.report.fields import level_and_phase
 from torchliner.report.figure import AVERAGINGS as COLOUR_OF
 from torchliner.report.of_map import draw_pictures
 from torchliner.report.studies import draw_level_check, draw_maps_over_height
-from torchliner.studies.heights import recommend_height, study_heights
+from torchliner.studies.heights import study_heights
 from torchliner.studies.validation import DEFAULT, reference_wave_phase, validate
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -42,7 +42,6 @@ def found(liner):
 def studies(liner):
     plane = made(height=1e-3, reference={"true": 1 - 0.2j})
     other = made(1, height=2e-3)
-    heights = study_heights([plane, other], liner)
     return {
         "map": tl.educe(plane, liner),
         "maps": [tl.educe(each, liner) for each in (plane, other)],
@@ -55,7 +54,7 @@ def studies(liner):
         "models": tl.compare_models(plane, {"one": liner, "two": liner.replace(vena_contracta=0.7)}),
         "sensitivities": tl.sensitivities(plane, liner, parameters=["porosity"]),
         "calibration": tl.calibrate([plane], liner, "true", {"vena_contracta": (0.5, 1.0)}),
-        "heights": [heights, recommend_height(heights)],
+        "heights": study_heights([plane, other], liner),
         "validation": validate(plane, liner),
         "levels": tl.ir_tdibc(liner, [100.0, 120.0], [FREQUENCY]),
     }

@@ -22,7 +22,7 @@ from torchliner.report.answer import answer_of
 from torchliner.report.curves import draw_comparison
 from torchliner.studies.calibrate import AVERAGING, calibrate_without_flow
 from torchliner.studies.fit import OUTSIDE, with_flow
-from torchliner.studies.heights import recommend_height, study_heights
+from torchliner.studies.heights import study_heights
 from torchliner.studies.laws import bounds_for
 from torchliner.studies.runs import LEVEL_CHECK
 from torchliner.studies.validation import validate as validate_plane
@@ -45,9 +45,9 @@ def height(options: argparse.Namespace) -> None:
     records = read_records(options.planes, options)
     liner = only_liner(options, records, options.planes)
     with progress_bar(len(records), options, "height") as step:
-        study = study_heights(records, liner, options.frequency, progress=step, **options.chosen)
-    answer = answer_of(study, recommend_height(study, *options.limits or ()))
-    show(options, answer, draw=answer.write_pictures)
+        limits = {"limits": options.limits} if options.limits else {}
+        found = study_heights(records, liner, options.frequency, progress=step, **limits, **options.chosen)
+    show(options, found, draw=answer_of(found).write_pictures)
 
 
 def compare(options: argparse.Namespace) -> None:

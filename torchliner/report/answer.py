@@ -34,7 +34,7 @@ HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of
     "skipped": "of_studies:of_audit",
     "same_run": "of_studies:of_comparison",
     "sorted_by": "of_studies:of_models",
-    "first_decay": "of_studies:of_heights",
+    "judged": "of_studies:of_heights",
 }
 
 

@@ -141,26 +141,22 @@ def of_sensitivities(
 
 
 def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
-    """Z over height by averaging, what else speaks of a height, and which one, if a recommendation follows."""
-    study, found = several[0], several[1] if len(several) > 1 else None
+    """Z over height by averaging, what else speaks of a height, and which one to take."""
+    (study,) = several
     brief = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
     checks = "".join(f",level_check.{name}" for name in study.rows[0].level_check)
-    more, lines, step = ",coherence,velocity_rms,modulation", list[str](), ""
-    if found is not None:
-        for name, height in found.heights.items():
-            at = "no height qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest that qualifies"
-            lines.append(f"{name}: {at}")
-        judges = "level check" if found.rows[0].name == "level check" else "change with height"
-        lines.append(f"Judged by the {judges}; no reference impedance is used.")
-        step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
-        if found.height is not None:
-            step = f"torchliner educe with the plane at y = {1e3 * found.height:.3g} mm"
-    sound = "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
-    remarks = [
-        f"{words}: exp(-y/l), l = {1e3 * study[name].length:.3g} mm{sound}"
-        for name, words in (("decay", "cell-periodic modulation"), ("first_decay", "first harmonic of v_rms"))
-        if study[name] is not None
-    ]
+    more, lines, remarks = ",coherence,velocity_rms,modulation", list[str](), list[str]()
+    for name, height in study.heights.items():
+        at = "no height qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest that qualifies"
+        lines.append(f"{name}: {at}")
+    judges = "level check" if study.judged[0].name == "level check" else "change with height"
+    lines.append(f"Judged by the {judges}; no reference impedance is used.")
+    step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
+    if study.height is not None:
+        step = f"torchliner educe with the plane at y = {1e3 * study.height:.3g} mm"
+    if study.decay is not None:
+        sound = "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
+        remarks.append(f"cell-periodic modulation: exp(-y/l), l = {1e3 * study.decay:.3g} mm{sound}")
     drawn = [
         Row(height=row.height, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()
     ]
@@ -168,7 +164,7 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
     title = f"{study.title}{hard}, {study.frequency:g} Hz"
     known = {"reference": study.reference["true"]} if "true" in study.reference else {}
     draw = partial(studies.draw_over_height, drawn, title, references=known)
-    judged = table_of([] if found is None else found.rows, "averaging,height,name,value,limit,passed")
+    judged = table_of(study.judged, "averaging,height,name,value,limit,passed")
     return Answer(
         title=f"Heights: {study.title}, {study.frequency:g} Hz",
         lines=lines,
@@ -181,7 +177,7 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         step=step,
         pictures=[Picture("heights", f"{study.title}: Z over height", draw, lambda: study.rows)],
         results=[study],
-        more=study if found is None else {**study, "heights": found.heights, "height": found.height},
+        more=study,
         source=source,
     )
 

@@ -178,7 +178,14 @@ def identify(
     several = list(liners) if isinstance(liners, list | tuple) else [liners]
     made = {id(each): with_flow(as_liner(each)) for each in several}  # planes of one liner share one object
     given = [made[id(each)] for each in several]
-    laws = [_parameter_law(names, given[0]) for names in models if names != CURVE]
+    laws = list[Law]()
+    for names in (names for names in models if names != CURVE):
+        if isinstance(names, str):
+            require_choice("model", names, [CURVE])
+        bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, given[0])
+        if "mach" in bounds:
+            raise ValueError("mach is that of each plane and cannot be free; free mach_resistance or mach_mass_loss")
+        laws.append(parameter_law(bounds, given[0]))
     runs = read_runs(planes, given if isinstance(liners, list | tuple) else given[0], frequency, chosen, any_curve=True)
     own = [str(run.plane.provenance.get("case") or run.plane.name) for run in runs]
     named = one_each("groups", own if groups is None else groups, runs)
@@ -243,16 +250,6 @@ def _leave_out(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots) ->
     lowest = min(float(law.curve(fit.values, run.in_flow, run.frequency, speeds).real.min()) for run in runs)
     error = (sum(errors) / len(errors)) ** 0.5
     return Row(label=law.label, fit=fit, rows=rows, error=error, lowest=lowest, beyond=beyond)
-
-
-def _parameter_law(names: Any, liner: LinerModel) -> Law:
-    """Of a model of parameters: names with usual bounds, or bounds by name."""
-    if isinstance(names, str):
-        require_choice("model", names, [CURVE])
-    bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, liner)
-    if "mach" in bounds:
-        raise ValueError("mach is that of each plane and cannot be free; free mach_resistance or mach_mass_loss")
-    return parameter_law(bounds, liner)
 
 
 def _passive(run: Run, group: str, own_noise: bool) -> Run:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +20,11 @@ from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe
 
 DRIFT = 25.0 + 30.0j  # per m of height, eq. (A1), for sound at grazing incidence
+LIMITS = (0.1, 0.1, 0.1)  # of modulation, difference of averagings, change with height: a choice of this program
+OUT_OF_STEP = 0.1  # of 1 - coherence, beyond which v is not in step with the tone
 FEWEST_PROBES, MOST_HARMONICS = 4, 8  # to a cell
 WHOLE = 0.01  # of a cell or spacing, by which probes may miss a whole number of cells or an even step
-MOST_SCATTER = 1.3  # of a decay
+MOST_SCATTER = 1.3  # of a decay, rms
 
 
 def study_heights(
@@ -31,28 +33,38 @@ def study_heights(
     frequency: float | None = None,
     *,
     cell_pitch: float | None = None,
+    limits: Sequence[float] = LIMITS,
     reference_phase: float | None = None,
     progress: Callable[[int], object] | None = None,
     **choices: Any,
 ) -> Study:
-    """Z over height, and the cell-periodic modulation of v'_rms.
+    """Z over height, the cell-periodic modulation of v'_rms, and for each averaging the lowest height that holds.
+
+    Where the level check was made it decides alone. Else Z must have settled, so that the highest plane never
+    qualifies; ``velocity`` also needs a velocity in step with the tone, and ``admittance`` must agree with ``velocity``
+    where v is in step, and needs little cell-periodic modulation where it is not. No reference impedance is used, and
+    none of this says that Z is right.
 
     Args:
         planes: of one case at different heights, or their ``Moments``.
         liner, reference_phase, choices: as for ``educe``; no intervals by default.
         frequency: Hz, one; default the planes' own tone.
         cell_pitch: L_c, m; default the liner's.
+        limits: of the modulation, of |Z, admittance - Z, velocity| and of the change of Z to the next height, over |Z|.
         progress: called with 1 per plane.
     Returns:
         title, frequency (Hz), pitch (L_c, m, or None), averaging, choices, notes; reference (independent impedances,
-        for comparison alone); decay, first_decay: ``Decay`` of modulation, and of its first harmonic in m/s; None with
-        fewer than three heights. ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging;
+        for comparison alone); decay (m, over which the modulation falls by e; None with fewer than three heights and
+        where it does not). ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging;
         level_limit (dB); coherence (squared, of v with the tone, median over probes); velocity_rms (v', m/s);
-        modulation (rms of the cell-periodic part of v'_rms along x over its mean), first_harmonic, between (of waves
-        that nothing periodic in the cell has), None without a whole cell; drift (of grazing sound by eq. (A1)).
+        modulation (rms of the cell-periodic part of v'_rms along x over its mean), between (of waves that nothing
+        periodic in the cell has), None without a whole cell; drift (of grazing sound by eq. (A1)). heights (m, by
+        averaging; None where none qualifies), height (that of the averaging of the answer), and ``judged``, lowest
+        first: height, averaging, name (``level check``, or of a limit), value (dB, or a share of 1; None where it could
+        not be judged), limit, passed.
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies.
-    Source: Roncen et al. (2026), sections 5.5.2 and 7.2, figures 11, 16 and 17, appendix A.
+    Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off), figures 11, 16 and 17, appendix A.
     """
     model, records = as_liner(liner), {id(plane_of(each)): each for each in planes}
     ordered = planes_by_height([plane_of(each) for each in planes])
@@ -64,41 +76,48 @@ def study_heights(
     pitch = model.cell_pitch if cell_pitch is None else cell_pitch
     if pitch is not None:
         require_positive("cell_pitch (m)", pitch)
+    for limit in limits:
+        require_positive("limit of a height", limit)
     options = {"interval": None, **choices, "reference_phase": reference_phase}
-    maps, rows, notes, known = list[ImpedanceMap](), list[Row](), list[str](), list[Modulation]()
+    maps, rows, notes = list[ImpedanceMap](), list[Row](), list[str]()
     for plane in ordered:
-        seen, found = educe(records[id(plane)], model, wanted, **options), None
+        maps.append(educe(records[id(plane)], model, wanted, **options))
+        rows.append(_row(plane, maps[-1]))
         try:
-            if pitch is None or plane.x is None:
-                raise ValueError("no cell pitch is known" if pitch is None else "the plane states no x")
-            square = seen.velocity_rms.detach().cpu().double().square()
-            profile = square.reshape(-1, square.shape[-1]).nanmean(0).sqrt()
-            found = cell_modulation(plane.x.numpy(), profile.numpy(), pitch)
-            known.append(found)
+            rows[-1] |= _modulation(plane, maps[-1], pitch)
         except ValueError as reason:
             notes.append(f"{plane.name}: no cell-periodic modulation can be judged: {reason}")
-        maps.append(seen)
-        rows.append(_row(plane, seen, found))
-        notes += [note.text for note in seen.notes]
+        notes += [note.text for note in maps[-1].notes]
         if progress is not None:
             progress(1)
     tell(notes := list(dict.fromkeys(notes)))
-    heights = [row.height for row in rows] if len(known) == len(rows) else []
+    judged = [
+        row
+        for averaging in rows[0].impedance
+        for here, above in itertools.zip_longest(rows, rows[1:])
+        for row in _judged(averaging, here, above, *limits)
+    ]
+    heights: dict[str, float | None] = dict.fromkeys(rows[0].impedance)
+    for name, here in itertools.product(heights, reversed(rows)):
+        if all(row.passed for row in judged if (row.averaging, row.height) == (name, here.height)):
+            heights[name] = here.height
     return Study(
         title=ordered[0].title.split(", y =")[0],
         frequency=wanted[0],
         pitch=pitch,
-        averaging=Choices(**choices).averaging,
+        averaging=(averaging := Choices(**choices).averaging),
         rows=tuple(rows),
-        decay=fit_decay(heights, [each.rms / each.mean for each in known]),
-        first_decay=fit_decay(heights, [each.harmonics[0] for each in known]),
+        decay=decay_length([row.height for row in rows], [row.modulation for row in rows]),
         reference=maps[0].reference_at(0),
+        judged=judged,
+        heights=heights,
+        height=heights[averaging],
         choices=dict(maps[0].choices),
         notes=tuple(notes),
     )
 
 
-def _row(plane: VelocityPlane, seen: ImpedanceMap, found: Modulation | None) -> Row:
+def _row(plane: VelocityPlane, seen: ImpedanceMap) -> Row:
     """What is known of one height."""
     check, grazing = seen.level_check, plane.source_side in ("upstream", "downstream")
     levels = {} if check is None else dict(zip(check.averagings, check.liner.level[:, 0].tolist(), strict=True))
@@ -109,97 +128,58 @@ def _row(plane: VelocityPlane, seen: ImpedanceMap, found: Modulation | None) -> 
         level_limit=math.nan if check is None else check.limit,
         coherence=float(seen.coherence[..., 0].nanmedian()),
         velocity_rms=float((seen.velocity_rms**2).nanmean().sqrt()),
-        modulation=found and found.rms / found.mean,
-        first_harmonic=found and found.harmonics[0] / math.sqrt(2) / found.mean,
-        between=found and found.between and found.between / found.mean,
+        modulation=None,
+        between=None,
         drift=DRIFT * (plane.height or 0.0) if grazing else None,
     )
 
 
-def recommend_height(
-    study: Study, modulation: float = 0.1, averagings: float = 0.1, change: float = 0.1, turbulence: float = 0.1
-) -> Study:
-    """For each averaging, the lowest height where what it rests on holds. No reference impedance is used.
-
-    Where the level check was made it decides alone. Else Z must have settled, so that the highest plane never
-    qualifies; ``velocity`` also needs a velocity in step with the tone, and ``admittance`` must agree with ``velocity``
-    where v is in step, and needs little cell-periodic modulation where it is not. None of this says that Z is right.
-
-    Args:
-        study: of ``study_heights``.
-        modulation, averagings, change, turbulence: limits, a choice of this program: of the row's modulation; of
-            |Z, admittance - Z, velocity| and the change of Z to the next height, over |Z|; of 1 - coherence.
-    Returns:
-        heights (m, by averaging; None where no height qualifies), height (that of the averaging of the answer), and
-        ``rows``, lowest first: height, averaging, name (``level check``, or of a limit), value (dB, or a share of 1;
-        None where it could not be judged), limit, passed.
-    Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off) and appendix A.
-    """
-    limits = {"modulation": modulation, "averagings": averagings, "change": change, "turbulence": turbulence}
-    for name, limit in limits.items():
-        require_positive(f"limit on {name}", limit)
-    rows, heights = list[Row](), dict.fromkeys(study.rows[0].impedance)
-    for averaging in heights:
-        for here, above in itertools.zip_longest(study.rows, study.rows[1:]):
-            judged = []
-            for name, value in _judged(averaging, here, above, turbulence).items():
-                limit = here.level_limit if name == "level check" else limits[name]
-                about = {"height": here.height, "averaging": averaging, "name": name, "value": value}
-                judged.append(Row(about, limit=limit, passed=value is not None and value <= limit))
-            if heights[averaging] is None and all(row.passed for row in judged):
-                heights[averaging] = here.height
-            rows += judged
-    return Study(height=heights[study.averaging], heights=heights, rows=rows)
-
-
-def _judged(averaging: str, here: Row, above: Row | None, turbulence: float) -> dict[str, float | None]:
+def _judged(
+    averaging: str, here: Row, above: Row | None, modulation: float, averagings: float, change: float
+) -> list[Row]:
     """What an averaging is judged by at one height, with the next one above."""
+    z, found = here.impedance, dict[str, tuple[float | None, float]]()
+
+    def moved(new: complex, old: complex) -> float:
+        known = abs(new) < math.inf and 0 < abs(old) < math.inf
+        return abs(new - old) / abs(old) if known else math.inf
+
     if averaging in here.level_check:
-        return {"level check": abs(here.level_check[averaging])}
-    z, found = here.impedance, dict[str, float | None](change=None)
-    if above is not None:
-        found["change"] = _relative(above.impedance[averaging], z[averaging])
-    if averaging == "velocity":
-        found["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
-    elif averaging == "admittance" and here.coherence >= 1 - turbulence:
-        found["averagings"] = _relative(z["admittance"], z["velocity"])
-    elif averaging == "admittance":
-        found["modulation"] = here.modulation
-    return found
+        found["level check"] = abs(here.level_check[averaging]), here.level_limit
+    else:
+        found["change"] = None if above is None else moved(above.impedance[averaging], z[averaging]), change
+        if averaging == "velocity":
+            found["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None, OUT_OF_STEP
+        elif averaging == "admittance" and here.coherence >= 1 - OUT_OF_STEP:
+            found["averagings"] = moved(z["admittance"], z["velocity"]), averagings
+        elif averaging == "admittance":
+            found["modulation"] = here.modulation, modulation
+    about = {"height": here.height, "averaging": averaging}
+    return [
+        Row(about, name=name, value=value, limit=limit, passed=value is not None and value <= limit)
+        for name, (value, limit) in found.items()
+    ]
 
 
-def _relative(found: complex, wanted: complex) -> float:
-    """|found - wanted| over |wanted|; infinite where one of them is."""
-    known = abs(found) < math.inf and 0 < abs(wanted) < math.inf
-    return abs(found - wanted) / abs(wanted) if known else math.inf
+def _modulation(plane: VelocityPlane, seen: ImpedanceMap, pitch: float | None) -> dict[str, float | None]:
+    """Of v'_rms along x; ValueError where it cannot be judged."""
+    if pitch is None or plane.x is None:
+        raise ValueError("no cell pitch is known" if pitch is None else "the plane states no x")
+    square = seen.velocity_rms.detach().cpu().double().square()
+    profile = square.reshape(-1, square.shape[-1]).nanmean(0).sqrt()
+    mean, harmonics, between = cell_modulation(plane.x.numpy(), profile.numpy(), pitch)
+    return {"modulation": math.hypot(*harmonics) / 2**0.5 / mean, "between": between and between / mean}
 
 
-class Modulation(NamedTuple):
-    """Harmonics of the cell pitch in a profile along x.
-
-    Args:
-        mean: of the profile over whole cells, m/s.
-        harmonics: peak amplitude of harmonics 1, 2, ... of the pitch, m/s.
-        between: rms of the waves half way between them, m/s, which nothing periodic in the cell can have: what scatter
-            alone gives. None for one cell.
-    """
-
-    mean: float
-    harmonics: tuple[float, ...]
-    between: float | None
-
-    @property
-    def rms(self) -> float:
-        """Of the cell-periodic part, m/s."""
-        return math.hypot(*self.harmonics) / math.sqrt(2)
-
-
-def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation:
+def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> tuple[float, list[float], float | None]:
     """Cell-periodic part of a profile along x, m/s at evenly rising x, m, (N,); ``pitch`` is L_c, m.
 
     Harmonics are fitted by least squares over whole cells, together with a mean and, from two cells on, a linear growth
     along x and the waves between the harmonics: no probe has to sit at the same place of every cell.
 
+    Returns:
+        The mean over whole cells; peak amplitudes of harmonics 1, 2, ... of the pitch; rms of the waves half way
+        between them, which nothing periodic in the cell can have: what scatter alone gives, None for one cell; m/s.
     Raises:
         ValueError: uneven places, no whole cell, or fewer than four probes in one.
     """
@@ -227,32 +207,18 @@ def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> Modulation
     found, *_ = np.linalg.lstsq(columns, profile[inside], rcond=None)
     sizes = np.hypot(*found[len(steady) :].reshape(2, -1))
     between = float(np.sqrt((sizes[count:] ** 2).sum() / 2)) if cells > 1 else None
-    return Modulation(float(found[0]), tuple(sizes[:count].tolist()), between)
+    return float(found[0]), sizes[:count].tolist(), between
 
 
-class Decay(NamedTuple):
-    """a exp(-y/l): a at y = 0, l (m; negative where a grows with height), and the factor by which the heights stray
-    from it (rms; 1 for none)."""
+def decay_length(heights: Sequence[float], amplitudes: Sequence[float | None]) -> float | None:
+    """l of a exp(-y/l), m, by least squares of ln(amplitude) over height, m.
 
-    amplitude: float
-    length: float
-    scatter: float
-
-    @property
-    def follows(self) -> bool:
-        """Whether the amplitude falls, and strays from the fit by less than a factor 1.3."""
-        return self.length > 0 and self.scatter <= MOST_SCATTER
-
-    def at(self, height: Any) -> Any:
-        """The fitted amplitude at a height, m."""
-        return self.amplitude * np.exp(-np.asarray(height, np.float64) / self.length)
-
-
-def fit_decay(heights: Sequence[float], amplitudes: Sequence[float]) -> Decay | None:
-    """Least squares of ln(amplitude) over height, m; None with fewer than three heights or an amplitude not above 0."""
-    if len(heights) < 3 or not all(a > 0 for a in amplitudes):
+    None with fewer than three heights or an amplitude not above 0, where the amplitude grows, and where the heights
+    stray from the fit by more than a factor 1.3, rms.
+    """
+    if len(heights) < 3 or not all(a is not None and a > 0 for a in amplitudes):
         return None
-    places, logs = np.asarray(heights), np.log(amplitudes)
+    places, logs = np.asarray(heights), np.log(np.asarray(amplitudes, np.float64))
     slope, start = np.polyfit(places, logs, 1).tolist()
     stray = float(np.sqrt(np.mean((logs - slope * places - start) ** 2)))
-    return Decay(math.exp(start), -1 / slope if slope else math.inf, math.exp(stray))
+    return -1 / slope if slope < 0 and stray <= math.log(MOST_SCATTER) else None

@@ -91,16 +91,15 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
 
 
 def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
-    """Medians and largest of |dR| (real part) and |dX| of every rule and averaging in the rows, over ``planes``."""
+    """Medians of |dR| (real part) and |dX| of every rule and averaging in the rows, over ``planes``."""
     groups: dict[tuple[str, ...], list[complex]] = {}
     for row in rows:
         groups.setdefault((*row.rule, row.averaging), []).append(row.miss)
     found = []
     for rule, misses in groups.items():
-        parts = [abs(miss.real) for miss in misses], [abs(miss.imag) for miss in misses]
+        r, x = (statistics.median(abs(part) for part in parts) for parts in zip(*((m.real, m.imag) for m in misses)))
         names = dict(zip(("drive", "mean", "phase", "averaging"), rule, strict=True))
-        median, largest = complex(*map(statistics.median, parts)), complex(*map(max, parts))
-        found.append(Row(names, planes=len(misses), median=median, largest=largest))
+        found.append(Row(names, planes=len(misses), median=complex(r, x)))
     return found
 
 
