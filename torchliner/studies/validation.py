@@ -97,7 +97,7 @@ def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
         groups.setdefault((*row.rule, row.averaging), []).append(row.miss)
     found = []
     for rule, misses in groups.items():
-        r, x = (statistics.median(abs(part) for part in parts) for parts in zip(*((m.real, m.imag) for m in misses)))
+        r, x = (statistics.median(abs(getattr(miss, part)) for miss in misses) for part in ("real", "imag"))
         names = dict(zip(("drive", "mean", "phase", "averaging"), rule, strict=True))
         found.append(Row(names, planes=len(misses), median=complex(r, x)))
     return found
