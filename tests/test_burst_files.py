@@ -11,8 +11,7 @@ from test_moments_file import same_bits
 
 import torchliner as tl
 from torchliner.io.burst_sources import read_bursts, write_bursts
-from torchliner.io.burst_text import STATED, read_burst_columns, read_burst_csv
-from torchliner.io.dantec import read_dantec
+from torchliner.io.burst_text import STATED, read_burst_columns, read_burst_csv, read_dantec
 from torchliner.records.burst_record import UNITS
 
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
@@ -106,7 +105,7 @@ def edited(row, column, text):
     [
         ({"version": "v4"}, {}, ["line 1", "'DXEX v4'", "'DXEX v5'"]),
         ({"rows": []}, {}, ["no bursts", "line 8"]),
-        ({"names": replaced(PAIRED, "AT [ms]", "Time [ms]")}, {}, ["'AT [ms]' is missing"]),
+        ({"names": replaced(PAIRED, "AT [ms]", "Time [ms]")}, {}, ["'arrival_time' is missing", "'AT [ms]'"]),
         ({"names": replaced(PAIRED[:4], "LDA1 [m/s]", "Anode [V]")}, {}, ["'LDA1 [m/s]'", "Anode [V]"]),
         ({"names": replaced(PAIRED, "LDA2 [m/s]", "LDA0 [m/s]")}, {}, ["from 1", "LDA0"]),
         ({"names": replaced(PAIRED, "AT [ms]", "AT [kg]")}, {}, ["units 'kg'", "time"]),

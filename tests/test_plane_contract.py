@@ -316,7 +316,6 @@ def test_what_does_not_fit_into_memory_lies_in_a_temporary_file(tmp_path, monkey
     path, stated = made(name, tmp_path)
     wanted = tl.read_plane(path, **stated)
     monkeypatch.setattr("torchliner.io.plane_format.machine_memory", lambda: 1.0)
-    monkeypatch.setattr("torchliner.io.text_rows.machine_memory", lambda: 1.0)
     lazy = tl.read_plane(path, lazy=True, **stated)
     assert isinstance(lazy.velocity.values, np.memmap)
     assert torch.equal(lazy.velocity.load(), wanted.velocity)

@@ -108,12 +108,6 @@ PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises
     "netcdf3": "torchliner.io.foreign:NETCDF3",
     "hdf5": "torchliner.io.foreign:HDF5",  # behind all others that are HDF5 inside
 }
-BURST_FORMATS = {  # objects of the class BurstFormat; the first that recognises a file reads it
-    "HDF5": "torchliner.io.burst_sources:FORMAT",
-    "DXEX": "torchliner.io.dantec:FORMAT",
-    "CSV": "torchliner.io.burst_text:CSV",
-    "columns": "torchliner.io.burst_text:COLUMNS",
-}
 
 
 def did_you_mean(word: str, known: Sequence[str], likeness: float = 0.5) -> str:

@@ -1,4 +1,4 @@
-"""Text files of numbers: a header of names with units, rows of cells, remarks behind '#'."""
+"""Text files of numbers: lines '# key = value unit', a header of names with units, rows of cells, remarks after '#'."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from torchliner.file_checks import read_bytes
 from torchliner.names import did_you_mean
-from torchliner.units import require_plausible, si_factor
+from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 Array = NDArray[np.float64]
 # What spreadsheets write into a cell that they cannot compute; a remark looks otherwise.
@@ -59,6 +59,14 @@ def cells_of(line: str, separator: str | None) -> list[str]:
     return [cell.strip() for cell in line.split(separator)]
 
 
+def number_of(text: str) -> float:
+    """The number that a cell holds; nan where there is none, or one that Python reads alone: 1_000, other scripts."""
+    with suppress(ValueError):
+        if text.isascii() and "_" not in text:
+            return float(text)
+    return np.nan
+
+
 @dataclass(frozen=True)
 class Column:
     """Where the values of a name stand: ``index`` from 0, ``factor`` to SI, ``quantity`` a key of ``units.FACTORS`` or
@@ -67,7 +75,7 @@ class Column:
     name: str
     index: int
     factor: float
-    quantity: str | None = None
+    quantity: str | None
 
 
 def find_columns(
@@ -118,8 +126,7 @@ def find_columns(
 
 
 def read_columns(
-    rows: Sequence[Sequence[str]],
-    numbers: Sequence[int],
+    rows: Mapping[int, Sequence[str]],
     columns: Sequence[Column],
     path: str | Path,
     count: int,
@@ -128,16 +135,17 @@ def read_columns(
     """Columns of numbers in SI units, by name.
 
     Args:
-        rows: cells of each line.  numbers: of the lines, for messages.
+        rows: cells by the number of their line.
         columns: what to read.  path: for messages.  count: of the columns of the file.
         special: columns that may hold inf, though not nan; default: all, and nan as well.
     Raises:
         ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a value that no
             measurement has (``units.require_plausible``).
     """
-    used, marks, found = [column.index for column in columns], dict[str, str](), dict[str, Array]()
-    for number, row in zip(numbers, rows, strict=True):
-        if len(row) > count and any(row[count:]):
+    marks, found, numbers = dict[str, str](), dict[str, Array](), [*rows]
+    used = [column.index for column in columns]
+    for number, row in rows.items():
+        if any(row[count:]):
             raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {count}")
         for mark in ".,":
             if mark not in marks and (cell := next((row[i] for i in used if i < len(row) and mark in row[i]), "")):
@@ -145,20 +153,20 @@ def read_columns(
     if len(marks) == 2:
         raise ValueError(f"{path} mixes decimal marks: {marks[',']}, {marks['.']}; write all numbers with one mark")
     for column in columns:
-        texts = [row[column.index] if column.index < len(row) else "" for row in rows]
+        name, index, quantity = column.name, column.index, column.quantity
+        texts = [row[index] if index < len(row) else "" for row in rows.values()]
         values = np.array([number_of(text.replace(",", ".")) for text in texts])
         bad = np.isnan(values)
         if special is None and bad.any():
             bad &= np.array([text.lower().lstrip("+-") != "nan" for text in texts])
-        elif special is not None and column.name not in special:
+        elif special is not None and name not in special:
             bad |= ~np.isfinite(values)
         if bad.any():
             at = int(bad.argmax())
-            where = f"{path}: line {numbers[at]}, column {column.name!r}"
-            raise ValueError(f"{where} is {texts[at]!r}; a number is needed")
-        found[column.name] = values * column.factor
-        if column.quantity is not None:
-            require_plausible(found[column.name], column.quantity, f"{path}: column {column.name!r}", numbers)
+            raise ValueError(f"{path}: line {numbers[at]}, column {name!r} is {texts[at]!r}; a number is needed")
+        found[name] = values * column.factor
+        if quantity is not None:
+            require_plausible(found[name], quantity, f"{path}: column {name!r}", numbers)
     return found
 
 
@@ -180,20 +188,43 @@ def read_table(
     separator = separator_of(lines[start])
     labels = cells_of(lines[start].rstrip(f"{separator} "), separator)
     columns = find_columns(labels, known, path, **about)
-    rows = {i: cells_of(line, separator) for i, line in enumerate(lines[start + 1 :], start + 2)}
-    rows = {
-        i: row
-        for i, row in rows.items()
-        if lines[i - 1].strip() and (row[0][:1] != "#" or (len(row) > 1 and NO_VALUE.fullmatch(row[0])))
-    }
+    rows = {i: cells_of(line, separator) for i, line in enumerate(lines[start + 1 :], start + 2) if line.strip()}
+    rows = {i: row for i, row in rows.items() if row[0][:1] != "#" or (len(row) > 1 and NO_VALUE.fullmatch(row[0]))}
     if not rows:
         raise ValueError(f"{path} holds no values: the file ends at line {start + 1}")
-    return read_columns([*rows.values()], [*rows], columns, path, len(labels), special)
+    return read_columns(rows, columns, path, len(labels), special)
 
 
-def number_of(text: str) -> float:
-    """The number that a cell holds; nan where there is none, or one that Python reads alone: 1_000, other scripts."""
-    with suppress(ValueError):
-        if text.isascii() and "_" not in text:
-            return float(text)
-    return np.nan
+def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:
+    """What the lines '# key = value unit' before a header say; lines without '=' are remarks.
+
+    Args:
+        lines: those before the header.
+        known: by key the SI unit of a number, or "text".
+        path: for messages.
+    Raises:
+        ValueError: a key that is not ``known``, or is stated twice; a line or a value that cannot be read.
+    """
+    found: dict[str, Any] = {}
+    for number, line in enumerate(lines, 1):
+        label, match = f"{path}: line {number}", re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
+        if match is None:
+            # '# mach: 0.1' was meant to state something.
+            named = re.match(r"#\s*(\w+)[\s:]*[-+]?\.?\d", line)
+            if "=" in line or (named is not None and named[1] in known):
+                raise ValueError(f"{label} is {line[:60]!r}; write '# key = value', and remarks without '='")
+            continue
+        key, text = match.groups()
+        if key not in known or key in found:
+            again = " a second time" if key in found else did_you_mean(key, list(known))
+            raise ValueError(f"{label} states {key!r}{again}; once each are known: {', '.join(known)}")
+        if known[key] == "text":
+            found[key] = text
+            continue
+        label, quantity = f"{label}, {key}", SI_QUANTITY[known[key]]
+        amount, unit = re.fullmatch(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)|.*", text).groups()  # type: ignore[union-attr]
+        found[key] = number_of(amount or "") * si_factor(quantity, known[key] if unit is None else unit, label)
+        if not np.isfinite(found[key]):
+            raise ValueError(f"{label} is {text!r}; a finite number with its unit is needed")
+        require_plausible(found[key], quantity, label)
+    return found

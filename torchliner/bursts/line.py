@@ -14,8 +14,7 @@ from torch import Tensor
 from torchliner.bursts.averages import average_line, line_level_check
 from torchliner.bursts.station import CASE, educe_station, split_choices
 from torchliner.checks import phase_tensor, tell
-from torchliner.io.burst_sources import StationSource, list_stations, order_of
-from torchliner.io.line_parts import LineParts
+from torchliner.io.burst_sources import LineParts, StationSource, list_stations, order_of
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.names import __version__
 from torchliner.records import BurstRecord, ImpedanceLine, LevelCheck, ReferenceChannel

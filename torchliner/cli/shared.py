@@ -60,7 +60,7 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
     "bursts": (
         Option("source", "file of bursts, or folder of stations", FILE),
         Of("io.burst_text:read_burst_columns", "columns separator", to="reading"),
-        Of("io.dantec:read_dantec", "components", to="reading"),
+        Of("io.burst_text:read_dantec", "components", to="reading"),
     ),
     "liner": (
         Option("--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", NAME),

@@ -23,8 +23,7 @@ from torchliner.cli.work import (
     told,
     with_facts,
 )
-from torchliner.io.burst_sources import StationSource, write_bursts
-from torchliner.io.line_parts import LineParts
+from torchliner.io.burst_sources import LineParts, StationSource, write_bursts
 from torchliner.io.microphone_file import read_wall_pressure
 from torchliner.io.result_writers import require_result
 from torchliner.io.whole_file import writable, writable_folder

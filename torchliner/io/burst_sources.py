@@ -1,13 +1,16 @@
-"""Stations of a file or folder, read one by one, so that a line need not fit into memory; files of our own.
+"""Stations of a file or folder, read one by one, so that a line need not fit into memory; files of our own; and the
+finished stations of a line on disk, so that a run that was broken off can go on.
 
 Our HDF5 is a record, or several in groups ``station_0``, ``station_1`` ... (docs/ldv.md).
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,19 +18,21 @@ from typing import Any
 import h5py
 
 from torchliner.file_checks import require_regular
-from torchliner.io.burst_text import HEAD, BurstFormat, Options, Place
+from torchliner.io.burst_text import STATED, position_of, read_burst_columns, read_burst_csv, read_dantec
 from torchliner.io.hdf5 import open_file
-from torchliner.io.own_file import groups_of, read_row, require_schema, taken
+from torchliner.io.own_file import groups_of, read_line, read_row, require_schema, taken
 from torchliner.io.own_writer import write_record, write_several
-from torchliner.names import BURST_FORMATS, resolve
-from torchliner.records import BurstRecord
+from torchliner.records import BurstRecord, ImpedanceLine
 from torchliner.records.declared import table_of
 from torchliner.records.origin import input_file
-from torchliner.text_columns import read_lines
+from torchliner.text_columns import read_lines, read_stated
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
 SAME_PLACE = 1e-7  # m: traverses are set to micrometres
+HEAD = 1 << 16  # bytes of a text file that hold all that stands before the bursts
+TAKES = {"HDF5": (), "DXEX": ("components",), "CSV": (), "columns": ("columns", "separator")}  # options by format
 PLACE = table_of(BurstRecord, "x", "y", "z")
+Place = tuple[float | None, float | None, float | None]
 
 
 @dataclass(frozen=True)
@@ -38,16 +43,15 @@ class StationSource:
         path: file.
         number: of the station in a file that holds several; None elsewhere.
         place: (x, y, z), m; None where unknown.
-        format: of the file, a key of ``names.BURST_FORMATS``.
-        options: how the file is read.  about: further fields of the record.
+        format: of the file, a key of ``TAKES``.
+        reader: reads the bursts; its arguments behind the path say how.
     """
 
     path: Path
     number: int | None
     place: Place
     format: str
-    options: Mapping[str, Any] = field(default_factory=dict)
-    about: Mapping[str, Any] = field(default_factory=dict)
+    reader: partial[BurstRecord]
 
     @property
     def name(self) -> str:
@@ -56,19 +60,14 @@ class StationSource:
 
     def read(self) -> BurstRecord:
         """The bursts; errors are those of the readers of the formats."""
-        found = _format(self.format).read(self.path, self.number or 0, self.options, self.about)
+        found = self.reader()
         title = self.path.stem if self.number is None else f"{self.path.stem} {self.number}"
         return replace(found, name=self.name, title=found.title or title)
 
     def digest(self) -> str:
         """Hash of the file and of how it is read."""
-        how = (self.number, sorted(self.options.items()), sorted(self.about.items()))
+        how = (self.number, self.format, self.reader.args[1:], sorted(self.reader.keywords.items()))
         return hashlib.sha256(f"{input_file('', self.path)['hash']} {how}".encode()).hexdigest()
-
-
-def _format(name: str) -> BurstFormat:
-    found: BurstFormat = resolve(BURST_FORMATS[name])
-    return found
 
 
 def list_stations(
@@ -98,48 +97,63 @@ def list_stations(
     if not files:
         raise ValueError(f"{path} holds no files of bursts ({', '.join(filter(None, SUFFIXES))}); name another folder")
     sources = [each for file in files for each in _sources(file, options, about)]
-    takes = {key for each in sources for key in _format(each.format).takes}
+    takes = {key for each in sources for key in TAKES[each.format]}
     for key, value in options.items():
         if value not in (None, "blank") and key not in takes:
             raise ValueError(f"{path} is of format {sources[0].format} and takes no {key}=...; leave it out")
-    places = [each.place for each in sources]
     without = [each.name for each in sources if None in each.place]
     if without and len(without) < len(sources):
         raise ValueError(f"{without[0]} states no position (x, y, z), others do; place all or none")
-    order = range(len(sources)) if without else order_of(places, [each.name for each in sources])
-    return [sources[i] for i in order]
+    if without:
+        return sources
+    return [sources[i] for i in order_of([each.place for each in sources], [each.name for each in sources])]
 
 
-def _sources(path: Path, options: Options, about: Options) -> list[StationSource]:
-    """Stations of a file, of the first format that recognises it."""
+def _sources(path: Path, options: Mapping[str, Any], about: Mapping[str, Any]) -> list[StationSource]:
+    """Stations of a file, told by its content; what no header tells is columns, where these are stated."""
     require_regular(path)
-    name = next((name for name in BURST_FORMATS if _format(name).recognises(path, options)), None)
-    if name is None:
+    if h5py.is_hdf5(path):
+        if about:
+            raise ValueError(f"{path} has places of its own for {', '.join(about)}; state or leave them out there")
+        with open_file(path) as file:
+            groups = _groups(file, path)
+            found = [[read_row(each, row, path) if row.field in each else None for row in PLACE] for each in groups]
+        places = [(x, y, z) for x, y, z in found]
+        numbers = range(len(places)) if len(places) > 1 else [None]
+        reads = [partial(_read, path, i) for i in range(len(places))]
+        rows = zip(numbers, places, reads, strict=True)
+        return [StationSource(path, number, place, "HDF5", reader) for number, place, reader in rows]
+    lines = read_lines(path, HEAD)
+    first = next((line for line in lines if line.strip() and line[0] != "#"), "")
+    own: dict[str, Any] = {}
+    if lines[0].lstrip().startswith("DXEX"):
+        own = dict(zip("xyz", position_of(lines, path), strict=True))
+        kind, reader = "DXEX", partial(read_dantec, path, options["components"], **about)
+    elif "arrival_time" in first:
+        own = read_stated(lines[: lines.index(first)], STATED, path)
+        kind, reader = "CSV", partial(read_burst_csv, path, **about)
+    elif options["columns"] is not None:
+        kind, reader = "columns", partial(read_burst_columns, path, options["columns"], options["separator"], **about)
+    else:
         raise ValueError(
-            f"{path} begins with {read_lines(path, HEAD)[0].strip()[:40]!r}: neither 'DXEX v3' or 'DXEX v5' nor a "
-            "header with 'arrival_time [ms]'. State columns without a header, e.g. --columns 'row, arrival_time [ms], "
+            f"{path} begins with {lines[0].strip()[:40]!r}: neither 'DXEX v3' or 'DXEX v5' nor a header with "
+            "'arrival_time [ms]'. State columns without a header, e.g. --columns 'row, arrival_time [ms], "
             "wall_normal [m/s]'"
         )
-    places = _format(name).places(path)
-    if not _format(name).own_fields:
-        x, y, z = (about.get(key, value) for key, value in zip("xyz", places[0], strict=True))
-        return [StationSource(path, None, (x, y, z), name, options, about)]
-    if about:
-        raise ValueError(f"{path} has places of its own for {', '.join(about)}; state them there, or leave them out")
-    return [StationSource(path, i if len(places) > 1 else None, place, name) for i, place in enumerate(places)]
+    x, y, z = (about.get(name, own.get(name)) for name in "xyz")
+    return [StationSource(path, None, (x, y, z), kind, reader)]
 
 
-def order_of(places: Sequence[Place], names: Sequence[str]) -> list[int]:
+def order_of(places: Sequence[Any], names: Sequence[str]) -> list[int]:
     """Numbers of stations in the order of x, y, z, (m, all known), by whose ``names`` the message calls them.
 
     Raises:
         ValueError: two have the same position.
     """
-    known: list[Any] = list(places)
-    order = sorted(range(len(known)), key=lambda i: known[i])
+    order = sorted(range(len(places)), key=lambda i: places[i])
     for i, j in pairwise(order):
-        if all(abs(a - b) <= SAME_PLACE for a, b in zip(known[i], known[j], strict=True)):
-            where = ", ".join(f"{1e3 * value:.4g}" for value in known[i])
+        if all(abs(a - b) <= SAME_PLACE for a, b in zip(places[i], places[j], strict=True)):
+            where = ", ".join(f"{1e3 * value:.4g}" for value in places[i])
             raise ValueError(f"{names[i]} and {names[j]} have the same position, ({where}) mm; take one away")
     return order
 
@@ -151,6 +165,9 @@ def read_bursts(path: str | Path, **options: Any) -> list[BurstRecord]:
     file with faults is a ValueError.
     """
     return [station.read() for station in list_stations(path, **options)]
+
+
+# Files of our own
 
 
 def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
@@ -173,17 +190,54 @@ def _groups(file: h5py.File, path: Path) -> list[h5py.Group]:
     return groups_of(file, "station", path) or [file]
 
 
-def _places(path: Path) -> list[Place]:
-    with open_file(path) as file:
-        groups = _groups(file, path)
-        read = [[read_row(each, row, path) if row.field in each else None for row in PLACE] for each in groups]
-    return [(x, y, z) for x, y, z in read]
-
-
-def _read(path: Path, number: int, *_: Any) -> BurstRecord:
+def _read(path: Path, number: int) -> BurstRecord:
     with open_file(path) as file:
         found: BurstRecord = taken(_groups(file, path)[number], path, BurstRecord)
     return found
 
 
-FORMAT = BurstFormat(lambda path, _: bool(h5py.is_hdf5(path)), _places, _read, own_fields=True)
+# Finished stations
+
+
+class LineParts:
+    """Finished stations of a line: a folder of lines of one station each, named by what each follows from.
+
+    Args:
+        folder: made when the first part is written.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.mine: set[Path] = set()
+
+    @property
+    def there(self) -> int:
+        """Parts on disk, of this run or another."""
+        return len([*self.folder.glob("*.h5")])
+
+    def load(self, key: str) -> ImpedanceLine | None:
+        """The station of a key; None where it is not there, or a file is damaged or not the part that its name says."""
+        with contextlib.suppress(ValueError, OSError):
+            line = read_line(self._path(key))
+            if line.stations == 1 and line.choices.get("part") == key:
+                return line
+        return None
+
+    def keep(self, key: str, line: ImpedanceLine) -> ImpedanceLine:
+        """Write a finished station."""
+        self.folder.mkdir(exist_ok=True)
+        line = replace(line, choices={**line.choices, "part": key})
+        write_record(line, self._path(key))
+        return line
+
+    def clear(self) -> None:
+        """Delete the parts of this run, and the folder if nothing else is in it."""
+        for path in self.mine:
+            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # not empty, not there, a link
+            self.folder.rmdir()
+
+    def _path(self, key: str) -> Path:
+        path = self.folder / f"{key}.h5"
+        self.mine.add(path)
+        return path

@@ -1,21 +1,24 @@
-"""Bursts of one station from columns of text: what the formats share, CSV, and files without a header.
+"""Bursts of one station from columns of text: CSV, files without a header, and Dantec's export "DXEX" v3 and v5.
 
-A CSV has '# key = value unit' lines, a header with units, the bursts.
+A CSV has '# key = value unit' lines, a header with units, the bursts. In DXEX, line 1 is the version, 2 the project, 3
+the time of day, 4 the position, 5 a label, 6 the quoted names of the columns; bursts from line 7, tab-separated. A
+second channel with arrival times of its own (non-coincidence) has columns AT{2}, TT{2}, LDA2{2}, padded with blanks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from torchliner.checks import require_choice
-from torchliner.io.stated_lines import read_stated
 from torchliner.names import SEPARATORS
 from torchliner.records import BurstRecord
+from torchliner.records.burst_record import COMPONENTS
 from torchliner.records.declared import variables_of
 from torchliner.text_columns import (
     Array,
@@ -25,78 +28,53 @@ from torchliner.text_columns import (
     header_line,
     read_columns,
     read_lines,
+    read_stated,
     separator_of,
 )
+from torchliner.units import si_factor
 
-HEAD = 1 << 16  # bytes of a text file that hold all that stands before the bursts
-QUANTITIES = {"arrival_time": "time", "transit_time": "time", "wall_normal": "velocity", "streamwise": "velocity"}
-OPTIONAL, PASSED_OVER = ("transit_time", "wall_normal", "streamwise"), ("row", "skip")
+QUANTITIES = {"arrival_time": "time", "transit_time": "time", **dict.fromkeys(COMPONENTS, "velocity")}
+OPTIONAL, PASSED_OVER = ("transit_time", *COMPONENTS), ("row", "skip")
 EXAMPLE = f"NAME [UNIT] with NAME one of {', '.join((*QUANTITIES, *PASSED_OVER))}"
 NOT_FINITE = "not a number in the file"
 STATED = {row.field: row.unit for row in variables_of(BurstRecord) if not row.dims}
 STATED |= dict.fromkeys(("title", "source_side", "liner"), "text")
-
-Place = tuple[float | None, float | None, float | None]
-Options = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class BurstFormat:
-    """How a file of bursts is recognised and read: a row of ``names.BURST_FORMATS``.
-
-    Args:
-        recognises: whether a file, read with these options, is of the format.
-        places: (x, y, z), m, of its stations, None where unknown; bursts are not read.
-        read: one station: path, its number, options, further fields of the record.
-        own_fields: whether the file states all of them, so that none may be added.
-        takes: options of ``list_stations`` that say how such a file is read.
-    """
-
-    recognises: Callable[[Path, Options], bool]
-    places: Callable[[Path], list[Place]]
-    read: Callable[[Path, int, Options, Options], BurstRecord]
-    own_fields: bool = False
-    takes: tuple[str, ...] = ()
+# Of DXEX.
+HEADER_LINES = 6
+USUAL = {2: ("streamwise", "wall_normal"), 3: ("streamwise", "wall_normal", "skip")}
+MEANINGS = (*COMPONENTS, *(f"-{name}" for name in COMPONENTS), "skip")
+TIMES = {"AT": "arrival_time", "TT": "transit_time"}
+POSITION = re.compile(r"([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)\s*(.*)")  # 1.50 mm
+LABEL = re.compile(r"([A-Za-z]+)(\d*)(?:\{(\d+)\})?\s*(?:\[(.*)\])?")  # LDA2{2} [m/s]
 
 
-def burst_columns(labels: Sequence[str], path: str | Path) -> list[Column]:
-    """Columns from labels such as ``wall_normal [m/s]``, with a minus before the name of a velocity that is turned.
-
-    Raises:
-        ValueError: as ``find_columns``; no velocity, a time with a sign.
-    """
+def _columns(labels: Sequence[str], path: str | Path, example: str = EXAMPLE) -> list[Column]:
+    """Columns from labels such as ``wall_normal [m/s]``, with a minus before the name of a velocity that is turned."""
     plain = [label.removeprefix("-") for label in labels]
-    columns = find_columns(plain, QUANTITIES, path, example=EXAMPLE, optional=OPTIONAL, others=PASSED_OVER)
+    columns = find_columns(plain, QUANTITIES, path, example=example, optional=OPTIONAL, others=PASSED_OVER)
     turned = {i for i, label in enumerate(labels) if label.startswith("-")}
     if any(column.index in turned and column.quantity == "time" for column in columns):
         raise ValueError(f"{path}: a time has a sign in {', '.join(labels)}; only velocities have one")
-    if not {"wall_normal", "streamwise"} & {column.name for column in columns}:
+    if not {*COMPONENTS} & {column.name for column in columns}:
         raise ValueError(f"{path}: no velocity; a column 'wall_normal' or 'streamwise' is needed")
     return [replace(c, factor=-c.factor) if c.index in turned else c for c in columns]
 
 
-def read_bursts_of(
+def _bursts(
     lines: Sequence[str], first: int, columns: Sequence[Column], path: str | Path, count: int, separator: str | None
 ) -> dict[str, Array]:
-    """Columns of the lines from number ``first``, from 1, to the last in which one of them holds something.
-
-    Other arguments and errors are those of ``read_columns``; no bursts are a ValueError as well.
-    """
-    rows = [cells_of(line, separator) for line in lines[first - 1 :]]
+    """Columns of the lines from number ``first``, from 1, to the last in which one of them holds something."""
+    rows = {i: cells_of(line, separator) for i, line in enumerate(lines[first - 1 :], first)}
     used = [column.index for column in columns]
-    while rows and not any([*rows[-1][count:], *(rows[-1][i] for i in used if i < len(rows[-1]))]):
-        rows.pop()
+    while rows and not any([*(row := [*rows.values()][-1])[count:], *(row[i] for i in used if i < len(row))]):
+        rows.popitem()
     if not rows:
         raise ValueError(f"{path} holds no bursts: the file ends before line {first + 1}")
-    return read_columns(rows, range(first, first + len(rows)), columns, path, count)
+    return read_columns(rows, columns, path, count)
 
 
-def record_of(columns: Mapping[str, Array], path: str | Path, **about: Any) -> BurstRecord:
-    """A record of the bursts whose values, SI, are all finite; the others are counted. ``about`` are further fields.
-
-    Raises:
-        ValueError: no burst is finite.
-    """
+def _record(columns: Mapping[str, Array], path: str | Path, **about: Any) -> BurstRecord:
+    """A record of the bursts whose values, SI, are all finite; the others are counted. ``about`` are further fields."""
     path = Path(path)
     good = np.asarray(np.isfinite(np.stack(list(columns.values()))).all(0))
     if not good.any():
@@ -119,8 +97,8 @@ def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
     start = header_line(lines, path)
     stated, separator = read_stated(lines[:start], STATED, path), separator_of(lines[start])
     labels = cells_of(lines[start], separator)
-    found = read_bursts_of(lines, start + 2, burst_columns(labels, path), path, len(labels), separator)
-    return record_of(found, path, **{"provenance": {"format": "csv"}, **stated, **about})
+    found = _bursts(lines, start + 2, _columns(labels, path), path, len(labels), separator)
+    return _record(found, path, **{"provenance": {"format": "csv"}, **stated, **about})
 
 
 def read_burst_columns(
@@ -139,32 +117,87 @@ def read_burst_columns(
         As ``read_burst_csv``; another number of columns than stated.
     """
     labels = [label.strip() for label in (columns.split(",") if isinstance(columns, str) else columns)]
-    wanted = burst_columns(labels, path)
+    wanted = _columns(labels, path)
     between = SEPARATORS[require_choice("separator", separator, SEPARATORS)]
     lines = read_lines(path)
     count = len(cells_of(lines[0], between))
     if count != len(labels):
         stated = f"{len(labels)} columns are stated: {', '.join(labels)}"
         raise ValueError(f"{path}: line 1 has {count} cells, {stated}; name every column, 'skip' included")
-    found = read_bursts_of(lines, 1, wanted, path, count, between)
-    return record_of(found, path, **{"provenance": {"format": "columns", "columns": labels}, **about})
+    found = _bursts(lines, 1, wanted, path, count, between)
+    return _record(found, path, **{"provenance": {"format": "columns", "columns": labels}, **about})
 
 
-def _places(path: Path) -> list[Place]:
-    lines = read_lines(path, HEAD)
-    stated = read_stated(lines[: header_line(lines, path)], STATED, path)
-    return [(stated.get("x"), stated.get("y"), stated.get("z"))]
+def read_dantec(path: str | Path, components: Sequence[str] | None = None, **about: Any) -> BurstRecord:
+    """Bursts of one exported file.
+
+    Args:
+        path: DXEX v3 or v5, UTF-8 or latin-1, decimal point or comma.
+        components: what LDA1, LDA2 and so on hold, in order: ``streamwise``, ``wall_normal`` or ``skip``, with a minus
+            where the optics count the other way. Default for two and three channels: streamwise, wall_normal(, skip); a
+            single one must be stated. Of channels with their own arrival times the wall-normal one is read, and a note
+            says so.
+        about: further fields of the record, e.g. ``frequency``, ``fluid``; x, y, z override the position line.
+    Raises:
+        FileNotFoundError, OSError: no such file, a folder.
+        ValueError: empty, another version, no position, a column missing or with a wrong unit, an unreadable cell,
+            mixed decimal marks.
+    """
+    lines = read_lines(path)
+    place = position_of(lines, path)
+    version, project, time, _, label, header = (line.strip() for line in lines[:HEADER_LINES])
+    names = [name.strip().strip('"').strip() for name in header.split("\t")]
+    channels, groups = _channels(names, components, path)
+    example = f"'AT [ms]', 'LDA1 [m/s]'; the export has {', '.join(names)}"
+    wanted = [_columns(labels, path, example) for labels in groups]
+    read = [_bursts(lines, HEADER_LINES + 1, each, path, len(names), "\t") for each in wanted]
+    columns, *others = sorted(read, key=lambda each: "wall_normal" not in each)
+    text = "not in coincidence: {} ({} bursts) has its own arrival times and is left out"
+    left_out = [(name, len(each["arrival_time"])) for each in others for name in each if name in COMPONENTS]
+    provenance = {"format": version, "project": project, "time": time, "label": label, "channels": channels}
+    facts = dict(zip("xyz", place, strict=True)) | {"title": label or Path(path).stem, "provenance": provenance}
+    return _record(columns, path, **facts | {"notes": tuple(text.format(*each) for each in left_out)} | about)
 
 
-def _is_csv(path: Path, _: Options) -> bool:
-    """Whether the first line that is no remark names an arrival time."""
-    return "arrival_time" in next((line for line in read_lines(path, HEAD) if line.strip() and line[0] != "#"), "")
+def position_of(lines: Sequence[str], path: str | Path) -> tuple[float, float, float]:
+    """x, y, z in m from line 4 of an export, ``[point;]x mm;y mm;z mm``."""
+    if lines[0].strip() not in ("DXEX v3", "DXEX v5"):
+        raise ValueError(f"{path}: line 1 is {lines[0].strip()[:40]!r}; export as 'DXEX v3' or 'DXEX v5'")
+    if len(lines) < HEADER_LINES:
+        raise ValueError(f"{path} ends after line {len(lines)}; the header has {HEADER_LINES}")
+    parts = [part.strip() for part in lines[3].split(";") if part.strip()]
+    found = [match for part in parts[len(parts) == 4 :] if (match := POSITION.fullmatch(part))]
+    if len(found) != 3 or len(parts) > 4:
+        raise ValueError(f"{path}: line 4 is {lines[3].strip()[:60]!r}; '[point;]x mm;y mm;z mm' is needed")
+    where = f"{path}: the position on line 4"
+    x, y, z = (float(match[1].replace(",", ".")) * si_factor("length", match[2], where) for match in found)
+    return x, y, z
 
 
-CSV = BurstFormat(_is_csv, _places, lambda path, _, options, about: read_burst_csv(path, **about))
-COLUMNS = BurstFormat(
-    recognises=lambda _, options: options["columns"] is not None,
-    places=lambda _: [(None, None, None)],
-    read=lambda path, _, options, about: read_burst_columns(path, options["columns"], options["separator"], **about),
-    takes=("columns", "separator"),
-)
+def _channels(
+    names: Sequence[str], components: Sequence[str] | None, path: str | Path
+) -> tuple[dict[str, str], list[list[str]]]:
+    """What each channel of an export is taken for; labels of all its columns as we write them, for each group of equal
+    arrival times in which a channel counts."""
+    parsed = [LABEL.fullmatch(name) for name in names]
+    channels = sorted((m for m in parsed if m and m[1].upper() == "LDA"), key=lambda m: int(m[2] or 0))
+    if not channels or any(m[2].startswith("0") for m in channels):
+        raise ValueError(f"{path}: columns 'LDA1 [m/s]', ... from 1 are needed; there are: {', '.join(names)}")
+    meant = USUAL.get(len(channels), ()) if components is None else components
+    used = [require_choice("component", name, MEANINGS).lstrip("-") for name in meant if name != "skip"]
+    if len(meant) != len(channels) or not used or len({*used}) < len(used):
+        raise ValueError(
+            f"{path} has channels {', '.join(f'LDA{m[2]}' for m in channels)}, and components are "
+            f"{', '.join(meant) or 'not stated'}; name one for each: wall_normal or streamwise at most once, one at "
+            "least, with a minus where it counts the other way, or skip"
+        )
+    taken = dict(zip(channels, meant, strict=True))
+    groups = dict.fromkeys(m[3] or "1" for m, name in taken.items() if name != "skip")
+
+    def label_of(match: re.Match[str] | None, group: str) -> str:
+        own = match is not None and (match[3] or "1") == group
+        word = taken.get(match, "" if match[2] else TIMES.get(match[1].upper(), "")) if match and own else ""
+        return f"{word} [{match[4] or ''}]" if match and word not in ("", "skip") else "skip"
+
+    said = {f"LDA{m[2]}": name for m, name in taken.items()}
+    return said, [[label_of(match, group) for match in parsed] for group in groups]

@@ -7,7 +7,7 @@ coordinates of the axes x, y and z.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.io import loadmat, netcdf_file
 
 from torchliner.file_checks import DAMAGE, naming, require_memory, require_regular
-from torchliner.io.hdf5 import PLAIN, Packing, hold_open, open_file
+from torchliner.io.hdf5 import PLAIN, Packing, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import require_velocity
 from torchliner.io.to_plane import to_plane
@@ -31,25 +31,116 @@ from torchliner.records import VelocityPlane
 FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
-Arrays = Callable[[Path], Mapping[str, np.ndarray]]
+CLASSIC, NUMPY = (b"CDF\1", b"CDF\2"), b"\x93NUMPY"  # netCDF-3, version 2 with large offsets
+TAKES = ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "row")
+WITHOUT_GROUP = tuple(each for each in TAKES if each != "group")
 
 
-# HDF5 and netCDF-4
+# Files of variables: HDF5, netCDF, MATLAB, numpy
 
 
-def open_hdf5(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of our schema, or of another netCDF-4 or HDF5 file; as ``to_plane``."""
-    with open_file(path) as file:
-        return to_plane(hdf5_source(file, path), request)
+def _whole(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> Any:
+    try:
+        return read(path, **options)
+    except Exception as error:  # whatever it says of damage
+        raise ValueError(f"{path} is not a whole {kind} file: {error}") from error
 
 
-HDF5 = PlaneFormat(
-    "HDF5 or netCDF-4",
-    lambda _, head: head.startswith(HDF5_SIGNATURE),
-    open_hdf5,
-    ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "row"),
-)
-WITHOUT_GROUP = tuple(each for each in HDF5.takes if each != "group")
+def npy_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The one array of a .npy file, "", read as it is used."""
+    found = _whole(path, ".npy", np.load, mmap_mode="c", allow_pickle=False)
+    if not isinstance(found, np.ndarray):
+        raise ValueError(f"{path} is an archive of arrays (.npz), no .npy file; take one of them out")
+    return {"": found}
+
+
+def _classic(path: Path) -> Any:
+    """A netCDF-3 file, mapped; an OSError where it ends before its values do."""
+    try:
+        with path.open("rb") as raw:  # the map stays
+            file: Any = netcdf_file(raw, "r", mmap=True)
+    except (ValueError, TypeError, *DAMAGE) as error:
+        raise OSError(f"{path} is truncated, or its header is damaged: it names what is beyond the end") from error
+    file._mm_buf = None  # the arrays hold the map, of which closing would warn
+    return file
+
+
+def classic_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a netCDF-3 file, read as they are used."""
+    return {name: each.data for name, each in _classic(path).variables.items()}
+
+
+def _classic_source(path: Path) -> Source:
+    """Values that nobody wrote are marked as missing."""
+    file, fields = _classic(path), {}
+    for name, each in file.variables.items():
+        attrs, kind = dict(each._attributes), each.data.dtype.str[1:]
+        if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
+            attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
+        fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
+    return Source(path, fields, file._attributes, partial(classic_arrays, path))
+
+
+@contextmanager
+def open_source(path: Path) -> Iterator[Source]:
+    """What a file of variables holds, while it is open: by its content HDF5, netCDF-3 or .npy, else MATLAB before v7.3,
+    which is read whole."""
+    with path.open("rb") as file:
+        head = file.read(8)
+    if h5py.is_hdf5(path):
+        with open_file(path) as hdf:
+            yield hdf5_source(hdf, path)
+    elif head.startswith(CLASSIC):
+        yield _classic_source(path)
+    else:
+        opens = partial(npy_arrays, path)
+        if not head.startswith(NUMPY) and path.suffix.lower() != ".npy":
+            require_memory(path.stat().st_size, f"{path}")
+            found = _whole(path, "MATLAB", loadmat)
+            opens = partial(dict, {name: each for name, each in found.items() if isinstance(each, np.ndarray)})
+        fields = {f"/{name}": Field(each, path, name and f"/{name}", {}) for name, each in opens().items()}
+        yield Source(path, fields, {}, opens)
+
+
+def open_variables(path: Path, request: PlaneRequest, arrays: bool = False) -> VelocityPlane:
+    """The plane of a file of variables, as ``to_plane``. Single numbers beside ``arrays`` are of other things, and the
+    axes of MATLAB's v7.3 are reversed."""
+    with open_source(path) as source:
+        if arrays:
+            source = replace(source, fields={name: each for name, each in source.fields.items() if each.size > 1})
+            if h5py.is_hdf5(path) and request.axis_names is not None:
+                request = replace(request, axes=request.axis_names[::-1])
+        return to_plane(source, request)
+
+
+def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
+    """An array from .npy, .mat (v5 or v7.3) or .h5; v7.3 axes are put back in MATLAB's order.
+
+    Args:
+        path: file, of one of the endings in ``names.ARRAY_ENDINGS``.
+        variable: name in a .mat or .h5 file; may be left out if the file holds one array.
+    Raises:
+        ValueError: unknown ending, unknown variable, not numeric.
+    """
+    path = Path(path)
+    require_regular(path)
+    ending = path.suffix.lower()
+    if ending not in ARRAY_ENDINGS:
+        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {ending or 'no ending'!r}")
+    with naming(path), open_source(path) as source:
+        arrays = {name[1:]: each for name, each in source.fields.items()}
+        held = ", ".join(arrays) or "no array"
+        if variable is None and len(arrays) != 1:
+            raise ValueError(f"{path} holds {held}; name the one meant")
+        found = arrays.get(next(iter(arrays)) if variable is None or "" in arrays else variable)
+        if found is None:
+            raise ValueError(
+                f"{path} has no variable {variable!r}{did_you_mean(str(variable), [*arrays])}; it holds {held}"
+            )
+        if found.array.dtype.kind not in "fiu":
+            raise ValueError(f"{path}: {variable or 'the array'} is {found.array.dtype}, not real numbers")
+        values = found.values()
+        return values.T if ending == ".mat" and h5py.is_hdf5(path) else values
 
 
 # Datasets of xarray
@@ -66,7 +157,7 @@ def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
         TypeError: neither a DataArray nor a Dataset.
         ValueError: as ``to_plane``.
     """
-    request = PlaneRequest(**{key: stated.pop(key) for key in (*HDF5.takes, "wall_normal_component") if key in stated})
+    request = PlaneRequest(**{key: stated.pop(key) for key in (*TAKES, "wall_normal_component") if key in stated})
     if not hasattr(data, "data_vars") and hasattr(data, "dims") and hasattr(data, "coords"):
         name = str(data.name or "velocity")
         data, request = data.rename(name).to_dataset(), replace(request, variable=name)
@@ -92,43 +183,6 @@ def source_of(data: Any, path: Path) -> Source:
             each = each.astype(f"{each.dtype.kind}8[ns]").astype("i8")
         fields[f"/{name}"] = Field(each, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dims))
     return Source(path, fields, data.attrs, partial(getattr, data, "variables"))
-
-
-def open_classic(path: Path) -> Any:
-    """A netCDF-3 file, mapped; an OSError where it ends before its values do."""
-    try:
-        with path.open("rb") as raw:  # the map stays
-            file: Any = netcdf_file(raw, "r", mmap=True)
-    except (ValueError, TypeError, *DAMAGE) as error:
-        raise OSError(f"{path} is truncated, or its header is damaged: it names what is beyond the end") from error
-    file._mm_buf = None  # the arrays hold the map, of which closing would warn
-    return file
-
-
-def classic_arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a netCDF-3 file, read as they are used."""
-    return {name: each.data for name, each in open_classic(path).variables.items()}
-
-
-def classic_source(path: Path) -> Source:
-    """What a netCDF-3 file holds, values that nobody wrote marked as missing."""
-    file, fields = open_classic(path), {}
-    for name, each in file.variables.items():
-        attrs, kind = dict(each._attributes), each.data.dtype.str[1:]
-        if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
-            attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
-        fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
-    return Source(path, fields, file._attributes, partial(classic_arrays, path))
-
-
-@contextmanager
-def netcdf_source(path: Path) -> Iterator[Source]:
-    """What a netCDF file of any version holds, while it is open."""
-    if h5py.is_hdf5(path):
-        with open_file(path) as file:
-            yield hdf5_source(file, path)
-    else:
-        yield classic_source(path)
 
 
 def open_store(path: Path, group: str | None) -> Any:
@@ -181,108 +235,25 @@ def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
     return plane
 
 
-# Arrays
-
-
-def _whole_file(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> Any:
-    try:
-        return read(path, **options)
-    except Exception as error:  # whatever it says of damage
-        raise ValueError(f"{path} is not a whole {kind} file: {error}") from error
-
-
-def matlab_arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a MATLAB file before v7.3, read whole."""
-    require_memory(path.stat().st_size, f"{path}")
-    found = _whole_file(path, "MATLAB", loadmat)
-    return {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
-
-
-def npy_arrays(path: Path) -> dict[str, np.ndarray]:
-    """The one array of a .npy file, "", read as it is used."""
-    found = _whole_file(path, ".npy", np.load, mmap_mode="c", allow_pickle=False)
-    if not isinstance(found, np.ndarray):
-        raise ValueError(f"{path} is an archive of arrays (.npz), no .npy file; take one of them out")
-    return {"": found}
-
-
-def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
-    """An array from .npy, .mat (v5 or v7.3) or .h5; v7.3 axes are put back in MATLAB's order.
-
-    Args:
-        path: file, of one of the endings in ``names.ARRAY_ENDINGS``.
-        variable: name in a .mat or .h5 file; may be left out if the file holds one array.
-    Raises:
-        ValueError: unknown ending, unknown variable, not numeric.
-    """
-    path = Path(path)
-    require_regular(path)
-    ending = path.suffix.lower()
-    if ending not in ARRAY_ENDINGS:
-        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {ending or 'no ending'!r}")
-    with naming(path):
-        if ending == ".npy":
-            values = npy_arrays(path)[""]
-        elif ending == ".mat" and not h5py.is_hdf5(path):
-            values = _pick(matlab_arrays(path), variable, path)
-        else:
-            with open_file(path) as file:
-                fields = {name[1:]: each for name, each in hdf5_source(file, path).fields.items()}
-                values = _pick(fields, variable, path).values()
-                values = values.T if ending == ".mat" else values
-    if values.dtype.kind not in "fiu":
-        raise ValueError(f"{path}: {variable or 'the array'} is {values.dtype}, not real numbers")
-    return values
-
-
-def _pick(arrays: Mapping[str, Any], variable: str | None, path: Path) -> Any:
-    held = ", ".join(arrays) or "no array"
-    if variable is None:
-        if len(arrays) != 1:
-            raise ValueError(f"{path} holds {held}; name the one meant")
-        (variable,) = arrays
-    if variable not in arrays:
-        raise ValueError(f"{path} has no variable {variable!r}{did_you_mean(variable, [*arrays])}; it holds {held}")
-    return arrays[variable]
-
-
-def open_arrays(path: Path, request: PlaneRequest, arrays: Arrays) -> VelocityPlane:
-    """The plane of arrays that have no names of axes."""
-    held = arrays(path)
-    fields = {f"/{name}": Field(each, path, name and f"/{name}", {}) for name, each in held.items() if each.size > 1}
-    plane = to_plane(Source(path, fields, {}, partial(arrays, path)), request)
-    plane.velocity.held = held  # what was read is not read again
-    return plane
-
-
-def open_matlab(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a MATLAB file; v7.3 is HDF5 with reversed axes."""
-    if not h5py.is_hdf5(path):
-        return open_arrays(path, request, matlab_arrays)
-    turned = replace(request, axes=None if request.axis_names is None else request.axis_names[::-1])
-    with open_file(path) as file:
-        fields = {name: each for name, each in hdf5_source(file, path).fields.items() if each.size > 1}
-        return to_plane(Source(path, fields, {}, partial(hold_open, path)), turned)
-
-
-NETCDF3 = PlaneFormat(
-    "netCDF-3",
-    lambda _, head: head[:4] in (b"CDF\1", b"CDF\2"),  # the version, 2 with large offsets
-    lambda path, request: to_plane(classic_source(path), request),
-    WITHOUT_GROUP,
+HDF5 = PlaneFormat(
+    "HDF5 or netCDF-4",
+    lambda _, head: head.startswith(HDF5_SIGNATURE),
+    open_variables,
+    TAKES,
 )
-STORE = PlaneFormat(
-    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_zarr, HDF5.takes
-)
+NETCDF3 = PlaneFormat("netCDF-3", lambda _, head: head.startswith(CLASSIC), open_variables, WITHOUT_GROUP)
 MATLAB_FORMAT = PlaneFormat(
     "MATLAB",
     lambda path, head: head.startswith(MATLAB) or (head[:8] == HDF5_SIGNATURE and path.suffix.lower() == ".mat"),
-    open_matlab,
+    partial(open_variables, arrays=True),
     WITHOUT_GROUP,
 )
 NPY_FORMAT = PlaneFormat(
     "numpy",
-    lambda path, head: head[:6] == b"\x93NUMPY",
-    partial(open_arrays, arrays=npy_arrays),
+    lambda _, head: head.startswith(NUMPY),
+    partial(open_variables, arrays=True),
     tuple(each for each in WITHOUT_GROUP if each != "variable"),
+)
+STORE = PlaneFormat(
+    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_zarr, TAKES
 )

@@ -37,13 +37,12 @@ from torchliner.io.own_file import (
     take,
 )
 from torchliner.io.own_writer import FLUID_UNITS
-from torchliner.io.stated_lines import read_stated
 from torchliner.io.variables import time_axis
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.declared import table_of
 from torchliner.records.incident import Recorded
 from torchliner.records.pressure_record import SIGNALS
-from torchliner.text_columns import Array, header_line, read_lines, read_table
+from torchliner.text_columns import Array, header_line, read_lines, read_stated, read_table
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
 COLUMNS = {"x": "length", "frequency": "frequency", "spl": "level", "phase": "phase"}

@@ -113,21 +113,20 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
     Raises:
         ValueError: several surfaces; times without it; as ``uniform_rate`` and ``plane_of_frames``.
     """
-    folders = time_folders(path)
-    listed = [surfaces_of(folder) for folder in folders]
-    group = request.group or ", ".join(sorted({each for found in listed for each in found}))
-    absent = [folder.name for folder, found in zip(folders, listed, strict=True) if group not in found]
+    listed = {folder.name: surfaces_of(folder) for folder in time_folders(path)}
+    names = sorted({each for found in listed.values() for each in found})
+    group = request.group or ", ".join(names)
+    absent = [time for time, found in listed.items() if group not in found]
     if absent:
         raise ValueError(
-            f"{path} holds the surfaces {', '.join(sorted(listed[0]))}; {len(absent)} of {len(folders)} times, "
+            f"{path} holds the surfaces {', '.join(names)}; {len(absent)} of {len(listed)} times, "
             f"{', '.join(absent[:3])}, have no surface {group!r}: name one as group (--group) that all have"
         )
-    files = [found[group] for found in listed]
-    time = np.array([float(folder.name) for folder in folders])
-    digits = max(digits_of(folder.name.encode()) for folder in folders)
-    rate = uniform_rate(time, f"{path}, times", last_digit(time, digits))
+    times = np.array([*map(float, listed)])
+    rounding = last_digit(times, max(digits_of(time.encode()) for time in listed))
+    rate, start = uniform_rate(times, f"{path}, times", rounding), float(times[0])
+    files = [found[group] for found in listed.values()]
     frames = [(file, partial(read_raw if file.suffix == ".raw" else read_frame, file)) for file in files]
-    start = float(time[0])
     return plane_of_frames(frames, lambda _: (rate, start), request, path, format=f"OpenFOAM surface {group}")
 
 

@@ -18,7 +18,7 @@ import torch
 
 from torchliner.checks import tell
 from torchliner.io.clocks import uniform_rate
-from torchliner.io.foreign import netcdf_source
+from torchliner.io.foreign import open_source
 from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.plane_parts import SelectedVelocity
@@ -71,7 +71,7 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
     Warns:
         DataWarning: a tone within 6 kHz is attenuated by more than 1 % in the frames.
     """
-    with netcdf_source(path) as source:
+    with open_source(path) as source:
         file, values = _variables(source), source.fields["/measurements"]
         scales = _row(file["lx_scales"])
         if len(scales) < 4 or not (np.isfinite(scales[[0, 3, -1]]) & (scales[[0, 3, -1]] > 0)).all():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 import re
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from torchliner.checks import tell
-from torchliner.file_checks import Unwritten, machine_memory, require_memory, require_regular
+from torchliner.file_checks import Unwritten, require_memory, require_regular
+from torchliner.io.plane_format import room
 
 BLOCK = 1 << 24  # bytes parsed at a time
 SPACES = bytes.maketrans(b"(){}\t\r,;", b" " * 8)
@@ -53,10 +53,10 @@ class TextFile:
         Warns:
             DataWarning: the last line has no end, as where a run was broken off: it is left out.
         """
-        times, digits, line, rest = [np.empty(0)], 0, len(self.heading) + 1, b""
+        times, digits, line, rest, count = [np.empty(0)], 0, len(self.heading) + 1, b"", 0
         before = self.path.stat()
-        size, small = before.st_size, before.st_size < machine_memory() / 4
-        store: Any = io.BytesIO() if small else tempfile.TemporaryFile()  # noqa: SIM115  # the values keep it
+        size = before.st_size
+        values = room((size // (2 * self.width) + 1, len(columns)), kind)  # a number takes two bytes at least
         with self.path.open("rb") as file:
             file.seek(self.begin)
             while block := file.read(min(BLOCK, size - file.tell())):  # what a run adds meanwhile is not of it
@@ -67,24 +67,22 @@ class TextFile:
                 words = (row.split(None, time + 1) for row in text.split(b"\n"))
                 digits = max([digits, *(digits_of(row[time]) for row in words if row and row[0][:1] != b"#")])
                 times.append(found[:, time].copy())
-                store.write(found[:, list(columns)].astype(kind).tobytes())
+                values[count : count + len(found)] = found[:, list(columns)]
+                count += len(found)
                 line += block.count(b"\n")
         now = self.path.stat()  # a run may add rows, no more
         if now.st_ino != before.st_ino or now.st_size < size:
             raise OSError(f"{self.path} was replaced while it was read; read it when it is complete")
-        stamps = np.concatenate(times)
         if rest.strip():
             tell(
                 f"{self.path}: the last line, {line}, has no end, as where a run was broken off or goes on; it is left "
-                f"out, {len(stamps)} rows remain",
+                f"out, {count} rows remain",
                 depth=2,
             )
-        if not len(stamps):
+        if not count:
             raise Unwritten(f"{self.path} holds no row of numbers that is whole")
-        held = np.frombuffer(store.getbuffer(), kind) if small else np.memmap(store, kind, "r+")
-        if not small:
-            store.close()  # the map holds it
-        return stamps, last_digit(stamps, digits), held.reshape(-1, len(columns))
+        stamps = np.concatenate(times)
+        return stamps, last_digit(stamps, digits), values[:count]
 
 
 def open_text(path: Path) -> TextFile:

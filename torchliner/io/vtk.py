@@ -50,7 +50,11 @@ def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
         ValueError: VTK cannot read a frame; a unit or the rate is missing; several series; fewer than two frames;
             frames are missing; as ``clock_of`` and ``plane_of_frames``.
     """
-    frames, times, numbers = _series(path, request.group)
+    numbers = _numbered(path, request.group) if path.is_dir() or path.suffix in ENDINGS else {}
+    frames: Frames = [(each, partial(read_frame, each, request.group)) for each in numbers]
+    times: list[float] = []
+    if not numbers:
+        frames, times = _steps(path, request.group)
     if len(frames) < 2:
         raise ValueError(
             f"{path} is one frame; a plane needs the series: numbered files of one name, or a .pvd of them"
@@ -61,31 +65,34 @@ def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
         raise ValueError(f"{frames[0][0]} states no time (TimeValue); state sampling_rate=... (--sampling-rate HZ)")
 
     def clock(stated: list[float | None]) -> tuple[float, float]:
-        known = np.array(times or (stated if first.time is not None else numbers), np.float64)
+        known = np.array(times or (stated if first.time is not None else [float(n) for n in numbers.values()]), float)
         return clock_of(known, f"{path}, times", rate, last_digit(known, TEXT_DIGITS))
 
     return plane_of_frames(frames, clock, request, path, factor, length, format="VTK series")
 
 
-def _series(path: Path, group: str | None) -> tuple[Frames, list[float], list[Decimal]]:
-    """Frames of a series in order; their times where it states them, or the numbers of its files."""
-    if not path.is_dir() and path.suffix not in ENDINGS:
-        return *_steps(path, group), []
-    series = numbered_series(path if path.is_dir() else path.parent, ENDINGS if path.is_dir() else (path.suffix,))
-    if path.is_dir():
-        files = series.get(group or ", ".join(series))
-        if files is None:
-            raise ValueError(f"{path} holds the series {', '.join(sorted(series)) or 'none'}; name one (--group)")
-    else:
-        files = next((files for files in series.values() if path in files), {path: Decimal(0)})
-    return [(each, partial(read_frame, each, group)) for each in files], [], [*files.values()]
+def _numbered(path: Path, group: str | None) -> dict[Path, Decimal]:
+    """Files of the series of a folder, or of the one that a file is of, and their numbers."""
+    if not path.is_dir():
+        series = numbered_series(path.parent, (path.suffix,))
+        return next((files for files in series.values() if path in files), {path: Decimal(0)})
+    series = numbered_series(path, ENDINGS)
+    files = series.get(group or ", ".join(series))
+    if files is None:
+        raise ValueError(f"{path} holds the series {', '.join(sorted(series)) or 'none'}; name one (--group)")
+    return files
 
 
 def _steps(path: Path, group: str | None) -> tuple[Frames, list[float]]:
-    """Frames of a file that names several or holds them: collections, EnSight, VTKHDF."""
-    with path.open("rb") as raw:
-        if raw.read(8) == HDF5_SIGNATURE:
-            _require_written(path)
+    """Frames of a file that names several or holds them, collections, EnSight, VTKHDF, and their times."""
+    if h5py.is_hdf5(path):  # of values that were never written HDF5 would give zeros
+        with open_file(path) as file:
+            if "Steps" not in file["VTKHDF"]:
+                raise ValueError(f"{path}:/VTKHDF has no Steps: it is one frame, a plane needs several")
+            for section in ("PointData", "CellData"):
+                for data in file["VTKHDF"].get(section, {}).values():
+                    if isinstance(data, h5py.Dataset):
+                        require_stored(data, f"{path}:{data.name}", path)
     reader = _reader(path)
     times = list(getattr(reader, "time_values", ()))  # VTKHDF states them in each frame
     go = getattr(reader, "set_active_time_point", None) or reader.reader.SetStep
@@ -95,17 +102,6 @@ def _steps(path: Path, group: str | None) -> tuple[Frames, list[float]]:
         return _frame(reader, path, group)
 
     return [(path, partial(read, i)) for i in range(len(times) or reader.reader.GetNumberOfSteps())], times
-
-
-def _require_written(path: Path) -> None:
-    """Refuse a VTKHDF file whose values were never all written: HDF5 would give zeros for the others."""
-    with open_file(path) as file:
-        if "Steps" not in file["VTKHDF"]:
-            raise ValueError(f"{path}:/VTKHDF has no Steps: it is one frame, a plane needs several")
-        for section in ("PointData", "CellData"):
-            for data in file["VTKHDF"].get(section, {}).values():
-                if isinstance(data, h5py.Dataset):
-                    require_stored(data, f"{path}:{data.name}", path)
 
 
 def read_frame(path: Path, group: str | None = None) -> Frame:
@@ -140,6 +136,8 @@ def _by_vtk(path: Path, work: Callable[[], Any]) -> Any:
 
 def _frame(reader: Any, path: Path, group: str | None) -> Frame:
     """What a reader gives, as a frame."""
+    from pyvista import convert_array
+
     mesh = _by_vtk(path, reader.read)
     if hasattr(mesh, "recursive_iterator"):
         blocks = dict(mesh.recursive_iterator("items", skip_none=True, skip_empty=True))
@@ -155,25 +153,22 @@ def _frame(reader: Any, path: Path, group: str | None) -> Frame:
         first, cells = mesh.GetNumberOfVerts() + mesh.GetNumberOfLines(), mesh.GetPolys()
     elif np.isin(getattr(mesh, "celltypes", 0), RINGS).all():
         cells = mesh.GetCells()
-    corners = None if cells is None else _corners(cells)
-    faces = partial(_cells, mesh) if corners is None else partial(centres_of, points, *corners, str(path))
+    corners: tuple[np.ndarray, ...] = ()
+    faces: Callable[[], Places] = partial(_centres, mesh)
+    if cells is not None:
+        corners = (convert_array(cells.GetConnectivityArray()), convert_array(cells.GetOffsetsArray())[1:])
+        faces = partial(centres_of, points, corners[0], corners[1], str(path))
     arrays = {name: (False, _columns(mesh.point_data[name])) for name in mesh.point_data}
     arrays |= {name: (True, _columns(mesh.cell_data[name])[first:]) for name in mesh.cell_data}
     times = [mesh.field_data[name] for name in mesh.field_data if name.lower() in ("time", "timevalue")]
-    return Frame(points, arrays, faces, corners or (), float(times[0].flat[0]) if times and times[0].size else None)
+    return Frame(points, arrays, faces, corners, float(times[0].flat[0]) if times and times[0].size else None)
 
 
 def _columns(values: Any) -> np.ndarray:
     return np.asarray(values).reshape(len(values), -1)
 
 
-def _corners(cells: Any) -> tuple[np.ndarray, np.ndarray]:
-    from pyvista import convert_array
-
-    return convert_array(cells.GetConnectivityArray()), convert_array(cells.GetOffsetsArray())[1:]
-
-
-def _cells(mesh: Any) -> Places:
+def _centres(mesh: Any) -> Places:
     """Centres of cells of a grid, and areas of those that are flat."""
     area = np.asarray(mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"], np.float64)
     return np.asarray(mesh.cell_centers().points, np.float64), area if (area > 0).all() else None
