@@ -271,8 +271,8 @@ def draw(rows: Rows, profiles: Rows, path: Path) -> Figure:
             mine = [p for p in profiles if (p["turbulence"], p["source"]) == (growing, side)]
             for name, shape in (("true", "-"), ("DIR-TDIBC", "x"), ("in situ", "o")):
                 x, y = [1e3 * p["x (m)"] for p in mine], [p[f"{name} {word}"] for p in mine]
-                label = f"(a), (b): {name}, source {side}"
-                axis.plot(x, y, shape, color=COLOURS[i], markersize=3, markerfacecolor="none", label=label)
+                words = f"(a), (b): {name}, source {side}"
+                axis.plot(x, y, shape, color=COLOURS[i], markersize=3, markerfacecolor="none", label=words)
         for row in rows:
             i, j = SIDES.index(row["source"]), list(WORLDS).index(row["turbulence"])
             if row["method"] == "true":
@@ -289,11 +289,11 @@ def draw(rows: Rows, profiles: Rows, path: Path) -> Figure:
             dots.axhline(-i - 0.5, color="0.9", linewidth=0.5, zorder=0)
         dots.set(xlabel=label, ylim=(-len(methods) + 0.5, 0.5))
     legend_below(figure, axes[:, 0], 2)
-    words = (
+    caption = (
         f"SIMULATED, Z known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
         "\n(c), (d): averages along x, lines: known Z; bars: 95 % of what the record or the draws leave"
     )
-    return finish(figure, path, words)
+    return finish(figure, path, caption)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -59,7 +59,7 @@ def segment_means(generator: np.random.Generator, segments: int) -> np.ndarray:
 
 def test_intervals_cover_with_overlapping_segments():
     """19 segments, as of 10 s: 95 % hold R and X in 95 % of 600 trials, within three standard
-    errors (2.7 %); scripts/coverage_stations.py runs the whole chain 2000 times."""
+    errors (2.7 %); scripts/coverage.py stations runs the whole chain 2000 times."""
     generator = np.random.default_rng(0)
     trials = np.stack([segment_means(generator, 19) for _ in range(600)], axis=1)
     found = station_intervals(torch.from_numpy(0.3 + 0.1j + 0.02 * trials)[None], torch.tensor([19]), 0.95)

@@ -12,7 +12,7 @@ from test_two_wave_fit import both_ways
 from test_wall_pressure import OTHER, WALLS, line_of
 
 import torchliner as tl
-from coverage_waves import METHODS, held_by_draws
+from coverage import METHODS, held_by_draws
 from torchliner.cli.main import main
 from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.microphone_errors import LEVEL_ERROR
