@@ -15,7 +15,7 @@ from conftest import FREQUENCY, RATE, plane_of, turbulence
 from test_cli import run
 
 import torchliner as tl
-from torchliner.campaign.follow import Following, Frames
+from torchliner.campaign.follow import Frames, follow
 
 PROBES, SAMPLES = 4, 2400  # 80 periods
 
@@ -44,17 +44,16 @@ class Solver:
 
 
 def followed(path, *steps, until=None, **choices):
-    """Standings at each change, and whether the wish was reached."""
-    found: list = []
-    following = Following(Frames(path), tl.load_liner("polito"), until=until, **choices)
-    reached = following.run(found.append, every=1.0, idle=3.0, sleep=Solver(*steps))
-    return found, reached, following
+    """Standings at each change, and the moments at the end."""
+    how = {"every": 1.0, "idle": 3.0, "sleep": Solver(*steps), "until": until}
+    growing, rows = zip(*follow(Frames(path), tl.load_liner("polito"), **how, **choices), strict=True)
+    return [each for each in rows if each], growing[-1].moments()
 
 
 def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
     """Z as ``educe`` has it of the same whole periods; the wider of both half-widths."""
     piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
-    ((row,),), _, _ = followed(tmp_path / "plane.h5")
+    ((row,),), _ = followed(tmp_path / "plane.h5")
     wanted = tl.educe(piece(velocity, 0, SAMPLES), tl.load_liner("polito"), averaging="admittance")
     assert row.impedance == pytest.approx(complex(wanted.answer[0]), abs=1e-4)
     low, high = wanted.bounds_of_liner("admittance")
@@ -71,10 +70,10 @@ def test_files_that_come_into_a_folder(tmp_path, velocity):
     solver = [lambda i=i: piece(velocity, 600 * i, 600 * i + 600).write(tmp_path / f"v{i}.h5") for i in range(1, 4)]
     solver.insert(1, lambda: (tmp_path / "v2.h5").write_bytes(b"half"))
     piece(velocity, 0, 600).write(tmp_path / "v0.h5")
-    found, _, following = followed(tmp_path, *solver)
+    found, moments = followed(tmp_path, *solver)
     assert [rows[0].samples for rows in found] == [600, 1200, 1800, 2400]
     whole = tl.GrowingMoments(piece(velocity, 0, SAMPLES), cell_pitch=0.01)
-    one, other = (each.moments().sums["admittance"].sum() for each in (following, whole))
+    one, other = (each.sums["admittance"].sum() for each in (moments, whole.moments()))
     assert float(one) == pytest.approx(float(other))
     widths = [rows[0].half_width for rows in found]
     assert widths[-1] < widths[0]
@@ -83,11 +82,16 @@ def test_files_that_come_into_a_folder(tmp_path, velocity):
 def test_the_time_until_a_wish_goes_as_its_square(tmp_path, velocity):
     """Half the half-width takes four times the record; what is reached ends it."""
     piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
-    ((row,),), _, _ = followed(tmp_path / "plane.h5")
-    ((half,),), reached, _ = followed(tmp_path / "plane.h5", until=row.half_width / 2)
-    assert half.needed == pytest.approx(4 * row.duration)
-    assert not reached
-    assert followed(tmp_path / "plane.h5", until=1.01 * row.half_width)[1]
+    ((row,),), _ = followed(tmp_path / "plane.h5")
+    looks = []
+    for until in (row.half_width / 2, 1.01 * row.half_width):
+        solver = Solver()
+        *_, (_, (half,)) = follow(
+            Frames(tmp_path / "plane.h5"), tl.load_liner("polito"), every=1.0, idle=3.0, until=until, sleep=solver
+        )
+        looks.append(solver.looks)
+        assert half.needed == pytest.approx(row.duration * (row.half_width / until) ** 2)
+    assert looks == [3, 0]
 
 
 WRITER = """
@@ -138,12 +142,11 @@ def test_a_file_that_another_process_writes(tmp_path, velocity):
 
             return go
 
-        found, _, following = followed(path, *[step(False), step(True)] * 2)
+        found, moments = followed(path, *[step(False), step(True)] * 2)
         print(file=solver.stdin, flush=True)
     assert [rows[0].samples for rows in found] == [600, 1200, 1800]
     whole = tl.GrowingMoments(piece(velocity, 0, 1800), cell_pitch=tl.load_liner("polito").cell_pitch)
-    mine, theirs = (each.moments().sums["admittance"] for each in (following.going, whole))
-    assert torch.equal(mine, theirs)
+    assert torch.equal(moments.sums["admittance"], whole.moments().sums["admittance"])
 
 
 def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
@@ -159,8 +162,6 @@ def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
     piece(velocity, 0, 300).write(tmp_path / "v1.h5")
     with pytest.raises(OSError, match=r"had 600 samples and has 300.*it was replaced"):
         list(frames.new())
-    with pytest.raises(ValueError, match="no samples have come"):
-        Following(Frames(tmp_path), tl.load_liner("polito")).moments()
 
 
 def test_the_command(capsys, tmp_path, velocity, monkeypatch):
@@ -182,7 +183,7 @@ def test_the_command(capsys, tmp_path, velocity, monkeypatch):
     def stop(_seconds: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Following.run, "__kwdefaults__", {"sleep": stop})
+    monkeypatch.setitem(follow.__kwdefaults__, "sleep", stop)
     code, _, err = run(capsys, *words)
     assert (code, err) == (130, "torchliner: interrupted\n")
     assert tl.read_moments(output).plane.samples == SAMPLES
@@ -232,7 +233,7 @@ def test_what_may_become_a_plane_is_waited_for(tmp_path, name):
                 file[key] = values
                 file[key].attrs["units"] = unit
     with pytest.raises((OSError, ValueError), match=r"plane.h5"):
-        Following(Frames(path), tl.load_liner("polito")).run(print, every=1.0, idle=3.0, sleep=sleep)
+        list(follow(Frames(path), tl.load_liner("polito"), every=1.0, idle=3.0, sleep=sleep))
     assert sleep.looks == 3
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.campaign.growing import MOST
+from torchliner.campaign.follow import MOST
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Reading, measure
 

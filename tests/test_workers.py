@@ -15,10 +15,9 @@ import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.campaign import cluster
-from torchliner.engine import workers
-from torchliner.engine.workers import on_worker
 from torchliner.io.plane_format import Stored
+from torchliner.velocity import workers
+from torchliner.velocity.workers import on_worker, open_cluster
 
 SAMPLES, PITCH = 1500, 12.44e-3  # 50 periods
 EVERY = [
@@ -49,7 +48,7 @@ def small(monkeypatch):
 
 @pytest.fixture(scope="module")
 def client():
-    with cluster.open_cluster("local:2") as found:
+    with open_cluster("local:2") as found:
         yield found
 
 
@@ -140,7 +139,7 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
     with pytest.raises(ImportError, match=rf"worker on {re.escape(socket.gethostname())} .*needs zarr"):
         tl.moments(plane, client=client)
     with pytest.raises(RuntimeError, match=r"worker on .* has torchliner .*, and 9\.9 asks"):
-        on_worker("9.9", len, ())
+        on_worker("9.9", (), [])
 
 
 @pytest.mark.parametrize(
@@ -154,7 +153,7 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
 )
 def test_a_cluster_that_is_not_there(where, kind, words):
     """Said with what would be right; nothing waits for ever."""
-    with pytest.raises(kind, match=re.escape(words)), cluster.open_cluster(where, wait=1):
+    with pytest.raises(kind, match=re.escape(words)), open_cluster(where, wait=1):
         pass
 
 
@@ -165,12 +164,12 @@ def test_workers_come_when_there_is_work(file):
     plane = tl.read_plane(file, lazy=True)
     with distributed.LocalCluster(n_workers=0, threads_per_worker=1, dashboard_address=":0") as own:
         with (
-            cluster.open_cluster(own.scheduler_address, wait=1) as client,
+            open_cluster(own.scheduler_address, wait=1) as client,
             pytest.raises(OSError, match=r"has no worker within 1 s.*--wait"),
         ):
             tl.moments(plane, client=client)
         own.adapt(maximum=2)
-        with cluster.open_cluster(own.scheduler_address, wait=60) as client:
+        with open_cluster(own.scheduler_address, wait=60) as client:
             assert same_bits(tl.moments(plane, cell_pitch=PITCH, client=client), tl.moments(plane, cell_pitch=PITCH))
 
 
@@ -183,12 +182,18 @@ def test_a_lost_scheduler_is_said(tmp_path, file):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(where)]
         return subprocess.Popen([*command, "--no-dashboard", *words], stderr=subprocess.DEVNULL)
 
-    with started("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler:
-        while not where.exists():
-            time.sleep(0.05)
-        with (
-            started("worker", "--nthreads", "1", "--death-timeout", "5"),
-            cluster.open_cluster(str(where), wait=5) as client,
-            pytest.raises(OSError, match=r"the scheduler of dask is gone.*start it again"),
-        ):
-            tl.moments(tl.read_plane(file, lazy=True), client=client, progress=lambda _: scheduler.kill())
+    with (
+        started("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler,
+        started("worker", "--nthreads", "1") as worker,
+    ):
+        try:
+            while not where.exists():
+                time.sleep(0.05)
+            with (
+                open_cluster(str(where), wait=60) as client,
+                pytest.raises(OSError, match=r"the scheduler of dask is gone.*start it again"),
+            ):
+                tl.moments(tl.read_plane(file, lazy=True), client=client, progress=lambda _: scheduler.kill())
+        finally:
+            scheduler.kill()
+            worker.kill()

@@ -31,7 +31,7 @@ _NAMES = {  # module: public names that live in it
     "velocity.replay": "replay",
     "velocity.ir_tdibc": "ir_tdibc",
     "velocity.ir_tdibc_wall": "LevelCurve",
-    "campaign.growing": "GrowingMoments",
+    "campaign.follow": "GrowingMoments",
     "bursts.line": "educe_bursts",
     "bursts.stations": "BurstFilters validate_bursts burst_moments",
     "bursts.arrivals": "onto_grid tone_attenuation",

@@ -18,7 +18,7 @@ from torchliner.bursts.line import educe_bursts as educe_bursts
 from torchliner.bursts.stations import BurstFilters as BurstFilters
 from torchliner.bursts.stations import burst_moments as burst_moments
 from torchliner.bursts.stations import validate_bursts as validate_bursts
-from torchliner.campaign.growing import GrowingMoments as GrowingMoments
+from torchliner.campaign.follow import GrowingMoments as GrowingMoments
 from torchliner.checks import DataWarning as DataWarning
 from torchliner.conversions import absorption_from_reflection as absorption_from_reflection
 from torchliner.conversions import impedance_from_reflection as impedance_from_reflection

@@ -16,9 +16,9 @@ import torch
 
 import torchliner as tl
 from benchmarks.harness import Bench, apart, row
-from torchliner.campaign.cluster import open_cluster
 from torchliner.engine import native
 from torchliner.records.slabs import bounds_of, read_ahead
+from torchliner.velocity.workers import open_cluster
 
 ACROSS, ALONG, RATE, TONE = 50, 548, 200e3, 1400.0
 PITCH, IN_CELL = 9.9e-3, 25  # m, probes along a cell

@@ -1,38 +1,149 @@
-"""A plane that is still being written: its map, its interval, and how long until that is small."""
+"""A plane that is still being written: moments that grow with it, Z, its interval, and how long until that is small.
+
+Sums are kept of whole periods; samples beyond the last whole one wait in memory. What is periodic with the tone is
+known at the end of a record only, so that ``phase-locked`` averaging is not to be had before.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 
-from torchliner.campaign.growing import GrowingMoments
 from torchliner.checks import FEWEST_PERIODS, require_positive
-from torchliner.engine.moments import Moments
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
+from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
+from torchliner.engine.sums import Held, reduce
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import HDF5
-from torchliner.liners.model import LinerModel
-from torchliner.records import VelocityPlane
+from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.reading import Reading
+from torchliner.velocity.review import refuse_beyond_table
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
+MOST = 64  # blocks, then neighbours become one: memory does not grow
+FIXED = {"drive": "instantaneous", "mean": "kept", "missing": "refuse"}
 
 
-@dataclass(frozen=True)
-class Standing:
-    """What is known at a moment."""
+class GrowingMoments:
+    """Moments of a record that goes on: samples are added as they come, Z is educed at any moment.
 
-    samples: int  # of the whole blocks so far
-    duration: float  # s of the record
-    frequency: float  # Hz
-    impedance: complex  # of the whole liner
-    half_width: float  # of its statistical interval, the wider of resistance and reactance; nan with too few blocks
-    needed: float  # duration at which that is as small as wished, s: it falls as 1/sqrt(duration)
+    Args:
+        plane: the first samples, (..., t), with all that is stated of the record.
+        liner, frequency, cell_pitch: as for ``moments``.
+        choices: as for ``moments``; ``averaging`` is ``admittance`` (the default here) or ``velocity``.
+    Raises:
+        ValueError: choices that need the whole record; samples that are nan or inf.
+    """
+
+    def __init__(
+        self,
+        plane: VelocityPlane,
+        liner: Liner | None = None,
+        frequency: Any = None,
+        *,
+        cell_pitch: float | None = None,
+        **choices: Any,
+    ) -> None:
+        chosen = Choices(**{"averaging": "admittance"} | choices)
+        for name, value in FIXED.items():
+            if getattr(chosen, name) != value:
+                raise ValueError(f"a record that goes on has {name} {value!r} alone; leave it out")
+        if chosen.averaging == "phase-locked":
+            raise ValueError("averaging 'phase-locked' needs the whole record; take 'admittance' or 'velocity'")
+        asked = plane.asked(frequency)
+        nodes: Nodes = ANY_LINER
+        if liner is not None:
+            liner = as_liner(liner)
+            nodes = choose_nodes([liner], asked, chosen.tolerance(plane.velocity.dtype))
+            cell_pitch = liner.cell_pitch
+        self.period = plane.sampling_rate / (plane.frequency or float(asked.min()))  # samples
+        self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
+        self._about = without_velocity(plane)
+        self._reading = Reading.of(self._plane(round(4 * self.period)), chosen, asked, nodes, cell_pitch)
+        self._jobs = self._reading.first_jobs()
+        self._rows: dict[str, Tensor] = {}
+        self._waiting = torch.empty(0, plane.probes, dtype=plane.velocity.dtype)
+        self.update(plane.load().velocity)
+
+    @property
+    def periods(self) -> int:
+        """Whole ones so far."""
+        return self.each * (len(self.borders) - 1)
+
+    def update(self, samples: Any) -> None:
+        """Add what comes next, v in m/s, (..., t), as the first samples."""
+        v = torch.as_tensor(samples, dtype=self._about.velocity.dtype)
+        if tuple(v.shape[:-1]) != (shape := self._about.probe_shape):
+            raise ValueError(f"samples have shape {tuple(v.shape)}; they are of probes {shape}, time last")
+        new = v.movedim(-1, 0).reshape(v.shape[-1], self._about.probes)
+        wrong = ~torch.isfinite(new.sum(0))
+        if bool(wrong.any()):
+            raise ValueError(
+                f"{int(wrong.sum())} of {len(wrong)} probes hold nan or inf among the new samples, the first is probe "
+                f"{int(wrong.nonzero()[0])}; nothing of them was added: repair them"
+            )
+        done, rows = self.borders[-1], torch.cat([self._waiting, new])
+        while True:
+            count = len(self.borders)
+            ahead = (round((count + i) * self.each * self.period) for i in range(MOST + 1 - count))
+            borders = [self.borders[-1], *(border for border in ahead if border <= done + len(rows))]
+            if len(borders) == 1:
+                break
+            self._add(rows, done, borders)
+            if len(self.borders) > MOST:  # neighbours become one block
+                for name, sums in self._rows.items():
+                    found, later = sums.unflatten(0, (-1, 2)).unbind(1)
+                    self._jobs[name].join(found, later)
+                    self._rows[name] = found.clone()
+                self.each, self.borders = 2 * self.each, self.borders[::2]
+        self._waiting = rows[self.borders[-1] - done :].clone()
+
+    def _add(self, rows: Tensor, first: int, borders: list[int]) -> None:
+        """Blocks between borders, of rows that begin with sample ``first``."""
+        rows = rows.to(self._reading.device, self._reading.chosen.working_dtype(rows.dtype))
+        record = Held(lambda begin, end: rows[begin - first : end - first], borders[-1], rows.shape[1], rows.device)
+        blocks = Blocks(tuple(borders), self._about.sampling_rate, self.each * (len(borders) - 1))
+        for name, new in zip(self._jobs, reduce(record, blocks, list(self._jobs.values())), strict=True):
+            self._rows[name] = torch.cat([self._rows[name], new]) if name in self._rows else new
+        self.borders += borders[1:]
+
+    def _plane(self, samples: int) -> VelocityPlane:
+        about = self._about
+        left = ReducedVelocity((*about.probe_shape, samples), about.velocity.dtype, about.name)
+        return dataclasses.replace(about, velocity=left)
+
+    def moments(self) -> Moments:
+        """Of the whole periods so far; later samples leave them alone.
+
+        Raises:
+            ValueError: not one period is whole; |v| beyond the liner's table.
+        """
+        if not self.periods:
+            raise ValueError(
+                f"{self._about.name} holds {len(self._waiting)} samples so far; a period has {self.period:g}"
+            )
+        blocks = Blocks(tuple(self.borders), self._about.sampling_rate, self.periods)
+        reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
+        known = reading.moments(reading.survey(self._rows), None, self._rows)
+        refuse_beyond_table(known.plane, known)
+        return known
+
+    def educe(self, liner: Liner, frequency: Any = None, **choices: Any) -> ImpedanceMap:
+        """The map of the whole periods so far."""
+        averaging = {"averaging": self._reading.chosen.averaging}
+        found: ImpedanceMap = self.moments().educe(liner, frequency, **averaging | choices)
+        return found
 
 
 class Frames:
@@ -83,7 +194,7 @@ class Frames:
         for begin in range(self._done, plane.samples, rows):
             slab = plane.read(begin, min(begin + rows, plane.samples))
             self._done = begin + len(slab)
-            yield replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1), streamwise=None)
+            yield dataclasses.replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1), streamwise=None)
 
     def _whole(self, files: list[Path]) -> VelocityPlane | None:
         """All that can be read; without the last file, which is tried again, while that cannot be read by itself."""
@@ -105,93 +216,79 @@ def _natural(path: Path) -> list[Any]:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
 
 
-class Following:
-    """Moments that are updated as frames come.
+class Standing(NamedTuple):
+    """What is known at a moment."""
+
+    samples: int  # of the whole blocks so far
+    duration: float  # s of the record
+    frequency: float  # Hz
+    impedance: complex  # of the whole liner
+    half_width: float  # of its statistical interval, the wider of resistance and reactance; nan with too few blocks
+    needed: float  # duration at which that is as small as wished, s: it falls as 1/sqrt(duration)
+
+
+def follow(
+    frames: Frames,
+    liner: LinerModel,
+    frequency: Any = None,
+    *,
+    every: float,
+    idle: float,
+    until: float | None = None,
+    sleep: Callable[[float], None] = time.sleep,
+    **choices: Any,
+) -> Iterator[tuple[GrowingMoments, list[Standing]]]:
+    """What is known of a plane that grows, each time that samples have come.
 
     Args:
-        frames: where they come from.
-        liner: model.
-        frequency: Hz; default the tone of the plane.
-        until: half-width that is wished for.
+        frames: where the samples come from.  liner: model.  frequency: Hz; default the tone of the plane.
+        every: s between two looks.  idle: s without samples after which it ends.
+        until: half-width of the interval that ends it.
         choices: of ``GrowingMoments``.
+    Yields:
+        The moments, which go on growing, and a row a frequency; none before the first blocks are whole.
     Raises:
         ValueError: ``until`` is not above 0, or no interval is asked for that it could be held against.
+        OSError, ValueError: the last file could not be read for as long as ``idle``; as ``Frames.new``.
     """
-
-    def __init__(
-        self, frames: Frames, liner: LinerModel, frequency: Any = None, *, until: float | None = None, **choices: Any
-    ) -> None:
-        if until is not None:
-            require_positive("until", until)
-            if choices.get("interval", "") is None:
-                raise ValueError(f"until is {until:g}, a half-width of the interval; leave out interval=None")
-        self.frames, self.liner, self.frequency = frames, liner, frequency
-        self.until, self.choices = until, {"averaging": "admittance"} | choices
-        self.going: GrowingMoments | None = None
-
-    def update(self) -> int:
-        """Take what has come; how many samples."""
+    if until is not None:
+        require_positive("until", until)
+        if choices.get("interval", "") is None:
+            raise ValueError(f"until is {until:g}, a half-width of the interval; leave out interval=None")
+    growing, waited = None, 0.0
+    while True:
         count = 0
-        for piece in self.frames.new():
-            if self.going is None:
-                about = {"cell_pitch": self.liner.cell_pitch, "frequency": self.frequency} | self.choices
-                self.going = GrowingMoments(piece, **about)
+        for piece in frames.new():
+            if growing is None:
+                growing = GrowingMoments(piece, frequency=frequency, cell_pitch=liner.cell_pitch, **choices)
+                yield growing, []  # whoever is interrupted from here on has what there is
             else:
-                self.going.update(piece.velocity)
+                growing.update(piece.velocity)
             count += piece.samples
-        return count
+        if growing is not None and count:
+            waited = 0.0
+            yield growing, (rows := _standing(growing, liner, frequency, until, choices))
+            if rows and until and all(row.half_width <= until for row in rows):
+                return
+        elif waited >= idle:
+            if frames.error is not None:
+                raise frames.error
+            return
+        sleep(every)
+        waited += every
 
-    def standing(self) -> list[Standing]:
-        """At each frequency; none before the first blocks are whole."""
-        if self.going is None or self.going.periods < FEWEST_PERIODS:
-            return []
-        found = self.moments().educe(self.liner, self.frequency, **self.choices)
-        samples, rate = found.choices["samples"], found.choices["sampling_rate"]
-        rows = []
-        for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-            low, high = found.bounds_of_liner(found.averaging, i) or (complex(math.nan), complex(math.nan))
-            width = max(high.real - low.real, high.imag - low.imag) / 2
-            needed = samples / rate * (width / self.until) ** 2 if self.until else math.nan
-            rows.append(Standing(samples, samples / rate, f, z, width, needed))
-        return rows
 
-    def moments(self) -> Moments:
-        """Of the whole blocks so far.
-
-        Raises:
-            ValueError: there are none.
-        """
-        if self.going is None:
-            raise ValueError(f"{self.frames.path}: no samples have come")
-        return self.going.moments()
-
-    def run(
-        self,
-        tell: Callable[[list[Standing]], None],
-        *,
-        every: float,
-        idle: float,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> bool:
-        """Look every few seconds, until the interval is small enough or nothing has come for a while, both in s.
-
-        Args:
-            tell: called with each new standing.
-        Returns:
-            Whether the wished half-width was reached.
-        Raises:
-            OSError, ValueError: the last file could not be read for so long; as ``Frames.new``.
-        """
-        waited = 0.0
-        while True:
-            if self.update():
-                waited = 0.0
-                tell(rows := self.standing())
-                if rows and self.until and all(row.half_width <= self.until for row in rows):
-                    return True
-            elif waited >= idle:
-                if self.frames.error is not None:
-                    raise self.frames.error
-                return False
-            sleep(every)
-            waited += every
+def _standing(
+    growing: GrowingMoments, liner: LinerModel, frequency: Any, until: float | None, choices: Mapping[str, Any]
+) -> list[Standing]:
+    """At each frequency; none before the first blocks are whole."""
+    if growing.periods < FEWEST_PERIODS:
+        return []
+    found = growing.educe(liner, frequency, **choices)
+    samples, duration = found.choices["samples"], found.choices["samples"] / found.choices["sampling_rate"]
+    rows = []
+    for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
+        low, high = found.bounds_of_liner(found.averaging, i) or (complex(math.nan), complex(math.nan))
+        width = max(high.real - low.real, high.imag - low.imag) / 2
+        rows.append(Standing(samples, duration, f, z, width, duration * (width / until) ** 2 if until else math.nan))
+    return rows

@@ -1,35 +1,101 @@
-"""A campaign from its planes to maps, tables and an index, as often as it takes."""
+"""A campaign from its planes to maps, tables and an index, as often as it takes.
+
+A unit is a plane with a liner and choices. It is done when its rows are there with the hash of all that they depend
+on. Moments, which units may share, have such a hash in their name; what a killed run has summed of them stays beside.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import hashlib
 import json
+import re
 import shutil
 import time
 import warnings
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from torchliner.campaign.campaign_file import Campaign
+from torchliner.campaign.campaign_file import Campaign, Case
 from torchliner.campaign.index import DONE, FAILED, full_row, read_index, write_index
-from torchliner.campaign.units import Unit, units_of
 from torchliner.checks import DataWarning
+from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.io.microphone_file import read_pressure
+from torchliner.io.moments_file import holds_moments, read_moments
+from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import locked, printable, writable_folder, written_whole
+from torchliner.liners.catalogue import load_liner, preset_names
+from torchliner.liners.model import LinerModel
 from torchliner.names import __version__
 from torchliner.pressure.dean import with_in_situ
+from torchliner.records import VelocityPlane
 from torchliner.records.origin import input_file, with_choices
+from torchliner.records.velocity_plane import restated
 from torchliner.report.curves import impedance_along_x
 from torchliner.report.of_map import draw_pictures
 from torchliner.report.table import table_of
+from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe, moments
 from torchliner.velocity.reading import Progress
 
 READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once
 FOLDERS = ("moments", "maps", "lines", "units", "figures")  # of the results
+REDUCED = (*SETTINGS, "device", "dtype")  # choices that moments are made with
 Rows = list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What is educed by itself.
+
+    Args:
+        name: of its files.
+        liner: preset or path.  model: that liner.  choices: of ``educe``.
+        hash: of everything that its results depend on.
+        request: of ``torchliner.moments``; None where moments are what the case names.
+        moments: their file, which other units may share.
+        plane: with the facts of the campaign's file, its velocity still in its own.
+    """
+
+    name: str
+    case: Case
+    campaign: Campaign
+    liner: str
+    model: LinerModel
+    choices: Mapping[str, Any]
+    hash: str
+    request: Mapping[str, Any] | None
+    moments: Path
+    plane: VelocityPlane
+
+    @property
+    def bytes(self) -> int:
+        """Of its velocity."""
+        return self.plane.velocity.dtype.itemsize * self.plane.samples * self.plane.probes
+
+    def result(self, folder: str, ending: str) -> Path:
+        """One of its files."""
+        return self.campaign.output / folder / f"{self.name}{ending}"
+
+    def row(self, **known: Any) -> dict[str, Any]:
+        """Of the index."""
+        about = {"unit": self.name, "file": self.case.shown, "liner": Path(self.liner).stem, "hash": self.hash}
+        about["choices"] = json.dumps(self.choices, sort_keys=True)
+        return full_row(**about, **{key: value for key, value in known.items() if value is not None})
+
+    def kept_rows(self) -> Rows | None:
+        """Of the index, if they are there, and those of this unit as it is now."""
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            rows = [full_row(**row) for row in json.loads(self.result("units", ".json").read_text("utf-8"))]
+            if self.result("maps", ".h5").exists() and all(row["hash"] == self.hash for row in rows):
+                return rows
+        return None
 
 
 class Plan(NamedTuple):
@@ -45,7 +111,7 @@ class Plan(NamedTuple):
 
 
 def plan(campaign: Campaign) -> Plan:
-    """Units of a campaign, and which of them stand. Nothing is written.
+    """Units of a campaign, and which of them are done. Nothing is written.
 
     Raises:
         ValueError: two units of one name; an index of another version; results that would go elsewhere by a link.
@@ -55,25 +121,19 @@ def plan(campaign: Campaign) -> Plan:
         if not folder.resolve().is_relative_to(output.resolve()):
             raise ValueError(f"{folder} leads out of {output}, to {folder.resolve()}; remove the link")
     read_index(output)
-    units: dict[str, Unit] = {}
-    failed: Rows = []
+    units, failed = dict[str, tuple[Unit, str]](), Rows()
     for case in campaign.cases:
         try:
-            found = units_of(case, campaign)
+            found = _units_of(case, campaign)
         except Exception as error:
             failed.append(full_row(unit=case.name, file=case.shown, status=FAILED, error=_words(error)))
             continue
         for unit in found:
             if unit.name in units:
                 raise ValueError(f"{campaign.path}: two units are called {unit.name}; rename a plane or a liner's file")
-            units[unit.name] = unit
-    return Plan([(unit, _state(unit)) for unit in units.values()], failed)
-
-
-def _state(unit: Unit) -> str:
-    if _kept_rows(unit) is not None:
-        return "up to date"
-    return "from moments" if unit.moments.exists() else READS
+            state = "from moments" if unit.moments.exists() else READS
+            units[unit.name] = unit, state if unit.kept_rows() is None else "up to date"
+    return Plan([*units.values()], failed)
 
 
 def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress | None = None) -> Rows:
@@ -88,65 +148,49 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
         ValueError: as ``plan``.
     """
     writable_folder(campaign.output)
-    with locked(campaign.output), warnings.catch_warnings():
+    with locked(campaign.output), warnings.catch_warnings(), contextlib.ExitStack() as stack:
         warnings.simplefilter("ignore", DataWarning)  # in the maps, and counted in the index
         found = plan(campaign)
-        rows: Rows = []
-        pool = ThreadPoolExecutor(min(MOST_PLANES, sum(client.nthreads().values()) or 1) if client else 1)
-        ahead = found.to_read if client is not None else {}
-        under_way: dict[Path, Future[None]] = {
-            path: pool.submit(_reduce, unit, progress, client) for path, unit in ahead.items()
-        }
-        try:
-            for unit, _ in found.units:
-                try:
-                    kept = _kept_rows(unit)
-                    if kept is None:
-                        if unit.moments in under_way:
-                            under_way[unit.moments].result()
-                        elif not unit.moments.exists():
-                            _reduce(unit, progress)
-                        kept = _educed(unit)
-                    rows += kept
-                except Exception as error:
-                    rows.append(_row(unit, status=FAILED, error=_words(error)))
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+        reads = {path: partial(_reduce, unit, progress, client) for path, unit in found.to_read.items()}
+        if client is not None:  # all planes are under way at once
+            pool = ThreadPoolExecutor(min(MOST_PLANES, sum(client.nthreads().values()) or 1))
+            stack.callback(pool.shutdown, wait=False, cancel_futures=True)
+            reads = {path: partial(pool.submit(read).result) for path, read in reads.items()}
+        rows = Rows()
+        for unit, _ in found.units:
+            try:
+                kept = unit.kept_rows()
+                if kept is None:
+                    if unit.moments in reads and not unit.moments.exists():
+                        reads[unit.moments]()
+                    kept = _educed(unit)
+                rows += kept
+            except Exception as error:
+                rows.append(unit.row(status=FAILED, error=_words(error)))
         rows += found.failed
         for parts in campaign.output.glob("moments/*.parts"):  # of other choices, or left by a killed run
             if parts.with_suffix(".h5") not in found.to_read:
                 shutil.rmtree(parts, ignore_errors=True)
-        write_index(rows, campaign.output, campaign.title, __version__)
+        write_index(rows, campaign.output, campaign.title)
         return rows
 
 
-def _reduce(unit: Unit, progress: Progress | None, client: Any = None) -> None:
-    """The moments of a unit's plane; finished blocks stay until these are whole."""
+def _reduce(unit: Unit, progress: Progress | None, client: Any) -> None:
+    """The moments of a unit's plane; finished blocks stay until these are whole. Of the facts that are stated only the
+    tone goes in, so that moments outlive a change of the others."""
     assert unit.request is not None
-    kept = unit.moments.with_suffix(".parts")
-    known = moments(unit.plane(), client=client, kept=kept, progress=progress, **unit.request)
+    kept, tone = unit.moments.with_suffix(".parts"), unit.case.facts.get("frequency")
+    plane = _plane_of(dataclasses.replace(unit.case, facts={} if tone is None else {"frequency": tone}))
+    known = moments(plane, client=client, kept=kept, progress=progress, **unit.request)
     unit.moments.parent.mkdir(parents=True, exist_ok=True)
     known.write(unit.moments)
     shutil.rmtree(kept, ignore_errors=True)
 
 
-def _result(unit: Unit, folder: str, ending: str) -> Path:
-    return unit.campaign.output / folder / f"{unit.name}{ending}"
-
-
-def _kept_rows(unit: Unit) -> Rows | None:
-    """Of the index, if they are those of this unit as it is now."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        rows = [full_row(**row) for row in json.loads(_result(unit, "units", ".json").read_text("utf-8"))]
-        if _result(unit, "maps", ".h5").exists() and all(row["hash"] == unit.hash for row in rows):
-            return rows
-    return None
-
-
 def _educed(unit: Unit) -> Rows:
     """Map, lines, figures and rows of a unit; the rows last, which say that all is there."""
-    start = time.perf_counter()
-    output, case, known = unit.campaign.output, unit.case, unit.known()
+    start, output, case = time.perf_counter(), unit.campaign.output, unit.case
+    known = _moments_of(case, unit.moments)
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
     found = educe(known, unit.model, [*unit.campaign.frequencies] or None, pressure=pressure, **unit.choices)
     if pressure is not None:
@@ -156,29 +200,100 @@ def _educed(unit: Unit) -> Rows:
     found = with_choices(found, inputs=[input_file(what, case.path), *kept])
     for folder in ("maps", "lines", "units"):
         (output / folder).mkdir(exist_ok=True)
-    found.write(_result(unit, "maps", ".h5"))
+    found.write(unit.result("maps", ".h5"))
     about = {"height": found.height, "source_side": found.source_side, "averaging": found.averaging}
     about |= {"notes": len(found.notes), "status": DONE}
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-        table_of(impedance_along_x(found, i)).write_csv(_result(unit, "lines", f"_{f:.10g}Hz.csv"))
+        table_of(impedance_along_x(found, i)).write_csv(unit.result("lines", f"_{f:.10g}Hz.csv"))
         values = {"": z} | dict(zip(("_low", "_high"), found.bounds_of_liner(found.averaging, i) or (), strict=False))
         parts = {f"resistance{end}": value.real for end, value in values.items()}
         parts |= {f"reactance{end}": value.imag for end, value in values.items()}
         check = "" if found.level_check is None else found.level_check.words(found.averaging, i).removesuffix("-")
-        rows.append(_row(unit, frequency=f, level_check=check, **parts, **about))
+        rows.append(unit.row(frequency=f, level_check=check, **parts, **about))
     if unit.campaign.figures:
         draw_pictures([found], [known.plane], output / "figures" / unit.name)
     rows = [row | {"seconds": round(time.perf_counter() - start, 3)} for row in rows]
-    with written_whole(_result(unit, "units", ".json")) as temporary:
+    with written_whole(unit.result("units", ".json")) as temporary:
         temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")
     return rows
 
 
-def _row(unit: Unit, **known: Any) -> dict[str, Any]:
-    about = {"unit": unit.name, "file": unit.case.shown, "liner": Path(unit.liner).stem, "hash": unit.hash}
-    about["choices"] = json.dumps(unit.choices, sort_keys=True)
-    return full_row(**about, **{key: value for key, value in known.items() if value is not None})
+def _units_of(case: Case, campaign: Campaign) -> list[Unit]:
+    """Every liner with every set of choices.
+
+    Raises:
+        OSError, ValueError: the plane, a liner or a pressure record cannot be read.
+    """
+    reduced = holds_moments(case.path)
+    if reduced and case.request:
+        raise ValueError(f"{case.path} holds moments, which are read as they are: leave out {', '.join(case.request)}")
+    plane = _moments_of(case, case.path).plane if reduced else _plane_of(case)
+    if not case.liners and plane.liner not in preset_names():
+        fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
+        raise ValueError(f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}")
+    data = [input_file("", path)["hash"] for path in case.files()]
+    beside = None if case.in_situ is None else input_file("", case.in_situ)["hash"]
+    asked, found = campaign.frequencies, []
+    phase_locked = any(Choices(**one).averaging == "phase-locked" for one, _ in campaign.choices)
+    for liner in case.liners or (plane.liner,):
+        model = load_liner(liner)
+        content = _digest(sorted(model.describe().items()), *(Path(name).read_bytes() for name in model.files))
+        for choices, varied in campaign.choices:
+            request = None if reduced else _reduction(plane, model, asked, choices, phase_locked)
+            plain = request and sorted((name, value) for name, value in request.items() if name != "liner")
+            of_liner = content if request and request["liner"] else ""
+            sums = (data, sorted(case.request.items()), plane.frequency, plain, of_liner, __version__)
+            facts = (sorted(case.facts.items()), sorted(choices.items()))
+            words = [case.name, Path(liner).stem, *(f"{k}={v}" for k, v in varied.items())]
+            name = "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words)
+            own = _digest(sums, facts, content, asked, beside, campaign.figures)
+            file = case.path if reduced else campaign.output / "moments" / f"{case.name}-{_digest(*sums)}.h5"
+            found.append(Unit(name, case, campaign, liner, model, choices, own, request, file, plane))
+    return found
+
+
+def _plane_of(case: Case) -> VelocityPlane:
+    """With the facts of the campaign's file, called as that file calls it; velocity stays in its file."""
+    plane = read_plane(case.path, lazy=True, **case.request)
+    return dataclasses.replace(restated(plane, case.facts), name=case.shown)
+
+
+def _moments_of(case: Case, path: Path) -> Moments:
+    """The same of moments.
+
+    Raises:
+        ValueError: another tone than the one that their blocks were cut for.
+    """
+    known = read_moments(path)
+    tone, made = case.facts.get("frequency"), known.plane.frequency
+    if tone is not None and tone != made:
+        raise ValueError(
+            f"{case.shown} holds moments that were reduced with {made or 0:g} Hz, and frequency = {tone:g} is stated: "
+            "leave it out, or name the plane that was reduced"
+        )
+    return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
+
+
+def _reduction(
+    plane: VelocityPlane, model: LinerModel, frequencies: tuple[float, ...], choices: Mapping[str, Any], locked: bool
+) -> dict[str, Any]:
+    """Moments that serve as many units as can share them: those of any liner, if it is smooth in |v|; of the averaging
+    that contains the others; at the tone unless other lines are needed."""
+    chosen = Choices(**choices)
+    kept = {name: value for name, value in choices.items() if name in REDUCED}
+    kept["averaging"] = "phase-locked" if locked else "admittance"
+    at_asked = chosen.phase != "averaged" or chosen.wall_filter is not None
+    at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
+    kept["frequency"] = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
+    if model.speed_max is not None:
+        return {"liner": model, **kept}
+    return {"liner": None, "cell_pitch": model.cell_pitch, **kept}
+
+
+def _digest(*facts: Any) -> str:
+    """Sixteen letters of anything that prints alike each time."""
+    return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
 
 
 def _words(error: Exception) -> str:

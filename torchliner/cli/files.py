@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib import resources
 from importlib.util import find_spec
 from typing import Any
 
 import torchliner as tl
 from torchliner.campaign.campaign_file import read_campaign
-from torchliner.campaign.cluster import open_cluster
-from torchliner.campaign.follow import Following, Frames
-from torchliner.campaign.index import FAILED, index_table
-from torchliner.campaign.page import report_campaign
+from torchliner.campaign.follow import Frames
+from torchliner.campaign.follow import follow as following
+from torchliner.campaign.index import FAILED, index_table, report_campaign
 from torchliner.campaign.run import plan, run_campaign
 from torchliner.checks import require_positive, tell
 from torchliner.cli.work import (
@@ -36,6 +35,7 @@ from torchliner.report.curves import draw_velocity
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.inspection import inspect_moments, inspect_plane
 from torchliner.report.page import report_file, require_report
+from torchliner.velocity.workers import open_cluster
 
 DEMO_PLANES = ("slit_n130_y0.5mm.h5", "slit_n130_y2.5mm.h5")
 
@@ -124,7 +124,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     if campaign.figures:
         require_matplotlib()
-    total = sum(2 * unit.samples for unit in to_read)
+    total = sum(2 * unit.plane.samples for unit in to_read)
     with open_cluster(options.cluster, options.wait) as client, progress_bar(total, options) as step:
         rows = run_campaign(campaign, client=client, progress=step)
     words = f"{index_table(rows).as_text()}\n{summary}\nresults in {campaign.output}, index.csv"
@@ -139,27 +139,26 @@ def follow(options: argparse.Namespace) -> int:
     frames = Frames(options.plane, options.reading)
     first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
     (liner,) = liners_of(options, [first], [options.plane])
-    following = Following(frames, liner, options.frequency, until=options.until, **options.chosen)
     output, options.output = options.output, None  # written once, at the end
     if not options.json:
         print("".join(f"{name:12s}" for name in STANDING), flush=True)
-
-    def print_rows(rows: list[Any]) -> None:
-        for row in rows:
-            show(options, told(_standing(**asdict(row)), asdict(row)))
-
-    reached = False
+    wish: dict[str, Any] = {name: getattr(options, name) for name in ("every", "idle", "until")}
+    latest = None
     try:
-        reached = following.run(print_rows, every=options.every, idle=options.idle)
+        for latest in following(frames, liner, options.frequency, **wish, **options.chosen):
+            for row in latest[1]:
+                show(options, told(_standing(*row), row._asdict()))
     finally:  # whatever ends it leaves what there is
-        if output is not None and following.going is not None and following.going.periods:
-            following.moments().write(output)
-    return 0 if reached or options.until is None else 1
+        if output is not None and latest is not None and latest[0].periods:
+            latest[0].moments().write(output)
+    rows = [] if latest is None else latest[1]
+    reached = options.until is None or (rows and all(row.half_width <= options.until for row in rows))
+    return 0 if reached else 1
 
 
-def _standing(samples: int, duration: float, frequency: float, impedance: complex, **rest: float) -> str:
+def _standing(samples: int, duration: float, frequency: float, impedance: complex, *rest: float) -> str:
     """A line, in the order of ``STANDING``."""
-    numbers = (duration, frequency, impedance.real, impedance.imag, *rest.values())
+    numbers = (duration, frequency, impedance.real, impedance.imag, *rest)
     return f"{samples:<12d}" + "".join(f"{'-' if v != v else format(v, '.4g'):12s}" for v in numbers)
 
 

@@ -10,8 +10,6 @@ from torchliner.checks import tell
 from torchliner.engine.drives import phase_locked
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
-from torchliner.engine.workers import Reduce, reduce_on
-from torchliner.io.kept_rows import KeptRows
 from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -20,6 +18,7 @@ from torchliner.velocity.answer import answer, origin_facts
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_matched import match_level
 from torchliner.velocity.reading import Progress, reading_of, take_moments
+from torchliner.velocity.workers import Reduce, reduce_on
 
 
 def educe(
@@ -122,7 +121,7 @@ def moments(
     reading = reading_of(plane, models, frequency, Choices(**choices), cell_pitch=cell_pitch)
     run: Reduce = reduce
     if client is not None or kept is not None:
-        run = reduce_on(client, None if kept is None else KeptRows(Path(kept)))
+        run = reduce_on(client, None if kept is None else Path(kept))
     known = take_moments(reading, run, progress)
     if inputs := origin_of(named_planes(plane))["inputs"]:
         about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})

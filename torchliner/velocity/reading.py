@@ -17,7 +17,6 @@ from torchliner.engine.moments import SETTINGS, Layout, Moments, without_velocit
 from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, Nodes, OfOneLiner, choose_nodes, response
 from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, linear, reduce, square
 from torchliner.engine.survey import Membership, Survey, harmonics_of, merged_lines, survey_of, survey_sums
-from torchliner.engine.workers import Reduce
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
@@ -25,6 +24,7 @@ from torchliner.records.origin import state_of
 from torchliner.velocity import review
 from torchliner.velocity.background import with_background
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.workers import Reduce
 
 Progress = Callable[[int], object]
 SURVEY = "survey"
@@ -204,7 +204,7 @@ def reading_of(
 def measure(reading: Reading, run: Reduce = reduce, progress: Progress | None = None) -> Moments:
     """Read a plane once, and once more where an averaging needs to know the whole record first.
 
-    ``run`` is the loop, of ``engine.workers`` where others do it; ``progress`` is told numbers of samples read.
+    ``run`` is the loop, of ``velocity.workers`` where others do it; ``progress`` is told numbers of samples read.
 
     Raises:
         ValueError: ``missing`` is ``exclude``, and no probe is without nan or inf.

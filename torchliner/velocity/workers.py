@@ -1,0 +1,225 @@
+"""The one loop shared out: to workers of dask, or in steps whose sums are kept on disk.
+
+How blocks are shared out depends on the size of the record alone, each block has one owner, and the rows are laid one
+after another in order of time. So the bits are the same whoever does the work, and whoever is lost on the way.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import importlib
+import os
+import socket
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchliner.checks import DataWarning
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.sums import Job, PlaneRecord, Record, reduce
+from torchliner.io.whole_file import written_whole
+from torchliner.names import __version__
+
+SHARE = 1 << 27  # velocities that a task reads: about a second of work, and 0.5 GB in float32
+WAIT = 30.0  # s, for the scheduler and the first worker
+MOST_AHEAD = 16  # tasks that are under way, at least, so that a cluster that adapts sees work for so many workers
+# What dask does to its workers makes small tensor operations 15 times dearer; stated where they are started, as they
+# take it over before anything of theirs runs.
+MALLOC = {"MALLOC_TRIM_THRESHOLD_": 1 << 30, "MALLOC_MMAP_THRESHOLD_": 1 << 30}
+Reduce = Callable[[Record, Blocks, Sequence[Job], Iterable[int] | None], list[Tensor]]
+Rows = list[np.ndarray]
+
+
+def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
+    """``engine.sums.reduce`` of a ``PlaneRecord`` of a plane in its file, shared out; no data travel.
+
+    Args:
+        client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
+        kept: folder of this record alone, for finished shares: what is there is not read again.
+    Raises:
+        ValueError: the plane is in memory.
+        OSError, ImportError: a worker cannot read, and it says which path; the disk is full; no worker comes.
+        RuntimeError: workers of another version, or workers that end one after another.
+    """
+
+    def run(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
+        assert isinstance(record, PlaneRecord)
+        plane, progress, taken = record.plane, record.progress, list(range(blocks.count) if only is None else only)
+        if plane.stored is None:
+            raise ValueError(
+                f"{plane.name} is in memory, and workers read for themselves; write it to a file, and read that with "
+                "lazy=True"
+            )
+        count = min(len(taken), -(-record.columns * int(blocks.lengths[taken].sum()) // SHARE))
+        shares = [taken[len(taken) * i // count : len(taken) * (i + 1) // count] for i in range(count)]
+        sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
+        about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded, *sent[1:])
+        paths = [None if kept is None else kept / f"{_hash((about, share))}.npz" for share in shares]
+        known = [None if path is None else _load(path) for path in paths]
+        left = [share for share, rows in zip(shares, known, strict=True) if rows is None]
+        read = iter(map(functools.partial(_rows, sent), left)) if client is None else _on_workers(client, sent, left)
+        found = []
+        for share, path, rows in zip(shares, paths, known, strict=True):
+            found.append(next(read) if rows is None else rows)
+            if rows is None and path is not None:
+                _save(path, found[-1])
+            if progress is not None:
+                progress(blocks.borders[share[-1] + 1] - blocks.borders[share[0]])
+        return [torch.cat([*map(torch.from_numpy, each)]).to(record.device) for each in zip(*found, strict=True)]
+
+    return run
+
+
+def _rows(sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
+    """What each job finds in a share of the blocks."""
+    record, blocks, jobs = sent
+    return [rows.cpu().numpy() for rows in reduce(record, blocks, jobs, share)]
+
+
+def _load(path: Path) -> Rows | None:
+    """What was saved; None if nothing was, or if the file is damaged: the share is read again."""
+    with suppress(OSError, ValueError, BadZipFile, EOFError), np.load(path) as file:
+        return [file[name] for name in file.files]
+    return None
+
+
+def _save(path: Path, rows: Rows) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, *rows)
+
+
+def _hash(asked: Any) -> str:
+    return hashlib.sha256(repr((__version__, _said(asked))).encode()).hexdigest()[:32]
+
+
+def _said(value: Any) -> Any:
+    """All that a value is made of, in plain words: dataclasses, lists, tensors, functions with what they hold."""
+    if isinstance(value, Tensor):
+        data = value.detach().cpu().contiguous().numpy().tobytes()
+        return str(value.dtype), tuple(value.shape), hashlib.sha256(data).hexdigest()
+    if isinstance(value, functools.partial):
+        return _said((value.func, value.args))
+    if dataclasses.is_dataclass(value):
+        return type(value).__qualname__, [_said(getattr(value, each.name)) for each in dataclasses.fields(value)]
+    if isinstance(value, list | tuple):
+        return [_said(each) for each in value]
+    if hasattr(value, "__self__"):  # a method, such as the sums of nodes
+        return _said((value.__self__, value.__name__))
+    return getattr(value, "__qualname__", repr(value))
+
+
+def _on_workers(client: Any, sent: tuple[Any, ...], shares: Iterable[Sequence[int]]) -> Iterator[Rows]:
+    """The rows of each share, in their order, with some under way ahead of it; ``sent`` travels once."""
+    held = client.submit(_same, sent, pure=False)  # a task: made again where the worker that held it is lost
+    left, waiting = iter(shares), deque[Any]()
+    try:
+        while True:
+            threads = sum(client.nthreads().values())
+            for share in islice(left, max(MOST_AHEAD, 2 * threads) - len(waiting)):
+                waiting.append(client.submit(on_worker, __version__, held, share, pure=False))
+            if not waiting:
+                return
+            if not threads:  # the work waits already, so that a cluster that adapts starts its first worker
+                seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
+                where = client.scheduler.address
+                try:
+                    client.wait_for_workers(1, timeout=seconds)
+                except TimeoutError as error:
+                    text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
+                    raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
+            yield waiting[0].result()
+            waiting.popleft()  # the worker may forget it
+    except Exception as error:
+        name = type(error).__name__
+        if name == "KilledWorker":
+            text = "workers ended one after another on the same task"
+            raise RuntimeError(f"{text}: {error}; give them more memory, or read their logs") from error
+        if client.status != "running" or name in ("FutureCancelledError", "CommClosedError"):
+            text = "the scheduler of dask is gone; start it again and repeat the command: a campaign keeps what it has"
+            raise OSError(text) from error
+        raise
+    finally:
+        if client.status == "running":
+            client.cancel([held, *waiting])
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def on_worker(version: str, sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
+    """A share on a worker: in one thread, in silence; what it cannot read is said with its name.
+
+    Raises:
+        RuntimeError: it has another version of this package.
+    """
+    place = f"worker on {socket.gethostname()} (folder {os.getcwd()})"
+    if version != __version__:
+        raise RuntimeError(f"{place} has torchliner {__version__}, and {version} asks; install the same")
+    torch.set_num_threads(1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # they are among the notes
+            return _rows(sent, share)
+    except (OSError, ImportError) as error:
+        raise type(error)(f"{place}: {error}") from error
+
+
+@contextmanager
+def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
+    """A client of dask.distributed; None for None.
+
+    Args:
+        where: ``local:N``, N processes of one thread on this machine; ``tcp://HOST:PORT`` (or tls://) of a scheduler;
+            or its file, .json.
+        wait: s, for the scheduler and, once there is work for it, for the first worker; default 30.
+    Raises:
+        ImportError: dask.distributed is not there.
+        ValueError: none of these.
+        OSError: no scheduler answers.
+    """
+    if where is None:
+        yield None
+        return
+    kind, _, count = where.partition(":")
+    local, by_file = kind == "local" and count.isdecimal() and 0 < int(count) <= 1024, where.endswith(".json")
+    if not (local or by_file or kind in ("tcp", "tls")):
+        raise ValueError(f"cluster is {where!r}; write local:4, tcp://host:8786, or the .json file of a scheduler")
+    if by_file and not Path(where).exists():
+        raise FileNotFoundError(f"{where}: no such file; the scheduler writes it when it starts")
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise ImportError(f"a cluster needs dask.distributed ({error}); pip install 'torchliner[cluster]'") from error
+    wait = WAIT if wait is None else wait
+    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in MALLOC.items()}
+    # What a second reading must know of the first takes some MB, sent once.
+    settings |= {"distributed.admin.large-graph-warning-threshold": "1GB", "torchliner.wait": wait}
+    settings["distributed.comm.timeouts.connect"] = f"{wait}s"
+    with dask.config.set(settings), ExitStack() as stack:
+        address: dict[str, Any] = {"scheduler_file": where} if by_file else {"address": where}
+        if local:  # any port, so that several can be; a limit of memory would count the page cache
+            about = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+            own = distributed.LocalCluster(n_workers=int(count), silence_logs="ERROR", **about)
+            address = {"address": stack.enter_context(own)}
+        try:
+            client = distributed.Client(**address, timeout=f"{wait}s")
+        except (OSError, TimeoutError, ValueError, KeyError) as error:
+            raise OSError(
+                f"no scheduler of dask answers at {where} within {wait:g} s ({error}); is it running, and can this "
+                "machine reach it?"
+            ) from error
+        yield stack.enter_context(client)
