@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
@@ -24,57 +23,43 @@ SHARES = (0.1, 0.2, 0.5, 0.9)
 NODES = 256
 
 
-def text(z: complex) -> str:
-    return f"{z.real:.2f}{z.imag:+.2f}j"
-
-
-def impedance_of(liner: LinerModel, speed: Tensor) -> complex:
-    """Z at ``OTHER`` of the mean R over velocities."""
-    frequency = torch.tensor(OTHER, dtype=torch.float64)
-    mean = reflection_of(liner, frequency, speed.abs().flatten()).mean()
-    return complex(impedance_from_reflection(mean))
-
-
-def with_and_without(liner: LinerModel, share: float) -> tuple[complex, complex]:
-    """Z with a tone that has a share of the variance of v, beside Gaussian turbulence, and of that
+def impedances(liner: LinerModel, share: float) -> tuple[complex, complex]:
+    """Z at ``OTHER`` with a tone that has a share of the variance of v, beside Gaussian turbulence, and of that
     turbulence alone."""
     middle = (torch.arange(NODES, dtype=torch.float64) + 0.5) / NODES
     turbulent = TOTAL * (1 - share) ** 0.5 * 2**0.5 * torch.erfinv(2 * middle - 1)
     tonal = TOTAL * share**0.5 * 2**0.5 * torch.cos(2 * torch.pi * middle)
-    return impedance_of(liner, turbulent[:, None] + tonal), impedance_of(liner, turbulent)
+    frequency = torch.tensor(OTHER, dtype=torch.float64)
+    speeds = ((turbulent[:, None] + tonal).abs().flatten(), turbulent.abs())
+    beside, alone = (impedance_from_reflection(reflection_of(liner, frequency, v).mean()) for v in speeds)
+    return complex(beside), complex(alone)
 
 
 @styled
-def draw_shares(path: Path) -> list[tuple[str, ...]]:
-    """The table, and its picture."""
-    rows: list[tuple[str, ...]] = []
+def draw_shares(path: Path) -> None:
+    """How far Z is off without the tone."""
     shares = torch.linspace(0.01, 0.99, 99).tolist()
     figure, (axis,) = panels_of(1, 2.6)
     for name, colour, line in zip(LINERS, COLOURS, LINES, strict=False):
-        liner = tl.load_liner(name)
-        change = [abs(b / a - 1) for a, b in (with_and_without(liner, s) for s in shares)]
-        axis.plot([100 * s for s in shares], [100 * c for c in change], color=colour, linestyle=line, label=name)
+        pairs = (impedances(tl.load_liner(name), share) for share in shares)
+        change = [100 * abs(alone / beside - 1) for beside, alone in pairs]
+        axis.plot([100 * share for share in shares], change, color=colour, linestyle=line, label=name)
     axis.axhline(5, color="0.6", linewidth=0.8, label="limit of the note")
     across = "share of the variance of $v$ that is in step with the tone (%)"
     axis.set(xlabel=across, ylabel=f"change of $Z$ at {OTHER / 1e3:g} kHz without it (%)")
     finish(figure, path, f"v of {TOTAL:g} m/s rms in all", legend=3)
-    for share in SHARES:
-        beside, alone = with_and_without(tl.load_liner(LINERS[0]), share)
-        moved = f"{100 * abs(alone / beside - 1):.0f} %"
-        rows.append((f"{100 * share:g} %", text(beside), text(alone), moved))
-    return rows
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     options = options_of(parser_of(__doc__, FIGURES), arguments)
-    for row in draw_shares(options.output / "frequencies_tone_share.png"):
-        print("|", " | ".join(row), "|")
+    draw_shares(options.output / "frequencies_tone_share.png")
+    for share in SHARES:
+        beside, alone = impedances(tl.load_liner(LINERS[0]), share)
+        print(f"| {100 * share:g} % | {beside:.2f} | {alone:.2f} | {100 * abs(alone / beside - 1):.0f} % |")
     plane = tl.read_plane(DATA / "slit_g03_145_y0.5mm.h5")
     found = tl.educe(plane, tl.load_liner(plane.liner), [300 + 100.0 * i for i in range(58)])
     draw_spectrum([found], options.output / "frequencies_g03_145.png")
-    print()
-    print("\n".join(map(str, found.notes)))
-    print(found.choices["nodes"], found.choices["model_error"], found.choices["tone_share"])
+    print(*found.notes, found.choices["nodes"], found.choices["model_error"], found.choices["tone_share"], sep="\n")
     return 0
 
 

@@ -10,17 +10,20 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.sparse.linalg import spsolve
 
 import torchliner as tl
 from benchmarks.engine import MANY, noise, plane_of
 from benchmarks.harness import Bench, apart, row
 from common import case_files
+from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.settled import growing_wave, solve_settled
 from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.pressure.microphone_errors import draw_pressures
+from verify_duct import node_places
 
 FREE = {
     "vena_contracta": (0.3, 1.0),
@@ -98,54 +101,23 @@ def mesh_of(size: int) -> DuctMesh:
     return build_mesh(CASE, FREQUENCY, degree=degree, column=column, row=high)
 
 
-def columns_of(size: int, out: str) -> Callable[[], int]:
-    """The pressure at all nodes by condensed columns; for ``apart``."""
-    from verify_duct import node_places
-
-    torch.set_num_threads(1)
-    mesh = mesh_of(size)
-
-    def work() -> int:
-        field = solve_duct(CASE, FREQUENCY, IMPEDANCE, mesh)
-        field.wall_pressure(MICROPHONES)
-        np.save(out, field.at(*(places.ravel() for places in node_places(mesh)))[0][0].numpy())
-        return int(mesh.unknowns)
-
-    work()
-    return work
-
-
-def sparse_of(size: int, out: str) -> Callable[[], int]:
-    """The same by scipy's sparse LU (COLAMD, the quickest of its orders here) of the assembled matrix."""
-    from scipy.sparse.linalg import splu
-
-    from oracles.lee_assembled import assemble
-
-    mesh = mesh_of(size)
-    matrix, right = assemble(CASE, FREQUENCY, IMPEDANCE, mesh)
-    nodes = mesh.degree + 1
-
-    def work() -> int:
-        found = splu(matrix, permc_spec="COLAMD").solve(right)
-        np.save(out, found.reshape(len(mesh.x) - 1, len(mesh.y) - 1, 3, nodes, nodes)[:, :, 0].ravel())
-        return int(mesh.unknowns)
-
-    return work
-
-
 def duct(bench: Bench) -> None:
-    """B2A: condensed columns against sparse LU, many impedances at once, draws of microphones, checks of an answer."""
+    """B2A: condensed columns against scipy's sparse LU (COLAMD, the quickest of its orders here) of the assembled
+    matrix, many impedances at once, draws of microphones, checks of an answer."""
     torch.set_num_threads(1)
-    with tempfile.TemporaryDirectory() as folder:
-        for size in MESHES:
-            ours, theirs = (str(Path(folder) / f"{name}_{size}.npy") for name in ("columns", "sparse"))
-            found = apart("benchmarks.methods:columns_of", size, ours)
-            row(f"{found['result']} unknowns, condensed columns", found["seconds"], f"peak {found['peak']:.0f} MB")
-            if size < 100_000 and (bench.full or size < 20_000):
-                slow = apart("benchmarks.methods:sparse_of", size, theirs)
-                error = float(np.abs(np.load(ours) - np.load(theirs)).max())
-                ratio = f"{slow['seconds'] / found['seconds']:.0f} times, adds {slow['added']:.0f} MB"
-                row(f"{slow['result']} unknowns, sparse LU", slow["seconds"], ratio, error=error)
+    for size in MESHES:
+        mesh = mesh_of(size)
+        seconds, field = bench.best(functools.partial(solve_duct, CASE, FREQUENCY, IMPEDANCE, mesh))
+        row(f"{mesh.unknowns} unknowns, condensed columns", seconds)
+        if size < 100_000 and (bench.full or size < 20_000):
+            matrix, right = assemble(CASE, FREQUENCY, IMPEDANCE, mesh)
+            slow, found = bench.best(
+                functools.partial(spsolve, matrix, right, permc_spec="COLAMD", use_umfpack=False), 1
+            )
+            shape = (len(mesh.x) - 1, len(mesh.y) - 1, 3, (mesh.degree + 1) ** 2)
+            ours = field.at(*(places.ravel() for places in node_places(mesh)))[0][0].numpy()
+            error = float(np.abs(ours - found.reshape(shape)[:, :, 0].ravel()).max())
+            row(f"{mesh.unknowns} unknowns, sparse LU", slow, f"{slow / seconds:.0f} times", error=error)
     many_impedances(bench)
     many_draws(bench)
     works: dict[str, Callable[[], Any]] = {
