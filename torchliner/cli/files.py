@@ -1,4 +1,4 @@
-"""Commands for files and campaigns: demo, info, convert, reduce, run, follow, report."""
+"""Commands for files of planes: demo, info, convert, reduce."""
 
 from __future__ import annotations
 
@@ -10,16 +10,10 @@ from importlib.util import find_spec
 from typing import Any
 
 import torchliner as tl
-from torchliner.campaign.campaign_file import read_campaign
-from torchliner.campaign.follow import Frames
-from torchliner.campaign.follow import follow as following
-from torchliner.campaign.index import FAILED, index_table, report_campaign
-from torchliner.campaign.run import plan, run_campaign
-from torchliner.checks import require_positive, tell
+from torchliner.checks import tell
 from torchliner.cli.work import (
     background_of,
     facts_text,
-    liners_of,
     planes_of,
     progress_bar,
     read_planes,
@@ -32,10 +26,7 @@ from torchliner.io.plane_writer import write_plane
 from torchliner.io.planes import format_of, paths_of
 from torchliner.records.notes import plane_unit_warnings
 from torchliner.report.curves import draw_velocity
-from torchliner.report.figure import require_matplotlib
 from torchliner.report.inspection import inspect_moments, inspect_plane
-from torchliner.report.page import report_file, require_report
-from torchliner.velocity.workers import open_cluster
 
 DEMO_PLANES = ("slit_n130_y0.5mm.h5", "slit_n130_y2.5mm.h5")
 
@@ -106,66 +97,3 @@ def reduce(options: argparse.Namespace) -> None:
     if known is not None:
         facts["error in R"] = found.error(known, liner and (options.frequency or plane.frequency))
     show(options, told(facts_text(facts), facts), found.write)
-
-
-STANDING = ("samples", "record s", "f Hz", "R", "X", "half-width", "needed s")
-
-
-def run(options: argparse.Namespace) -> int:
-    """A campaign: planes, liners, choices; resumable."""
-    campaign = read_campaign(options.campaign, options.output)
-    planned = plan(campaign)
-    units = [{"unit": unit.name, "state": state} for unit, state in planned.units]
-    units += [{"unit": row["unit"], "state": f"cannot be opened: {row['error']}"} for row in planned.failed]
-    to_read = planned.to_read.values()
-    summary = f"{len(units)} units; {len(to_read)} planes to read, {sum(unit.bytes for unit in to_read) / 1e9:.3g} GB"
-    if options.dry_run:
-        show(options, told(summary, units, *(f"{u['unit']}: {u['state']}" for u in units)), lambda _: None)
-        return 0
-    if campaign.figures:
-        require_matplotlib()
-    total = sum(2 * unit.plane.samples for unit in to_read)
-    with open_cluster(options.cluster, options.wait) as client, progress_bar(total, options) as step:
-        rows = run_campaign(campaign, client=client, progress=step)
-    words = f"{index_table(rows).as_text()}\n{summary}\nresults in {campaign.output}, index.csv"
-    show(options, told(words, rows), lambda _: None)
-    return int(any(row["status"] == FAILED for row in rows))
-
-
-def follow(options: argparse.Namespace) -> int:
-    """Impedance and its interval while a plane is being written."""
-    for name in ("every", "idle"):
-        require_positive(f"--{name}", getattr(options, name))
-    frames = Frames(options.plane, options.reading)
-    first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
-    (liner,) = liners_of(options, [first], [options.plane])
-    output, options.output = options.output, None  # written once, at the end
-    if not options.json:
-        print("".join(f"{name:12s}" for name in STANDING), flush=True)
-    wish: dict[str, Any] = {name: getattr(options, name) for name in ("every", "idle", "until")}
-    latest = None
-    try:
-        for latest in following(frames, liner, options.frequency, **wish, **options.chosen):
-            for row in latest[1]:
-                show(options, told(_standing(*row), row._asdict()))
-    finally:  # whatever ends it leaves what there is
-        if output is not None and latest is not None and latest[0].periods:
-            latest[0].moments().write(output)
-    rows = [] if latest is None else latest[1]
-    reached = options.until is None or (rows and all(row.half_width <= options.until for row in rows))
-    return 0 if reached else 1
-
-
-def _standing(samples: int, duration: float, frequency: float, impedance: complex, *rest: float) -> str:
-    """A line, in the order of ``STANDING``."""
-    numbers = (duration, frequency, impedance.real, impedance.imag, *rest)
-    return f"{samples:<12d}" + "".join(f"{'-' if v != v else format(v, '.4g'):12s}" for v in numbers)
-
-
-def report(options: argparse.Namespace) -> None:
-    """One page of a result, to read, attach and repeat."""
-    require_report()
-    write = report_campaign if options.result.is_dir() else report_file
-    answer = write(options.result, options.output)
-    plain = {"title": answer.title, "answer": " ".join(answer.lines), "level_check": answer.state}
-    show(options, told(answer.screen(), plain, str(options.output)), lambda _: None)

@@ -198,7 +198,7 @@ GROUPS = {
             output("write poles and residues, or the coefficient lists of solvers as .txt,", ".json", ".txt"),
         ),
         "run": row(
-            "files:run",
+            "campaign:run",
             "",
             Option("campaign", "TOML file of a campaign", FILE),
             Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
@@ -209,7 +209,7 @@ GROUPS = {
             Option("--wait", "for its scheduler and its first worker, s; default 30", NUMBER),
         ),
         "follow": row(
-            "files:follow",
+            "campaign:follow",
             "liner tone stated",
             Option("plane", "file that grows, or folder that files come into, in the order of names", FILE),
             output("write the moments so far, however it ends,", *HDF5),
@@ -220,7 +220,7 @@ GROUPS = {
             choices("phase interval dtype"),
         ),
         "report": row(
-            "files:report",
+            "campaign:report",
             "",
             Option("result", "file that another command wrote, or the folder of a campaign", FILE),
             output("write the page", ".html", required=True),
