@@ -11,38 +11,13 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import plane_makers as make
 import pytest
 import pyvista
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from plane_makers import (
-    FIXED,
-    MAKERS,
-    POINTS,
-    QUADS,
-    SI,
-    STEP,
-    SURFACES,
-    TEXTS,
-    UP,
-    VALUES,
-    VARIABLES,
-    X,
-    Z,
-    coordinates,
-    image,
-    measurement,
-    names,
-    numbered,
-    of_frames,
-    probes,
-    rows,
-    save,
-    store,
-    surface,
-    text,
-)
+from plane_makers import MAKERS, POINTS, SI, STEP, SURFACES, TEXTS, UP, VALUES
 
 import torchliner as tl
 from torchliner.io.planes import format_of, paths_of
@@ -96,8 +71,8 @@ def test_a_plane_in_is_the_plane_out(tmp_path, name):
     rounding = 3e-7 if name in EXACT | TEXTS.keys() else 0
     assert np.allclose(found.velocity, wanted, rtol=rounding, atol=rounding, equal_nan=True)
     assert found.velocity.dtype == torch.float32
-    assert np.allclose(found.x, X, atol=1e-9)
-    assert np.allclose(found.z, Z, atol=1e-9)
+    assert np.allclose(found.x, make.X, atol=1e-9)
+    assert np.allclose(found.z, make.Z, atol=1e-9)
     if name not in EXACT:
         assert found.sampling_rate == pytest.approx(1 / STEP)
         assert found.start == 0
@@ -109,7 +84,7 @@ def test_a_plane_in_is_the_plane_out(tmp_path, name):
     assert torch.equal(lazy.load().velocity.nan_to_num(7), found.velocity.nan_to_num(7))
 
 
-@pytest.mark.parametrize("name", [name for name in VARIABLES if name != "own"])
+@pytest.mark.parametrize("name", [name for name in make.VARIABLES if name != "own"])
 @pytest.mark.parametrize("order", [("z", "x", "time"), ("x", "time", "z"), ("time", "x", "z"), ("x", "z", "time")])
 @pytest.mark.parametrize("dtype", ["f8", ">f4"])
 def test_order_of_axes_and_bytes_does_not_matter(tmp_path, name, order, dtype):
@@ -122,7 +97,7 @@ def test_order_of_axes_and_bytes_does_not_matter(tmp_path, name, order, dtype):
         assert found.velocity.dtype == (torch.float64 if dtype == "f8" else torch.float32)
 
 
-@pytest.mark.parametrize("name", [name for name in SURFACES | TEXTS if name not in FIXED])
+@pytest.mark.parametrize("name", [name for name in SURFACES | TEXTS if name not in make.FIXED])
 def test_order_of_points_does_not_matter(tmp_path, name):
     """They fill a grid; the normal is another one, or turned."""
     order = np.random.default_rng(0).permutation(12)
@@ -163,7 +138,7 @@ def test_units_and_signs(tmp_path, name):
         return
     scaled = tl.read_plane(path, **stated | {"velocity_units": "mm/s", "length_units": "mm"})
     assert np.allclose(1e3 * scaled.velocity, WANTED, atol=1e-6)
-    assert np.allclose(1e3 * scaled.x, X)
+    assert np.allclose(1e3 * scaled.x, make.X)
     turned = tl.read_plane(path, **stated | {"normal": "-y"})
     assert np.array_equal(turned.velocity, -WANTED)
     refused(
@@ -180,7 +155,7 @@ def test_values_on_faces(tmp_path, name):
     found = tl.read_plane(path, **stated)
     assert np.allclose(found.velocity.flatten(0, 1).T, VALUES[:, :6, 1], atol=3e-7)
     assert found.probe_shape == (2, 3)
-    assert np.allclose(found.x, X[:-1] + 5e-3)
+    assert np.allclose(found.x, make.X[:-1] + 5e-3)
     if name != "foam raw":
         assert np.allclose(found.area, 5e-5)
         assert found.provenance.get("values", "faces") == "faces"
@@ -270,11 +245,11 @@ def test_a_pipe_behind_a_link_or_in_a_store_does_not_hang(tmp_path):
             other.copy("time", file)
             file["v"] = h5py.ExternalLink(target, "/v")
         refused(tmp_path / "b.h5", "pipe is a device or a pipe", OSError)
-    store, _ = made("zarr", tmp_path / "c")
-    chunk = next(each for each in store.rglob("*/c/*") if each.is_file())
+    folder, _ = made("zarr", tmp_path / "c")
+    chunk = next(each for each in folder.rglob("*/c/*") if each.is_file())
     chunk.unlink()
     os.mkfifo(chunk)
-    refused(store, f"{chunk.name} is a device or a pipe", OSError)
+    refused(folder, f"{chunk.name} is a device or a pipe", OSError)
 
 
 def test_a_file_that_is_replaced_while_it_is_read(tmp_path):
@@ -302,7 +277,7 @@ def test_text_may_grow_but_not_be_replaced(tmp_path, monkeypatch):
 
     def append():
         with path.open("a") as file:
-            file.write(rows()[0] + "\n")
+            file.write(make.rows()[0] + "\n")
 
     monkeypatch.setattr("torchliner.io.text_rows.parse_rows", acting(append))
     assert len(found.rows(0, [1])[0]) >= 9
@@ -369,7 +344,7 @@ def test_names_of_files_that_speak_of_pressure(tmp_path):
     [("y-velocity", True), ("v.y", True), ("W", False), ("vel_y", True), ("pressure", False), ("U_y", True)],
 )
 def test_one_value_a_point_names_its_direction(tmp_path, name, read):
-    path, stated = numbered(tmp_path, ".vti", lambda frame: image(frame, name), VALUES[..., 1])
+    path, stated = make.numbered(tmp_path, ".vti", lambda frame: make.image(frame, name), VALUES[..., 1])
     stated |= {"variable": name}
     if not read:
         refused(path, rf"plane_00.vti:/{name} has one value a point.*--wall-normal-component", **stated)
@@ -397,7 +372,7 @@ def hdf5(change):
 
 
 def restart(values, first, points=POINTS, time="3e-05"):
-    return lambda path: probes(path.parent, values, points, first, time=time)
+    return lambda path: make.probes(path.parent, values, points, first, time=time)
 
 
 def fewer():
@@ -438,10 +413,15 @@ QUIRKS = [
     ("probes", None, {"variable": "T"}, "no 'T' in the folders of its times; there are: U"),
     ("probes", restart(OTHER, 3), {}, r"share 6 samples .* up to 0\.25 m/s.* 4e-05 s.*--overlap"),
     ("probes", restart(VALUES, 11), {}, "2 samples of .* are missing between"),
-    ("vtp", lambda p: save(fewer(), p.with_stem("plane_05")), {}, "plane_05.vtp has 8 values"),
+    ("vtp", lambda p: make.save(fewer(), p.with_stem("plane_05")), {}, "plane_05.vtp has 8 values"),
     ("vtp", lambda p: p.with_stem("plane_05").write_text("<VTKFile>"), {}, "VTK cannot read all|nothing that VTK"),
     ("vtp", None, {"normal": None, "length_units": None}, "no unit of length.*--length-units m"),
-    ("vtp", lambda p: save(surface(VALUES[0]), p.with_name("one_0.vtp")), {"file": ".."}, "series one_, plane_; n"),
+    (
+        "vtp",
+        lambda p: make.save(make.surface(VALUES[0]), p.with_name("one_0.vtp")),
+        {"file": ".."},
+        "series one_, plane_; n",
+    ),
     ("pvd", lambda p: (p.parent / "p3.vtp").unlink(), {}, "p3.vtp' is invalid or does not exist"),
     ("pvd", replaced("2e-05", "1e-05"), {}, "all.pvd has 2 blocks"),
     ("vtkhdf", hdf5(lambda g: g.__delitem__("Steps")), {}, "no Steps: it is one frame"),
@@ -478,7 +458,7 @@ def test_faults_are_refused_with_their_place(tmp_path, name, change, stated, mes
 
 
 def test_zstd_is_refused_before_units_are_asked_for(tmp_path):
-    path, _ = of_frames(".vtp", packer="ZLib")(tmp_path)
+    path, _ = make.of_frames(".vtp", packer="ZLib")(tmp_path)
     for file in tmp_path.glob("*.vtp"):
         file.write_bytes(file.read_bytes().replace(b"vtkZLibDataCompressor", b"vtkZstdDataCompressor"))
     refused(path, "VTK cannot read all of .*plane_00.vtp")
@@ -489,9 +469,10 @@ def test_zstd_is_refused_before_units_are_asked_for(tmp_path):
 # Histories
 
 HEADINGS = {
-    "coordinates": [*coordinates(), f"# {names()}"],
-    "coordinates with units": [line.replace(",", " [mm],", 1) for line in coordinates(scale=1e3)] + [f"# {names()}"],
-    "unit line": ["# length_unit = mm", "# velocity_unit = m/s", *coordinates(scale=1e3), "# time [s] p"],
+    "coordinates": [*make.coordinates(), "# " + make.names()],
+    "coordinates with units": [line.replace(",", " [mm],", 1) for line in make.coordinates(scale=1e3)]
+    + ["# " + make.names()],
+    "unit line": ["# length_unit = mm", "# velocity_unit = m/s", *make.coordinates(scale=1e3), "# time [s] p"],
 }
 
 
@@ -499,15 +480,15 @@ HEADINGS = {
 def test_points_in_a_heading(tmp_path, heading):
     """However it lists them, and whatever remarks with numbers stand above and below."""
     remarks = "# run 2024 11 23", f"# seeds {'123456 ' * 11}"  # one number fewer than there are columns
-    path = text(tmp_path / "v.csv", *remarks, *HEADINGS[heading][:-1], "# 4 blocks of 1 2 3", *rows())
+    path = make.text(tmp_path / "v.csv", *remarks, *HEADINGS[heading][:-1], "# 4 blocks of 1 2 3", *make.rows())
     found = tl.read_plane(path, normal="y", length_units="m", velocity_units="m/s", sampling_rate=1 / STEP)
     assert np.allclose(found.velocity, WANTED, atol=1e-6)
-    assert np.allclose(found.x, X)
-    assert np.allclose(found.z, Z)
+    assert np.allclose(found.x, make.X)
+    assert np.allclose(found.z, make.Z)
 
 
 def test_lists_of_points(tmp_path):
-    path, stated = text(tmp_path / "v.csv", *rows()), SI | UP | {"sampling_rate": 1 / STEP}
+    path, stated = make.text(tmp_path / "v.csv", *make.rows()), SI | UP | {"sampling_rate": 1 / STEP}
     np.save(tmp_path / "points.npy", POINTS[:11])
     refused(path, r"12 columns of values, its points are 11 \(.*npy\)", points=tmp_path / "points.npy", **stated)
     np.save(tmp_path / "points.npy", POINTS[:, [0, 2, 1]])
@@ -522,12 +503,12 @@ def test_decimal_commas(tmp_path, separator, heading):
     """Between blanks cells that hold one comma and no point can be nothing else; a BOM is passed over."""
     values = np.round(VALUES, 3)
     values[0] = 0
-    lines = [line.replace(".", ",") for line in rows(values, separator, 1e6)]
-    path = text(tmp_path / "v.txt", *(["\ufeff" + names(separator, "time [us]")] if heading else []), *lines)
+    lines = [line.replace(".", ",") for line in make.rows(values, separator, 1e6)]
+    path = make.text(tmp_path / "v.txt", *(["\ufeff" + make.names(separator, "time [us]")] if heading else []), *lines)
     found = tl.read_plane(path, velocity_units=None if heading else "m/s", sampling_rate=1 / STEP)
     assert np.allclose(found.velocity.T, values[..., 1], atol=1e-6)
     for mark in (", ", ","):
-        whole = text(
+        whole = make.text(
             tmp_path / "v.csv", "time [s], a [m/s], b [m/s]", *(mark.join(map(str, (i, 1, 2))) for i in range(9))
         )
         assert tl.read_plane(whole).velocity[:, 0].tolist() == [1, 2]
@@ -552,12 +533,12 @@ def test_an_index_of_pandas_is_no_time(tmp_path):
 
 def test_times_without_a_unit_and_a_last_row_without_end(tmp_path):
     """Whatever they count; a row that may go on is left out, and told; remarks stand where they begin."""
-    for head, unit in ((names(), 1.0), (names(time="time [ms]"), 1e3), (names(time="time"), 7.0)):
-        path = text(tmp_path / "v.csv", head, *rows(unit=unit)[3:])
+    for head, unit in ((make.names(), 1.0), (make.names(time="time [ms]"), 1e3), (make.names(time="time"), 7.0)):
+        path = make.text(tmp_path / "v.csv", head, *make.rows(unit=unit)[3:])
         found = tl.read_plane(path, sampling_rate=1.005 / STEP)
         assert found.sampling_rate == 1.005 / STEP
         assert found.start == pytest.approx(3 * STEP, rel=6e-3)
-    path = text(tmp_path / "v.csv", names(), rows()[0], " # a restart", *rows()[1:])
+    path = make.text(tmp_path / "v.csv", make.names(), make.rows()[0], " # a restart", *make.rows()[1:])
     assert tl.read_plane(path).samples == 9
     path.write_text(path.read_text()[:-4])
     with pytest.warns(tl.DataWarning, match="the last line, .*8 rows remain"):
@@ -569,13 +550,13 @@ def test_times_without_a_unit_and_a_last_row_without_end(tmp_path):
 
 def test_restarts_of_probes_are_one_record(tmp_path):
     """Folders of times are joined; an instant that both runs have comes once, or as the user says."""
-    path, _ = probes(tmp_path / "whole")
+    path, _ = make.probes(tmp_path / "whole")
     wanted = tl.read_plane(path, **UP).velocity
-    path, _ = probes(tmp_path, VALUES[:5])
-    probes(tmp_path, VALUES[3:], first=3, time="3e-05")
+    path, _ = make.probes(tmp_path, VALUES[:5])
+    make.probes(tmp_path, VALUES[3:], first=3, time="3e-05")
     with pytest.warns(tl.DataWarning, match="2 samples of .* count once"):
         assert torch.equal(tl.read_plane(path, **UP).velocity, wanted)
-    probes(tmp_path, OTHER, first=3, time="3e-05")
+    make.probes(tmp_path, OTHER, first=3, time="3e-05")
     for overlap, value in (("earlier", VALUES[4, 7, 1]), ("later", OTHER[1, 7, 1])):
         with pytest.warns(tl.DataWarning, match=f"differ by up to .*the {overlap} ones count"):
             found = tl.read_plane(path, overlap=overlap, **UP).velocity
@@ -587,20 +568,20 @@ def test_restarts_of_probes_are_one_record(tmp_path):
 def test_probes_outside_the_mesh_and_on_a_slope(tmp_path):
     values = VALUES.copy()
     values[:, 3] = -1e30 * 10
-    path, _ = probes(tmp_path, values, marks=[3])
+    path, _ = make.probes(tmp_path, values, marks=[3])
     with pytest.warns(tl.DataWarning, match="probes 3 lie outside the mesh.*11 remain"):
         found = tl.read_plane(path, **UP)
     assert np.allclose(found.velocity.T, np.delete(VALUES[..., 1], 3, 1), atol=1e-6)
-    path, _ = probes(tmp_path, points=POINTS + np.outer(POINTS[:, 0], [0, 0.01, 0]))
+    path, _ = make.probes(tmp_path, points=POINTS + np.outer(POINTS[:, 0], [0, 0.01, 0]))
     with pytest.warns(tl.DataWarning, match=r"stand at y = .* of which a plane has one"):
         tl.read_plane(path, **UP)
-    path, _ = probes(tmp_path, VALUES[:, :4], POINTS[:4])
+    path, _ = make.probes(tmp_path, VALUES[:, :4], POINTS[:4])
     refused(path, "0.03 x 0 x 0 m along x, y, z.*state normal='y'")
 
 
 def test_stamps_of_few_digits(tmp_path):
     """Seven digits of a late time tell steps of 1e-5 s still; a missing row is told all the same."""
-    path, _ = probes(tmp_path, np.tile(VALUES, (5, 1, 1)))
+    path, _ = make.probes(tmp_path, np.tile(VALUES, (5, 1, 1)))
     head, table = path.joinpath("0/U").read_text().split("Time\n")
     values = [line.split(None, 1)[1] for line in table.splitlines()]
 
@@ -631,7 +612,7 @@ def test_stamps_of_few_digits(tmp_path):
 def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
     """A decimal, as of a time, is one number; a glob opens it once."""
     for i, name in enumerate(numbers):
-        image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
+        make.image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
     stated = UP | SI | {"sampling_rate": 1 / STEP}
     for path in (tmp_path, tmp_path / f"{numbers[0]}.vti", f"{tmp_path}/*.vti"):
         assert tl.read_plane(path, **stated).velocity[0, 0].tolist() == [*range(len(numbers))]
@@ -641,7 +622,7 @@ def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
 def test_counts_behind_a_number_and_a_point(tmp_path):
     """Two planes that are numbered are two series, not decimals of one."""
     for i, name in enumerate(f"y{n}.{i:03d}" for n in (1, 2) for i in range(5)):
-        image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
+        make.image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
     stated = UP | SI | {"sampling_rate": 1 / STEP}
     assert tl.read_plane(tmp_path / "y2.003.vti", **stated).velocity[0, 0].tolist() == [5, 6, 7, 8, 9]
     assert tl.read_plane(tmp_path, group="y1.", **stated).velocity[0, 0].tolist() == [0, 1, 2, 3, 4]
@@ -664,7 +645,7 @@ WITHOUT = [i for i in range(20) if i not in (7, 8)]
 def test_a_stated_rate_closes_no_gap(tmp_path, numbers, times, message):
     """Times are tested whatever they count, or numbers where no times are stated."""
     for i, name in enumerate(numbers):
-        mesh = image(VALUES[0])
+        mesh = make.image(VALUES[0])
         if times is not None:
             mesh.field_data["Time"] = np.array([float(times[i])])
         mesh.save(tmp_path / f"{name}.vti")
@@ -692,12 +673,12 @@ def test_faces_are_where_they_are(tmp_path):
 
 def test_values_of_faces_stand_behind_those_of_other_cells(tmp_path):
     """Of vertices and lines; several blocks are refused unless one is named."""
-    faces = np.insert(QUADS, 0, 4, 1).reshape(-1)
+    faces = np.insert(make.QUADS, 0, 4, 1).reshape(-1)
     mesh = pyvista.PolyData(POINTS, faces=faces, lines=[2, 0, 1], verts=[1, 0, 1, 1])
     mesh.cell_data["U"] = np.vstack([np.full((3, 3), 7.0), VALUES[0, :6]])
     mesh.save(tmp_path / "a.vtp")
     assert np.array_equal(read_frame(tmp_path / "a.vtp").arrays["U"][1], VALUES[0, :6])
-    blocks = pyvista.MultiBlock({"a": mesh, "b": image(VALUES[0])})
+    blocks = pyvista.MultiBlock({"a": mesh, "b": make.image(VALUES[0])})
     blocks.save(tmp_path / "b.vtm")
     with pytest.raises(ValueError, match=r"b.vtm has 2 blocks, a, b; name one \(--group\)"):
         read_frame(tmp_path / "b.vtm")
@@ -710,7 +691,7 @@ def test_values_of_faces_stand_behind_those_of_other_cells(tmp_path):
 def test_frames_of_powerflow_are_means(tmp_path):
     """Their middle is the time; they attenuate a tone, by the mean of a sine, and that is told."""
     seconds = 0.5 * 2e-3 / 340
-    path = store(tmp_path / "a.fnc", measurement(window=2))
+    path = make.store(tmp_path / "a.fnc", make.measurement(window=2))
     plane = tl.read_plane(path, **UP)
     assert plane.sampling_rate == pytest.approx(1 / (10 * seconds))
     assert plane.start == pytest.approx(5 * seconds)
@@ -718,14 +699,14 @@ def test_frames_of_powerflow_are_means(tmp_path):
     time = (np.arange(20000) + 0.5) / 20000 * 1e-4
     assert attenuation(3000.0, 1e-4) == pytest.approx(np.cos(2 * np.pi * 3000 * (time - 5e-5)).mean(), rel=1e-6)
     with pytest.warns(tl.DataWarning, match=r"more than 1% above 3314 Hz.*6000 Hz 0\.9675"):
-        tl.read_plane(store(tmp_path / "a.fnc", measurement(window=8)), **UP)
-    without = {name: each for name, each in measurement().items() if name != "voxel_scales"}
-    refused(store(tmp_path / "a.fnc", without), "KeyError: 'voxel_scales'", **UP)
+        tl.read_plane(make.store(tmp_path / "a.fnc", make.measurement(window=8)), **UP)
+    without = {name: each for name, each in make.measurement().items() if name != "voxel_scales"}
+    refused(make.store(tmp_path / "a.fnc", without), "KeyError: 'voxel_scales'", **UP)
 
 
 def test_surfels_say_where_they_face_and_of_which_face_they_are(tmp_path):
-    variables = measurement(VALUES[:, :6], faces=(0, 1))
-    path = store(tmp_path / "a.snc", variables)
+    variables = make.measurement(VALUES[:, :6], faces=(0, 1))
+    path = make.store(tmp_path / "a.snc", variables)
     found = tl.read_plane(path, group="plane_1", **UP)
     assert np.allclose(found.velocity.T, VALUES[:, 1:6:2, 1], atol=1e-6)
     assert found.provenance["face"] == "plane_1"
@@ -735,7 +716,7 @@ def test_surfels_say_where_they_face_and_of_which_face_they_are(tmp_path):
         up = tl.read_plane(path, group="plane_0").velocity
     variables["surfel_normal"] = (-variables["surfel_normal"][0], ("npoints", "ndims"))
     with pytest.warns(tl.DataWarning, match=r"taken as -y"):
-        down = tl.read_plane(store(path, variables), group="plane_0").velocity
+        down = tl.read_plane(make.store(path, variables), group="plane_0").velocity
     assert torch.equal(down, -up)
 
 
@@ -750,8 +731,8 @@ def test_surfels_say_where_they_face_and_of_which_face_they_are(tmp_path):
     ],
 )
 def test_faults_of_powerflow(tmp_path, change, message):
-    variables = {name: (each.copy(), dims) for name, (each, dims) in measurement(VALUES[:, :6]).items()}
+    variables = {name: (each.copy(), dims) for name, (each, dims) in make.measurement(VALUES[:, :6]).items()}
     change(variables)
-    path = store(tmp_path / "a.fnc", variables)
+    path = make.store(tmp_path / "a.fnc", variables)
     assert format_of(path).name == "PowerFLOW"
     refused(path, rf"a.fnc.*({message})", **UP)

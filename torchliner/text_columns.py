@@ -88,17 +88,15 @@ def find_columns(
     short: Mapping[str, str] = MappingProxyType({}),
     others: Collection[str] = (),
 ) -> list[Column]:
-    """Columns by labels such as ``x [mm]``, in any order.
+    """Columns by labels such as ``x [mm]``, in any order; a ValueError where one is unknown, missing, named twice, or
+    without a unit.
 
     Args:
-        labels: of the columns.
         known: quantity of each by its name, in lower case; None takes values in any unit as they stand.
-        path: for messages.  example: a header that is right.
-        optional: names that may be absent.  others: names that are passed over.
+        example: a header that is right, for messages.
+        optional, others: names that may be absent, and that are passed over.
         short: other names, in their own case, for some of ``known``: X without a unit is short for something, X [mm]
             the column x.
-    Raises:
-        ValueError: a column unknown, missing, named twice, or without a unit.
     """
     found: dict[str, Column] = {}
     for index, label in enumerate(labels):
@@ -132,15 +130,10 @@ def read_columns(
     count: int,
     special: Collection[str] | None = None,
 ) -> dict[str, Array]:
-    """Columns of numbers in SI units, by name.
+    """Columns of numbers in SI units, by name, from cells by the number of their line; ``count``: columns of the file.
 
-    Args:
-        rows: cells by the number of their line.
-        columns: what to read.  path: for messages.  count: of the columns of the file.
-        special: columns that may hold inf, though not nan; default: all, and nan as well.
-    Raises:
-        ValueError: a blank or unreadable cell, more cells than columns, mixed decimal marks, a value that no
-            measurement has (``units.require_plausible``).
+    ``special`` columns may hold inf, though not nan; by default all may, and nan as well. A ValueError where a cell is
+    blank or unreadable, a row has more cells than columns, decimal marks are mixed, or no measurement has such a value.
     """
     marks, found, numbers = dict[str, str](), dict[str, Array](), [*rows]
     used = [column.index for column in columns]
@@ -196,15 +189,8 @@ def read_table(
 
 
 def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:
-    """What the lines '# key = value unit' before a header say; lines without '=' are remarks.
-
-    Args:
-        lines: those before the header.
-        known: by key the SI unit of a number, or "text".
-        path: for messages.
-    Raises:
-        ValueError: a key that is not ``known``, or is stated twice; a line or a value that cannot be read.
-    """
+    """What the lines '# key = value unit' before a header say; lines without '=' are remarks. ``known``: by key the SI
+    unit of a number, or "text". A ValueError where a key is another, or stated twice, or a line cannot be read."""
     found: dict[str, Any] = {}
     for number, line in enumerate(lines, 1):
         label, match = f"{path}: line {number}", re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)

@@ -78,7 +78,7 @@ def educe_bursts(
         if len(reference_phase) == 1:  # for all stations
             (reference_phase,) = reference_phase
     tasks, lines = _tasks(stations, reference, reference_phase), list[ImpedanceLine]()
-    kept = LineParts(parts) if isinstance(parts, (str, Path)) else parts
+    kept = LineParts(Path(parts)) if isinstance(parts, (str, Path)) else parts
     for station, given, psi in tasks:
         channel = given(station) if callable(given) else given
         if channel is not None and not isinstance(channel, ReferenceChannel):

@@ -123,7 +123,7 @@ def ldv_educe(options: argparse.Namespace) -> int:
     liner = tl.load_liner(options.liner or preset_named(sources[0].read().liner, sources[0].path))
     if options.output is not None:
         require_result(options.output, len(options.educe_at or [0]))
-        parts = LineParts(f"{options.output}.parts")
+        parts = LineParts(Path(f"{options.output}.parts"))
         writable_folder(parts.folder)
         if parts.there and not options.quiet:
             print(f"{parts.folder} holds {parts.there} finished stations, which are taken up", file=sys.stderr)

@@ -199,16 +199,12 @@ def _read(path: Path, number: int) -> BurstRecord:
 # Finished stations
 
 
+@dataclass(frozen=True)
 class LineParts:
-    """Finished stations of a line: a folder of lines of one station each, named by what each follows from.
+    """Finished stations of a line: a folder of lines of one station each, named by what each follows from; it is made
+    when the first of them is written."""
 
-    Args:
-        folder: made when the first part is written.
-    """
-
-    def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
-        self.mine: set[Path] = set()
+    folder: Path
 
     @property
     def there(self) -> int:
@@ -218,7 +214,7 @@ class LineParts:
     def load(self, key: str) -> ImpedanceLine | None:
         """The station of a key; None where it is not there, or a file is damaged or not the part that its name says."""
         with contextlib.suppress(ValueError, OSError):
-            line = read_line(self._path(key))
+            line = read_line(self.folder / f"{key}.h5")
             if line.stations == 1 and line.choices.get("part") == key:
                 return line
         return None
@@ -227,17 +223,12 @@ class LineParts:
         """Write a finished station."""
         self.folder.mkdir(exist_ok=True)
         line = replace(line, choices={**line.choices, "part": key})
-        write_record(line, self._path(key))
+        write_record(line, self.folder / f"{key}.h5")
         return line
 
     def clear(self) -> None:
-        """Delete the parts of this run, and the folder if nothing else is in it."""
-        for path in self.mine:
+        """Delete the parts, and the folder if nothing else is in it."""
+        for path in self.folder.glob("*.h5"):
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # not empty, not there, a link
             self.folder.rmdir()
-
-    def _path(self, key: str) -> Path:
-        path = self.folder / f"{key}.h5"
-        self.mine.add(path)
-        return path

@@ -17,15 +17,8 @@ SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
 
 
 def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
-    """Sampling rate of time stamps, Hz.
-
-    Args:
-        time: s.
-        name: of the times, for messages.
-        exact: s, by which stamps are rounded.
-    Raises:
-        ValueError: they are not finite, out of order, or not uniform; frames are missing.
-    """
+    """Sampling rate, Hz, of time stamps, s, that are rounded by ``exact``, s; ``name`` is for messages. A ValueError
+    where they are not finite, out of order, or not uniform, or frames are missing."""
     if not np.isfinite(time).all():
         raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
     if len(time) < 2:
@@ -63,12 +56,10 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
 def clock_of(
     time: np.ndarray, name: str, stated: float | None, exact: float = 0.0, unit: str = ""
 ) -> tuple[float, float]:
-    """Sampling rate, Hz, and time of the first of uniform stamps, s.
+    """Sampling rate, Hz, and time of the first of uniform stamps, s; arguments as for ``uniform_rate``.
 
-    Args:
-        time, name, exact: as for ``uniform_rate``.
-        stated: rate by the user, Hz. Times without a ``unit`` count evenly, whatever they count: it is theirs. Of times
-            with one it must be the rate, to 1 %.
+    A rate that the user has ``stated``, Hz, is that of times without a ``unit``, which count evenly, whatever they
+    count. Of times with a unit it must be the rate, to 1 %.
     """
     found, first = uniform_rate(time, name, exact), float(time[0])
     if stated is None:
@@ -86,13 +77,8 @@ def clock_of(
 
 def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
     """Sampling rate, Hz, number of samples, time of the first, s, and the epoch that they count from; the rate may be
-    ``stated`` where the times have no units, or as they have it.
-
-    Raises:
-        ValueError: as ``clock_of``.
-    Warns:
-        DataWarning: they are rounded so that they tell the rate badly.
-    """
+    ``stated`` where the times have no units, or as they have it. A ValueError as of ``clock_of``; a DataWarning where
+    the times are rounded so that they tell the rate badly."""
     name, shape = field.label, field.shape
     if len(shape) != 1 or shape[0] < 2:
         raise Unwritten(f"{name} has shape {shape}; a list of at least two times is needed")

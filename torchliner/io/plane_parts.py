@@ -64,19 +64,12 @@ class JoinedVelocity(Stored):
 def join_planes(
     planes: Sequence[VelocityPlane], clocks: Sequence[Clock | None] = (), overlap: str = "refuse"
 ) -> VelocityPlane:
-    """One plane from the pieces of one run, placed by the times that they state.
+    """One plane from the pieces of one run, in any order, placed by the times that they state: by the epochs of their
+    ``clocks``, or by ``start`` where these are None.
 
-    Args:
-        planes: in any order; a single one is returned as it is.
-        clocks: of each plane the epoch and calendar of its times, and the first of these, s; where None, ``start``
-            counts.
-        overlap: which file counts where two hold the same samples: ``earlier`` or ``later``, the one that begins
-            so; ``refuse`` where they differ, as after a restart from before a crash.
-    Raises:
-        ValueError: other probes, another case or sampling rate; a gap; an overlap with other values; two clocks;
-            times since an epoch beside times since none.
-    Warns:
-        DataWarning: samples that two files hold with the same values.
+    ``overlap`` says which file counts where two hold the same samples, with a DataWarning: ``earlier`` or ``later``,
+    the one that begins so; by ``refuse`` their values must agree. A ValueError as well where probes, case, rate or
+    epoch are others, or samples are missing between two.
     """
     if len(planes) == 1:
         return planes[0]
@@ -202,13 +195,8 @@ def select(
     every: int = 1,
     region: Sequence[Limits] | str | None = None,
 ) -> VelocityPlane:
-    """A part of a plane; nothing is read.
-
-    Args:
-        plane, start, stop, every, region: in memory or in its file; as for ``read_plane``.
-    Raises:
-        ValueError: nothing is selected; a region of a plane without coordinates.
-    """
+    """A part of a plane, arguments as for ``read_plane``; nothing is read. A ValueError where it would be empty, or the
+    plane has no coordinates for a region."""
     every = whole_number("every", every)
     if every < 1:
         raise ValueError(f"every is {every}; keep every n-th sample, n at least 1")

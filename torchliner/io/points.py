@@ -122,18 +122,12 @@ def place(
     facing: np.ndarray | None = None,
     area: np.ndarray | None = None,
 ) -> Placed:
-    """Where points lie in a plane; those that fill a grid of two rows at least are one.
+    """Where points, m, (N, 3), lie in a plane; those that fill a grid of two rows at least are one.
 
-    Args:
-        points, request, label: m, (N, 3); its ``normal`` is taken if stated; for messages.
-        component: axis that the velocity in the file is along; None: it is a vector.
-        facing: normal of the surface, (3,), where the file has one.
-        area: m2, that each point stands for, (N,).
-    Raises:
-        ValueError: coordinates that are not finite or too large; no direction is stated, and the points do not tell;
-            another than the component's is stated; points that stand one above another.
-    Warns:
-        DataWarning: the normal follows from points or names; the points stand at several heights.
+    The wall normal is that of the request, else the axis of the ``component`` in the file (None: a vector), else that
+    of the plane in which the points lie, with a DataWarning; ``facing``, (3,), is the normal that the file states.
+    ``area``: m2 for each point, (N,). A ValueError where these do not tell the normal or contradict each other,
+    coordinates are not finite or too large, or points stand one above another.
     """
     if not len(points):
         raise Unwritten(f"{label} has no points")
@@ -263,16 +257,12 @@ def plane_of_frames(
     length: float = 1.0,
     **about: Any,
 ) -> VelocityPlane:
-    """The plane of a series of frames, which are read here, one after another.
+    """The plane of a series of frames, each a file and a function that reads it, in the order of time; they are read
+    here, one after another.
 
-    Args:
-        frames: of each, in the order of time, its file and a function that reads it.
-        clock: sampling rate, Hz, and start, s, from the times that the frames state.
-        request, path: what the user states, and named.
-        factor, length: to m/s and m.
-        about: for the provenance.
-    Raises:
-        ValueError: no velocity, or several; frames of other points, or with these in another order; as ``place``.
+    ``clock`` gives sampling rate, Hz, and start, s, from the times that the frames state; ``factor`` and ``length`` are
+    to m/s and m, ``about`` is for the provenance. A ValueError as of ``place``, where there is no velocity or several,
+    or a frame has other points or another order of them.
     """
     file, read = frames[0]
     with naming(file):

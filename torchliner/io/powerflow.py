@@ -23,7 +23,7 @@ from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.plane_parts import SelectedVelocity
 from torchliner.io.points import AXES, centres_of, component_of, place
-from torchliner.io.variables import Source, VariableVelocity
+from torchliner.io.variables import VariableVelocity
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
@@ -42,25 +42,6 @@ def recognises(path: Path, head: bytes) -> bool:
     return head[:3] == b"CDF" and b"variable_short_names" in head
 
 
-def _variables(source: Source) -> Arrays:
-    """All but the measurements, whole."""
-    return {
-        name[1:]: np.asarray(each.array[()]) if each.array.dtype.kind == "S" else each.values()
-        for name, each in source.fields.items()
-        if name != "/measurements"
-    }
-
-
-def _texts(letters: np.ndarray) -> list[str]:
-    """Names between zero bytes."""
-    raw = letters.astype("S1" if letters.dtype.kind == "S" else np.uint8).tobytes()
-    return [text.decode("latin-1").strip() for text in raw.split(b"\0") if text.strip()]
-
-
-def _row(values: np.ndarray, kind: type = float) -> np.ndarray:
-    return values.astype(kind).reshape(-1)
-
-
 def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a measurement; ``variable`` is of ``variable_short_names``, ``group`` of ``face_names``.
 
@@ -72,7 +53,10 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
         DataWarning: a tone within 6 kHz is attenuated by more than 1 % in the frames.
     """
     with open_source(path) as source:
-        file, values = _variables(source), source.fields["/measurements"]
+        fields = {name[1:]: each for name, each in source.fields.items()}
+        values = fields.pop("measurements")
+        letters = {name for name, each in fields.items() if each.array.dtype.kind == "S"}
+        file = {k: np.asarray(each.array[()]) if k in letters else each.values() for k, each in fields.items()}
         scales = _row(file["lx_scales"])
         if len(scales) < 4 or not (np.isfinite(scales[[0, 3, -1]]) & (scales[[0, 3, -1]] > 0)).all():
             raise ValueError(f"{path}:/lx_scales is {scales}; lengths, velocity and time need at least four, above 0")
@@ -81,8 +65,8 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
         names = _texts(file["variable_short_names"])
         if values.shape[1:] != (len(names), len(points)):
             raise ValueError(
-                f"{values.label} has shape {values.shape}, (frames, variables, points); variable_short_names names "
-                f"{len(names)} variables, and there are coordinates of {len(points)} points"
+                f"{values.label} has shape {values.shape}, (frames, variables, points), for the {len(names)} variables "
+                f"of variable_short_names and coordinates of {len(points)} points"
             )
         face, chosen = _face(file, request, len(points), path)
         area, facing = (None if each is None else each[chosen] for each in (area, facing))
@@ -116,20 +100,27 @@ def attenuation(frequency: float, window: float) -> float:
     return float(np.sinc(frequency * window))
 
 
+def _texts(letters: np.ndarray) -> list[str]:
+    """Names between zero bytes."""
+    raw = letters.astype("S1" if letters.dtype.kind == "S" else np.uint8).tobytes()
+    return [text.decode("latin-1").strip() for text in raw.split(b"\0") if text.strip()]
+
+
+def _row(values: np.ndarray, kind: type = float) -> np.ndarray:
+    return values.astype(kind).reshape(-1)
+
+
 def _clock(file: Arrays, step: float, frames: int, path: Path) -> tuple[float, float, float]:
     """Sampling rate, Hz, time of the first frame, s, and length of their means, s."""
     low, high = (_row(file[name]) for name in ("start_time", "end_time"))
     if not len(low) == len(high) == frames:
         raise ValueError(f"{path}: start_time and end_time are those of {len(low)} of {frames} frames")
     windows = high - low
+    usual, at = float(np.median(windows)), int(np.abs(windows - np.median(windows)).argmax())
     if not (windows >= 0).all() or np.ptp(windows) > 0.01 * windows.max():
-        at = int(np.abs(windows - np.median(windows)).argmax())
-        raise ValueError(
-            f"{path}: frame {at} is a mean over {windows[at]:g} time steps, others over {np.median(windows):g}; "
-            "all must be alike"
-        )
+        raise ValueError(f"{path}: frame {at} is a mean over {windows[at]:g} time steps, others over {usual:g}")
     times = (low + high) / 2 * step
-    return uniform_rate(times, f"{path}, start_time to end_time"), float(times[0]), float(np.median(windows)) * step
+    return uniform_rate(times, f"{path}, start_time to end_time"), float(times[0]), usual * step
 
 
 def _places(file: Arrays, length: float, path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
@@ -157,7 +148,7 @@ def _face(file: Arrays, request: PlaneRequest, count: int, path: Path) -> tuple[
     names, face = _texts(file["face_names"]), _row(file["face"], np.int64)
     if len(face) != count or not 0 <= face.min() <= face.max() < len(names):
         raise ValueError(
-            f"{path}:/face has {len(face)} values for {count} points and {len(names)} face_names; it is damaged"
+            f"{path}:/face has {len(face)} values for {count} points, {len(names)} face_names; it is damaged"
         )
     used = [names[i] for i in np.unique(face)]
     name = request.group or (used[0] if len(used) == 1 else "")

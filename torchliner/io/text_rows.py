@@ -39,19 +39,11 @@ class TextFile:
     width: int
 
     def rows(self, time: int, columns: Sequence[int], kind: Any = np.float32, whole: bool = False) -> Rows:
-        """Columns of all rows; lines behind '#' are passed over.
+        """Columns of all rows: times, float64, (T,); one in their last digit, at worst; values of a ``kind``, (T, C).
 
-        Args:
-            time: column of the times.
-            columns, kind: of the values, and their dtype.
-            whole: nobody writes to the file any more: its last line needs no end.
-        Returns:
-            Times, float64, (T,); one in their last digit, at worst; values, (T, C).
-        Raises:
-            OSError: another file has taken its place meanwhile.
-            ValueError: a row has another width, or a cell is no number.
-        Warns:
-            DataWarning: the last line has no end, as where a run was broken off: it is left out.
+        Lines behind '#' are passed over. A last line without an end, as where a run was broken off, is left out with a
+        DataWarning, unless the file is ``whole``. An OSError where another file has taken its place meanwhile, a
+        ValueError where a row has another width, or a cell is no number.
         """
         times, digits, line, rest, count = [np.empty(0)], 0, len(self.heading) + 1, b"", 0
         before = self.path.stat()
@@ -86,12 +78,7 @@ class TextFile:
 
 
 def open_text(path: Path) -> TextFile:
-    """A file of rows; these begin with the first line that begins like a number.
-
-    Raises:
-        FileNotFoundError, OSError: no such file, a folder.
-        ValueError: no rows.
-    """
+    """A file of rows, which begin with the first line that begins like a number; a ValueError if there are none."""
     require_regular(path)
     heading: list[str] = []
     begin = 0

@@ -9,8 +9,9 @@ or attributes with CF units (docs/formats.md).
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 from torchliner.file_checks import Unwritten, naming
 from torchliner.fluid import Fluid
@@ -41,8 +42,7 @@ STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.
 STATED |= FLUID_UNITS
 REMEDIES = {
     "torchliner pressure": "; use torchliner insitu",
-    "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; "
-    "name the plane that was reduced (educe takes moments)",
+    "torchliner moments": ": moments of |v|, and this needs the samples, which are gone; name the plane of before",
 }
 # Names of axes.
 PLACE = r"(_?(c|coords?|coordinates?|axis|dim|centers?|pos|positions?|unique))?"
@@ -86,15 +86,15 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     times += [each for each in near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
     if times:
         rate, samples, first, clock = read_times(times[0], request.sampling_rate)
-    layout = find_layout(velocity, fields, request, samples)
+    order, taken, across = find_axes(velocity, fields, request, samples)
     if rate is None:
         raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
-    case = find_places(velocity, layout, fields, request, strict=ours) | _case(source, head, velocity)
+    case = find_places(velocity, fields, request, order[1:], taken, across) | _case(source, head, velocity)
     # Elsewhere a field may bear the name of one of our numbers: density over time and place.
     lead = velocity.name.rpartition("/")[0]
     own = {name: fields[f"{lead}/{name}"] for name in (STREAMWISE, AREA, *HOLES) if ours and f"{lead}/{name}" in fields}
     if stream := own.pop(STREAMWISE, None):
-        case["streamwise"] = VariableVelocity(stream, source.opens, layout.order, stream.signal_factor("m/s"))
+        case["streamwise"] = VariableVelocity(stream, source.opens, order, stream.signal_factor("m/s"))
     if area := own.pop(AREA, None):
         case["area"] = area.si("m2")
     if own and not {"hole_x", "hole_diameter"} <= {*own}:
@@ -102,20 +102,17 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     if holes := {name[5:]: each.si("m") for name, each in own.items()}:
         case["holes"] = Holes(**holes)  # type: ignore[arg-type]
     row = request.row or 0
-    part = {} if layout.taken is None else {layout.taken: slice(row, row + 1)}
+    part = {} if taken is None else {taken: slice(row, row + 1)}
     sign = _sign(velocity, request, ours and schema.startswith("torchliner "))
     with naming(path):
         return VelocityPlane(
-            VariableVelocity(velocity, source.opens, layout.order, sign * factor, clock, part),
+            VariableVelocity(velocity, source.opens, order, sign * factor, clock, part),
             sampling_rate=rate,
             start=first,
             name=velocity.label,
             reference=references_of(fields),
             **case,
         )
-
-
-# Which variable is the velocity, and its sign
 
 
 def says(field: Field, pattern: str) -> bool:
@@ -137,11 +134,9 @@ def _velocity(source: Source, request: PlaneRequest) -> Field:
             f"{', '.join(there or source.fields) or 'nothing'}"
         )
     found = [each for each in there.values() if _may_be(each, request, len(there) == 1)]
-    timed = [each for each in found if "time" in (role_of(axis, source.fields) for axis in each.axes)] or found
-    best = [each for each in timed if says(each, NORMAL)]
-    if not best and request.normal:
-        best = [each for each in timed if says(each, ALONG[request.normal[-1]])]
-    best = best or [each for each in timed if not says(each, OTHER)]
+    patterns = [NORMAL, ALONG[request.normal[-1]]] if request.normal else [NORMAL]
+    best = next(filter(None, ([each for each in found if says(each, pattern)] for pattern in patterns)), [])
+    best = best or [each for each in found if not says(each, OTHER)]
     if len(best) == 1 and (request.normal or not says(best[0], f"{ALONG['x']}|{OTHER}")):
         return best[0]
     listed = "; ".join(
@@ -173,32 +168,20 @@ def _sign(velocity: Field, request: PlaneRequest, ours: bool) -> float:
     ``ours``, counts before the user's normal, and against it is a ValueError."""
     require_direction(velocity.label, component_of(velocity.short), request.normal)
     words = (velocity.text("positive") or ("away" if ours else "")).strip().lower()
-    turned = (request.normal or "").startswith("-")
-    if re.fullmatch(AWAY, words) and turned:
-        raise ValueError(
-            f"{velocity.label} is positive {words}{' by its schema' if ours else ''}, and normal="
-            f"{request.normal!r} would turn it; leave the sign out, or correct the file"
-        )
-    if re.fullmatch(f"{AWAY}|{INTO}", words):
-        return -1.0 if re.fullmatch(INTO, words) else 1.0
+    turned, into = (request.normal or "").startswith("-"), re.fullmatch(INTO, words) is not None
+    if into or re.fullmatch(AWAY, words):
+        if turned and not into:
+            raise ValueError(
+                f"{velocity.label} is positive {words}{' by its schema' if ours else ''}, and normal="
+                f"{request.normal!r} would turn it; leave the sign out, or correct the file"
+            )
+        return -1.0 if into else 1.0
     if not re.fullmatch("((up|down)(wards?)?)?", words):
         raise ValueError(
             f"{velocity.label}: positive is {words!r}; write 'away from the liner', 'into the liner', 'up' or 'down'"
         )
     down = words.startswith("down") or says(velocity, r"^downward_")
     return -1.0 if down != turned else 1.0
-
-
-# Its axes and places
-
-
-class Layout(NamedTuple):
-    """How the velocity lies in its variable: its axes, time first, then z and x, or probe; the coordinate that plays z,
-    "y" where z is normal to the wall; the axis of heights or components of which one is taken."""
-
-    order: tuple[int, ...]
-    across: str
-    taken: int | None
 
 
 def role_of(name: str, fields: Fields) -> str:
@@ -221,8 +204,13 @@ def near(velocity: Field, fields: Fields) -> list[Field]:
     return [each for lead in leads for name, each in fields.items() if name.rpartition("/")[0] == lead]
 
 
-def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples: int | None) -> Layout:
-    """Roles of the axes, from the user, the dimensions or the lengths; ``samples``: number of times, if there are any.
+def find_axes(
+    velocity: Field, fields: Fields, request: PlaneRequest, samples: int | None
+) -> tuple[tuple[int, ...], int | None, str]:
+    """Its axes, time first, then z and x, or probe; the axis of heights or components of which one is taken; the
+    coordinate that plays z, "y" where z is normal to the wall.
+
+    They are told by the user, the dimensions or the lengths; ``samples``: number of times, if there are any.
 
     Raises:
         ValueError: they cannot be told, or more than time and two others are longer than 1.
@@ -243,8 +231,7 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
     held = ("x", across, "probe")  # also where one value is left
     kept = [i for i, role in enumerate(roles) if role not in ("time", NONE) and (shape[i] > 1 or role in held)]
     kept = [i for i in kept if i != taken]
-    names = [roles[i] for i in kept]
-    why = ""
+    names, why = [roles[i] for i in kept], ""
     if roles.count("time") != 1:
         why = "one axis is time: name all (axes='time,z,x', --axes), and give sampling_rate=..., in Hz, without times"
     elif samples not in (None, shape[roles.index("time")]):
@@ -252,31 +239,26 @@ def find_layout(velocity: Field, fields: Fields, request: PlaneRequest, samples:
     elif request.row is not None and taken is None:
         why = f"no axis of heights has a row {request.row}"
     elif set(kept) & set(tall):
-        why = (
-            "a plane has one height and one component: state row=0 or so for one of several (--row), or "
-            f"normal={across!r} if {height} runs across the duct"
-        )
+        why = "a plane has one height and one component: state row=0 or so for one of several (--row), or "
+        why += f"normal={across!r} if {height} runs across the duct"
     elif len(kept) > 2 or (len(kept) == 2 and all(names) and not {"x", across} <= {*names}):
         why = "which runs along the duct and which across is not said: name all in order: axes='time,z,x' (--axes)"
     if why:
         raise ValueError(f"{label} has shape {shape} with the axes {', '.join(role or '?' for role in roles)}; {why}")
-    if names[:1] == ["x"]:
-        kept.reverse()
-    return Layout((roles.index("time"), *kept), across, taken)
+    return (roles.index("time"), *(kept[::-1] if names[:1] == ["x"] else kept)), taken, across
 
 
 def find_places(
-    velocity: Field, layout: Layout, fields: Fields, request: PlaneRequest, *, strict: bool
+    velocity: Field, fields: Fields, request: PlaneRequest, probes: Sequence[int], taken: int | None, across: str
 ) -> dict[str, Any]:
     """x and z of the probes, m, where the file says them, and of several heights the one that is taken.
 
-    Where ``strict``, x and z of other lengths than the probes need are refused; else they are of others. A ValueError
-    as of ``coordinate``, or where there is a value for each probe of a plane.
+    In our own files x and z of other lengths than the probes need are refused; elsewhere they are of others. A
+    ValueError as of ``coordinate``, or where there is a value for each probe of a plane.
     """
-    probes, taken = layout.order[1:], layout.taken
     grid = tuple(velocity.shape[i] for i in probes)
-    wanted = [("x", "x", probes[-1] if probes else None), ("z", layout.across, probes[0] if probes else None)]
-    wanted += [] if taken is None else [("height", "y" if layout.across == "z" else "z", taken)]
+    wanted = [("x", "x", probes[-1] if probes else None), ("z", across, probes[0] if probes else None)]
+    wanted += [] if taken is None else [("height", "y" if across == "z" else "z", taken)]
     found: dict[str, Any] = {}
     for name, word, axis in wanted:
         count = 1 if axis is None else velocity.shape[axis]
@@ -291,15 +273,12 @@ def find_places(
         if scale is not None and (len(grid) == 2 or axis == taken or role_of(scale.name, fields) == word):
             choices.insert(0, scale)
         for each in choices:
-            if found.get(name) is None and (each.size == count or (strict and axis != taken)):
+            if found.get(name) is None and (each.size == count or (velocity.short == VELOCITY and axis != taken)):
                 component = axis == taken and each.array.dtype.kind not in "fiu"  # names of them
                 found[name] = None if component else coordinate(each, count, request.length_units)
     if found.get("height") is not None and request.row is not None:
         found["height"] = float(found["height"][request.row])
     return found
-
-
-# The case
 
 
 def _case(source: Source, head: Field, velocity: Field) -> dict[str, Any]:

@@ -207,17 +207,11 @@ def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarra
 
 
 class VariableVelocity(Stored):
-    """The velocity of one variable, read by slabs.
+    """The velocity of one variable, read by slabs by whoever ``opens`` its file again.
 
-    Args:
-        each: the variable.
-        opens: its file again, by whoever reads it.
-        order: its axes, time first, then those of the probes; of axes left out one value is taken.
-        factor: to m/s.
-        clock: as of ``Stored``.
-        part: of the variable by axis, where not all of it is read.
-    Raises:
-        ValueError: as ``require_stored``; one sample does not fit into memory.
+    ``order``: its axes, time first, then those of the probes; of axes left out one value is taken. ``factor``: to m/s.
+    ``part``: of the variable by axis, where not all of it is read. A ValueError as of ``require_stored``, or where one
+    sample does not fit into memory.
     """
 
     def __init__(
