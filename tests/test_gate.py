@@ -158,17 +158,10 @@ def test_without_matplotlib_nothing_is_begun(capsys, folder, monkeypatch, words)
     assert not (folder / "m.h5").exists()
 
 
-def test_parts_of_killed_runs_are_deleted_and_those_of_others_kept(folder):
-    """A part names its machine and process."""
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    stale = folder / f"{whole_file.PART}{dead.pid}-abc.part"
-    alive = folder / f"{whole_file.PART}{os.getpid()}-abc.part"
-    elsewhere = folder / f".torchliner-otherhost-{dead.pid}-abc.part"
-    for part in (stale, alive, elsewhere):
-        part.write_text("part")
-    write_rows(ROW, "a.csv")
-    assert [part.exists() for part in (stale, alive, elsewhere)] == [False, True, True]
+def test_unfinished_files_of_killed_runs_are_deleted_with_the_lock(folder):
+    (folder / f"{whole_file.PART}abc.part").write_text("part")
+    with whole_file.locked(folder):
+        assert not list(folder.glob("*.part"))
 
 
 def test_a_full_disk_names_the_output(folder):

@@ -32,34 +32,33 @@ KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")  # types that torch has
 SCHEMAS = {kind.SCHEMA: kind for kind in vars(records).values() if hasattr(kind, "SCHEMA")}
 
 
-def read_record(path: str | Path, *kinds: Any) -> Any:
-    """A record of one of some kinds, as ``write`` made it.
+def read_map(path: str | Path) -> ImpedanceMap:
+    """Read a map written by ``ImpedanceMap.write`` as netCDF-4.
 
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
         ValueError: of another schema; a variable is missing, or has another shape, unit or size than it can have. The
             message names FILE:/variable.
     """
-    with open_file(path) as file:
-        return taken(file, path, *kinds)
-
-
-def read_map(path: str | Path) -> ImpedanceMap:
-    """Read a map written by ``ImpedanceMap.write`` as netCDF-4; errors as of ``read_record``."""
-    found: ImpedanceMap = read_record(path, ImpedanceMap)
+    found: ImpedanceMap = _read(path, ImpedanceMap)
     return found
 
 
 def read_line(path: str | Path) -> ImpedanceLine:
-    """Read a line of stations written by ``ImpedanceLine.write`` as netCDF-4; errors as of ``read_record``."""
-    found: ImpedanceLine = read_record(path, ImpedanceLine)
+    """Read a line of stations written by ``ImpedanceLine.write`` as netCDF-4; errors as of ``read_map``."""
+    found: ImpedanceLine = _read(path, ImpedanceLine)
     return found
 
 
 def read_points(path: str | Path) -> PointImpedances:
-    """Read impedances at points written by their ``write`` as netCDF-4; errors as of ``read_record``."""
-    found: PointImpedances = read_record(path, PointImpedances)
+    """Read impedances at points written by their ``write`` as netCDF-4; errors as of ``read_map``."""
+    found: PointImpedances = _read(path, PointImpedances)
     return found
+
+
+def _read(path: str | Path, kind: Any) -> Any:
+    with open_file(path) as file:
+        return taken(file, path, kind)
 
 
 def read_wall(path: str | Path) -> tuple[Any, ...]:
@@ -67,7 +66,7 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
 
     Raises:
         ValueError: the microphones of an eduction are missing, elsewhere, or of other frequencies; a covariance that is
-            not symmetric; as ``read_record``.
+            not symmetric; as ``read_map``.
     """
     schema, stem = DrawnImpedance.GROUPS
     with open_file(path) as file:
@@ -110,7 +109,7 @@ def groups_of(group: h5py.Group, stem: str, path: str | Path) -> list[h5py.Group
 
 
 def taken(group: h5py.Group, path: str | Path, *kinds: Any) -> Any:
-    """``read_record`` from an open file, or a group of one."""
+    """A record of one of some kinds, as ``write`` made it, from an open file, or a group of one."""
     kind = SCHEMAS[require_schema(group, path, *(kind.SCHEMA for kind in kinds))]
     known = {"name": str(path)} if group.name == "/" and issubclass(kind, Case) else {}
     made = take(group, kind, path, known)
@@ -137,7 +136,7 @@ def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any
             found[row.field] = int(value) if whole else value
     for each in dataclasses.fields(kind):
         hint, value = hints[each.name], None
-        if "variable" in each.metadata or each.name in known:
+        if "variable" in each.metadata or each.name in known or not each.init:
             continue
         if each.name in parts_of(kind):
             value = _take_part(group, each.name, hint, path, part.part(parts_of(kind)[each.name]))

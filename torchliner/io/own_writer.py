@@ -107,7 +107,7 @@ def fill(group: h5netcdf.Group, record: Any, unsaid: Sequence[str] = (), **more:
             write_row(group, row, value, axes)
     for each in dataclasses.fields(record):
         value = getattr(record, each.name)
-        if each.name in unsaid or "variable" in each.metadata:
+        if each.name in unsaid or "variable" in each.metadata or not each.init:
             continue
         if "part" in each.metadata and each.metadata["part"].by == "groups":
             stem = each.metadata["part"].stem

@@ -15,7 +15,7 @@ from typing import Any
 
 HDF5 = (".h5", ".hdf5", ".nc")
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".eps", ".ps", ".tif", ".tiff", ".webp")
-PART = f".torchliner-{re.sub(r'[^A-Za-z0-9]', '', socket.gethostname())[:40]}-"  # and who writes it
+PART = ".torchliner-"  # begins the names of files that are not whole yet
 STEERING = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
@@ -73,19 +73,17 @@ def writable(path: str | Path, *endings: str) -> Path:
         raise ValueError(f"the output {path} is an input; name another file")
     there = target.exists()
     # The mode as well: root may write to what is marked read-only.
-    for wrong, why in (
-        (target.is_symlink(), "it is a link that leads to itself; name a file"),
-        (not folder.is_dir(), f"the folder {folder} does not exist"),
-        (target.is_dir(), "it is a folder; name a file"),
-        (there and not target.is_file(), "it is a device or a pipe, which is not written to; name a file"),
-        (
-            there and not (target.stat().st_mode & 0o222 and os.access(target, os.W_OK)),
-            "it is write-protected; name another file",
-        ),
-        (not os.access(folder, os.W_OK | os.X_OK), f"the folder {folder} is write-protected"),
-    ):
-        if wrong:
-            raise OSError(f"{path} cannot be written: {why}")
+    kept = there and not (target.stat().st_mode & 0o222 and os.access(target, os.W_OK))
+    wrong = {
+        "it is a link that leads to itself; name a file": target.is_symlink(),
+        f"the folder {folder} does not exist": not folder.is_dir(),
+        "it is a folder; name a file": target.is_dir(),
+        "it is a device or a pipe, which is not written to; name a file": there and not target.is_file(),
+        "it is write-protected; name another file": kept,
+        f"the folder {folder} is write-protected": not os.access(folder, os.W_OK | os.X_OK),
+    }
+    if why := next((text for text, found in wrong.items() if found), ""):
+        raise OSError(f"{path} cannot be written: {why}")
     return target
 
 
@@ -105,7 +103,8 @@ def writable_folder(path: str | Path) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """A folder for one run at a time; the lock ends with the process, however that ends.
+    """A folder for one run at a time; the lock ends with the process, however that ends. What a killed run has left of
+    unfinished files is deleted.
 
     Raises:
         OSError: another run holds it, and which.
@@ -126,6 +125,8 @@ def locked(folder: Path) -> Iterator[None]:
         ) from None
     with lock:
         holder.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", "utf-8")
+        for left in folder.rglob(f"{PART}*"):
+            left.unlink(missing_ok=True)
         yield
 
 
@@ -133,8 +134,8 @@ def locked(folder: Path) -> Iterator[None]:
 def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     """A temporary path beside the file, renamed onto it when the block ends well.
 
-    A crash or an interrupt leaves the old file as it was, and the next file there deletes what killed runs have left
-    beside it. A link is followed, and a file that is replaced keeps its mode.
+    A crash or an interrupt leaves the old file as it was. A link is followed, and a file that is replaced keeps its
+    mode.
 
     Args:
         path, endings: as for ``writable``.
@@ -142,16 +143,16 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
         ValueError, OSError: as ``writable``; the disk is full.
     """
     target = writable(path, *endings)
-    _clean(target.parent)
     try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f"{PART}{os.getpid()}-", suffix=".part")
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=PART, suffix=".part")
     except OSError as error:
         raise OSError(f"{path} cannot be written: {error.strerror}") from error
     os.close(handle)
     temporary = Path(name)
+    os.umask(umask := os.umask(0))
     try:
         yield temporary
-        os.chmod(temporary, target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~_umask())
+        os.chmod(temporary, target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~umask)
         os.replace(temporary, target)
     except (OSError, RuntimeError) as error:
         full = isinstance(error, OSError) and (error.errno in FULL or name in str(error))
@@ -162,20 +163,3 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
         raise
     finally:
         temporary.unlink(missing_ok=True)  # gone already where all went well
-
-
-def _umask() -> int:
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
-
-
-def _clean(folder: Path) -> None:
-    """Delete parts of runs on this machine that are no more; on Windows to ask after a process would end it."""
-    for part in [] if os.name == "nt" else folder.glob(f"{PART}*.part"):
-        try:
-            os.kill(int(part.name.removeprefix(PART).partition("-")[0]), 0)
-        except ProcessLookupError:
-            part.unlink(missing_ok=True)
-        except (OSError, ValueError, OverflowError):  # alive and another's; no part of ours
-            continue

@@ -162,7 +162,8 @@ def table_of(kind: type, *names: str) -> tuple[Variable, ...]:
 
 def facts_of(kind: Any) -> list[str]:
     """Fields that are neither variables nor records: attributes of its file."""
-    return [each.name for each in dataclasses.fields(kind) if not {"variable", "part"} & {*each.metadata}]
+    named = {"variable", "part"}
+    return [each.name for each in dataclasses.fields(kind) if each.init and not named & {*each.metadata}]
 
 
 def flat(record: Any, part: Part = WHOLE, *, derived: bool = True) -> Iterator[tuple[Variable, Any]]:

@@ -102,12 +102,8 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     )
     SCHEMA: ClassVar = "torchliner line 1"
     PLACES: ClassVar = {"stations": ("station",)}
+    axes: ClassVar = {"places": ("station",)}  # dimensions of its file
     PLOT: ClassVar = "torchliner.report.bursts:draw_lines"
-
-    @property
-    def axes(self) -> dict[str, tuple[str, ...]]:
-        """Dimensions of its file."""
-        return {"places": ("station",)}
 
     def __post_init__(self) -> None:
         require_shapes(flat(self, derived=False), "line")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar
 
@@ -65,52 +66,25 @@ class PressureRecord(Written, AtProbes):
                         "last"
                     )
         face, back, sound, places = self.facesheet, self.backplate, self.microphones, self.microphone_y
-        for wrong, why in (
-            (face is None and back is not None, "facesheet pressure is missing beside that of the backplate"),
-            (face is not None and back is None, "backplate pressure is missing beside that of the facesheet"),
-            (face is None and sound is None, "no pressure is given; give facesheet and backplate, or microphones"),
-            (
-                sound is None and (places is not None or self.microphone_velocity is not None),
-                "microphones have no pressure; give microphones",
+        wrong = {
+            "facesheet pressure is missing beside that of the backplate": face is None and back is not None,
+            "backplate pressure is missing beside that of the facesheet": face is not None and back is None,
+            "no pressure is given; give facesheet and backplate, or microphones": face is None and sound is None,
+            "microphones have no pressure; give microphones": sound is None
+            and (places is not None or self.microphone_velocity is not None),
+            "microphone_y is missing, the distances in m": sound is not None and places is None,
+            "backplate has another shape than the facesheet; (time), (cell, time) or that of the facesheet is needed": (
+                back is not None and back.ndim == 3 and back.shape != face.shape
             ),
-            (sound is not None and places is None, "microphone_y is missing, the distances in m"),
-            (
-                back is not None and back.ndim == 3 and back.shape != face.shape,
-                f"backplate has shape {tuple(getattr(back, 'shape', ()))}; (time), (cell, time) or that of the "
-                "facesheet is needed",
-            ),
-        ):
-            if wrong:
-                raise ValueError(f"{self.name}: {why}")
+        }
+        if why := next((text for text, found in wrong.items() if found), ""):
+            raise ValueError(f"{self.name}: {why}")
         if places is not None:
             object.__setattr__(self, "microphone_y", finite_places(places, "microphone_y", self.name))
         if self.probe_cell is not None:
-            self._check_cells()
-        self._check()
-
-    def _check_cells(self) -> None:
-        labels = torch.as_tensor(plain_array(self.probe_cell, f"{self.name}: probe_cell"))
-        if labels.is_floating_point() or labels.is_complex():
-            raise TypeError(f"{self.name}: probe_cell is {labels.dtype}; whole numbers are needed")
-        labels = labels.to(torch.int64).reshape(-1)
-        known = torch.unique(labels[labels != -1])
-        if len(labels) != self.probes or not len(known) or not torch.equal(known, torch.arange(len(known))):
-            raise ValueError(
-                f"{self.name}: probe_cell has {len(labels)} values, {torch.unique(labels).tolist()}; the {self.probes} "
-                "probes need one each, cells being numbered 0, 1, 2, ... without gaps and -1 standing for no cell"
-            )
-        object.__setattr__(self, "probe_cell", labels.reshape(self.probe_shape))
-
-    @property
-    def samples(self) -> int:
-        """T."""
-        first = self.microphones if self.facesheet is None else self.facesheet
-        return int(first.shape[-1])
-
-    @property
-    def probe_shape(self) -> tuple[int, ...]:
-        """Shape of the facesheet's probe axes: (z, x), (probe,) or ()."""
-        return () if self.facesheet is None else tuple(self.facesheet.shape[:-1])
+            shape = () if face is None else face.shape[:-1]
+            object.__setattr__(self, "probe_cell", _cells(self.probe_cell, shape, self.name))
+        self._check(sound[0] if face is None else face)
 
     @property
     def axes(self) -> dict[str, tuple[str, ...]]:
@@ -125,3 +99,18 @@ SIGNALS = {
     row.field: row.unit
     for row in table_of(PressureRecord, "facesheet", "backplate", "microphones", "microphone_velocity")
 }
+
+
+def _cells(values: Any, shape: tuple[int, ...], name: str) -> torch.Tensor:
+    """Number of the cell of each probe, int64, in the shape of these."""
+    labels, probes = torch.as_tensor(plain_array(values, f"{name}: probe_cell")), math.prod(shape)
+    if labels.is_floating_point() or labels.is_complex():
+        raise TypeError(f"{name}: probe_cell is {labels.dtype}; whole numbers are needed")
+    labels = labels.to(torch.int64).reshape(-1)
+    known = torch.unique(labels[labels != -1])
+    if len(labels) != probes or not len(known) or not torch.equal(known, torch.arange(len(known))):
+        raise ValueError(
+            f"{name}: probe_cell has {len(labels)} values, {torch.unique(labels).tolist()}; the {probes} probes need "
+            "one each, cells being numbered 0, 1, 2, ... without gaps and -1 standing for no cell"
+        )
+    return labels.reshape(shape)

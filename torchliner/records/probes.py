@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY
+from dataclasses import KW_ONLY, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +20,9 @@ from torchliner.units import require_plausible
 class AtProbes(OfOneTone):
     """Uniform samples at probes, and the coordinates of these.
 
+    ``samples`` is T, ``probe_shape`` the shape of the probe axes, (z, x), (probe,) or (), ``probes`` their number, 1
+    without axes.
+
     Args:
         sampling_rate: Hz.
     """
@@ -30,37 +33,29 @@ class AtProbes(OfOneTone):
     x: Any = var("columns", unit="m", default=None, text="streamwise coordinate, of each column or probe")
     z: Any = var("rows", unit="m", text="spanwise coordinate, of each row or probe", default=None)
 
+    samples: int = field(init=False)
+    probe_shape: tuple[int, ...] = field(init=False)
+    probes: int = field(init=False)
+
     UNSAID: ClassVar = ("sampling_rate", "start", "name")  # in its file: times and the file's name
 
-    def _check(self) -> None:
-        """Coordinates as tensors; refuse what no such record has."""
+    def _check(self, signal: Any) -> None:
+        """Shapes from one of the signals, coordinates as tensors; refuse what no such record has."""
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
-        shape = self.probe_shape
+        shape = tuple(signal.shape[:-1])
+        known = {"samples": int(signal.shape[-1]), "probe_shape": shape, "probes": math.prod(shape)}
+        for label, found in known.items():
+            object.__setattr__(self, label, found)
         for label in ("x", "z"):
             if (value := getattr(self, label)) is not None:
                 values = finite_places(value, label, self.name)
-                wanted = math.prod(shape) if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
+                wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
                 if len(values) != wanted:
                     raise ValueError(
                         f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need {wanted}"
                     )
                 object.__setattr__(self, label, values)
         check(self)
-
-    @property
-    def samples(self) -> int:
-        """T."""
-        raise NotImplementedError
-
-    @property
-    def probe_shape(self) -> tuple[int, ...]:
-        """Shape of the probe axes: (z, x), (probe,) or ()."""
-        raise NotImplementedError
-
-    @property
-    def probes(self) -> int:
-        """Number of probes; 1 without probe axes."""
-        return math.prod(self.probe_shape)
 
     @property
     def duration(self) -> float:

@@ -70,9 +70,9 @@ class VelocityPlane(Drawn, AtProbes):
         if self.area is not None:
             area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
             object.__setattr__(self, "area", area)
-            if len(area) != self.probes:
-                raise ValueError(f"{self.name}: area has {len(area)} values; {self.probes} are needed")
-        self._check()
+        self._check(self.velocity)
+        if self.area is not None and len(self.area) != self.probes:
+            raise ValueError(f"{self.name}: area has {len(self.area)} values; {self.probes} are needed")
         if self.holes is not None:
             if not isinstance(self.holes, Holes) or (inside := self.holes.within(self.x, self.z)) is None:
                 raise ValueError(
@@ -94,16 +94,6 @@ class VelocityPlane(Drawn, AtProbes):
         """
         plane: VelocityPlane = resolve("torchliner.io.foreign:from_xarray")(data, **stated)
         return plane
-
-    @property
-    def samples(self) -> int:
-        """T."""
-        return int(self.velocity.shape[-1])
-
-    @property
-    def probe_shape(self) -> tuple[int, ...]:
-        """Shape of the probe axes: (z, x), (probe,) or ()."""
-        return tuple(self.velocity.shape[:-1])
 
     @property
     def device(self) -> torch.device:
