@@ -37,7 +37,7 @@ from torchliner.io.own_file import (
     take,
 )
 from torchliner.io.own_writer import FLUID_UNITS
-from torchliner.io.variables import time_axis
+from torchliner.io.variables import field_of, time_axis
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.declared import table_of
 from torchliner.records.incident import Recorded
@@ -145,7 +145,8 @@ def _signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> n
     Raises:
         ValueError: as ``Field.signal_factor`` and ``time_axis``.
     """
-    signal = get_field(file, key, path)
+    get_field(file, key, path)  # says what is there instead
+    signal = field_of(file, key, path)
     factor, axis, values = signal.signal_factor(unit), time_axis(signal, samples), signal.values()
     values = values if values.dtype in (np.float32, np.float64) else values.astype(np.float32)
     moved = np.ascontiguousarray(np.moveaxis(values, axis, -1))

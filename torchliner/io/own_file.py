@@ -21,7 +21,7 @@ from torchliner.fluid import Fluid
 from torchliner.io.clocks import read_times
 from torchliner.io.hdf5 import is_there, open_file, require_stored, text_attribute
 from torchliner.io.own_writer import FLUID_UNITS, REFERENCES
-from torchliner.io.variables import Field, coordinate, field_of, references_of
+from torchliner.io.variables import Field, coordinate, references_of
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
 from torchliner.records.case import Case
 from torchliner.records.declared import WHOLE, Part, Variable, facts_of, flat, parts_of, require_shapes, variables_of
@@ -209,15 +209,15 @@ def _there(group: h5py.Group, kind: Any, part: Part, path: str | Path) -> bool:
 
 def _has(group: h5py.Group, key: str, path: str | Path) -> bool:
     """Whether there is such a variable, not the length of a dimension alone."""
-    return is_there(group, key, path) and not field_of(group, key, path).bare
+    return is_there(group, key, path) and not get_field(group, key, path).bare
 
 
 def get_field(group: h5py.Group, key: str, path: str | Path) -> Field:
-    """A variable by name; a ValueError lists what is there instead."""
+    """A variable by name, whose axes are not asked for; a ValueError lists what is there instead."""
     if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
         where, held = "the file" if group.name == "/" else "the group", ", ".join(sorted(group)) or "nothing"
         raise ValueError(f"{path}:{group.name.rstrip('/')}/{key} is missing; {where} holds: {held}")
-    return field_of(group, key, path)
+    return Field(group[key], Path(path), f"{group.name.rstrip('/')}/{key}", group[key].attrs)
 
 
 def read_row(group: h5py.Group, row: Variable, path: str | Path) -> Any:
