@@ -284,7 +284,7 @@ def test_flow_noise_is_rejected_and_its_error_predicted():
         assert float(part.std() / predicted) == pytest.approx(1.0, abs=0.1)
         assert abs(float(part.mean())) < 4 * float(part.std()) / 360**0.5
     # The raw level of a segment holds the noise too; that much is rejected.
-    assert float(found[0].rejected_level.max()) > 0.5
+    assert -10 * math.log10(float(found[0].coherence.min())) > 0.5
 
 
 def write_signals(line, pressure, reference, path) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,10 +13,10 @@ from torchliner.tones import transfer_function, window_weights
 FEWEST_SEGMENTS = 8  # that tell sound from flow noise
 NO_TONE = 1e-24  # power of a tone over the largest square of its signal
 CHANCE = 0.01  # of so high a coherence without any sound
+WINDOW = "hann"
 
 
-@dataclass(frozen=True)
-class RejectedFlow:
+class RejectedFlow(NamedTuple):
     """Complex peak amplitudes of the sound alone, phase relative to the reference, their squared coherence, and the
     standard deviation over themselves (of the phase in radians), (..., F) each; S segments; what was warned of."""
 
@@ -25,12 +24,7 @@ class RejectedFlow:
     coherence: Tensor
     relative_error: Tensor
     segments: int
-    notes: tuple[str, ...] = ()
-
-    @property
-    def rejected_level(self) -> Tensor:
-        """dB by which the level at the tone is lowered, (..., F)."""
-        return -10 * torch.log10(self.coherence)
+    notes: tuple[str, ...]
 
 
 def reject_flow_noise(
@@ -40,8 +34,6 @@ def reject_flow_noise(
     sampling_rate: float,
     *,
     segment: float | None = None,
-    window: Any = "hann",
-    start: float = 0.0,
     name: str = "microphones",
 ) -> RejectedFlow:
     r"""Tones of microphones under flow that are coherent with a reference channel, which hears no flow.
@@ -50,14 +42,14 @@ def reject_flow_noise(
     rejected. What is left of it has the relative standard deviation :math:`\sqrt{(1-\gamma^2)/(2(n-1)\gamma^2)}` in
     amplitude and, in radians, in phase (Bendat & Piersol, Random Data, section 9.2; n - 1 since the coherence is
     estimated from the same segments). S segments that overlap by half count as :math:`n = S/(1 + 2\rho(S-1)/S)`,
-    :math:`\rho = \sum w(t)w(t+T/2)/\sum w^2`: 11.4 of 15 for a Hann window. Welch's :math:`\rho^2` would be for a
+    :math:`\rho = \sum w(t)w(t+T/2)/\sum w^2`: 11.4 of 15 for the Hann window. Welch's :math:`\rho^2` would be for a
     random reference; that of a tone is the same in every segment.
 
     Args:
         pressure: Pa, real, (..., T).  reference: of any unit, real, (T,), on the same times.
         frequency: Hz, (F,).  sampling_rate: Hz.
         segment: s, overlapping by half; default an eighth of the record, 15 segments.
-        window: any window of scipy.  start: s that are left out.  name: for messages.
+        name: for messages.
     Raises:
         ValueError: lengths differ, the reference has no tone, fewer than eight segments.
     Warns:
@@ -66,9 +58,9 @@ def reject_flow_noise(
     samples = pressure.shape[-1]
     if samples != reference.shape[-1]:
         raise ValueError(f"{name}: the reference has {reference.shape[-1]} samples, the microphones {samples}")
-    length = (samples / sampling_rate - start) / 8 if segment is None else segment
+    length = samples / sampling_rate / 8 if segment is None else segment
     driver = reference.reshape(*[1] * (pressure.ndim - 1), -1)
-    found = transfer_function(driver, pressure, frequency, sampling_rate, window=window, segment=length, start=start)
+    found = transfer_function(driver, pressure, frequency, sampling_rate, window=WINDOW, segment=length)
     if found.segments < FEWEST_SEGMENTS:
         raise ValueError(
             f"{name}: {found.segments} segments of {length:g} s fit; at least {FEWEST_SEGMENTS} are needed to tell "
@@ -80,7 +72,7 @@ def reject_flow_noise(
         raise ValueError(
             f"{name}: the reference has no tone at {float(frequency[absent][0]):g} Hz; name those that were played"
         )
-    weights = window_weights(window, round(length * sampling_rate))
+    weights = window_weights(WINDOW, round(length * sampling_rate))
     half = len(weights) // 2
     rho = float((weights[:-half] * weights[half:]).sum() / weights.square().sum())
     independent = found.segments / (1 + 2 * rho * (found.segments - 1) / found.segments)

@@ -92,8 +92,6 @@ def read_microphones(
     frequency: Any = None,
     *,
     segment: float | None = None,
-    window: Any = "hann",
-    start: float = 0.0,
     **about: Any,
 ) -> MicrophoneLine:
     """A line from a file of any of the three layouts.
@@ -101,12 +99,12 @@ def read_microphones(
     Args:
         path: .h5, .nc or text (.csv, .txt, .tsv, .dat).
         frequency: Hz; default all that the file states. Amplitudes must be there at these.
-        segment, window, start: of time signals alone, as in ``reject_flow_noise``.
+        segment: s, of time signals alone, as in ``reject_flow_noise``.
         about: fields of the record instead of those of the file, e.g. ``source_side``.
     Raises:
         FileNotFoundError, OSError: missing, truncated, not HDF5.
         ValueError: another schema, a dataset missing, of a wrong shape or unit; a frequency that is not there;
-            ``segment`` or ``start`` for a file without signals. The message names FILE:/dataset or FILE: line.
+            ``segment`` for a file without signals. The message names FILE:/dataset or FILE: line.
     Warns:
         DataWarning: units that look wrong, coherences that are low.
     """
@@ -121,12 +119,12 @@ def read_microphones(
             signals = not is_there(file, "pressure_real", path)
             if signals:
                 known |= {} if frequency is None else {"frequency": frequency}
-                known |= _from_signals(file, path, known, segment=segment, window=window, start=start)
+                known |= _from_signals(file, path, known, segment)
             line = take(file, MicrophoneLine, path, known)
             if signals:
                 return line
-    if segment is not None or start != 0.0:
-        raise ValueError(f"{path} holds amplitudes, no time signals; leave segment and start out")
+    if segment is not None:
+        raise ValueError(f"{path} holds amplitudes, no time signals; leave segment out")
     return line if frequency is None else line.at(frequency)
 
 
@@ -153,7 +151,7 @@ def _signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> n
     return moved if factor == 1 else moved * moved.dtype.type(factor)
 
 
-def _from_signals(file: h5py.File, path: Path, known: dict[str, Any], **options: Any) -> dict[str, Any]:
+def _from_signals(file: h5py.File, path: Path, known: dict[str, Any], segment: float | None) -> dict[str, Any]:
     """Fields of a line that follow from signals; of the others some are ``known``."""
     if "frequency" not in known and not is_there(file, "frequency", path):
         raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
@@ -166,13 +164,13 @@ def _from_signals(file: h5py.File, path: Path, known: dict[str, Any], **options:
         torch.from_numpy(reference.reshape(-1)),
         torch.as_tensor(frequency, dtype=torch.float64).reshape(-1),
         rate,
+        segment=segment,
         name=str(path),
-        **options,
     )
     report = {
         "segments": found.segments,
         "lowest_coherence": float(found.coherence.min()),
-        "largest_rejected_level_db": float(found.rejected_level.max()),
+        "largest_rejected_level_db": float(-10 * found.coherence.min().log10()),
         "largest_relative_error": float(found.relative_error.max()),
     }
     said = {"provenance": dict[str, Any], "notes": tuple[str, ...]}
