@@ -273,6 +273,11 @@ def head(key, **changes):
     return lambda file: file.attrs.update({key: json.dumps(json.loads(file.attrs[key]) | changes)})
 
 
+def without(*stems):
+    """No variables that begin like these."""
+    return lambda file: [file.pop(name) for name in [*file] if name.startswith(stems)]
+
+
 def named(*names):
     """Other averagings."""
 
@@ -296,6 +301,7 @@ def named(*names):
             r"'notes' is '{': Invalid JSON",
         ),
         ("map, plane", lambda file: file.attrs.pop("level_check"), "lacks the attribute 'level_check'"),
+        ("map, plane", without("level_gap", "phase_gap"), "lacks liner: it is damaged"),
         ("map, plane", named("probes first", "admittance", "velocity"), "averaging holds"),
         ("points", lambda file: file.attrs.update(choices="[]"), "'choices' is .* an object; repair it"),
         ("line of stations", lambda file: file.attrs.update(flags="[]"), "flags has 0 values for 2 stations"),

@@ -149,9 +149,10 @@ def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any
             )
         else:
             value = read_attribute(group, each.name, hint, path)
-            if value is None and each.default is each.default_factory is dataclasses.MISSING:
-                raise ValueError(f"{path} lacks the attribute {each.name!r}: it is damaged")
-        if value is not None or each.default is each.default_factory is dataclasses.MISSING:
+        needed = each.default is each.default_factory is dataclasses.MISSING
+        if value is None and needed and type(None) not in typing.get_args(hint):
+            raise ValueError(f"{path} lacks {part.stem}{each.name}: it is damaged")
+        if value is not None or needed:
             found[each.name] = value
     with naming(path):
         made = kind(**found)
