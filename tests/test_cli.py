@@ -20,7 +20,7 @@ from torchliner.cli.gate import passed
 from torchliner.cli.main import BAD_INPUT, CHECK_FAILED, COMMANDS, DONE, INTERRUPTED, main
 from torchliner.cli.options import Kind, Parser
 from torchliner.duct.presets import duct_names
-from torchliner.io.multipole_file import plain_multipole
+from torchliner.io.result_writers import plain_multipole
 from torchliner.studies.heights import study_heights
 
 SLIT = str(DATA / "slit_n130_y2.5mm.h5")

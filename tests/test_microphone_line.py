@@ -205,7 +205,7 @@ def test_a_table_by_hand(tmp_path):
     assert float(read_microphones(path).duct_height) == 0.05
     with pytest.raises(ValueError, match=r"has no 1400 Hz; it holds \[1500.0\] Hz"):
         read_microphones(path, 1400.0)
-    with pytest.raises(ValueError, match="holds amplitudes, no time signals; leave segment and"):
+    with pytest.raises(ValueError, match="holds amplitudes, no time signals; leave segment out"):
         read_microphones(path, segment=0.1)
     text = CSV.replace(";frequency [kHz]", "").replace(";1,5", "")
     path.write_text("# frequency = 1.5 kHz\n" + text)

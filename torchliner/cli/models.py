@@ -18,7 +18,7 @@ from torchliner.cli.work import facts_text, incident_signal, progress_bar, show,
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import DuctSetup, duct_names, duct_text
 from torchliner.fluid import gas_warnings
-from torchliner.io.multipole_file import coefficients_of, plain_multipole
+from torchliner.io.result_writers import coefficients_of, plain_multipole
 from torchliner.liners.catalogue import preset_text
 from torchliner.names import WALL_METHODS, frequency_ends, resolve
 from torchliner.records.origin import origin_of, with_choices

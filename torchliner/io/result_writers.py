@@ -1,8 +1,10 @@
-"""Results for other programs: MATLAB; ParaView and pyvista; NASTRAN, and solvers that read columns of text."""
+"""Results for other programs: MATLAB; ParaView and pyvista; NASTRAN, and solvers that read columns of text, or poles
+and residues."""
 
 from __future__ import annotations
 
 import base64
+import json
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -10,16 +12,26 @@ from xml.sax.saxutils import quoteattr
 
 import h5py
 import numpy as np
+from torch import Tensor
 
 from torchliner.io.csv_rows import result_rows
 from torchliner.io.hdf5 import text_attribute
 from torchliner.io.own_writer import complex_names, fill, in_memory
 from torchliner.io.whole_file import printable, written_whole
-from torchliner.names import frequency_ends
+from torchliner.liners.multipole import Multipole
+from torchliner.names import __version__, frequency_ends
 
 FEWEST = {".bdf": 2, ".dat": 2}  # frequencies: a table of one cannot be interpolated
 AT_PLACES = (".vtp", ".vtkhdf")
 LONGEST = 70  # characters of a comment of NASTRAN: a line has 72 to 80
+MULTIPOLE = "torchliner multipole 1"
+REAL = 1e-8  # relative: an imaginary part below it is rounding
+POLES = """\
+// {title}
+// torchliner {version}; fitted from {low:g} to {high:g} Hz, R within {error:.2g}; stable, |R| <= 1 at every frequency
+// Z = p/(rho c v) and R = (Z - 1)/(Z + 1), v into the wall, s = j omega with exp(+j omega t); in 1/s:
+// constant + sum A/(s + lambda) + sum 1/2 [(B + jC)/(s + alpha + j beta) + (B - jC)/(s + alpha - j beta)]
+"""
 
 
 def require_result(path: str | Path, frequencies: float, places: bool = True) -> None:
@@ -185,3 +197,58 @@ def _at_places(record: Any, path: str | Path) -> tuple[np.ndarray, dict[str, np.
         at = number.reshape(record.mean_velocity.shape)
         number = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1).reshape(-1, 4)
     return np.nan_to_num(places), fields, number
+
+
+# Poles and residues, as JSON or as the coefficient lists that solvers in the time domain take
+
+
+def coefficients_of(poles: Tensor, residues: Tensor) -> dict[str, list[list[float]]]:
+    """Real poles as (lambda, A), conjugate pairs as (alpha, beta, B, C), all in 1/s; see ``POLES``."""
+    real, pairs = [], []
+    for p, r in zip(poles.tolist(), residues.tolist(), strict=True):
+        if abs(p.imag) <= REAL * abs(p):
+            real.append([-p.real, r.real])
+        elif p.imag > 0:
+            pairs.append([-p.real, p.imag, 2 * r.real, -2 * r.imag])
+    return {"real_poles": real, "complex_poles": pairs}
+
+
+def plain_multipole(model: Multipole) -> dict[str, Any]:
+    """What is written as JSON."""
+    return {
+        "schema": MULTIPOLE,
+        "version": __version__,
+        "convention": "Z = p/(rho c v), R = (Z - 1)/(Z + 1), exp(+j omega t), v into the wall, 1/s",
+        "band": list(model.band),
+        "error": model.error,
+        "correction": model.correction,
+        "reflection": {"constant": 1.0, **coefficients_of(model.poles, model.residues)},
+        "admittance": {"constant": 0.0, **coefficients_of(*model.admittance())},
+        "about": model.about,
+    }
+
+
+def write_multipole(model: Multipole, path: str | Path) -> None:
+    """Write one file: ``.json``, or ``.txt`` with the lists of R and of the admittance as dictionaries of OpenFOAM.
+
+    Raises:
+        ValueError, OSError: as ``written_whole``.
+    """
+    plain = plain_multipole(model)
+    with written_whole(path, ".json", ".txt") as temporary:
+        if Path(path).suffix.lower() == ".json":
+            temporary.write_text(json.dumps(plain, indent=1), encoding="utf-8")
+            return
+        title = printable(str(model.about.get("source", ""))) or "impedance as poles and residues"
+        low, high = model.band
+        text = POLES.format(title=title, version=__version__, low=low, high=high, error=model.error)
+        parts = [_dictionary(name, plain[name]) for name in ("reflection", "admittance")]
+        temporary.write_text("\n".join([text, *parts]), encoding="utf-8")
+
+
+def _dictionary(name: str, held: dict[str, Any]) -> str:
+    lines = [name, "{", f"    constant      {held['constant']:.17g};"]
+    for key, rows in (("realPoles", held["real_poles"]), ("complexPoles", held["complex_poles"])):
+        numbers = [f"        ({' '.join(f'{value:.17g}' for value in row)})" for row in rows]
+        lines += [f"    {key}", "    (", *numbers, "    );"]
+    return "\n".join([*lines, "}", ""])

@@ -96,7 +96,7 @@ class Multipole:
 
     def write(self, path: str | Path) -> None:
         """Write ``.json``, or the coefficient lists of solvers as ``.txt`` (docs/results.md)."""
-        resolve("torchliner.io.multipole_file:write_multipole")(self, path)
+        resolve("torchliner.io.result_writers:write_multipole")(self, path)
 
     def __repr__(self) -> str:
         low, high = self.band
