@@ -156,7 +156,7 @@ GROUPS = {
             frequency("none; with --incident its tones, or eight in its band"),
             Of(
                 "velocity.ir_tdibc:ir_tdibc",
-                "kernel sampling_rate duration velocity_max band after",
+                "kernel sampling_rate duration velocity_max after",
                 kinds={"kernel": names.STEP_KERNELS},
             ),
         ),

@@ -11,6 +11,7 @@ amplify any noise there.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,8 +20,9 @@ from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.engine.sums import is_differentiated, one_thread
-from torchliner.liners.model import Liner, reflection_of
+from torchliner.liners.model import Liner, LinerModel, reflection_of
 from torchliner.names import INTERPOLATIONS, KERNELS, SPACINGS
+from torchliner.records.incident import Incident
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's rig
 BEFORE, AFTER = 2e-3, 10e-3  # s of taps before and after zero
@@ -118,7 +120,7 @@ class KernelTable:
 
     def response(self, frequency: Tensor) -> Tensor:
         """H(f; |v|) at the levels, complex128, (V, F)."""
-        return _response(self.taps, self.first, frequency, self.sampling_rate)
+        return tap_response(self.taps, self.first, frequency, self.sampling_rate)
 
 
 @one_thread()
@@ -155,7 +157,7 @@ def build_kernels(
         cubics in the root of the speed.
     """
     grid = VelocityGrid(velocity_max, levels, spacing, interpolation)
-    taps, first = _taps(liner, grid.speeds, sampling_rate, kind, band, before, after, regularisation)
+    taps, first = kernel_taps(liner, grid.speeds, sampling_rate, kind, band, before, after, regularisation)
     inside = band[0], min(band[1], HIGHEST * sampling_rate)
     with torch.no_grad():
         size = 1 << (8 * taps.shape[1] - 1).bit_length()
@@ -163,7 +165,7 @@ def build_kernels(
         lines = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)  # between those of the fit, too
         held = (lines >= inside[0]) & (lines <= inside[1])
         shift = torch.exp(-2j * torch.pi * lines[held] / sampling_rate * first)
-        found = torch.cat([spectrum[:, held] * shift, _response(taps, first, edges, sampling_rate)], dim=1)
+        found = torch.cat([spectrum[:, held] * shift, tap_response(taps, first, edges, sampling_rate)], dim=1)
         away = found - reflection_of(liner, torch.cat([lines[held], edges]), grid.speeds[:, None])
         some = torch.linspace(*inside, 16, dtype=torch.float64)
         middle = (grid.speeds[1:] + grid.speeds[:-1]) / 2
@@ -173,31 +175,40 @@ def build_kernels(
     return KernelTable(taps, first, sampling_rate, grid, inside, kind, error, level_error, gain)
 
 
+def kernel_band(
+    frequency: Tensor, liner: LinerModel, sampling_rate: float, wave: Incident | None = None
+) -> tuple[float, float]:
+    """Where kernels are to be the liner, Hz: the rig's band, that of the wave and the frequencies asked for, Hz, (F,).
+
+    Raises:
+        ValueError: the liner or the sampling rate (Hz) does not reach that far.
+    """
+    least, most = frequency.min().item(), frequency.max().item()
+    if wave is not None and wave.band is not None:
+        least, most = min(least, wave.band[0]), max(most, wave.band[1])
+    known = liner.frequency_range or (0.0, math.inf)
+    low, high = max(min(BAND[0], least), known[0]), min(max(BAND[1], most), known[1], HIGHEST * sampling_rate)
+    if least < low or most > high:
+        raise ValueError(
+            f"{'a tone' if wave is None else wave.label} is sent, and R is asked for, from {least:g} to {most:g} Hz; "
+            f"the kernels hold from {low:g} to {high:g} Hz, the range of the liner below 0.49 of the sampling rate: "
+            "narrow the wave"
+        )
+    return low, high
+
+
 @one_thread()
-def response_at(
+def kernel_taps(
     liner: Liner,
-    frequency: Tensor,
     speeds: Tensor,
     sampling_rate: float,
     kind: str = "two-sided",
     band: tuple[float, float] = BAND,
-) -> Tensor:
-    """H(f; |v|) of kernels that are made at these very |v|, m/s, (V,): complex128, (V, F); see ``build_kernels``."""
-    taps, first = _taps(liner, speeds, sampling_rate, kind, band, BEFORE, AFTER, REGULARISATION)
-    return _response(taps, first, frequency, sampling_rate)
-
-
-def _taps(
-    liner: Liner,
-    speeds: Tensor,
-    sampling_rate: float,
-    kind: str,
-    band: tuple[float, float],
-    before: float,
-    after: float,
-    regularisation: float,
+    before: float = BEFORE,
+    after: float = AFTER,
+    regularisation: float = REGULARISATION,
 ) -> tuple[Tensor, int]:
-    """(V, K), and m of the first; arguments as of ``build_kernels``, checked here."""
+    """Impulse responses at any |v|, m/s, (V,), as of ``build_kernels``: taps (V, K), and m of the first."""
     require_choice("kernel", kind, KERNELS)
     require_positive("sampling_rate (Hz)", sampling_rate)
     low, high = band[0], min(band[1], HIGHEST * sampling_rate)
@@ -220,7 +231,8 @@ def _taps(
     return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows, first
 
 
-def _response(taps: Tensor, first: int, frequency: Tensor, sampling_rate: float) -> Tensor:
+def tap_response(taps: Tensor, first: int, frequency: Tensor, sampling_rate: float) -> Tensor:
+    """H(f; |v|) of taps from ``first`` on, complex128, (V, F)."""
     lags = torch.arange(taps.shape[1], dtype=torch.float64) + first
     return taps.to(torch.complex128) @ torch.exp(-1j * torch.outer(lags, 2 * torch.pi * frequency / sampling_rate))
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, require_choice, tell
-from torchliner.engine.kernels import BAND, response_at
+from torchliner.engine.kernels import kernel_band, kernel_taps, tap_response
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import OfOneLiner, response
 from torchliner.liners.cell import CellLiner
@@ -184,13 +184,12 @@ def _of_one_liner(known: Moments, reflection: Tensor, frequency: Tensor) -> Mome
 
 
 def _kernels(base: Variant, frequency: Tensor) -> Iterator[Variant]:
-    known, f = base.moments, float(frequency[0])
-    reach = base.liner.frequency_range or (-math.inf, math.inf)
-    band = max(min(BAND[0], f), reach[0]), min(max(BAND[1], f), reach[1])
+    known, rate = base.moments, base.moments.plane.sampling_rate
     if known.nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
+    band = kernel_band(frequency[:1], base.liner, rate)
     for kind, words in KERNELS.items():
-        found = response_at(base.liner, frequency, known.nodes.speeds, known.plane.sampling_rate, kind, band).T
+        found = tap_response(*kernel_taps(base.liner, known.nodes.speeds, rate, kind, band), frequency, rate).T
         yield _vary(base, "kernel", kind + words, moments=_of_one_liner(known, found, frequency))
 
 

@@ -11,9 +11,9 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
-from torchliner.engine.kernels import AFTER, BAND, HIGHEST, VelocityGrid, build_kernels, interpolate
+from torchliner.engine.kernels import AFTER, VelocityGrid, build_kernels, interpolate, kernel_band
 from torchliner.fluid import Fluid
-from torchliner.liners.model import LinerModel, as_liner, impedance_of, reflection_of
+from torchliner.liners.model import as_liner, impedance_of, reflection_of
 from torchliner.names import STEP_KERNELS
 from torchliner.records.incident import Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function
@@ -53,7 +53,6 @@ def ir_tdibc(
     sampling_rate: float | None = None,
     duration: float | None = None,
     velocity_max: float | None = None,
-    band: tuple[float, float] | None = None,
     after: float = AFTER,
     progress: Progress | None = None,
 ) -> LevelCurve:
@@ -68,19 +67,18 @@ def ir_tdibc(
         incident: Hz of a tone or of several, or ``Tones``, ``BandNoise``, ``Sweep``, ``Recorded`` (scaled to the level;
             a recording repeats as the others do, without its mean).
         frequency: Hz, where Z is read; default the tones, or eight in the wave's band.
-        kernel: ``least-squares``, causal, fitted on ``band``; ``causal``, eqs (3.1)-(3.3) to the letter, whose dropped
-            taps take up to a third of the resistance; ``periodic``, the model's own response over a whole period at
-            once, for waves that repeat.
+        kernel: ``least-squares``, causal, fitted on 300-3500 Hz and all that is sent or read; ``causal``, eqs
+            (3.1)-(3.3) to the letter, whose dropped taps take up to a third of the resistance; ``periodic``, the
+            model's own response over a whole period at once, for waves that repeat.
         sampling_rate: Hz, at least 8 times the highest frequency; default 48 kHz or 16 times it, in whole periods of
             tones.
         duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04; a recording is sent whole.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
-        band: Hz, of the kernel; default 300-3500, or wider to hold the wave's own band, of a recording what is read.
         after: s, length of the kernel; default 0.01.
         progress: called with numbers of steps done, of 2 n in all (``periodic``: levels).
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or record too small; a
-            table whose band does not hold the kernel's; no steady state. Levels are named.
+            table that does not hold what the kernel needs; no steady state. Levels are named.
     Warns:
         DataWarning: energy that is sent outside the band; what ``LevelCurve.warnings`` says.
     Source: Roncen et al. (2026), section 3.1, for the method it descends from (Roncen & Cardesa 2023; Roncen 2025b),
@@ -103,7 +101,14 @@ def ir_tdibc(
     grid = VelocityGrid(min(FASTEST, known) if velocity_max is None else velocity_max)
     if grid.maximum > known:
         raise ValueError(f"velocity_max is {grid.maximum:g} m/s; the liner is known up to {known:g} m/s")
-    band, needed = _bands(model, kernel, band, read, wave, rate)
+    band = needed = kernel_band(read, model, rate, wave)
+    if kernel != "least-squares":
+        needed, table = (0.0, rate / 2), model.frequency_range
+        if table is not None and not table[0] <= needed[0] < needed[1] <= table[1]:
+            raise ValueError(
+                f"the liner is known from {table[0]:g} to {table[1]:g} Hz; kernel {kernel!r} needs "
+                f"{needed[0]:g}-{needed[1]:g} Hz: take 'least-squares'"
+            )
     f = torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:]
     facts = {"kernel_error": 0.0, "kernel_gain": 1.0}
     if kernel == "periodic":
@@ -165,7 +170,7 @@ def ir_tdibc(
         text = (
             f"{100 * share:.3g} % of the energy of {wave.label}, most of it near {most:.4g} Hz, is sent outside "
             f"{needed[0]:g}-{needed[1]:g} Hz, where kernel {kernel!r} is not the liner's response; it moves |v| and so "
-            "Z everywhere: widen band=, or filter the wave"
+            "Z everywhere: filter the wave"
         )
         notes.insert(0, text)
     tell(notes)
@@ -246,27 +251,3 @@ def _read_at(wave: Incident, frequency: Any, rate: float) -> Tensor:
         if absent or not low * (1 - 1e-6) <= f <= high * (1 + 1e-6):
             raise ValueError(f"frequency {f:g} Hz is not in {wave.label}; R is not known there")
     return read
-
-
-def _bands(
-    liner: LinerModel, kernel: str, band: tuple[float, float] | None, read: Tensor, wave: Incident, rate: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Band of the kernel, and where it needs the liner, Hz.
-
-    By default all of the wave's band, since what is sent there moves |v| whether it is read or not.
-    """
-    least, most = float(read.min()), float(read.max())
-    lowest, highest = wave.band or (least, most)
-    low, high = band or (min(BAND[0], 0.9 * lowest), max(BAND[1], 1.1 * highest))
-    high = min(high, HIGHEST * rate)
-    if not low <= least <= most <= high:
-        text = f"is outside the kernel's band, {low:g}-{high:g} Hz; widen band= or raise sampling_rate"
-        raise ValueError(f"frequency {least if least < low else most:g} Hz {text}")
-    needed = (low, high) if kernel == "least-squares" else (0.0, rate / 2)
-    known = liner.frequency_range
-    if known is not None and not known[0] <= needed[0] < needed[1] <= known[1]:
-        raise ValueError(
-            f"the liner is known from {known[0]:g} to {known[1]:g} Hz; kernel {kernel!r} needs "
-            f"{needed[0]:g}-{needed[1]:g} Hz: take 'least-squares' with band= within the table"
-        )
-    return (low, high), needed

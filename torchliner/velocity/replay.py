@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, require_choice, require_positive, tell
 from torchliner.engine.blocks import SLAB
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, remaining
-from torchliner.engine.kernels import BAND, HIGHEST, KernelTable, build_kernels
+from torchliner.engine.kernels import KernelTable, build_kernels, kernel_band
 from torchliner.engine.replay import Replay, transfer
 from torchliner.io.plane_writer import reflected_file
 from torchliner.liners.model import Liner, LinerModel, as_liner
@@ -115,7 +114,7 @@ def replay(
         "window": window or (wave.window if segment is None else "hann"),
     }
     sent, asked = wave.sampled(samples, rate), _lines_of(wave, frequency, plane, length)
-    band = _kernel_band(wave, asked, model, rate)
+    band = kernel_band(asked, model, rate, wave)
     if reflected is not None and sent.is_complex():
         raise ValueError("reflected: complex tones have no one signal; take incident=tl.Tones(...)")
     options: dict[str, Any] = {"averaging": averaging, "mean": mean, "interval": interval, "missing": missing}
@@ -172,10 +171,13 @@ def replay(
         left = remaining(power)[1:].clamp(min=1e-12 * power.sum(0))
         replicated = torch.cat([replicated, remaining(cross)[1:] / left])
     held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
-    averages = {
-        name: averages_of(known, about, name, lengths, partial(_some, each), held[: each.shape[1]])
-        for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True)
-    }
+    averages = {}
+    for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True):
+
+        def some(columns: slice, own: Tensor = each) -> Tensor:
+            return own[:, columns]
+
+        averages[name] = averages_of(known, about, name, lengths, some, held[: each.shape[1]])
     chief = averages[averaging].liner
     notes = [*review_record(plane, asked), *review_liner(plane, model), *known.notes]
     notes += _review_replay(kernels, wave, sent, chief)
@@ -185,10 +187,6 @@ def replay(
         notes.append(Note("few-segments", f"{text}: there are {count} segments of {segment:.3g} s; shorten them"))
     tell([note.text for note in notes])
     return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
-
-
-def _some(replicated: Tensor, columns: slice) -> Tensor:
-    return replicated[:, columns]
 
 
 def _lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int) -> Tensor:
@@ -203,21 +201,6 @@ def _lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int)
         first, last = math.ceil(wave.band[0] / spacing - 1e-9), math.floor(wave.band[1] / spacing + 1e-9)
         return spacing * torch.arange(first, last + 1, max(1, math.ceil((last - first + 1) / MOST_LINES))).double()
     return plane.asked(frequency)
-
-
-def _kernel_band(wave: Incident, frequency: Tensor, liner: LinerModel, sampling_rate: float) -> tuple[float, float]:
-    """Where the kernels are to be the liner, Hz: the rig's band, the wave's and the frequencies asked for, (F,)."""
-    least, most = frequency.min().item(), frequency.max().item()
-    if wave.band is not None:
-        least, most = min(least, wave.band[0]), max(most, wave.band[1])
-    known = liner.frequency_range or (0.0, math.inf)
-    low, high = max(min(BAND[0], least), known[0]), min(max(BAND[1], most), known[1], HIGHEST * sampling_rate)
-    if least < low or most > high:
-        raise ValueError(
-            f"{wave.label} is replayed, and R is asked for, from {least:g} to {most:g} Hz; the kernels hold from "
-            f"{low:g} to {high:g} Hz, the range of the liner below 0.49 of the sampling rate: narrow the wave"
-        )
-    return low, high
 
 
 def _velocity_limit(stated: float | None, largest: Tensor, plane: VelocityPlane, liner: LinerModel) -> float:
