@@ -9,14 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, index_of_frequency, require_choice, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.educed import Interval
+from torchliner.records.educed import Educed, Interval
 from torchliner.studies.variants import Row, Study, plane_of, read_for
 from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
@@ -53,40 +52,38 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
         require_choice("averaging", averaging, each.averagings)
     order, same = _common_order(first, second), _same_run(first, second)
     level = None if None in (first.level, second.level) else first.level
-    (here, own), (there, other) = _values(first, averaging), _values(second, averaging)
-    ends: list[Tensor] = []
-    if level is not None:
-        other = [end[:, order] for end in other]
-        widths = torch.stack([(high - low) / 2 for low, high in (own, other)])
+    one, two = (_together(each, averaging) for each in (first, second))
+    two, ends = two.map(lambda value: value[:, order]), None
+    if level is not None and one.interval is not None and two.interval is not None:
+        # In real parts: complex differences of infinite ends are nan.
+        low, high = (torch.view_as_real(end) for end in (one.interval.low, one.interval.high))
+        least, most = (torch.view_as_real(end) for end in (two.interval.low, two.interval.high))
+        widths = torch.stack([high - low, most - least]) / 2
         half = widths.sum(0) if same else widths.square().sum(0).sqrt()
         # An unbounded interval has no middle.
-        middle = torch.where(half.isinf(), 0, (other[0] + other[1] - own[0] - own[1]) / 2)
-        ends = [middle - half, middle + half]
+        middle = torch.where(half.isinf(), 0, (least + most - low - high) / 2)
+        ends = torch.stack([middle - half, middle + half], -2)
+    here, there, rows = one.impedance.tolist(), two.impedance.tolist(), list[Row]()
     x, z = ([math.nan, *value.tolist()] for value in (first.cell_x, first.cell_z))
-    rows = list[Row]()
     for i, (k, f) in itertools.product(range(len(x)), enumerate(first.frequency.tolist())):
-        one, two = complex(here[i, k]), complex(there[i, order[k]])
         row = Row(place=f"cell {i - 1}" if i else "liner", x=x[i], z=z[i], frequency=f)
-        row |= {"first": one, "second": two, "difference": two - one, "low": None, "high": None, "differs_in": ""}
-        if ends:
-            low, high = (end[i, k].tolist() for end in ends)
-            clear = [part for part, least, most in zip("RX", low, high, strict=True) if least > 0 or most < 0]
-            row |= {"low": complex(*low), "high": complex(*high), "differs_in": ", ".join(clear)}
+        row |= {"first": here[i][k], "second": there[i][k], "difference": there[i][k] - here[i][k]}
+        row |= {"low": None, "high": None, "differs_in": ""}
+        if ends is not None:
+            left, right = ends[i, k].tolist()
+            clear = [part for part, start, end in zip("RX", left, right, strict=True) if start > 0 or end < 0]
+            row |= {"low": complex(*left), "high": complex(*right), "differs_in": ", ".join(clear)}
         rows.append(row)
     how = "an upper bound: both rest on one run, half-widths added" if same else "of independent records"
     words = f"{100 * level:g} % statistical interval, {how}" if level else "no intervals: one of the maps has none"
     return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
 
 
-def _values(one: ImpedanceMap, averaging: str) -> tuple[Tensor, list[Tensor]]:
-    """Z of the liner above that of the cells, (1 + C, F), and the ends of its interval in real parts, (1 + C, F, 2):
-    complex differences of infinite ends are nan."""
-    liner, cells = one.liner[averaging], one.cells[averaging]
-    value = torch.cat([liner.impedance[None], cells.impedance])
-    if liner.interval is None or cells.interval is None:
-        return value, []
-    every = Interval.joined([liner.interval.map(lambda end: end[None]), cells.interval])
-    return value, [torch.view_as_real(end) for end in (every.low, every.high)]
+def _together(one: ImpedanceMap, averaging: str) -> Educed:
+    """That of the liner above those of the cells, (1 + C, F)."""
+    parts = one.liner[averaging].map(lambda value: value[None]), one.cells[averaging]
+    bars = [part.interval for part in parts if part.interval is not None]
+    return Educed(torch.cat([part.reflection for part in parts]), Interval.joined(bars) if len(bars) == 2 else None)
 
 
 def _common_order(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
