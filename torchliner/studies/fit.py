@@ -237,24 +237,22 @@ def solve(law: Law, runs: Sequence[Run]) -> tuple[Tensor, Tensor, Tensor]:
             f"{data} data of {len(runs)} planes cannot fix {len(law.names)} parameters ({', '.join(law.names)}); add "
             "planes or frequencies, or free fewer"
         )
-    width = law.high - law.low
-    start = law.low + width * ((law.start - law.low) / width).clamp(*START)
+    share = ((law.start - law.low) / (law.high - law.low)).clamp(*START)
 
     @functools.lru_cache(maxsize=1)
     def system(*place: float) -> tuple[Tensor, Tensor, Tensor]:
-        values = start + width * torch.tensor(place, dtype=torch.float64)
+        values = torch.tensor(place, dtype=torch.float64)
         return values, *residuals_of(law, values, runs)
-
-    how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
-    how["bounds"] = [((end - start) / width).numpy() for end in (law.low, law.high)]
 
     def residuals(place: np.ndarray) -> np.ndarray:
         return system(*place)[1].numpy()
 
     def jacobian(place: np.ndarray) -> np.ndarray:
-        return (system(*place)[2] * width).numpy()
+        return system(*place)[2].numpy()
 
-    found = least_squares(residuals, np.zeros(len(width)), jacobian, **how)
+    how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
+    start, ends = law.low.lerp(law.high, share).numpy(), (law.low.numpy(), law.high.numpy())
+    found = least_squares(residuals, start, jacobian, bounds=ends, **how)
     if not found.success:
         raise RuntimeError(
             f"the least squares do not settle in {found.nfev} evaluations ({found.message}); narrow the bounds, state "
