@@ -114,17 +114,19 @@ def educe_station(
     wanted = stated_frequency(frequency, record.frequency, record.name)
     if choices.phase == "given" and reference is None and reference_phase is None:
         raise ValueError("phase='given' needs a reference channel, or reference_phase in rad")
-    cut = cut_into_segments(station.kept, wanted, own)
-    a, b, velocity, weights, known, model_error = segment_means(cut.plane, liner, wanted, choices, own.window)
-    grid, seen = cut.signal, known.survey
-    phases, follows, each = 2 * torch.pi * torch.outer(cut.start, wanted), velocity, seen.coherence(wanted).cpu()
+    plane, grid, hop, attenuation, corrected, notes = cut_into_segments(station.kept, wanted, own)
+    start = grid.start + hop * torch.arange(plane.probes, dtype=torch.float64) / grid.rate
+    a, b, velocity, weights, known, model_error = segment_means(plane, liner, wanted, choices, own.window)
+    seen = known.survey
+    phases, follows, each = 2 * torch.pi * torch.outer(start, wanted), velocity, seen.coherence(wanted).cpu()
     if reference is not None:
-        phases, follows, each = follow_reference(cut, reference, wanted, weights, seen.blocks.count)
+        block = plane.duration / seen.blocks.count
+        phases, follows, each = follow_reference(grid, reference, wanted, plane.frequency, block, hop, weights)
     coherence = each if reference is not None else each.mean(0)
     held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     sound = Sound(follows, held, phases + (reference_phase or 0.0))
     reviewed = (*known.notes, *review_rule(held, choices))
-    notes = [*station.kept.notes, *(note.text for note in reviewed), *cut.notes]
+    notes = [*station.kept.notes, *(note.text for note in reviewed), *notes]
     for f, square in zip(wanted.tolist(), coherence.tolist(), strict=True):
         if reference is not None and square < NO_TONE:
             text = f"the squared coherence of v with the reference is {square:.2g} at {f:g} Hz (limit {NO_TONE:g})"
@@ -135,11 +137,11 @@ def educe_station(
     numbers |= {"rate": grid.mean_rate, "grid_rate": grid.rate, "longest_gap": grid.longest_gap[0]}
     tensors: dict[str, Any] = {
         "reflection": PHASE_RULES[choices.phase](a, b, sound),
-        "segment_start": cut.start,
+        "segment_start": start,
         "velocity_amplitude": 2 * (velocity * torch.exp(-1j * phases)).mean(0),
         "coherence": coherence,
-        "attenuation": cut.attenuation,
-        "corrected": cut.corrected,
+        "attenuation": attenuation,
+        "corrected": corrected,
         "phase_held": held.to(torch.float64).mean(0),
         "received": torch.tensor(record.received),
         "bursts": torch.tensor(station.kept.bursts),
@@ -154,7 +156,7 @@ def educe_station(
         flags=(station.flags,),
         dropped=(dict(station.kept.dropped),),
         station_notes=(tuple(notes),),
-        goodrich=goodrich_of(cut.plane, liner, wanted),
+        goodrich=goodrich_of(plane, liner, wanted),
         choices={
             "version": __version__,
             **choices.describe(),
@@ -172,26 +174,17 @@ def educe_station(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Segments:
-    """A station cut into S segments: ``plane``, a probe a segment; ``start`` of each on the clock of the arrivals, s;
-    ``hop`` samples apart; ``attenuation`` of a tone over the whole record and where it was ``corrected``, (F,)."""
-
-    plane: VelocityPlane
-    signal: GridSignal
-    start: Tensor
-    hop: int
-    attenuation: Tensor
-    corrected: Tensor
-    notes: tuple[str, ...]
-
-
-def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationChoices) -> Segments:
+def cut_into_segments(
+    record: BurstRecord, frequency: Tensor, choices: StationChoices
+) -> tuple[VelocityPlane, GridSignal, int, Tensor, Tensor, list[str]]:
     """Validated bursts onto a grid, the tone corrected, cut into segments.
 
     The stated tone is corrected whatever is asked for, since it drives |v| at all frequencies. Without a stated tone a
     single frequency asked for is one.
 
+    Returns:
+        A plane, with a probe a segment; the signal; by how many samples segments are apart; the attenuation of the
+        tones over the whole record and where it was corrected, (F,); notes.
     Raises:
         ValueError: no wall-normal velocity, a record shorter than two segments, a gap longer than a segment, fewer than
             two arrivals a period, a tone damped below 0.3.
@@ -203,7 +196,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
     signal = onto_grid(record.arrival_time, record.wall_normal, choices.grid_rate, choices.method, **about)
     length = round(choices.segment * signal.rate)
     hop = max(1, int((1 - choices.overlap) * length + 1e-9))
-    count, (gap, begin) = 1 + (signal.samples - length) // hop, signal.longest_gap
+    count, (gap, begin), notes = 1 + (signal.samples - length) // hop, signal.longest_gap, list[str]()
     if not 2 <= count <= MOST_SEGMENTS:
         raise ValueError(
             f"{name}: {record.bursts} bursts over {signal.samples / signal.rate:.4g} s hold {count} segments of "
@@ -215,7 +208,6 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
             f"{name}: no burst for {gap:.4g} s from {begin:.6g} s on, longer than a segment of {choices.segment:g} s, "
             "which would be made up; cut the record there"
         )
-    notes = tuple[str, ...]()
     tone = None if choices.correction == "none" else tone or (float(frequency) if len(frequency) == 1 else None)
     corrected = (frequency / (tone or torch.inf) - 1).abs() < SAME_FREQUENCY
     damping = tone_attenuation(signal, frequency)
@@ -223,7 +215,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
         alone = damping if corrected.tolist() == [True] else tone_attenuation(signal, tone)
         if not bool(corrected.any()):
             text = f"the stated tone of {tone:g} Hz, of which {signal.method} reconstruction leaves "
-            notes = (f"{text}{float(alone.factor.abs()):.3f}, is corrected: it drives |v| at all frequencies",)
+            notes.append(f"{text}{float(alone.factor.abs()):.3f}, is corrected: it drives |v| at all frequencies")
         signal = corrected_coherent_part(signal, alone, noise=choices.correction == "tone-and-noise")
     plane = VelocityPlane(
         signal.values.unfold(0, length, hop),
@@ -231,8 +223,7 @@ def cut_into_segments(record: BurstRecord, frequency: Tensor, choices: StationCh
         height=record.y if record.y is not None and record.y > 0 else None,
         **{key: getattr(record, key) for key in STATED},
     )
-    start = signal.start + hop * torch.arange(count, dtype=torch.float64) / signal.rate
-    return Segments(plane, signal, start, hop, damping.factor, corrected, notes)
+    return plane, signal, hop, damping.factor, corrected, notes
 
 
 def segment_means(
@@ -277,24 +268,29 @@ def segment_means(
 
 
 def follow_reference(
-    cut: Segments, reference: ReferenceChannel, frequency: Tensor, weights: Tensor, blocks: int
+    grid: GridSignal,
+    reference: ReferenceChannel,
+    frequency: Tensor,
+    tone: float | None,
+    block: float,
+    hop: int,
+    weights: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """What of v follows a reference channel.
+    """What of v follows a reference channel, in segments under a window of weights, (n,), ``hop`` samples apart.
 
     Returns:
         Phase of the reference at each segment's first sample, rad, and half the complex peak amplitude of the v into
-        the liner that follows it, (S, F); squared coherence of the two, over pieces as long as ``blocks`` of a segment
-        have, (F,), 0 where the reference is 0 throughout.
+        the liner that follows it, (S, F); squared coherence of the two over pieces of a ``block``, s, (F,), 0 where the
+        reference is 0 throughout.
     Raises:
         ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
     """
-    grid, highest, tone = cut.signal, float(frequency.max()), cut.plane.frequency
+    highest = float(frequency.max())
     if reference.sampling_rate < COARSE * highest:
         raise ValueError(
             f"{reference.name} is sampled at {reference.sampling_rate:g} Hz, less than {COARSE:g} times a period of "
             f"{highest:g} Hz; its phase between the samples would be wrong"
         )
-    block = cut.plane.duration / blocks
     values, found = reference.at(grid.times), []
     for f in frequency.tolist():
         piece, apart = block, 0.0 if tone is None else abs(f - tone * max(1, round(f / tone)))
@@ -303,7 +299,7 @@ def follow_reference(
             # the zero of Hann's window.
             piece = max(block, min(2 / apart, grid.samples / grid.rate / FEWEST_PIECES))
         at = torch.tensor([f], dtype=torch.float64)
-        found.append(transfer_function(values, cut.signal.values, at, grid.rate, segment=piece))
-    amplitude = tone_amplitudes(values.unfold(0, cut.plane.samples, cut.hop), frequency, grid.rate, weights)
+        found.append(transfer_function(values, grid.values, at, grid.rate, segment=piece))
+    amplitude = tone_amplitudes(values.unfold(0, len(weights), hop), frequency, grid.rate, weights)
     coherence = torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0)
     return amplitude.angle(), -torch.cat([each.response for each in found]) * amplitude, coherence
