@@ -128,9 +128,8 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         raise ValueError(f"impedance has shape {tuple(z.shape)}; of {len(f)} frequencies ({len(f)},) is needed")
     f, order = f.sort()
     z = z[order]
-    wrong = ~torch.isfinite(torch.view_as_real(z + 1 / (z + 1)).sum(-1))
-    if bool(wrong.any()):
-        raise ValueError(f"impedance is nan, inf or -1 at {float(f[wrong][0]):g} Hz; leave that frequency out")
+    for wrong in f[~torch.isfinite((z + 1 / (z + 1)).abs())].tolist():
+        raise ValueError(f"impedance is nan, inf or -1 at {wrong:g} Hz; leave that frequency out")
     if not 1 <= count <= MOST_POLES or len(f) <= count:
         asked = f"{count} poles are asked for, and Z is known at {len(f)} frequencies"
         raise ValueError(f"{asked}; take 1 to {MOST_POLES} poles, fewer than frequencies")
@@ -138,20 +137,14 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         raise ValueError("the resistance is negative at every frequency; v is into the liner, exp(+j omega t)")
     wanted = reflection_from_impedance(z).numpy() - 1
     unit = 2 * math.pi * math.sqrt(float(f[0]) * float(f[-1]))  # rad/s, in which poles are of order 1
-    s = 2j * np.pi * f.numpy() / unit
+    s, band = 2j * np.pi * f.numpy() / unit, (float(f[0]), float(f[-1]))
     factors = _fitted(s, wanted, count)
     basis = _basis(s, *factors)
     free = _multiples(basis, wanted)
     passive = _passive(free, basis, wanted, factors, abs(s[-1]))
     p, r = (torch.from_numpy(each * unit) for each in _poles_and_residues(passive, *factors))
-    return Multipole(
-        poles=p,
-        residues=r,
-        band=(float(f[0]), float(f[-1])),
-        error=float(np.abs(basis @ passive - wanted).max()),
-        correction=float(np.abs(basis @ (passive - free)).max()),
-        about=about,
-    )
+    error, correction = (float(np.abs(off).max()) for off in (basis @ passive - wanted, basis @ (passive - free)))
+    return Multipole(p, r, band, error, correction, about)
 
 
 def _basis(s: Array, w: Array, d: Array) -> Array:
@@ -210,12 +203,12 @@ def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array]
         off = rows @ y - wanted
         return float(np.vdot(off, off).real), 2 * (rows.conj().T @ off).real
 
-    def left(y: Array) -> Array:
-        return np.asarray(weight[held] * (1 - np.abs(1 + bounded[held] @ y) ** 2) - ROOM)
+    def above(y: Array) -> tuple[Array, Array]:
+        """What |R|^2 exceeds 1 by, weighted, where it is held, and its slope."""
+        r = 1 + bounded[held] @ y
+        return weight[held] * (np.abs(r) ** 2 - 1), 2 * ((weight[held] * r.conj())[:, None] * bounded[held]).real
 
-    def slope(y: Array) -> Array:
-        return np.asarray(-2 * ((weight[held] * (1 + bounded[held] @ y).conj())[:, None] * bounded[held]).real)
-
+    bounds = {"type": "ineq", "fun": lambda y: -ROOM - above(y)[0], "jac": lambda y: -above(y)[1]}
     for _ in range(ROUNDS):
         size = weight * (np.abs(1 + bounded @ y) ** 2 - 1)
         peaks = np.concatenate([[True], size[1:] >= size[:-1]]) & np.concatenate([size[:-1] >= size[1:], [True]])
@@ -223,10 +216,8 @@ def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array]
         if not over.any():
             return np.asarray(y * scale)
         held |= over
-        bounds = {"type": "ineq", "fun": left, "jac": slope}
-        options = {"maxiter": 300, "ftol": 1e-14}
-        found = minimize(cost, y, jac=True, method="SLSQP", constraints=bounds, options=options)  # type: ignore[call-overload]
-        y = found.x
+        how: Any = {"method": "SLSQP", "constraints": bounds, "options": {"maxiter": 300, "ftol": 1e-14}}
+        y = minimize(cost, y, jac=True, **how).x
     raise ValueError(
         f"R could not be made passive: |R|^2 still exceeds 1 by {size.max():.2g}; take fewer poles, or a band in which "
         "Z is better known"
