@@ -90,7 +90,7 @@ def lined_modes(profile: MeanFlow) -> tuple[DuctModes, DuctModes]:
 
 def node_places(mesh: DuctMesh) -> tuple[Array, Array]:
     """x and y of the elements' nodes, m, each (columns, E, n, n) with y before x."""
-    nodes = Basis.of_degree(mesh.degree).nodes.numpy()
+    nodes = Basis(mesh.degree).nodes.numpy()
     x = mesh.x[:-1, None] + np.diff(mesh.x)[:, None] * nodes
     y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * nodes
     shape = (*x.shape[:1], *y.shape, len(nodes))

@@ -87,7 +87,7 @@ def test_the_growing_wave_runs_downstream():
     """Briggs: with a source that is switched on ever faster it decays on its own side."""
     alpha = growing_wave(TANH, 1000.0, 0.3)
     a, wall = alpha * HEIGHT, torch.tensor((0.3 - 1) / (0.3 + 1), dtype=torch.complex128)
-    equation = PridmoreBrown.of(TANH, split=6)
+    equation = PridmoreBrown(TANH, split=6)
     for s in np.linspace(0, 2, 41):
         kappa = torch.tensor([k_of(1000.0) * HEIGHT * (1 - 1j * s)])
         for _ in range(4):

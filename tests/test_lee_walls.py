@@ -10,7 +10,7 @@ import pytest
 import torch
 from test_lee import B2A, BOTH, FREQUENCY, PLUG, SPEED, STILL, TANH, VELOCITY, case_of, solve
 
-from torchliner.duct import boundaries
+from torchliner.duct import solver as lee_solver
 from torchliner.duct import sweep as lee_sweep
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.modes import duct_modes
@@ -106,7 +106,7 @@ def test_batch_is_the_loop(monkeypatch):
     generator = torch.Generator().manual_seed(0)
     walls = torch.rand(4, 3, 2, generator=generator, dtype=torch.float64) * (1 + 0.5j) + 0.2
     wanted = DuctSolver(case, frequency, mesh).solve(walls)
-    monkeypatch.setattr(boundaries, "CHUNK", 1)
+    monkeypatch.setattr(lee_solver, "CHUNK", 1)
     monkeypatch.setattr(lee_sweep, "AT_ONCE", 1)
     parts = DuctSolver(case, frequency, mesh).solve(walls)
     assert torch.allclose(parts.waves, wanted.waves, rtol=0, atol=1e-13)

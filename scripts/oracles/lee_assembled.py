@@ -10,11 +10,11 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from torchliner.checks import frequency_tensor
-from torchliner.duct.boundaries import wall_matrices
 from torchliner.duct.case import DuctCase
 from torchliner.duct.columns import Basis, Rows, element_matrices
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
+from torchliner.duct.solver import wall_matrices
 from torchliner.names import DIRECTIONS
 
 Complex = NDArray[np.complex128]
@@ -43,8 +43,8 @@ def solve_assembled(case: DuctCase, frequency: float, impedance: Any, mesh: Duct
 def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -> tuple[sparse.csc_matrix, Complex]:
     """Matrix and right-hand side; unknowns by column, element, field, y, x."""
     hertz = frequency_tensor(frequency)
-    basis = Basis.of_degree(mesh.degree)
-    rows = Rows.of_flow(basis, mesh.y, case.profile)
+    basis = Basis(mesh.degree)
+    rows = Rows(basis, mesh.y, case.profile)
     flow = bool((rows.flow != 0).any())
     k = float(case.wavenumber(hertz))
     n, count = basis.count, len(mesh.y) - 1

@@ -16,9 +16,6 @@ wave that arrives comes back as it is; a lined wall stays open as a third port, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
@@ -30,28 +27,22 @@ from torchliner.duct.numerics import derivative_matrix, gauss_points, interpolat
 EXTRA_POINTS = 3  # of quadrature, over degree + 1: M(y) is no polynomial
 
 
-@dataclass(frozen=True, eq=False)
 class Basis:
     """n = degree + 1 Lagrange polynomials phi through the Gauss points of 0..1, float64.
 
-    Args:
+    Attributes:
         nodes, weights: Gauss points and weights, (n,); the mass matrix is diag(weights).
         convection: integral of phi_i' phi_j, (n, n).  first, last: phi at 0 and at 1, (n,).
     """
 
-    nodes: Tensor
-    weights: Tensor
-    convection: Tensor
-    first: Tensor
-    last: Tensor
-
-    @classmethod
-    def of_degree(cls, degree: int, device: torch.device | None = None) -> Basis:
-        """Exact integrals: products of two polynomials are below the Gauss rule's degree."""
+    def __init__(self, degree: int, device: torch.device | None = None) -> None:
         nodes, weights = gauss_points(degree + 1)
+        # Exact integrals: products of two polynomials are below the Gauss rule's degree.
         convection = (weights[:, None] * derivative_matrix(nodes)).T
         parts = (nodes, weights, convection, *interpolation_matrix(nodes, [0.0, 1.0]))
-        return cls(*(torch.as_tensor(part, device=device) for part in parts))
+        self.nodes, self.weights, self.convection, self.first, self.last = (
+            torch.as_tensor(part, device=device) for part in parts
+        )
 
     @property
     def count(self) -> int:
@@ -68,24 +59,19 @@ class Basis:
         return places, self.values(places), torch.as_tensor(weights).to(self.nodes)
 
 
-class Rows(NamedTuple):
-    """Integrals across the duct of phi_i phi_j, of M phi_i phi_j and of dM/dy phi_i phi_j, by element, (E, n, n)."""
+class Rows:
+    """Integrals across elements between heights (m, (E + 1,)), (E, n, n): ``mass`` of phi_i phi_j, ``flow`` of M phi_i
+    phi_j and ``shear`` of dM/dy phi_i phi_j."""
 
-    mass: Tensor
-    flow: Tensor
-    shear: Tensor
-
-    @classmethod
-    def of_flow(cls, basis: Basis, edges: Array, profile: MeanFlow) -> Rows:
-        """Rows of elements between heights ``edges`` (m, (E + 1,))."""
+    def __init__(self, basis: Basis, edges: Array, profile: MeanFlow) -> None:
         sizes = np.diff(edges)
         places, values, weights = basis.quadrature()
         y = (edges[:-1, None] + sizes[:, None] * places).clip(0, profile.duct_height)
-        flow, shear = (
+        self.flow, self.shear = (
             torch.einsum("qi,eq,qj->eij", values, torch.as_tensor(part * sizes[:, None]).to(weights) * weights, values)
             for part in (profile.mach(y), profile.mach_slope(y))
         )
-        return cls(torch.as_tensor(sizes).to(weights)[:, None, None] * torch.diag(basis.weights), flow, shear)
+        self.mass = torch.as_tensor(sizes).to(weights)[:, None, None] * torch.diag(basis.weights)
 
 
 def element_matrices(width: float, basis: Basis, rows: Rows, flow: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -136,14 +122,13 @@ def _blocks(rows: list[list[Tensor]]) -> Tensor:
     return torch.cat([torch.cat(row, -1) for row in rows], -2)
 
 
-@dataclass(frozen=True, eq=False)
 class Column:
-    """A column of E elements for F frequencies; N = E n points across the duct.
+    """A column of one width, m, of E elements at k = omega/c, 1/m, (F,); N = E n points across the duct.
 
-    Waves into it are counted (left, right, wall): along the flow w and, with flow, v, 2 N or N; against it N; from a
-    lined wall n, else none.
+    Waves into it are counted (left, right, wall): along the flow w and, with flow (v crosses edges), v, 2 N or N;
+    against it N; from a lined wall n, else none.
 
-    Args:
+    Attributes:
         interior: unknowns (field, y, x) of each element for unit waves into it, (F, E, 3 n^2, kinds n).
         vertical: waves up and down into the elements for unit waves into the column, (F, 2 N, I).
         out: waves out to the ``right``, the ``left`` and the ``wall``, for the same waves in.
@@ -151,11 +136,37 @@ class Column:
         lined: how many waves come from the wall, n or 0.
     """
 
-    interior: Tensor
-    vertical: Tensor
-    out: dict[str, Tensor]
-    into: dict[str, slice]
-    lined: int
+    def __init__(self, k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> None:
+        self._n, elements = basis.count, len(rows.mass)
+        n, points = self._n, self._n * elements
+        steady, mass, incoming, outgoing = element_matrices(width, basis, rows, flow)
+        system = 1j * k[:, None, None, None] * mass + steady
+        self.interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
+        scattering = outgoing.to(system.dtype) @ self.interior  # of each element, (F, E, kinds n, kinds n)
+        # The same as one matrix, by (kind, element, node).
+        split = scattering.unflatten(-1, (-1, n)).unflatten(-3, (-1, n)).movedim(1, -1)  # (F, kind, n, kind, n, E)
+        across = torch.diag_embed(split, dim1=2, dim2=5).flatten(4, 6).flatten(1, 3)
+        sides = across.shape[-1] - 2 * points
+        # Up into an element is up out of the one below, down into it is down out of the one above; at a wall they turn.
+        up, down = torch.arange(2 * points, device=k.device).split(points)
+        passed = across[:, sides + torch.cat([down[:n], up[:-n], down[n:], up[-n:]])]
+        right, one = passed[..., :sides], torch.eye(2 * points, dtype=across.dtype, device=k.device)
+        if lined:
+            passed[:, :n] = 0
+            right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
+        self.vertical = torch.linalg.solve(one - passed[..., sides:], right)
+        # Element by element: what leaves one depends on its own edges alone.
+        own = scattering.shape[-1] - 2 * n
+        parts = scattering[..., own:] @ self.vertical.unflatten(1, (2, elements, n)).transpose(1, 2).flatten(2, 3)
+        out = parts[..., :own, :].unflatten(2, (-1, n)).transpose(1, 2).flatten(1, 3)
+        out[..., :sides] += across[:, :sides, :sides]
+        if lined:
+            wall = parts[:, 0, own + n :]
+            wall[..., :sides] += across[:, sides + points : sides + points + n, :sides]
+            out = torch.cat([out, wall], 1)
+        along, self.lined = sides - points, out.shape[-2] - sides
+        self.out = dict(zip(("right", "left", "wall"), out.split([along, points, self.lined], -2), strict=True))
+        self.into = {"left": slice(0, along), "right": slice(along, sides), "wall": slice(sides, None)}
 
     def block(self, to: str, side: str) -> Tensor:
         """Waves out to one side for waves in from another."""
@@ -163,45 +174,8 @@ class Column:
 
     def nodal(self, incoming: Tensor) -> Tensor:
         """p, u and v at the elements' nodes for waves into the column (..., F, I), (..., F, E, 3, n, n)."""
-        n = round((self.interior.shape[-2] // 3) ** 0.5)
-        elements = self.interior.shape[1]
         vertical = (self.vertical @ incoming[..., None])[..., 0]
-        sides = incoming[..., : self.interior.shape[-1] * elements - vertical.shape[-1]]
-        kinds = torch.cat([sides, vertical], -1).unflatten(-1, (-1, elements, n))
+        sides = incoming[..., : self.into["wall"].start]
+        kinds = torch.cat([sides, vertical], -1).unflatten(-1, (-1, self.interior.shape[1], self._n))
         waves = kinds.movedim(-3, -2).flatten(-2)  # (..., F, E, kinds n)
-        return (self.interior @ waves[..., None])[..., 0].unflatten(-1, (3, n, n))
-
-
-def condense_column(k: Tensor, width: float, basis: Basis, rows: Rows, flow: bool, lined: bool) -> Column:
-    """The column of one width, m, at k = omega/c, 1/m, (F,); ``flow``: whether v crosses edges."""
-    n, elements = basis.count, len(rows.mass)
-    points = n * elements
-    steady, mass, incoming, outgoing = element_matrices(width, basis, rows, flow)
-    system = 1j * k[:, None, None, None] * mass + steady
-    interior = torch.linalg.solve(system, incoming.to(system.dtype).expand(len(k), *incoming.shape))
-    scattering = outgoing.to(system.dtype) @ interior  # of each element, (F, E, kinds n, kinds n)
-    # The same as one matrix, by (kind, element, node).
-    split = scattering.unflatten(-1, (-1, n)).unflatten(-3, (-1, n)).movedim(1, -1)  # (F, kind, n, kind, n, E)
-    across = torch.diag_embed(split, dim1=2, dim2=5).flatten(4, 6).flatten(1, 3)
-    sides = across.shape[-1] - 2 * points
-    # Up into an element is up out of the one below, down into it is down out of the one above; at a wall they turn.
-    up, down = torch.arange(2 * points, device=k.device).split(points)
-    passed = across[:, sides + torch.cat([down[:n], up[:-n], down[n:], up[-n:]])]
-    right, one = passed[..., :sides], torch.eye(2 * points, dtype=across.dtype, device=k.device)
-    if lined:
-        passed[:, :n] = 0
-        right = torch.cat([right, one[:, :n].expand(len(k), -1, -1)], -1)
-    vertical = torch.linalg.solve(one - passed[..., sides:], right)
-    # Element by element: what leaves one depends on its own edges alone.
-    own = scattering.shape[-1] - 2 * n
-    parts = scattering[..., own:] @ vertical.unflatten(1, (2, elements, n)).transpose(1, 2).flatten(2, 3)
-    out = parts[..., :own, :].unflatten(2, (-1, n)).transpose(1, 2).flatten(1, 3)
-    out[..., :sides] += across[:, :sides, :sides]
-    if lined:
-        wall = parts[:, 0, own + n :]
-        wall[..., :sides] += across[:, sides + points : sides + points + n, :sides]
-        out = torch.cat([out, wall], 1)
-    along, rest = sides - points, out.shape[-2] - sides
-    ports = dict(zip(("right", "left", "wall"), out.split([along, points, rest], -2), strict=True))
-    into = {"left": slice(0, along), "right": slice(along, sides), "wall": slice(sides, None)}
-    return Column(interior, vertical, ports, into, rest)
+        return (self.interior @ waves[..., None])[..., 0].unflatten(-1, (3, self._n, self._n))

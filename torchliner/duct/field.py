@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -13,13 +13,34 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
-from torchliner.duct.boundaries import EnergyBalance
 from torchliner.duct.case import DuctCase, other_side
 from torchliner.duct.flow_profiles import Array
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.sweep import SweptDuct
 from torchliner.engine.sums import one_thread
 from torchliner.names import SOURCES, WALLS
+
+GAIN, FED = 1.01, 2.0  # energy out, and out or absorbed, over that in
+PASSIVE = -1e-6  # of the energy in: what a wall takes; below, it gives
+
+
+class EnergyBalance(NamedTuple):
+    """Shares of the energy that comes in, (..., F)."""
+
+    out: Tensor  # plane-like modes out of both ends, with (1 +- M)^2, M the bulk Mach number
+    absorbed: Tensor  # by the liner, from p and w on its face
+
+    @property
+    def missing(self) -> Tensor:
+        """1 - out - absorbed: to the mean flow, if negative from it; errors of the mesh; mode 1."""
+        return 1 - self.out - self.absorbed
+
+    @property
+    def fed(self) -> Tensor:
+        """out + absorbed where more goes out than comes in past a wall that gives none: a wave grew; else 0."""
+        out, absorbed = self.out.detach(), self.absorbed.detach()
+        grown = ((out > GAIN) | (out + absorbed > FED)) & (absorbed > PASSIVE)
+        return torch.where(grown, out + absorbed, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

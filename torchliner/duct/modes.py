@@ -39,36 +39,27 @@ DAMPED = 0.3  # -Im over Re of kappa at first: the source grows, which sends eve
 CHUNK = 256  # modes followed at once: some 40 MB of matrices
 
 
-@dataclass(frozen=True, eq=False)
 class PridmoreBrown:
-    """The equations in one flow.
+    """The equations in one flow, on ``POINTS`` nodes in each of K panels, each panel cut into ``split`` parts.
 
-    Args:
-        mach, mach_slope: M and dM/deta at the nodes, (K, N).  nodes: eta, (K, N) in K panels, falling.
+    ``myers``: condition with the factor of slip.
+
+    Attributes:
+        mach, mach_slope: M and dM/deta at the nodes, (K, N).  nodes: eta, (K, N), falling.
         integral: from the first node of each panel, along falling eta, complex128, (K, N, N).
-        bulk: M_b.  myers: condition with the factor of slip.
     """
 
-    mach: Tensor
-    mach_slope: Tensor
-    nodes: Tensor
-    integral: Tensor
-    bulk: float
-    myers: bool
-
-    @classmethod
-    def of(
-        cls, profile: MeanFlow, myers: bool = False, device: torch.device | None = None, split: int = 1
-    ) -> PridmoreBrown:
-        """With ``POINTS`` in each panel, each panel cut into ``split`` parts."""
-        edges, height, inner = _panel_edges(profile, split), profile.duct_height, chebyshev_points(POINTS)
+    def __init__(
+        self, profile: MeanFlow, myers: bool = False, device: torch.device | None = None, split: int = 1
+    ) -> None:
+        self.bulk, self.myers, height = profile.bulk_mach, myers, profile.duct_height
+        edges, inner = _panel_edges(profile, split), chebyshev_points(POINTS)
         widths = np.diff(edges)[::-1, None]  # from the rigid wall down: the first panel ends at eta = 1
         nodes = (edges[:0:-1, None] - widths * inner).clip(0, 1)
         y = (height * nodes).clip(0, height)
         integral = (-1 + 0j) * widths[..., None] * integral_matrix(inner)
         found = profile.mach(y), height * profile.mach_slope(y), nodes, integral
-        mach, slope, eta, matrix = (torch.as_tensor(part, device=device) for part in found)
-        return cls(mach, slope, eta, matrix, profile.bulk_mach, myers)
+        self.mach, self.mach_slope, self.nodes, self.integral = (torch.as_tensor(part, device=device) for part in found)
 
     def solve(self, a: Tensor, kappa: Tensor, share: Any = 1.0) -> tuple[Tensor, Tensor]:
         """p and zeta over the nodes for each a and kappa, (M,): (M, K N) each; differentiable.
@@ -197,7 +188,7 @@ def duct_modes(
         shapes = f"{tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
         raise ValueError(f"impedance has shape {shapes}") from None
     shape = (*wall.shape, count)
-    equation = PridmoreBrown.of(profile, slips, wall.device)
+    equation = PridmoreBrown(profile, slips, wall.device)
     rigid = rigid_modes(profile, kappa, count, direction)
     items = rigid.expand(shape), kappa[:, None].expand(shape), wall[..., None].expand(shape)
     parts = [_lined(equation, *part) for part in zip(*(item.reshape(-1).split(CHUNK) for item in items), strict=True)]
@@ -211,7 +202,7 @@ def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str) ->
     number = math.pi * torch.arange(count).to(kappa)
     sign = 1 if direction == "downstream" else -1
     start = rigid_wavenumber((1 - 1j * DAMPED) * kappa[:, None], profile.bulk_mach, number, sign)
-    equation, each = PridmoreBrown.of(profile, device=kappa.device), kappa.repeat_interleave(count)
+    equation, each = PridmoreBrown(profile, device=kappa.device), kappa.repeat_interleave(count)
 
     def value(a: Tensor, t: Tensor, k: Tensor) -> Tensor:
         return equation.residual(a, k * (1 - 1j * DAMPED * (1 - t)), 1.0, t)[0]

@@ -182,7 +182,7 @@ def growing_wave(profile: MeanFlow, frequency: Any, impedance: Any, slip_conditi
         myers = require_slip_condition(profile, slip_condition)
         kappa = 2 * math.pi * height / profile.sound_speed * wanted
         sheared = float(profile.mach(0.0)) < fastest  # else there is no critical layer
-        equations = {n: PridmoreBrown.of(profile, myers, split=n if sheared else 1) for n, _, _ in STAGES}
+        equations = {n: PridmoreBrown(profile, myers, split=n if sheared else 1) for n, _, _ in STAGES}
         for i in lined:
             found[i] = _fastest(equations, kappa[i], fastest, reflection[i]) / height
     return found

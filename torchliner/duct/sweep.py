@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.duct.columns import Basis, Column, Rows, condense_column
+from torchliner.duct.columns import Basis, Column, Rows
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.engine.sums import one_thread
@@ -42,8 +42,8 @@ class SweptDuct:
 
     def __init__(self, mesh: DuctMesh, frequency: Tensor, modes: tuple[DuctModes, DuctModes] | None = None) -> None:
         self.mesh, self.frequency, case = mesh, frequency, mesh.case
-        self.basis = basis = Basis.of_degree(mesh.degree, frequency.device)
-        self._rows = Rows.of_flow(basis, mesh.y, case.profile)
+        self.basis = basis = Basis(mesh.degree, frequency.device)
+        self._rows = Rows(basis, mesh.y, case.profile)
         self._flow = bool((self._rows.flow != 0).any())
         sizes = np.diff(mesh.y)[:, None]
         y = torch.as_tensor((mesh.y[:-1, None] + sizes * basis.nodes.cpu().numpy()).ravel()).to(frequency)
@@ -81,9 +81,7 @@ class SweptDuct:
         for first in range(0, len(self.frequency), self._at_once):
             at = slice(first, first + self._at_once)
             k = self.mesh.case.wavenumber(self.frequency[at])
-            known = {
-                kind: condense_column(k, kind[0], self.basis, self._rows, self._flow, kind[1]) for kind in set(kinds)
-            }
+            known = {kind: Column(k, kind[0], self.basis, self._rows, self._flow, kind[1]) for kind in set(kinds)}
             columns = [known[kind] for kind in kinds]
             yield at, columns, _waves_into(columns, *(part[at] for part in self._ends))
 

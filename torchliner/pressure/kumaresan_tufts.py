@@ -10,7 +10,7 @@ higher waves fold into it (``docs/wall_pressure.md``).
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -66,15 +66,15 @@ def kumaresan_tufts(
         raise ValueError(f"{line.name}: {count}; use {2 * rank} microphones, or keep fewer waves (rank)")
 
     def waves_of(pressure: Tensor) -> Waves:
-        found = find_exponentials(pressure.movedim(-2, -1), rank, length)
-        along = 1j * torch.log(found.ratio) / spacing  # (..., F, K)
+        ratio, amplitude, energy, singular, residual = find_exponentials(pressure.movedim(-2, -1), rank, length)
+        along = 1j * torch.log(ratio) / spacing  # (..., F, K)
         # A wave runs along s if its phase does and it does not grow faster than it turns, or if it decays faster than
         # its phase turns against s, which then tells nothing.
         with_source = along.real > along.imag
-        best = torch.where(with_source, found.energy, -1.0).argmax(-1, keepdim=True)
+        best = torch.where(with_source, energy, -1.0).argmax(-1, keepdim=True)
         wave = torch.where(with_source.any(-1), along.gather(-1, best)[..., 0], math.nan + 0j)
-        modes, amplitudes, singular = (each.movedim(-1, -2) for each in (along, found.amplitude, found.singular_values))
-        return Waves(wave, modes, amplitudes, found.residual, singular)
+        modes, amplitudes, singular = (each.movedim(-1, -2) for each in (along, amplitude, singular))
+        return Waves(wave, modes, amplitudes, residual, singular)
 
     return educe_waves(
         seen,
@@ -89,19 +89,13 @@ def kumaresan_tufts(
     )
 
 
-class Exponentials(NamedTuple):
-    """What a signal is made of."""
+def find_exponentials(signal: Tensor, rank: int, order: int) -> tuple[Tensor, ...]:
+    """K exponentials a lambda^n of signals p (..., N) by backward linear prediction.
 
-    ratio: Tensor  # lambda, (..., K), largest |z| first
-    amplitude: Tensor  # a, at the first sample, (..., K)
-    energy: Tensor  # sum of |a lambda^n|^2 over that of |p|^2, (..., K)
-    singular_values: Tensor  # of the prediction matrix, all of them, (..., L)
-    residual: Tensor  # rms of what the K exponentials leave over that of the signal, (...)
-
-
-def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
-    """Ratios and amplitudes of K exponentials of signals (..., N) by backward linear prediction.
-
+    Returns:
+        lambda, (..., K), largest |z| first; a at the first sample, (..., K); energies, sums of |a lambda^n|^2 over that
+        of |p|^2, (..., K); all singular values of the prediction matrix, (..., L); rms of what the exponentials leave
+        over that of p, (...).
     Raises:
         ValueError: ``rank``, K, is not 1 to L; ``order``, L, is above N/2.
     Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833.
@@ -116,7 +110,7 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     if lead.numel() > SIGNALS:
         parts = [find_exponentials(each, rank, order) for each in signal.reshape(-1, samples).split(SIGNALS)]
         whole = (torch.cat(each) for each in zip(*parts, strict=True))
-        return Exponentials(*(each.reshape(lead + each.shape[1:]) for each in whole))
+        return tuple(each.reshape(lead + each.shape[1:]) for each in whole)
     windows = signal.conj().unfold(-1, order + 1, 1)  # (..., N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
     inverse = torch.where(s > ROUNDING * s[..., :1], 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]
@@ -135,4 +129,4 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> Exponentials:
     left = signal - (columns @ amplitude[..., None])[..., 0]
     power = signal.abs().square().sum(-1)
     energy = amplitude.abs().square() * columns.abs().square().sum(-2) / power[..., None]
-    return Exponentials(ratio, amplitude * ratio ** (-shift), energy, s, (left.abs().square().sum(-1) / power).sqrt())
+    return ratio, amplitude * ratio ** (-shift), energy, s, (left.abs().square().sum(-1) / power).sqrt()
