@@ -35,9 +35,9 @@ import torchliner as tl
 from common import options_of, parser_of
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, draw_pressures
 from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
+from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import WallEduction
 from torchliner.records.educed import Educed, Interval
 

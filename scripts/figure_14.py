@@ -23,21 +23,8 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.figure import (
-    COLOURS,
-    MARKERS,
-    PARTS,
-    SPL,
-    Figure,
-    draw_point,
-    draw_values,
-    entry,
-    finish,
-    frame,
-    legend_below,
-    styled,
-    subplots,
-)
+from torchliner.report import figure as style
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, styled
 
 SIDES = ("upstream", "downstream")
 FIRST = 145.0  # dB, where figure 19 lets its levels start
@@ -92,21 +79,21 @@ def draw_cloud(axis: Any, one: Any, colour: str, marker: str, label: str) -> Non
     """Z in the plane of R and X, with its draws."""
     drawn = one.draws.impedance[:, 0].numpy()
     axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
-    draw_point(axis, complex(one.impedance[0]), marker=marker, color=colour, markeredgecolor="k", label=label)
+    style.draw_point(axis, complex(one.impedance[0]), marker=marker, color=colour, markeredgecolor="k", label=label)
 
 
 def draw_levels(axis: Any, line: Any, one: Any, colour: str, marker: str) -> None:
     """Of the microphones, of the fit and of the range of its draws."""
     x, level = one.level_along()
     drawn = one.draws.level_along()[1][..., 0].numpy()
-    draw_values(axis, 1e3 * x, level[:, 0], (np.nanmin(drawn, 0), np.nanmax(drawn, 0)), color=colour)
+    style.draw_values(axis, 1e3 * x, level[:, 0], (np.nanmin(drawn, 0), np.nanmax(drawn, 0)), color=colour)
     axis.plot(1e3 * line.x, line.level[:, 0], marker, color=colour, markerfacecolor="none", linestyle="none")
 
 
 @styled
 def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
     """Impedances of all draws; levels with their range."""
-    figure, axes = subplots(1, 2, 3.7)
+    figure, axes = style.subplots(1, 2, 3.7)
     plane, levels = axes[0]
     for i, (side, one) in enumerate(sides.items()):
         draw_cloud(plane, one.by_modes, COLOURS[i], MARKERS[i], f"KT, {side}")
@@ -120,11 +107,11 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
         z = facility.truth[side]
         plane.plot(z.real, z.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
     plane.set(xlabel=PARTS[0][1], ylabel=PARTS[1][1])
-    levels.set(xlabel="$x$ (mm)", ylabel=SPL)
-    entry(plane, "pressures", "o", markerfacecolor="none")
-    entry(plane, "KT, range of the draws")
-    frame(plane, "xy")
-    legend_below(figure, plane, 4)
+    levels.set(xlabel="$x$ (mm)", ylabel=style.SPL)
+    style.entry(plane, "pressures", "o", markerfacecolor="none")
+    style.entry(plane, "KT, range of the draws")
+    style.frame(plane, "xy")
+    style.legend_below(figure, plane, 4)
     one = next(iter(sides.values()))
     truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
     words = (
@@ -132,7 +119,7 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
         f"Z = {truths} ({facility.state}); {one.by_modes.choices['draws']} draws of 0.1 dB, 0.1 deg; lines: KT, "
         "rank 2, with the range of the draws"
     )
-    return finish(figure, path, words)
+    return style.finish(figure, path, words)
 
 
 def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:

@@ -23,24 +23,10 @@ import torch
 import torchliner as tl
 from common import run_study
 from torchliner.duct.case import impedance_along
-from torchliner.duct.presets import DuctSetup, load_duct
-from torchliner.duct.solver import DuctSolver
-from torchliner.pressure.fit_field import fit_field
-from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.duct.presets import DuctSetup
 from torchliner.pressure.microphone_errors import draw_pressures
-from torchliner.pressure.two_waves import two_wave_fit
-from torchliner.report.figure import (
-    COLOURS,
-    MARKERS,
-    PARTS,
-    Figure,
-    entry,
-    finish,
-    legend_below,
-    part_of,
-    styled,
-    subplots,
-)
+from torchliner.report import figure as style
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, part_of, styled
 from torchliner.studies.variants import Row
 
 TRUE = 2.33 - 0.30j
@@ -63,29 +49,23 @@ ANECHOIC = "LEE fit, end taken as anechoic"
 DARK = {"upstream": COLOURS[0], "downstream": COLOURS[1]}
 
 
-def setup_of(side: str, length: float = 0.15, **changes: Any) -> DuctSetup:
-    """The B2A preset with another liner; microphones over the liner alone."""
-    return load_duct(
-        "b2a",
-        source_side=side,
-        liner=[(0.0, length)],
-        start=-BEYOND,
-        end=length + BEYOND,
-        first=STEP / 2,
-        last=length - STEP / 2,
-        **changes,
-    )
+def world(side: str, length: float = 0.15, **changes: Any) -> tuple[DuctSetup, tl.DuctSolver, tl.MicrophoneLine]:
+    """The B2A preset with another liner, its solver, and its field at microphones over the liner alone."""
+    places = {"start": -BEYOND, "end": length + BEYOND, "first": STEP / 2, "last": length - STEP / 2}
+    setup = tl.load_duct("b2a", source_side=side, liner=[(0.0, length)], **places, **changes)
+    solver = tl.DuctSolver(setup.case, setup.frequency)
+    return setup, solver, setup.line_of(solver.solve(setup.impedance))
 
 
-def row(study: str, value: Any, side: str, method: str, z: complex, spread: complex | None = None) -> Row:
+def row(study: str, value: Any, side: str, method: str, z: Any, spread: complex | None = None) -> Row:
     """One educed impedance; ``spread``: standard deviation of draws."""
     return Row(study=study, value=value, source=side, method=method, impedance=complex(z), spread=spread)
 
 
-def all_methods(study: str, value: Any, side: str, line: tl.MicrophoneLine, solver: DuctSolver) -> list[Row]:
+def all_methods(study: str, value: Any, side: str, line: tl.MicrophoneLine, solver: tl.DuctSolver) -> list[Row]:
     """KT of rank 2, the two-wave fit and the fit of the field."""
-    found = {"KT": kumaresan_tufts(line), "two waves": two_wave_fit(line), "LEE fit": fit_field(line, solver)}
-    return [row(study, value, side, method, complex(each.impedance[0])) for method, each in found.items()]
+    found = (tl.kumaresan_tufts(line), tl.two_wave_fit(line), tl.fit_field(line, solver))
+    return [row(study, value, side, name, one.impedance[0]) for name, one in zip(METHODS, found, strict=True)]
 
 
 def flows_and_lengths() -> list[Row]:
@@ -93,9 +73,7 @@ def flows_and_lengths() -> list[Row]:
     rows = []
     for flow, changes in FLOWS.items():
         for length, side in itertools.product(LENGTHS, SIDES):
-            setup = setup_of(side, length, **changes)
-            solver = DuctSolver(setup.case, setup.frequency)
-            line = setup.line_of(solver.solve(setup.impedance))
+            _, solver, line = world(side, length, **changes)
             rows += all_methods(f"length, {flow}", length, side, line, solver)
         print(f"{flow}: done", flush=True)
     return rows
@@ -105,27 +83,23 @@ def ranks_and_noise() -> list[Row]:
     """KT's two arguments without noise; mean and standard deviation over draws of the microphones' errors."""
     rows = []
     for side in SIDES:
-        setup = setup_of(side)
-        solver = DuctSolver(setup.case, setup.frequency)
-        line = setup.line_of(solver.solve(setup.impedance))
+        _, solver, line = world(side)
         for rank in RANKS:
             for order in range(max(rank, 2), line.microphones // 2 + 1):
-                z = complex(kumaresan_tufts(line, rank=rank, order=order).impedance[0])
+                z = tl.kumaresan_tufts(line, rank=rank, order=order).impedance[0]
                 rows.append(row(f"rank {rank}", order, side, "KT", z))
         for error in ERRORS:
             errors: Any = {"level_error": error, "phase_error": error}
             # As stated: draws= would raise them to what the residual of the model shows.
             random = torch.Generator().manual_seed(0)
             noisy = replace(line, pressure=draw_pressures(line.pressure, DRAWS, random, **errors))
-            found = {"KT": kumaresan_tufts(noisy).impedance, "two waves": two_wave_fit(noisy).impedance}
+            found = {"KT": tl.kumaresan_tufts(noisy).impedance, "two waves": tl.two_wave_fit(noisy).impedance}
             if error == 0.1:
-                fitted = fit_field(line, solver, draws=DRAWS, **errors).draws
-                assert fitted is not None
-                found["LEE fit"] = fitted.impedance
+                found["LEE fit"] = tl.fit_field(line, solver, draws=DRAWS, **errors).drawn
             for method, values in found.items():
                 drawn = values[:, 0]
                 spread = complex(float(drawn.real.std()), float(drawn.imag.std()))
-                rows.append(row("noise", error, side, method, complex(drawn.mean()), spread))
+                rows.append(row("noise", error, side, method, drawn.mean(), spread))
     return rows
 
 
@@ -133,13 +107,11 @@ def ends_and_gradients() -> list[Row]:
     """Reflections of the far end, as they are and unknown to the fit; Z varying along x."""
     rows = []
     for side in SIDES:
-        anechoic = setup_of(side)
-        blind = DuctSolver(anechoic.case, anechoic.frequency)
+        anechoic, blind, _ = world(side)
         for size in (0.0, 0.05, 0.1, 0.2, 0.3):
-            setup = setup_of(side, end_reflection=(size, 0.0))
-            line = setup.line_of(DuctSolver(setup.case, setup.frequency).solve(setup.impedance))
+            _, _, line = world(side, end_reflection=(size, 0.0))
             rows += all_methods("end reflection", size, side, line, blind)
-            z = complex(fit_field(line, blind, far_end="stated").impedance[0])
+            z = tl.fit_field(line, blind, far_end="stated").impedance[0]
             rows.append(row("end reflection", size, side, ANECHOIC, z))
         for rise in (-0.5, -0.25, 0.0, 0.25, 0.5):
             along = impedance_along([0.0, 0.15], TRUE + np.array([-0.5, 0.5]) * rise * TRUE.real)
@@ -167,7 +139,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 @styled
 def draw_truth(rows: Sequence[Row], path: Path) -> Figure:
     """Figure 14a with a known impedance: what each method makes of one impedance, by flow."""
-    figure, axes = subplots(1, 2, 3.4)
+    figure, axes = style.subplots(1, 2, 3.4)
     for axis, (method, title) in zip(axes[0], (("KT", "KT, rank 2"), ("two waves", "two-wave fit")), strict=True):
         for i, flow in enumerate(FLOWS):
             points = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES]
@@ -179,30 +151,30 @@ def draw_truth(rows: Sequence[Row], path: Path) -> Figure:
             axis.plot(z.real, z.imag, "x", color=DARK[side], markersize=7, label=f"paper, {side}")
         axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="known Z, and LEE fit", zorder=4)
         axis.set(xlabel=PARTS[0][1], ylabel=PARTS[1][1], xlim=(0.8, 3.4), ylim=(-0.8, 0.4), title=title)
-    return finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
+    return style.finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
 
 
 @styled
 def draw_length(rows: Sequence[Row], path: Path) -> Figure:
     """Mismatch of resistance and reactance over the liner's length."""
-    figure, axes = subplots(1, 2, 3.2)
+    figure, axes = style.subplots(1, 2, 3.2)
     curves = [(flow, method) for flow in FLOWS for method in METHODS if method != "LEE fit" or flow == "sheared"]
     for axis, (part, _), letter in zip(axes[0], PARTS, "RX", strict=True):
         for flow, method in curves:
             (x, up), (_, down) = (of(rows, f"length, {flow}", side, method) for side in SIDES)
             i, dash = list(FLOWS).index(flow), DASHES[METHODS.index(method)]
-            style: Any = {"color": COLOURS[i], "marker": MARKERS[i], "markersize": 3, "linestyle": dash}
-            axis.plot(1e3 * x, part_of(down - up, part), label=f"{FLOW_WORDS.get(flow, flow)}; {method}", **style)
+            how: Any = {"color": COLOURS[i], "marker": MARKERS[i], "markersize": 3, "linestyle": dash}
+            axis.plot(1e3 * x, part_of(down - up, part), label=f"{FLOW_WORDS.get(flow, flow)}; {method}", **how)
         paper = part_of(PAPER["downstream"] - PAPER["upstream"], part)
         axis.axhline(paper, color="k", linewidth=0.8, linestyle="-.", label="paper, 150 mm")
         axis.set(xlabel="liner length (mm)", ylabel=f"${letter}$ downstream less upstream")
-    return finish(figure, path, legend=3)
+    return style.finish(figure, path, legend=3)
 
 
 @styled
 def draw_choices(rows: Sequence[Row], path: Path) -> Figure:
     """KT's rank and order, and the noise: lines and filled markers for the source upstream."""
-    figure, axes = subplots(2, 2, 5.0)
+    figure, axes = style.subplots(2, 2, 5.0)
     styles: dict[str, dict[str, Any]] = {
         f"KT, rank {rank}": {"color": COLOURS[rank], "marker": MARKERS[rank], "markersize": 3} for rank in RANKS
     } | {"two waves": {"color": "k", "marker": "o", "markersize": 3}}
@@ -228,32 +200,32 @@ def draw_choices(rows: Sequence[Row], path: Path) -> Figure:
         below.set(xlabel="error of the microphones (dB, degrees)", xscale="log")
         below.set_xticks(ERRORS, [f"{error:g}" for error in ERRORS])
         below.minorticks_off()
-    for name, style in styles.items():
-        entry(axes[0, 0], name, **style | {"linestyle": "none"})
+    for name, how in styles.items():
+        style.entry(axes[0, 0], name, **how | {"linestyle": "none"})
     for side, dashes in sides.items():
-        entry(axes[0, 0], f"source {side}", color="k", markersize=3, **{"marker": "o"} | dashes)
-    entry(axes[0, 0], "known Z", color="0.6", linewidth=2)
-    return finish(figure, path, "sheared flow, liner 150 mm", legend=3)
+        style.entry(axes[0, 0], f"source {side}", color="k", markersize=3, **{"marker": "o"} | dashes)
+    style.entry(axes[0, 0], "known Z", color="0.6", linewidth=2)
+    return style.finish(figure, path, "sheared flow, liner 150 mm", legend=3)
 
 
 @styled
 def draw_ends(rows: Sequence[Row], path: Path) -> Figure:
     """End reflection and Z varying along x."""
-    figure, axes = subplots(2, 2, 4.8)
+    figure, axes = style.subplots(2, 2, 4.8)
     for panels, (study, words) in zip(axes, ACROSS.items(), strict=True):
         for axis, (part, label) in zip(panels, PARTS, strict=True):
             for i, method in enumerate((*METHODS, ANECHOIC)):
                 for side in SIDES:
                     x, z = of(rows, study, side, method)
-                    style: Any = {"linestyle": DASHES[i], "color": DARK[side], "marker": MARKERS[i], "markersize": 3}
-                    axis.plot(x, part_of(z, part), label=f"{method}, {side}", **style)
+                    how: Any = {"linestyle": DASHES[i], "color": DARK[side], "marker": MARKERS[i], "markersize": 3}
+                    axis.plot(x, part_of(z, part), label=f"{method}, {side}", **how)
             axis.axhline(part_of(TRUE, part), color="k", linewidth=0.8)
             axis.set(xlabel=words, ylabel=label)
     axes[0, 0].set_ylim(0.5, 3.5)
     axes[0, 1].set_ylim(-1.5, 0.5)
-    legend_below(figure, axes[0, 0], 2)
+    style.legend_below(figure, axes[0, 0], 2)
     words = "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) known Z"
-    return finish(figure, path, words)
+    return style.finish(figure, path, words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

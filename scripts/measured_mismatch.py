@@ -18,14 +18,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor
 
 import torchliner as tl
 from common import FIGURES, parser_of
-from torchliner.duct.dispersion import impedance_from_wavenumber
 from torchliner.io.csv_rows import write_rows
-from torchliner.records import MicrophoneLine, WallEduction
 from torchliner.records.wall_eduction import deviation as deviation_of
 from torchliner.report.figure import COLOURS, PARTS, Figure, finish, part_of, styled, subplots
 from torchliner.studies.variants import Row
@@ -37,11 +33,10 @@ HEARD = 0.15  # of the pressure: below it the reflected wave cannot be told from
 BANDS = ((300, 450), (450, 700), (700, 1000), (1000, 1480))  # Hz
 TIED, FREE = "two waves", "two free waves"  # as ``two_wave_fit`` names its results
 LEVEL, NEPER, THIN = 0.95, 20 / np.log(10), 4  # of the shaded intervals; dB; every so manieth symbol
-Rows = NDArray[np.complex128]
 
 
-def read_rows(path: Path) -> Rows:
-    """All rows, (440, 22); the header must name the columns that are used."""
+def lines_of(path: Path, heights: Sequence[float], spacing: float) -> list[tl.MicrophoneLine]:
+    """The ten microphones over the liner, frequencies increasing, a line a height (m) and side of the source."""
     with path.open(encoding="utf-8") as file:
         header = file.readline().lstrip("# ").strip().split(",")
     missing = [name for name in HEADER if name not in header]
@@ -50,29 +45,21 @@ def read_rows(path: Path) -> Rows:
             f"{path}: the header names {len(header)} columns, without {missing}; {CASE + 1} columns with "
             f"{', '.join(HEADER)} are needed"
         )
-    return np.loadtxt(path, dtype=complex, delimiter=",", comments="#")
+    rows, lines = np.loadtxt(path, dtype=complex, delimiter=",", comments="#"), []
+    for height in heights:
+        for side, case in CASES.items():
+            some = rows[rows[:, CASE].real == case]
+            if not len(some):
+                raise ValueError(f"the file holds no rows of case {case}")
+            some = some[np.argsort(some[:, FREQUENCY].real)]
+            about: dict[str, Any] = {"duct_height": height, "mach": float(some[0, MACH].real), "source_side": side}
+            about["fluid"] = tl.Fluid.from_temperature(float(some[0, TEMPERATURE].real))
+            x, frequency = spacing * np.arange(10), some[:, FREQUENCY].real
+            lines.append(tl.MicrophoneLine(x, some[:, LINER].T, frequency, name=f"source {side}", **about))
+    return lines
 
 
-def line_of(rows: Rows, side: str, height: float, spacing: float) -> MicrophoneLine:
-    """The ten microphones over the liner, frequencies increasing."""
-    some = rows[rows[:, CASE].real == CASES[side]]
-    if not len(some):
-        raise ValueError(f"the file holds no rows of case {CASES[side]}")
-    some = some[np.argsort(some[:, FREQUENCY].real)]
-    fluid, mach = tl.Fluid.from_temperature(float(some[0, TEMPERATURE].real)), float(some[0, MACH].real)
-    about: dict[str, Any] = {"duct_height": height, "mach": mach, "source_side": side, "fluid": fluid}
-    x = spacing * np.arange(10)
-    return MicrophoneLine(x, some[:, LINER].T, some[:, FREQUENCY].real, name=f"source {side}", **about)
-
-
-def share_of(found: WallEduction, line: MicrophoneLine) -> Tensor:
-    """rms over the microphones of the reflected wave over that of both, (F,)."""
-    distance = (line.x - found.origin)[:, None, None]
-    parts = (found.amplitudes * torch.exp(-1j * found.modes * distance)).abs().square().sum(0)
-    return (parts[1] / parts.sum(0)).sqrt()
-
-
-def rows_of(line: MicrophoneLine, draws: int) -> list[Row]:
+def rows_of(line: tl.MicrophoneLine, draws: int) -> list[Row]:
     """A row a wave and frequency: Kumaresan and Tufts, the two-wave fit, and both waves of a free fit.
 
     Errors of level and phase are those that two free waves leave: four complex numbers are fitted to the N pressures; a
@@ -85,26 +72,27 @@ def rows_of(line: MicrophoneLine, draws: int) -> list[Row]:
     ahead, behind = sides if line.source_side == "upstream" else sides[::-1]
     print(f"source {line.source_side}: two free waves leave {NEPER * error:.2f} dB, {math.degrees(error):.1f} degrees")
     kt, tied = (method(line, generator=seed, **about) for method in (tl.kumaresan_tufts, tl.two_wave_fit))
-    rows = [row for found in (kt, tied, free) for row in _wave(ahead, found, line)]
-    heard = (share_of(free, line) > HEARD).tolist()
-    back = _wave(behind, free, line, reflected=True)
-    return rows + [row for row, known in zip(back, heard, strict=True) if known]
+    # rms over the microphones of the reflected wave over that of both.
+    distance = (line.x - free.origin)[:, None, None]
+    parts = (free.amplitudes * torch.exp(-1j * free.modes * distance)).abs().square().sum(0)
+    heard = ((parts[1] / parts.sum(0)).sqrt() > HEARD).tolist()
+    back = [row for row, known in zip(_wave(behind, free, line, True), heard, strict=True) if known]
+    return [row for found in (kt, tied, free) for row in _wave(ahead, found, line)] + back
 
 
-def _wave(direction: str, found: WallEduction, line: MicrophoneLine, reflected: bool = False) -> list[Row]:
-    wave, z, spread = found.wavenumber, found.impedance, None
-    low, high = found.interval(LEVEL) if found.draws is not None else (None, None)
+def _wave(direction: str, found: tl.WallEduction, line: tl.MicrophoneLine, reflected: bool = False) -> list[Row]:
+    wave, z, gas = found.wavenumber, found.impedance, float(line.fluid.sound_speed)
+    low = high = spread = None
     if found.draws is not None:
-        spread = deviation_of(found.draws.wavenumber)  # type: ignore[attr-defined]
+        (low, high), spread = found.interval(LEVEL), deviation_of(found.draws.wavenumber)  # type: ignore[attr-defined]
     if reflected:  # in coordinates of the flow the relation holds for either direction
         wave = found.modes[..., 1, :]
-        gas: Any = {"height": line.duct_height, "mach": line.mach, "sound_speed": line.fluid.sound_speed}
-        z = impedance_from_wavenumber(wave, found.frequency, condition=found.choices["condition"], **gas)
+        about: Any = {"height": line.duct_height, "mach": line.mach, "condition": found.choices["condition"]}
+        z = tl.impedance_from_wavenumber(wave, found.frequency, sound_speed=gas, **about)
     rows = []
     for i, f in enumerate(found.frequency.tolist()):
-        about = {"direction": direction, "source": line.source_side, "method": found.method, "frequency": f}
-        row = Row(about, reflected=int(reflected), height=float(line.duct_height), k=2 * math.pi * f)
-        row["k"] /= float(line.fluid.sound_speed)
+        row = Row(direction=direction, source=line.source_side, method=found.method, frequency=f)
+        row |= {"reflected": int(reflected), "height": float(line.duct_height), "k": 2 * math.pi * f / gas}
         values = {"alpha": wave, "alpha_std": spread, "z": z, "z_low": low, "z_high": high}
         row |= {name: None if each is None else complex(each[i]) for name, each in values.items()}
         rows.append(Row(row, residual=float(found.residual[i])))
@@ -202,9 +190,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--draws", type=int, default=500)
     options = parser.parse_args(arguments)
     warnings.showwarning = lambda message, *_, **__: print(f"warning: {message}", file=sys.stderr)
-    measured, heights = read_rows(options.file), [1e-3 * height for height in options.heights]
+    heights = [1e-3 * height for height in options.heights]
     options.output.mkdir(parents=True, exist_ok=True)
-    lines = [line_of(measured, side, height, 1e-3 * options.spacing) for height in heights for side in CASES]
+    lines = lines_of(options.file, heights, 1e-3 * options.spacing)
     rows = [row for line in lines for row in rows_of(line, options.draws)]
     for height in heights:
         print_bands(rows, height)

@@ -16,43 +16,27 @@ from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.pressure.fit_field import fit_field
-from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
+from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
 TRUE = 1.4 - 0.6j
 pytestmark = [pytest.mark.filterwarnings("ignore::torchliner.DataWarning")]
 
 
-def solved_setup(*frequency, side="upstream", **changes):
-    """A small duct."""
-    return load_duct(
-        "b2a", source_side=side, profile="uniform", start=-0.12, end=0.27, frequency=list(frequency), **changes
-    )
-
-
-def solver_of(setup):
-    """On a mesh that is fine enough for sound: the same equations make pressures and fit them."""
-    mesh = build_mesh(setup.case, float(setup.frequency.max()), column=0.03, row=0.0125)
-    return DuctSolver(setup.case, setup.frequency, mesh)
-
-
-def heard_in(setup, wall, solver):
-    """Pressures of a wall in a duct, and the duct's solver."""
-    return setup.line_of(solver.solve(torch.tensor([wall], dtype=torch.complex128))), solver
-
-
 @functools.cache
-def small_duct(side, frequency, **changes):
-    """It and its solver."""
-    setup = solved_setup(*frequency, side=side, **changes)
-    return setup, solver_of(setup)
+def small_duct(side, frequency, profile="uniform", **changes):
+    """A duct and its solver, on a mesh fine enough for sound: the same equations make pressures and fit them."""
+    about = {"start": -0.12, "end": 0.27, "frequency": list(frequency), "profile": profile, **changes}
+    setup = load_duct("b2a", source_side=side, **about)
+    mesh = build_mesh(setup.case, float(setup.frequency.max()), column=0.03, row=0.0125)
+    return setup, DuctSolver(setup.case, setup.frequency, mesh)
 
 
 @functools.cache
 def solved(side="upstream", impedance=TRUE, frequency=(900.0, 1500.0), **changes):
     """Pressures of one impedance in a small duct, and its solver."""
     setup, solver = small_duct(side, frequency, **changes)
-    return heard_in(setup, impedance, solver)
+    return setup.line_of(solver.solve(torch.tensor([impedance], dtype=torch.complex128))), solver
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +53,12 @@ def test_the_impedance_that_made_the_pressures_comes_back(upstream):
     assert float((found.amplitude / solver.case.incident - 1).abs().max()) < 1e-8
     assert float(found.misfit.max()) < 1e-12
     assert float((found.pressure - line.pressure).abs().max()) < 1e-6
+
+
+def test_several_frequencies_of_a_sheared_duct():
+    """Where both walls' conditions are one, the equations hold constants that frequencies share."""
+    line, solver = solved(profile="tanh")
+    assert float((fit_field(line, solver, start=1.5).impedance - TRUE).abs().max()) < 1e-7
 
 
 def test_both_sides_give_one_impedance_where_one_mode_does_not():

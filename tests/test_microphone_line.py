@@ -14,25 +14,20 @@ from conftest import turbulence
 
 import torchliner as tl
 from torchliner.io.flow_noise import reject_flow_noise
-from torchliner.io.microphone_file import STATED, read_microphones
+from torchliner.io.microphone_file import read_microphones
 from torchliner.records import MicrophoneLine
 
 RATE = 20e3
 PLACES = [0.012 * n for n in range(12)]
 
 
-def line_of(places=PLACES, frequency=(1000.0, 1500.0), batch=(), **about) -> MicrophoneLine:
-    """A decaying wave of 2 Pa, a little different in each case of a batch."""
+def line_of(places=PLACES, frequency=(1000.0, 1500.0), **about) -> MicrophoneLine:
+    """A decaying wave of 2 Pa."""
     about = {"duct_height": 0.05, "mach": 0.3, "source_side": "upstream", **about}
     x = torch.tensor(places, dtype=torch.float64)[:, None]
     f = torch.tensor(frequency, dtype=torch.float64)
     alpha = 2 * math.pi * f / 343.2 / 1.3 * (1 - 0.1j)
-    pressure = 2 * torch.exp(-1j * alpha * x)
-    scale = 1 + torch.arange(math.prod(batch), dtype=torch.float64).reshape(*batch, 1, 1)
-    return MicrophoneLine(places, scale * pressure if batch else pressure, frequency, **about)
-
-
-# --- the record ---------------------------------------------------------------------------------
+    return MicrophoneLine(places, 2 * torch.exp(-1j * alpha * x), frequency, **about)
 
 
 def test_levels_by_hand():
@@ -85,13 +80,11 @@ def test_selection():
         ({"x": [0.0, math.nan, 0.01]}, "x holds values that are not finite"),
         ({"pressure": np.ones((2, 1)) + 0j}, "pressure has shape (2, 1); (draws, 3 microphone, 1 frequency)"),
         ({"pressure": np.array([1, 0, 1j])}, "pressure is 0 Pa at 1, 0"),
-        ({"pressure": np.array([1, math.inf, 1j])}, "pressure is inf Pa at 1, 0"),
         ({"pressure": np.array([1, 1e200, 1j])}, "pressure is 1e+200 Pa at 1, 0 and 0 more; (0, 1.5e5] Pa"),
         ({"frequency": 0.0}, "frequency (Hz) is 0"),
         ({"duct_height": 0.0}, "duct_height is 0 m; (0, inf) m"),
         ({"mach": 1.0}, "mach is 1; [0, 1) is needed (bulk Mach number"),
         ({"source_side": "up"}, "source_side 'up'; choose one of: upstream"),
-        ({"liner_start": 0.1}, "liner_start is 0.1 m and liner_end None"),
         ({"liner_start": 0.1, "liner_end": 0.0}, "liner_start is 0.1 m and liner_end 0.0 m"),
         ({"liner_start": -math.inf, "liner_end": 0.0}, "liner_start is -inf m; finite"),
         ({"coherence": np.ones((2, 1))}, "coherence has shape (2, 1); (3 microphone, 1 frequency)"),
@@ -138,50 +131,15 @@ def test_degrees_are_not_doubted(hertz, reflection):
         assert found.notes == ()
 
 
-# --- files --------------------------------------------------------------------------------------
-
-
-def write_microphone_csv(line, path):
-    """As a laboratory writes it: what is stated, then a header, then a row each microphone and frequency."""
-    stated = {
-        name: f"{value!r} {STATED[name]}"
-        for name in STATED
-        if isinstance(value := getattr(line, name, getattr(line.fluid, name, None)), float)
-    }
-    stated |= {name: value for name in ("title", "source_side", "liner") if (value := getattr(line, name))}
-    text = [f"# {name} = {value}" for name, value in stated.items()] + ["x [m],frequency [Hz],SPL [dB],phase [deg]"]
-    for n, x in enumerate(line.x.tolist()):
-        for i, f in enumerate(line.frequency.tolist()):
-            text.append(",".join(map(repr, (x, f, float(line.level[n, i]), float(line.phase[n, i])))))
-    path.write_text("\n".join(text))
-
-
-def test_csv_gives_the_line_back(tmp_path):
-    """All that its lines can say; a field may be stated anew."""
-    line = line_of(
-        liner_start=0.0,
-        liner_end=0.132,
-        duct_width=0.05,
-        liner="onera",
-        title="a line",
-        fluid=tl.Fluid.from_temperature(290.0),
-    )
-    path = tmp_path / "line.csv"
-    write_microphone_csv(line, path)
-    again = read_microphones(path)
-    assert float((again.pressure - line.pressure).abs().max()) < 1e-13
-    assert torch.equal(again.x, line.x)
-    assert torch.equal(again.frequency, line.frequency)
-    stated = "duct_height duct_width mach source_side liner_start liner_end fluid liner title reference notes"
-    for label in stated.split():
-        assert getattr(again, label) == getattr(line, label), label
-    assert read_microphones(path, source_side="downstream").source_side == "downstream"
-
-
 CSV = """# duct_height = 50 mm
 # mach = 0.3 1
 # temperature = 290 K
 # source_side = upstream
+# liner_start = 0 m
+# liner_end = 24 mm
+# duct_width = 5 cm
+# title = a line
+# liner = onera
 # measured on a Tuesday
 x [mm];phase [deg];SPL [dB];frequency [kHz]
 12;-40,5;129,5;1,5
@@ -200,6 +158,9 @@ def test_a_table_by_hand(tmp_path):
     assert line.level[:, 0].tolist() == pytest.approx([130.0, 129.5, 129.0])
     assert line.phase[:, 0].tolist() == pytest.approx([10.0, -40.5, -91.0])
     assert line.fluid == tl.Fluid.from_temperature(290.0)
+    assert (line.liner_start, line.liner_end, line.duct_width, line.mach) == (0.0, 0.024, 0.05, 0.3)
+    assert (line.title, line.liner, line.source_side) == ("a line", "onera", "upstream")
+    assert read_microphones(path, source_side="downstream").source_side == "downstream"
     assert read_microphones(path, 1500.0).frequency.tolist() == [1500.0]
     path.write_text(CSV.replace("50 mm", "50mm"))
     assert float(read_microphones(path).duct_height) == 0.05
@@ -219,18 +180,14 @@ def test_a_table_by_hand(tmp_path):
     ("old", "new", "match"),
     [
         ("# duct_height = 50 mm\n", "", "the duct height is missing; add '# duct_height = 50 mm'"),
-        ("50 mm", "fifty mm", "line 1, duct_height is 'fifty mm'"),
         ("50 mm", "50 mn", r"line 1, duct_height has units 'mn' .did you mean 'm'"),
         ("duct_height", "duct_hight", "line 1 states 'duct_hight' .did you mean 'duct_height'"),
         ("# mach = 0.3 1", "# mach = 0.3 1\n# mach = 0.2 1", "line 3 states 'mach' a second time"),
         ("# mach", "# frequency = 1 kHz\n# mach", "either a column .frequency"),
         ("x [mm]", "x", "column 'x' has no unit"),
         ("SPL [dB]", "SPL [Pa]", "column 'spl' has units 'Pa'.*a level is needed in one of dB"),
-        ("SPL [dB]", "level [dB]", r"unknown column 'level \[dB\]'"),
-        ("x [mm];", "", "column 'x' is missing"),
-        ("frequency [kHz]", "frequency [MHz]", "column 'frequency' has units 'MHz'"),
-        ("129,5", "129.5", "mixes decimal marks: line 7 has '-40,5', line 7 has '129.5'"),
-        (";1,5\n0;", "\n0;", "line 7, column 'frequency' is ''; a number is needed"),
+        ("129,5", "129.5", "mixes decimal marks: line 12 has '-40,5', line 12 has '129.5'"),
+        (";1,5\n0;", "\n0;", "line 12, column 'frequency' is ''; a number is needed"),
         ("129;1,5", "129;1,2", r"has \[1, 2\] microphones at \[1200.0, 1500.0\] Hz"),
         ("290 K", "17 K", "temperature is 17 K; Sutherland's law"),
         ("290 K", "290 K\n# density = 1.2 kg/m3", "states a temperature and density"),
@@ -243,9 +200,6 @@ def test_tables_with_faults(tmp_path, old, new, match):
     path.write_text(CSV.replace(old, new))
     with pytest.raises(ValueError, match=match):
         read_microphones(path)
-
-
-# --- signals and flow noise ---------------------------------------------------------------------
 
 
 def signals_of(line: MicrophoneLine, samples: int, noise: float, seed: int = 0):

@@ -13,9 +13,9 @@ from test_wall_pressure import FREQUENCY, HEIGHT, OTHER, WALLS, X, line_of, nois
 
 from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.names import CONDITIONS
-from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import two_wave_fit
+from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
 UNEVEN = torch.tensor([0.0, 0.011, 0.03, 0.037, 0.064, 0.083, 0.1, 0.13], dtype=torch.float64)

@@ -14,10 +14,10 @@ from test_wall_pressure import OTHER, WALLS, line_of
 import torchliner as tl
 from coverage import METHODS, held_by_draws
 from torchliner.cli.main import main
-from torchliner.pressure.kumaresan_tufts import kumaresan_tufts
 from torchliner.pressure.microphone_errors import LEVEL_ERROR
 from torchliner.pressure.plane_waves import sort_waves
 from torchliner.pressure.two_waves import free_wave_fit
+from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
 

@@ -37,7 +37,7 @@ _NAMES = {  # module: public names that live in it
     "bursts.arrivals": "onto_grid tone_attenuation",
     "pressure.dean": "in_situ",
     "pressure.plane_waves": "decompose_waves sort_waves",
-    "pressure.kumaresan_tufts": "kumaresan_tufts",
+    "pressure.waves": "kumaresan_tufts",
     "pressure.two_waves": "two_wave_fit",
     "pressure.fit_field": "fit_field",
     "duct.dispersion": "impedance_from_wavenumber wavenumber_from_impedance",

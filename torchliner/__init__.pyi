@@ -62,10 +62,10 @@ from torchliner.liners.sdof import SDoFLiner as SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner as TabulatedLiner
 from torchliner.pressure.dean import in_situ as in_situ
 from torchliner.pressure.fit_field import fit_field as fit_field
-from torchliner.pressure.kumaresan_tufts import kumaresan_tufts as kumaresan_tufts
 from torchliner.pressure.plane_waves import decompose_waves as decompose_waves
 from torchliner.pressure.plane_waves import sort_waves as sort_waves
 from torchliner.pressure.two_waves import two_wave_fit as two_wave_fit
+from torchliner.pressure.waves import kumaresan_tufts as kumaresan_tufts
 from torchliner.records import BurstRecord as BurstRecord
 from torchliner.records import FieldFit as FieldFit
 from torchliner.records import Holes as Holes

@@ -70,7 +70,7 @@ FAR_ENDS = ("fitted", "stated")
 LOSSES = ("none", "viscothermal")
 _HERE = "torchliner.pressure"
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
-    "kt": (f"{_HERE}.kumaresan_tufts:kumaresan_tufts", "Kumaresan-Tufts", ("condition", "margin", "rank", "order")),
+    "kt": (f"{_HERE}.waves:kumaresan_tufts", "Kumaresan-Tufts", ("condition", "margin", "rank", "order")),
     "two-waves": (
         f"{_HERE}.two_waves:two_wave_fit",
         "two waves tied by one impedance",

@@ -14,7 +14,7 @@ LAWS += "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; def
 TOLERANCE = 'half-width with its unit, e.g. orifice_diameter="0.02 mm", porosity="2 %", temperature="1 K"; without, '
 TOLERANCE += "the change of Z for 1 % of each parameter"
 METHODS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METHODS.items())
-KT = "pressure.kumaresan_tufts:kumaresan_tufts"
+KT = "pressure.waves:kumaresan_tufts"
 
 
 def row(home: str, shared: str = "", *own: Option | Of) -> Command:

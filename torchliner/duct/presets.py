@@ -26,12 +26,10 @@ from torchliner.text_columns import read_lines, read_table
 
 PACKAGE, KIND = "torchliner.duct", ("duct", ".toml")
 MOST_MICROPHONES = 10_000
+PARTS = ("resistance", "reactance")
 NEAR = 1e-6  # m
 VELOCITY, VELOCITY_EXAMPLE = {"y": "length", "u": None}, "y [mm], U [m/s]"
-IMPEDANCE, IMPEDANCE_EXAMPLE = (
-    {"x": "length", "resistance": "number", "reactance": "number"},
-    "x [mm], resistance, reactance",
-)
+IMPEDANCE, IMPEDANCE_EXAMPLE = dict.fromkeys(("x", *PARTS), "number") | {"x": "length"}, "x [mm], resistance, reactance"
 # What a change of a key takes out of the file: the other way to say it, and the parts of another.
 REPLACES = {
     "impedance": ("impedance_file",),
@@ -109,13 +107,7 @@ class DuctFile(Strict):
     fluid: FluidTable = FluidTable()
 
 
-TABLES: dict[str, type[Strict]] = {
-    "duct": DuctTable,
-    "flow": FlowTable,
-    "sound": SoundTable,
-    "microphones": MicrophoneTable,
-    "fluid": FluidTable,
-}
+TABLES: dict[str, Any] = {name: key.annotation for name, key in list(DuctFile.model_fields.items())[3:]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +300,7 @@ def _impedance(sound: SoundTable, duct: DuctTable, folder: Path) -> Z:
         raise ValueError("sound has an impedance_file, which needs a liner in duct and excludes impedance")
     path = folder / sound.impedance_file
     about: dict[str, Any] = {"example": IMPEDANCE_EXAMPLE, "short": {"R": "resistance", "X": "reactance"}}
-    found = read_table(read_lines(path), IMPEDANCE, path, special=("resistance", "reactance"), **about)
+    found = read_table(read_lines(path), IMPEDANCE, path, special=PARTS, **about)
     values = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     values.real, values.imag = found["resistance"], found["reactance"]
     try:
