@@ -144,7 +144,7 @@ def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency:
         return chosen
     if require_choice("microphones", microphones, ("all", "pair")) == "all" or count < 2:
         return list(range(count))
-    mean = sum(wavenumbers(frequency, record.fluid.sound_speed, record.microphone_mach)) / 2
+    mean = 2 * torch.pi * frequency / record.fluid.sound_speed / (1 - record.microphone_mach**2)  # of k+ and k-
     pairs = [list(pair) for pair in combinations(range(count), 2)]
     return max(pairs, key=lambda pair: float(torch.sin(mean * places[pair].diff()).abs().min()))
 
@@ -190,14 +190,6 @@ def sort_waves(
     return PlaneWaves("sorted waves", line.frequency, incident, back / incident, place, *found[1:], some.x, notes)
 
 
-def wavenumbers(frequency: Tensor, sound_speed: float, mach: float = 0.0) -> tuple[Tensor, Tensor]:
-    """k+ (towards the surface) and k- (away from it), 1/m, (F,), with a mean flow away from the surface."""
-    if not abs(mach) < 1:
-        raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
-    k = 2 * torch.pi * frequency / sound_speed
-    return k / (1 - mach), k / (1 + mach)
-
-
 def split_waves(
     pressure: Tensor,
     places: Tensor,
@@ -225,8 +217,10 @@ def split_waves(
     """
     if len(places) < (2 if velocity is None else 1):
         raise ValueError(f"microphones: {len(places)} given; two waves need at least two")
-    plus, minus = wavenumbers(frequency, sound_speed, mach)
-    towards, away = torch.exp(1j * plus[:, None] * places), torch.exp(-1j * minus[:, None] * places)
+    if not abs(mach) < 1:
+        raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
+    turn = 2j * torch.pi / sound_speed * frequency[:, None] * places
+    towards, away = torch.exp(turn / (1 - mach)), torch.exp(-turn / (1 + mach))
     rows, measured = torch.stack([towards, away], -1), pressure.to(torch.complex128)
     if velocity is not None:
         rows = torch.cat([rows, torch.stack([towards, -away], -1)], dim=1)
