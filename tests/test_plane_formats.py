@@ -185,17 +185,12 @@ def many(**attributes):
     return data
 
 
-UP = {"standard_name": "upward_air_velocity"}
-
-
 @pytest.mark.parametrize(
     ("make", "stated", "factor", "more"),
     [
         (many, {"variable": "v"}, 1, 0),
         (many, {"normal": "y"}, 1, 0),
         (many, {"normal": "-y"}, -1, 0),
-        (lambda: dataset(attrs=UP).rename(z="y", v="w"), {}, 1, 0),
-        (lambda: dataset(attrs=UP | {"positive": "down"}).rename(z="y", v="w"), {}, -1, 0),
         (lambda: dataset().rename(z="y"), {"normal": "z"}, 1, 0),
         (lambda: dataset(attrs={"positive": "into the liner"}), {}, -1, 0),
         (lambda: dataset(attrs={"positive": "into the liner"}), {"normal": "-y"}, -1, 0),

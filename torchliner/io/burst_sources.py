@@ -145,11 +145,8 @@ def _sources(path: Path, options: Mapping[str, Any], about: Mapping[str, Any]) -
 
 
 def order_of(places: Sequence[Any], names: Sequence[str]) -> list[int]:
-    """Numbers of stations in the order of x, y, z, (m, all known), by whose ``names`` the message calls them.
-
-    Raises:
-        ValueError: two have the same position.
-    """
+    """Numbers of stations in the order of x, y, z, (m, all known); a ValueError, which calls them by their ``names``,
+    where two have the same position."""
     order = sorted(range(len(places)), key=lambda i: places[i])
     for i, j in pairwise(order):
         if all(abs(a - b) <= SAME_PLACE for a, b in zip(places[i], places[j], strict=True)):
@@ -171,11 +168,7 @@ def read_bursts(path: str | Path, **options: Any) -> list[BurstRecord]:
 
 
 def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
-    """Write stations to one HDF5 file; the old one, if any, is replaced only when the new is whole.
-
-    Raises:
-        ValueError: no station.
-    """
+    """Write stations, one at least, to an HDF5 file; an old one is replaced only when the new is whole."""
     if not records:
         raise ValueError(f"{path}: no station to write")
     if len(records) == 1:

@@ -86,13 +86,8 @@ def _record(columns: Mapping[str, Array], path: str | Path, **about: Any) -> Bur
 
 
 def read_burst_csv(path: str | Path, **about: Any) -> BurstRecord:
-    """Bursts of one station from a CSV; ``about`` are fields of the record instead of those of the file.
-
-    Raises:
-        FileNotFoundError, OSError: no such file, a folder.
-        ValueError: empty, header only, a column missing or without a unit, an unknown key, mixed decimal marks, an
-            unreadable cell.
-    """
+    """Bursts of one station from a CSV; ``about`` are fields of the record instead of those of the file. Errors are
+    those of ``read_lines``, ``read_stated``, ``find_columns`` and ``read_columns``; no bursts are a ValueError."""
     lines = read_lines(path)
     start = header_line(lines, path)
     stated, separator = read_stated(lines[:start], STATED, path), separator_of(lines[start])
@@ -139,9 +134,7 @@ def read_dantec(path: str | Path, components: Sequence[str] | None = None, **abo
             says so.
         about: further fields of the record, e.g. ``frequency``, ``fluid``; x, y, z override the position line.
     Raises:
-        FileNotFoundError, OSError: no such file, a folder.
-        ValueError: empty, another version, no position, a column missing or with a wrong unit, an unreadable cell,
-            mixed decimal marks.
+        As ``read_burst_csv``; another version, no position, channels that ``components`` do not tell.
     """
     lines = read_lines(path)
     place = position_of(lines, path)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 
 from torchliner.checks import require_positive, tell
 from torchliner.file_checks import Unwritten
-from torchliner.io.plane_format import Clock
 from torchliner.io.variables import Field
 from torchliner.units import require_plausible, si_factor
 
@@ -75,8 +72,8 @@ def clock_of(
     return found, first
 
 
-def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float, Clock | None]:
-    """Sampling rate, Hz, number of samples, time of the first, s, and the epoch that they count from; the rate may be
+def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float]:
+    """Sampling rate, Hz, number of samples, and time of the first, s, since the epoch if there is one; the rate may be
     ``stated`` where the times have no units, or as they have it. A ValueError as of ``clock_of``; a DataWarning where
     the times are rounded so that they tell the rate badly."""
     name, shape = field.label, field.shape
@@ -94,12 +91,8 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
     exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
     found, length, first = uniform_rate(time, name, exact), time[-1] - time[0], factor * float(counts[0])
     rate, _ = clock_of(time, name, stated, exact, unit)
-    clock = None
-    if epoch:
-        since = Fraction(counts[0].item()) * Fraction(str(factor))
-        clock = (f"{epoch.strip()} {(field.text('calendar') or 'standard').lower()}", since)
     if counted:
-        return rate, len(time), first * found / rate, clock
+        return rate, len(time), first * found / rate
     if stated is not None and abs(stated / rate - 1) * length <= 2 * exact:
         rate = stated  # the stamps cannot tell the two apart
     if stated is None and exact * rate > UNIFORMITY:
@@ -107,4 +100,4 @@ def read_times(field: Field, stated: float | None = None) -> tuple[float, int, f
             f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, {rate:.9g} Hz, is "
             f"known to {exact / length:.1g} of itself; write them in float64, or state sampling_rate=..."
         )
-    return rate, len(time), first, clock
+    return rate, len(time), first

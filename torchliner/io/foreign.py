@@ -114,14 +114,8 @@ def open_variables(path: Path, request: PlaneRequest, arrays: bool = False) -> V
 
 
 def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
-    """An array from .npy, .mat (v5 or v7.3) or .h5; v7.3 axes are put back in MATLAB's order.
-
-    Args:
-        path: file, of one of the endings in ``names.ARRAY_ENDINGS``.
-        variable: name in a .mat or .h5 file; may be left out if the file holds one array.
-    Raises:
-        ValueError: unknown ending, unknown variable, not numeric.
-    """
+    """An array from .npy, .mat (v5 or v7.3) or .h5, whose ``variable`` may be left out if the file holds one; v7.3 axes
+    are put back in MATLAB's order. A ValueError where ending or variable are unknown, or it holds no numbers."""
     path = Path(path)
     require_regular(path)
     ending = path.suffix.lower()
@@ -147,16 +141,7 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
 
 
 def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
-    """A plane from a DataArray or Dataset; what is lazy there is read by slabs.
-
-    Args:
-        data: with dimensions, coordinates and units as CF has them, docs/formats.md.
-        stated: what they do not say, fields of ``PlaneRequest``; and fields of ``VelocityPlane``,
-            SI, which outweigh those of ``data``.
-    Raises:
-        TypeError: neither a DataArray nor a Dataset.
-        ValueError: as ``to_plane``.
-    """
+    """A plane from a DataArray or Dataset, as ``VelocityPlane.from_xarray``; what is lazy there is read by slabs."""
     request = PlaneRequest(**{key: stated.pop(key) for key in (*TAKES, "wall_normal_component") if key in stated})
     if not hasattr(data, "data_vars") and hasattr(data, "dims") and hasattr(data, "coords"):
         name = str(data.name or "velocity")

@@ -50,12 +50,8 @@ def _cells(line: str) -> list[float]:
 
 
 def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of histories; ``points`` is a list of them, text or array.
-
-    Raises:
-        ValueError: a unit, or the rate of times without one, is missing; another number of points than columns; as
-            ``TextFile.rows``, ``clock_of`` and ``place``.
-    """
+    """The plane of a file of histories; ``points`` is a list of them, text or array. A ValueError as of
+    ``TextFile.rows``, ``clock_of`` and ``place``; where a unit is missing, or there are more points than columns."""
     text, label = open_text(path), str(path)
     heading = [line.strip("# \t\r") for line in text.heading]
     units = {found[1].lower(): found[2] for line in heading if (found := UNIT.match(line))}
@@ -120,12 +116,8 @@ def _columns(heading: Sequence[str], width: int, path: Path, request: PlaneReque
 def _points_of(
     heading: Sequence[str], count: int, unit: str | None, request: PlaneRequest, path: Path
 ) -> np.ndarray | None:
-    """Points in lines of a heading, one for each coordinate, m; None without.
-
-    Raises:
-        ValueError: a line of a coordinate that cannot be read, or as many numbers in a row as there are columns, or a
-            triple of numbers in brackets, in any other line; a coordinate along the wall is missing.
-    """
+    """Points in lines of a heading, one for each coordinate, m; None without. A ValueError where one cannot be read or
+    is missing, or another line has as many numbers in a row as there are columns, or a triple of them in brackets."""
     lines: dict[str, np.ndarray] = {}
     for at, line in enumerate(heading, 1):
         found = COORDINATE.match(line)

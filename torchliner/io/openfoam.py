@@ -47,13 +47,8 @@ def are_probes(path: Path, head: bytes) -> bool:
 
 
 def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of probes, or of all restarts in ``postProcessing/NAME``, which are joined.
-
-    Raises:
-        ValueError: no such quantity; as ``TextFile.rows``, ``uniform_rate``, ``place`` and ``join_planes``.
-    Warns:
-        DataWarning: probes outside the mesh, which are left out; a row that is not whole.
-    """
+    """The plane of a file of probes, or of all restarts in ``postProcessing/NAME``, which are joined; probes outside
+    the mesh are left out with a DataWarning. Errors as of ``TextFile.rows``, ``uniform_rate``, ``place``."""
     if not path.is_dir():
         return _one_run(path, request.variable or path.name, request)
     name = request.variable or "U"
@@ -108,11 +103,8 @@ def are_surfaces(path: Path, head: bytes) -> bool:
 
 
 def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of one surface, ``group`` of several, at all times in ``postProcessing/NAME``.
-
-    Raises:
-        ValueError: several surfaces; times without it; as ``uniform_rate`` and ``plane_of_frames``.
-    """
+    """The plane of one surface, ``group`` of several, at all times in ``postProcessing/NAME``; errors as of
+    ``uniform_rate`` and ``plane_of_frames``."""
     listed = {folder.name: surfaces_of(folder) for folder in time_folders(path)}
     names = sorted({each for found in listed.values() for each in found})
     group = request.group or ", ".join(names)

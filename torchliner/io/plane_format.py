@@ -7,7 +7,6 @@ import re
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from torchliner.records.cells import Holes
 from torchliner.records.slabs import slab_bounds
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-Clock = tuple[str, Fraction]  # epoch and calendar of times, and the first of them after that, s
 
 
 @dataclass(frozen=True)
@@ -97,14 +95,13 @@ class PlaneFormat:
 class Stored:
     """Velocity that is read by slabs; a ``records.StoredVelocity``. A format supplies ``fill``.
 
-    Attributes: ``shape``, (..., T); ``dtype`` of what is read; ``label``, FILE:/variable; ``clock``, the epoch of the
-    times, where they have one; ``files``, which must stay as they are while they are read.
+    Attributes: ``shape``, (..., T); ``dtype`` of what is read; ``label``, FILE:/variable; ``files``, which must stay as
+    they are while they are read.
     """
 
     shape: tuple[int, ...]
     dtype: torch.dtype
     label: str
-    clock: Clock | None = None
     files: tuple[Path, ...] = ()
 
     def fill(self, begin: int, end: int, out: Tensor) -> None:

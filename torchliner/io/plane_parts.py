@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
-from itertools import zip_longest
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell, whole_number
-from torchliner.io.plane_format import Clock, Stored
+from torchliner.io.plane_format import Stored
 from torchliner.names import OVERLAPS
 from torchliner.records import VelocityPlane
 from torchliner.records.case import require_same_probes
@@ -61,20 +59,17 @@ class JoinedVelocity(Stored):
             at = last
 
 
-def join_planes(
-    planes: Sequence[VelocityPlane], clocks: Sequence[Clock | None] = (), overlap: str = "refuse"
-) -> VelocityPlane:
-    """One plane from the pieces of one run, in any order, placed by the times that they state: by the epochs of their
-    ``clocks``, or by ``start`` where these are None.
+def join_planes(planes: Sequence[VelocityPlane], overlap: str = "refuse") -> VelocityPlane:
+    """One plane from the pieces of one run, in any order, placed by the times at which they ``start``.
 
     ``overlap`` says which file counts where two hold the same samples, with a DataWarning: ``earlier`` or ``later``,
-    the one that begins so; by ``refuse`` their values must agree. A ValueError as well where probes, case, rate or
-    epoch are others, or samples are missing between two.
+    the one that begins so; by ``refuse`` their values must agree. A ValueError as well where probes, case or rate are
+    others, or samples are missing between two.
     """
     if len(planes) == 1:
         return planes[0]
     require_choice("overlap", overlap, OVERLAPS)
-    pieces, rate = _on_one_clock(planes, clocks)
+    pieces, rate = _on_one_clock(planes)
     first, notes = pieces[0][1], []
     end, (at, owner) = first.samples, pieces[0]
     for low, piece in pieces[1:]:
@@ -104,22 +99,12 @@ def join_planes(
     )
 
 
-def _on_one_clock(planes: Sequence[VelocityPlane], clocks: Sequence[Clock | None]) -> tuple[list[Piece], float]:
-    """The pieces in the order of time, their ``start`` on the clock of the earliest; the common rate, Hz."""
-    epochs = {clock[0] if clock else "no date" for clock in clocks}
-    if len(epochs) > 1:
-        raise ValueError(
-            f"{planes[0].name} and {len(planes) - 1} more cannot be joined: their times are since "
-            f"{', '.join(sorted(epochs))}; write one epoch into the units of all"
-        )
-    # Dates are far from their epoch: only their differences are floats.
-    moments = [clock[1] if clock else Fraction(plane.start) for plane, clock in zip_longest(planes, clocks)]
-    first = planes[moments.index(min(moments))]
-    # The common rate is that of the longest piece: its stamps are rounded least.
+def _on_one_clock(planes: Sequence[VelocityPlane]) -> tuple[list[Piece], float]:
+    """The pieces in the order of time, and the common rate, Hz: that of the longest, whose stamps are rounded least."""
+    first = min(planes, key=lambda plane: plane.start)
     rate, found = max(planes, key=lambda plane: plane.samples).sampling_rate, []
-    for plane, moment in zip(planes, moments, strict=True):
-        after = float(moment - min(moments))
-        piece = replace(plane, start=first.start + after)
+    for piece in planes:
+        after = piece.start - first.start
         require_same_probes(first, piece)
         drift = abs(piece.sampling_rate / first.sampling_rate - 1) * max(first.samples, piece.samples)
         if drift > OFF or abs(after * rate - round(after * rate)) > OFF:

@@ -72,8 +72,7 @@ def read_plane(
         if os.path.abspath(each) not in seen:
             planes.append(open_plane(each, request))
             seen.update(os.path.abspath(frame) for frame in series_of(each))
-    clocks = [getattr(each.velocity, "clock", None) for each in planes]
-    plane = select(join_planes(planes, clocks, request.overlap or "refuse"), start, stop, every, region)
+    plane = select(join_planes(planes, request.overlap or "refuse"), start, stop, every, region)
     return plane if lazy else plane.load()
 
 

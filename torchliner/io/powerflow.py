@@ -45,12 +45,9 @@ def recognises(path: Path, head: bytes) -> bool:
 def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a measurement; ``variable`` is of ``variable_short_names``, ``group`` of ``face_names``.
 
-    Raises:
-        OSError: the file is truncated or damaged.
-        ValueError: a variable is missing or of another shape; several faces, of which none is
-            named; frames of unequal length or not uniform; as ``place``.
-    Warns:
-        DataWarning: a tone within 6 kHz is attenuated by more than 1 % in the frames.
+    A DataWarning where a tone within 6 kHz is attenuated by more than 1 % in the frames. A ValueError as of ``place``
+    and ``uniform_rate``; where a variable is missing or of another shape, frames are of unequal length, or none of
+    several faces is named.
     """
     with open_source(path) as source:
         fields = {name[1:]: each for name, each in source.fields.items()}
@@ -81,7 +78,7 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
         one = names.index(name)
         rate, start, window = _clock(file, step, values.shape[0], path)
         part = {1: slice(one, one + 1)}
-        stored = VariableVelocity(values, source.opens, (0, 2), placed.sign * velocity, None, part)
+        stored = VariableVelocity(values, source.opens, (0, 2), placed.sign * velocity, part)
     stored.label = label
     columns = torch.from_numpy(chosen[placed.order])
     selected = SelectedVelocity(stored, (*placed.shape, values.shape[0]), columns=columns)

@@ -56,8 +56,7 @@ HEIGHT = r"height|altitude|elevation|depth|lev(el)?s?|wall_?(distance|normal)|y_
 COMPONENTS = r"comp(onent)?s?|vec(tor)?s?|uvw|directions?|dims?|nv|d3|[a-z]*velocity_?components?"
 NONE = "none"  # an axis of one value
 # Names of velocities, and which way they are positive.
-UPWARD = r"(up|down)ward_(air|sea_water)_vel"
-NORMAL = rf"(wall|surface|liner)[ _-]?normal|^normal[ _-]vel|{UPWARD}"
+NORMAL = r"(wall|surface|liner)[ _-]?normal|^normal[ _-]vel"
 OTHER = r"streamwise|spanwise|eastward|northward|mean\b|rms\b"
 ALONG = {a: rf"^({u}|([uv]|vel|velocity)[ _-]?{a}|{a}[ _-]?vel(ocity)?)\b" for a, u in zip("xyz", "uvw", strict=True)}
 WALL = r"( the (liner|wall|surface|facesheet))?"
@@ -65,12 +64,8 @@ AWAY, INTO = rf"(away|outwards?)( from{WALL})?", rf"(into|towards?|inwards?){WAL
 
 
 def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
-    """The plane that a file or dataset holds.
-
-    Raises:
-        ValueError: a variable is missing, was never written, has a wrong shape or no or wrong units, or time is not
-            uniform; the message names FILE:/variable.
-    """
+    """The plane that a file or dataset holds; a ValueError that names FILE:/variable where one is missing, was never
+    written, has a wrong shape or no or wrong units, or time is not uniform."""
     fields, path = source.fields, source.path
     head = Field(None, path, "/", source.attrs)
     schema = head.text("schema") or ""
@@ -81,11 +76,11 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     velocity = _velocity(source, request)
     ours = velocity.short == VELOCITY
     factor = velocity.signal_factor("m/s", request.velocity_units)
-    rate, samples, first, clock = request.sampling_rate, None, 0.0, None
+    rate, samples, first = request.sampling_rate, None, 0.0
     times = [fields[axis] for axis in velocity.axes if axis in fields and role_of(axis, fields) == "time"]
     times += [each for each in near(velocity, fields) if each.short.lower() in ("time", "t") and len(each.shape) == 1]
     if times:
-        rate, samples, first, clock = read_times(times[0], request.sampling_rate)
+        rate, samples, first = read_times(times[0], request.sampling_rate)
     order, taken, across = find_axes(velocity, fields, request, samples)
     if rate is None:
         raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
@@ -106,7 +101,7 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     sign = _sign(velocity, request, ours and schema.startswith("torchliner "))
     with naming(path):
         return VelocityPlane(
-            VariableVelocity(velocity, source.opens, order, sign * factor, clock, part),
+            VariableVelocity(velocity, source.opens, order, sign * factor, part),
             sampling_rate=rate,
             start=first,
             name=velocity.label,
@@ -134,6 +129,7 @@ def _velocity(source: Source, request: PlaneRequest) -> Field:
             f"{', '.join(there or source.fields) or 'nothing'}"
         )
     found = [each for each in there.values() if _may_be(each, request, len(there) == 1)]
+    found = [each for each in found if "time" in (role_of(axis, source.fields) for axis in each.axes)] or found
     patterns = [NORMAL, ALONG[request.normal[-1]]] if request.normal else [NORMAL]
     best = next(filter(None, ([each for each in found if says(each, pattern)] for pattern in patterns)), [])
     best = best or [each for each in found if not says(each, OTHER)]
@@ -176,12 +172,9 @@ def _sign(velocity: Field, request: PlaneRequest, ours: bool) -> float:
                 f"{request.normal!r} would turn it; leave the sign out, or correct the file"
             )
         return -1.0 if into else 1.0
-    if not re.fullmatch("((up|down)(wards?)?)?", words):
-        raise ValueError(
-            f"{velocity.label}: positive is {words!r}; write 'away from the liner', 'into the liner', 'up' or 'down'"
-        )
-    down = words.startswith("down") or says(velocity, r"^downward_")
-    return -1.0 if down != turned else 1.0
+    if words:
+        raise ValueError(f"{velocity.label}: positive is {words!r}; write 'away from the liner' or 'into the liner'")
+    return -1.0 if turned else 1.0
 
 
 def role_of(name: str, fields: Fields) -> str:
@@ -210,14 +203,11 @@ def find_axes(
     """Its axes, time first, then z and x, or probe; the axis of heights or components of which one is taken; the
     coordinate that plays z, "y" where z is normal to the wall.
 
-    They are told by the user, the dimensions or the lengths; ``samples``: number of times, if there are any.
-
-    Raises:
-        ValueError: they cannot be told, or more than time and two others are longer than 1.
+    They are told by the user, the dimensions or the lengths; ``samples``: number of times, if there are any. A
+    ValueError where they cannot be told, or more than time and two others are longer than 1.
     """
     shape, label = velocity.shape, velocity.label
-    upward = says(velocity, UPWARD) or (request.normal or "")[-1:] == "z"
-    across, height = ("y", "z") if upward else ("z", "y")
+    across, height = ("y", "z") if (request.normal or "")[-1:] == "z" else ("z", "y")
     roles = request.axis_names or [role_of(axis, fields) for axis in velocity.axes or ("",) * len(shape)]
     long = [i for i, n in enumerate(shape) if n != 1]
     if len(roles) == len(long) < len(shape):  # MATLAB keeps a vector as a row

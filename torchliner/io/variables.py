@@ -29,7 +29,7 @@ from torchliner.io.hdf5 import (
     require_stored,
     text_attribute,
 )
-from torchliner.io.plane_format import Clock, Stored
+from torchliner.io.plane_format import Stored
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
@@ -220,14 +220,13 @@ class VariableVelocity(Stored):
         opens: Opener,
         order: tuple[int, ...],
         factor: float,
-        clock: Clock | None = None,
         part: dict[int, slice] | None = None,
     ) -> None:
         require_numbers(each.array, each.label)
         if isinstance(each.array, h5py.Dataset):
             require_stored(each.array, each.label, each.path)
         self.path, self.key, self.label, self.packing = each.path, each.name.lstrip("/"), each.label, each.packing
-        self.opens, self.order, self.factor, self.clock, self.part = opens, order, factor, clock, part or {}
+        self.opens, self.order, self.factor, self.part = opens, order, factor, part or {}
         self.shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
         require_memory(
             16 * math.prod(self.shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,"

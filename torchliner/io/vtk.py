@@ -45,10 +45,8 @@ def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a series of frames: a collection, any of the numbered files, or their folder. ``group`` names the
     series where a folder has several, or the block; units are always to be stated, the rate where no file has times.
 
-    Raises:
-        ImportError: pyvista is not installed.
-        ValueError: VTK cannot read a frame; a unit or the rate is missing; several series; fewer than two frames;
-            frames are missing; as ``clock_of`` and ``plane_of_frames``.
+    An ImportError without pyvista. A ValueError as of ``clock_of`` and ``plane_of_frames``; where VTK cannot read a
+    frame, a unit or the rate is missing, there are several series, or fewer than two frames.
     """
     numbers = _numbered(path, request.group) if path.is_dir() or path.suffix in ENDINGS else {}
     frames: Frames = [(each, partial(read_frame, each, request.group)) for each in numbers]
