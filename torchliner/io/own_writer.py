@@ -23,10 +23,10 @@ from torch import Tensor
 from torchliner.fluid import Fluid
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.names import RESULT_WRITERS, resolve
+from torchliner.records.case import AtProbes
 from torchliner.records.declared import Variable, facts_of, flat
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
-from torchliner.records.probes import AtProbes
 
 LONGEST_TEXT = 60_000  # bytes
 PLACES = {  # coordinates by dimension, of what else stands along it

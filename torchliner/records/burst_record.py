@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_positive
-from torchliner.records.case import OfOneTone
+from torchliner.records.case import OfOneTone, signal_tensor
 from torchliner.records.declared import ANY, check, record, table_of, var
 from torchliner.records.outlets import Written
-from torchliner.records.probes import signal_tensor
 
 AWAY = "away from the liner"  # the sign of velocities
 COMPONENTS = ("wall_normal", "streamwise")

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.records.case import AtProbes, finite_places
 from torchliner.records.declared import var
-from torchliner.records.probes import AtProbes, finite_places
 
 WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
 WIDEST = 0.1  # m, no hole of a liner: a slip of units

@@ -12,13 +12,12 @@ from torch import Tensor
 from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import AVERAGINGS, resolve
-from torchliner.records.case import Found
+from torchliner.records.case import Found, probe_axes
 from torchliner.records.cells import Holes
 from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.educed import Educed, PointImpedances
 from torchliner.records.level_check import LevelCheck, LevelMatched
 from torchliner.records.outlets import DrawnAtFrequency, Result
-from torchliner.records.probes import probe_axes
 
 FULL = ("probes", "frequency")
 

@@ -13,11 +13,10 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, index_of_frequency, plain_array, plain_number, real_tensor, tell
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
-from torchliner.records.case import LOUDEST, Case
+from torchliner.records.case import LOUDEST, Case, finite_places
 from torchliner.records.declared import ANY, check, record, var
 from torchliner.records.notes import unit_warnings
 from torchliner.records.outlets import Reported, Written
-from torchliner.records.probes import finite_places
 from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing

@@ -10,9 +10,9 @@ import torch
 
 from torchliner.checks import plain_array
 from torchliner.records.burst_record import AWAY
+from torchliner.records.case import AtProbes, finite_places, signal_tensor
 from torchliner.records.declared import record, table_of, var
 from torchliner.records.outlets import Written
-from torchliner.records.probes import AtProbes, finite_places, signal_tensor
 
 LARGEST = "[-1e9, 1e9]"  # of a signal, Pa or m/s: its squares are summed; static pressures are allowed
 FACE, BACK, MICROPHONES = ("facesheet", "time"), ("backplate", "time"), ("microphone", "time")

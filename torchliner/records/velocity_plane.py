@@ -11,10 +11,10 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor, require_positive, stated_frequency, tell
 from torchliner.names import resolve
+from torchliner.records.case import AtProbes, signal_tensor
 from torchliner.records.cells import Holes
 from torchliner.records.declared import part, record, var
 from torchliner.records.outlets import Drawn
-from torchliner.records.probes import AtProbes, signal_tensor
 from torchliner.records.slabs import Reader
 
 
