@@ -27,7 +27,7 @@ from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.bursts import WIDTHS_OF_SEGMENTS, draw_lines
+from torchliner.report.fields import WIDTHS_OF_SEGMENTS, draw_lines
 from torchliner.report.figure import COLOURS, LINES, PARTS, V_RMS, X_MM, Figure, finish, legend_below, styled, subplots
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m

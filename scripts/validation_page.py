@@ -24,7 +24,7 @@ from studies.limits import hole_velocity, reach, speed_that_gives
 from studies.validation_figures import FASTEST, draw_reach, draw_validation_errors
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
-from torchliner.report.of_fits import table_of_rules
+from torchliner.report.of_studies import table_of_rules
 from torchliner.report.table import format_complex
 from torchliner.studies.validation import (
     DEFAULT,

@@ -13,7 +13,7 @@ from test_audit import Counted
 import torchliner as tl
 from common import tables_of
 from studies.limits import hole_velocity, reach, speed_that_gives
-from torchliner.report.of_fits import table_of_rules
+from torchliner.report.of_studies import table_of_rules
 from torchliner.studies.validation import validate
 
 page = load_script("validation_page")

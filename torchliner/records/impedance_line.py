@@ -103,7 +103,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     SCHEMA: ClassVar = "torchliner line 1"
     PLACES: ClassVar = {"stations": ("station",)}
     axes: ClassVar = {"places": ("station",)}  # dimensions of its file
-    PLOT: ClassVar = "torchliner.report.bursts:draw_lines"
+    PLOT: ClassVar = "torchliner.report.fields:draw_lines"
 
     def __post_init__(self) -> None:
         require_shapes(flat(self, derived=False), "line")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,9 +26,9 @@ HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of
     "WallEduction": "of_duct:of_wall",
     "FieldFit": "of_duct:of_wall",
     "MicrophoneLine": "of_duct:of_line",
-    "Fit": "of_fits:of_fit",
-    "candidates": "of_fits:of_identification",
-    "educed": "of_fits:of_validation",
+    "Fit": "of_studies:of_fit",
+    "candidates": "of_studies:of_identification",
+    "educed": "of_studies:of_validation",
     "LevelCurve": "of_studies:of_curve",
     "Sensitivities": "of_studies:of_sensitivities",
     "skipped": "of_studies:of_audit",
@@ -150,6 +150,14 @@ class Answer:
             parts += [f"more warnings: {len(notes) - most} (--verbose)"] if len(notes) > most else []
         return "\n".join([*parts, *([f"next: {self.step}"] if self.step else [])])
 
+    def html(self) -> str:
+        """For notebooks: title, answer and rows."""
+        shown, rows = self.on_screen.shown, self.on_screen.rows[:MOST_ROWS]
+        table = [[column.heading for column in shown], *([column.cell(row) for column in shown] for row in rows)]
+        cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table)
+        lines = "".join(f"<p>{escape(line)}</p>" for line in self.lines)
+        return f"<div><b>{escape(self.title)}</b>{lines}<table>{cells}</table></div>"
+
     def draw(self, path: Path) -> None:
         """The first picture.
 
@@ -185,23 +193,9 @@ def answer_of(result: Any, *others: Any, source: Path | None = None, **about: An
     home = next((HOMES[name] for name in names if name in HOMES), None)
     if home is None:
         raise TypeError(f"{names[0]} is no result that can be shown")
-    found: Answer = resolve(f"torchliner.report.{home}")(several, source=source, **about)
-    return found
-
-
-def screen_of(result: Any) -> str:
-    """A short text of any result."""
-    return answer_of(result).screen()
-
-
-def html_of(result: Any) -> str:
-    """For notebooks: title, answer and rows of any result."""
-    answer = answer_of(result)
-    shown, rows = answer.on_screen.shown, answer.on_screen.rows[:MOST_ROWS]
-    table = [[column.heading for column in shown], *([column.cell(row) for column in shown] for row in rows)]
-    cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table)
-    lines = "".join(f"<p>{escape(line)}</p>" for line in answer.lines)
-    return f"<div><b>{escape(answer.title)}</b>{lines}<table>{cells}</table></div>"
+    found: Answer = resolve(f"torchliner.report.{home}")(*several, **about)
+    named = "" if source is None or ":" in found.title else f": {source.name}"
+    return replace(found, source=source, title=found.title + named)
 
 
 def ordered(notes: Iterable[Note | str]) -> list[Note]:

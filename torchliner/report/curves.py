@@ -70,12 +70,6 @@ def points_along_x(found: PointImpedances, frequency_index: int = 0) -> list[Row
     return rows_of(**{"point" if place is None else "x (m)": x}, impedance=impedance_from_admittance(average))
 
 
-def impedance_over_band(liner: Liner, speed: float = 0.0) -> list[Row]:
-    """Z of a liner over 300 to 3500 Hz, or the range of its table."""
-    frequency = np.linspace(*(as_liner(liner).frequency_range or BAND), 641)
-    return rows_of(frequency=frequency, impedance=liner.impedance(frequency, speed))
-
-
 def impedance_over_frequency(result: ImpedanceMap) -> list[Row]:
     """Z of the whole liner: of the answer with its interval, and in the other averagings by their names."""
     answer = result.liner[result.averaging]
@@ -254,11 +248,11 @@ def draw_comparison(found: Any, path: str | Path | None = None, frequency: float
 
 
 def draw_liner(liner: Liner, speeds: Sequence[float], title: str, path: str | Path | None = None) -> look.Figure:
-    """Resistance and reactance over frequency, one curve per speed |v|, m/s (figure 3)."""
-    drawn = []
+    """R and X over 300 to 3500 Hz, or the range of its table, one curve per speed |v|, m/s (figure 3)."""
+    frequency, drawn = np.linspace(*(as_liner(liner).frequency_range or BAND), 641), []
     for i, v in enumerate(speeds):
         style = look.colour_of(i) | {"label": f"$|v|$ = {v:g} m s$^{{-1}}$"}
-        drawn.append(look.curve_of(impedance_over_band(liner, v), "frequency", **style))
+        drawn.append({"x": 1e-3 * frequency, "y": liner.impedance(frequency, v)} | style)
 
     def more(axis: Any, _: str) -> None:
         axis.axhline(0, color="0.7", linewidth=0.6, zorder=0)

@@ -1,4 +1,4 @@
-"""Pictures of sound in ducts: levels and phases along a wall, fields; impedances educed from microphones."""
+"""Pictures along walls: levels, phases and fields of sound in ducts; impedances of microphones and of stations."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ import numpy as np
 import torch
 
 from torchliner.conversions import spl_from_pressure_amplitude
+from torchliner.records import ImpedanceLine
 from torchliner.report import figure as look
+from torchliner.report.table import Row
 
 LEVEL = 0.95  # of the intervals
+WIDTHS_OF_SEGMENTS = 3.0  # standard deviations over the segments in the paper's coloured areas
 FINE, ACROSS = 400, 60  # points of a picture along and across the duct
 NEAR_WALL = 0.05  # of the height
 
@@ -62,21 +65,6 @@ def draw_pressures(
     return look.finish(figure, path, title, 3)
 
 
-def draw_along(found: Sequence[Any], there: Sequence[tuple[int, int]], labels: Sequence[str], path: Any) -> look.Figure:
-    """Pressures measured and fitted; ``there``: numbers of the eductions that are drawn, and of a frequency of each."""
-    waves = []
-    for i, f in there:
-        line, (places, fitted) = found[i].source_line, found[i].fitted_along()
-        waves.append((labels[i], (places, fitted[:, f]), line.x, line.pressure[:, f]))
-    return draw_pressures(waves, path, "measured and fitted pressures along the wall", markers="measured")
-
-
-def draw_line(line: Any, at: Sequence[int], liner: Any, path: Any) -> look.Figure:
-    """Pressures at the microphones of a line, at some of its frequencies; ``liner``: ends of patches, m."""
-    waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
-    return draw_pressures(waves, path, look.plain_label(line.title or line.name), liner=liner)
-
-
 @look.styled
 def draw_field(setup: Any, field: Any, path: str | Path | None = None, frequency_index: int = 0) -> look.Figure:
     """SPL and wall-normal velocity in the duct; colours end at 99.5 % of the values off the wall, since vorticity on
@@ -107,3 +95,48 @@ def draw_spectra(
         drawn.append(look.curve_of(mine, "frequency", bars=len(mine) == 1, **style))
     words = f"{found[0].method}; {'bars' if len(rows[0]) == 1 else 'shaded'}: 95 % intervals"
     return look.draw_parts(drawn, look.KHZ, path, words, poles=True, legend=2, height=3.2)
+
+
+def place_along(line: ImpedanceLine) -> tuple[np.ndarray, str]:
+    """x in mm, or the number of the station where x is unknown."""
+    x = line.x.numpy()
+    known = np.isfinite(x).all()
+    return (1e3 * x, look.X_MM) if known else (np.arange(1, len(x) + 1, dtype=float), "station")
+
+
+def draw_lines(
+    lines: ImpedanceLine | Sequence[ImpedanceLine],
+    path: str | Path | None = None,
+    frequency_index: int | None = 0,
+    labels: Sequence[str] | None = None,
+    title: str | None = None,
+    axes: Any = None,
+) -> look.Figure:
+    """Resistance and reactance along the line (figures 10, 11).
+
+    Area: three standard deviations over the segments, as in the paper. Dark band: the statistical interval of the mean.
+    Crosses: stations that do not count in averages.
+    """
+    lines, f = [lines] if isinstance(lines, ImpedanceLine) else lines, frequency_index or 0
+    before, drawn = look.runs_in(axes), list[Row]()
+    for i, line in enumerate(lines, before):
+        x, z, out = place_along(line)[0], line.impedance[:, f], ~line.used
+        wide, name = WIDTHS_OF_SEGMENTS * line.segment_spread[:, f], line.title or f"line {i + 1}"
+        style = look.colour_of(i, labels[i - before] if labels else name, marker=look.MARKERS[i], markersize=2.5)
+        drawn.append({"x": x, "y": z, "ends": (z - wide, z + wide)} | style)
+        if line.interval is not None:
+            ends = line.interval.low[:, f], line.interval.high[:, f]
+            drawn.append({"x": x, "y": z, "ends": ends, "color": look.COLOURS[i]})
+        drawn.append({"x": x[out], "y": z[out]} | look.dots("k", "x", "not in averages" if out.any() else ""))
+
+    def more(axis: Any, part: str) -> None:
+        if before or part == "reactance":
+            return
+        look.entry(axis, "3 standard deviations over segments", color="0.85", **look.BAND)
+        if lines[0].interval is not None:
+            words = f"{100 * float(lines[0].choices['interval']):g} % interval"
+            look.entry(axis, words, color="0.6", **look.BAND)
+
+    about = {"more": more, "poles": None, "height": 3.5, "legend": 3, "axes": axes, "runs": len(lines)}
+    caption = title or f"{lines[0].title} {float(lines[0].frequency[f]):g} Hz"
+    return look.draw_parts(drawn, place_along(lines[0])[1], path, caption, **about)

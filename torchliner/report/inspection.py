@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -28,8 +27,7 @@ STATED = {"frequency": " (Hz)", "incident_level": " (dB)", "mach": "", "source_s
 OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner", "x", "z")
 
 
-@dataclass(frozen=True)
-class Inspection:
+class Inspection(NamedTuple):
     """Facts by name, failed checks in words, and the names of missing facts."""
 
     facts: dict[str, Any]
@@ -51,7 +49,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     jobs = [Job(Drive(), survey_sums, tone, largest=1), Job(_faults, linear), Job(moved, largest, largest=1)]
     sums, faulty, moves = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
     faults, still = faulty.sum((0, 1, 2)), moves.amax((0, 1, 2)) == 0
-    facts, failures, good = _shape(plane) | _stated(plane), list[str](), faults == 0
+    failures, good = list[str](), faults == 0
     if not bool(good.all()):
         probe = int((faults > 0).nonzero()[0])
         failures.append(
@@ -60,15 +58,15 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
         )
     if bool((still & good).any()):
         failures.append(f"{int((still & good).sum())} of {plane.probes} probes are constant in time")
-    _velocity_facts(plane, survey_of(sums, blocks, tone, 0), good, facts, failures)
+    found = _inspection(plane, survey_of(sums, blocks, tone, 0), good, failures)
     failures += plane_unit_warnings(plane, plane.frequency)
     if plane.liner in preset_names():
         failures += height_warnings(plane, load_liner(plane.liner).cell_pitch)
     if plane.frequency is not None:
-        periods = facts["periods of the tone"] = plane.frequency * plane.duration
-        facts["samples per period"] = plane.sampling_rate / plane.frequency
+        periods = found.facts["periods of the tone"] = plane.frequency * plane.duration
+        found.facts["samples per period"] = plane.sampling_rate / plane.frequency
         periodic = survey_of(sums[: whole.count], whole, tone, 0)
-        facts["coherence with the tone (median)"] = float(periodic.coherence(tone).median())
+        found.facts["coherence with the tone (median)"] = float(periodic.coherence(tone).median())
         if periods < FEWEST_PERIODS * (1 - 1e-6):
             few = f"{periods:.3g} periods of the tone, fewer than {FEWEST_PERIODS:g}"
             failures.append(f"{few}: educe refuses them unless --allow-short is given")
@@ -76,8 +74,8 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
             high = f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate"
             failures.append(f"{high}: educe refuses it")
     if bool(good.all()):
-        facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
-    return Inspection(facts, failures, _missing(plane))
+        found.facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
+    return found
 
 
 def _faults(v: Tensor, begin: int) -> Tensor:
@@ -87,66 +85,53 @@ def _faults(v: Tensor, begin: int) -> Tensor:
 
 def inspect_moments(known: Moments) -> Inspection:
     """What is left of a plane: the same facts without its spectrum, and what the moments are."""
-    settings = {f"reduced with {key.replace('_', ' ')}": value for key, value in known.settings.items()}
-    facts = _shape(known.plane) | {name: value for name, value in settings.items() if value is not None}
-    facts |= {"cells": known.cells.count, "blocks": known.survey.blocks.count} | _stated(known.plane)
+    about: dict[str, Any] = {f"reduced with {key.replace('_', ' ')}": value for key, value in known.settings.items()}
+    about |= {"cells": known.cells.count, "blocks": known.survey.blocks.count}
     if known.nodes is not None:
-        facts |= {"functions of |v|": known.nodes.count, "moments (MB)": known.size / 1e6}
-    failures: list[str] = []
-    _velocity_facts(known.plane, known.survey, known.used, facts, failures)
-    return Inspection(facts, failures, _missing(known.plane))
+        about |= {"functions of |v|": known.nodes.count, "moments (MB)": known.size / 1e6}
+    return _inspection(known.plane, known.survey, known.used, [], about)
 
 
-def _shape(plane: VelocityPlane) -> dict[str, Any]:
-    return {
+def _inspection(
+    plane: VelocityPlane, seen: Survey, good: Tensor, failures: list[str], about: dict[str, Any] | None = None
+) -> Inspection:
+    """Sizes, what is stated, what v is; ``about``: facts between them."""
+    facts: dict[str, Any] = {
         "title": plane.title,
         "probes": "x".join(str(n) for n in plane.probe_shape) or "1",
         "samples": plane.samples,
         "sampling rate (Hz)": float(plane.sampling_rate),
         "duration (ms)": 1e3 * plane.duration,
         "precision": str(plane.velocity.dtype).removeprefix("torch."),
+        **(about or {}),
+        "height (mm)": None if plane.height is None else 1e3 * plane.height,
+        **{f"{name} (mm)": _range(1e3 * at) for name in ("x", "z") if (at := getattr(plane, name)) is not None},
+        **{f"{name}{unit}": getattr(plane, name) for name, unit in STATED.items()},
+        "holes": None if plane.holes is None else plane.holes.words,
+        **{f"reference, {name}": f"{z:.4f}" for name, z in plane.reference.items()},
+        "sound speed (m/s)": float(plane.fluid.sound_speed),
+        "density (kg/m3)": float(plane.fluid.density),
     }
-
-
-def _missing(plane: VelocityPlane) -> list[str]:
-    return [name for name in OPTIONAL if (value := getattr(plane, name)) is None or value == ""]
-
-
-def _stated(plane: VelocityPlane) -> dict[str, Any]:
-    facts: dict[str, Any] = {} if plane.height is None else {"height (mm)": 1e3 * plane.height}
-    for name in ("x", "z"):
-        if (values := getattr(plane, name)) is not None:
-            facts[f"{name} (mm)"] = _range(1e3 * values)
-    facts |= {
-        f"{name}{unit}": value for name, unit in STATED.items() if (value := getattr(plane, name)) not in (None, "")
-    }
-    if plane.holes is not None:
-        facts["holes"] = plane.holes.words
-    facts |= {f"reference, {name}": f"{z:.4f}" for name, z in plane.reference.items()}
-    fluid = plane.fluid
-    return facts | {"sound speed (m/s)": float(fluid.sound_speed), "density (kg/m3)": float(fluid.density)}
-
-
-def _velocity_facts(
-    plane: VelocityPlane, seen: Survey, good: Tensor, facts: dict[str, Any], failures: list[str]
-) -> None:
-    if not bool(good.any()):
-        return
-    mean, rms = float(seen.mean[good].mean()), seen.rms[good]
-    facts |= {"v0 mean (m/s)": mean, "v0 smallest, largest (m/s)": _range(seen.mean[good])}
-    facts |= {"v' rms (m/s)": float(rms.square().mean().sqrt()), "v' rms smallest, largest (m/s)": _range(rms)}
-    facts["largest |v| (m/s)"] = float(seen.peak[good].max())
-    if plane.streamwise is not None:
-        mean_u, square = time_moments(VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate))
-        facts["u' rms (m/s)"] = float((square - mean_u**2).clamp(min=0).nanmean().sqrt())
-    if plane.mach:
-        bulk = plane.mach * plane.fluid.sound_speed
-        share = facts["|v0| over bulk velocity"] = abs(mean) / bulk
-        if share > ALIGNMENT:
-            failures.append(
-                f"mean |v0| is {100 * share:.2g} % of the bulk velocity, {bulk:.4g} m/s, above "
-                "1 %: the velocity components may be misaligned"
-            )
+    facts = {name: value for name, value in facts.items() if value is not None and (value != "" or name == "title")}
+    if bool(good.any()):
+        mean, rms = float(seen.mean[good].mean()), seen.rms[good]
+        facts |= {"v0 mean (m/s)": mean, "v0 smallest, largest (m/s)": _range(seen.mean[good])}
+        facts |= {"v' rms (m/s)": float(rms.square().mean().sqrt()), "v' rms smallest, largest (m/s)": _range(rms)}
+        facts["largest |v| (m/s)"] = float(seen.peak[good].max())
+        if plane.streamwise is not None:
+            mean_u, square = time_moments(VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate))
+            facts["u' rms (m/s)"] = float((square - mean_u**2).clamp(min=0).nanmean().sqrt())
+        if plane.mach:
+            bulk = plane.mach * plane.fluid.sound_speed
+            share = facts["|v0| over bulk velocity"] = abs(mean) / bulk
+            if share > ALIGNMENT:
+                failures.append(
+                    f"mean |v0| is {100 * share:.2g} % of the bulk velocity, {bulk:.4g} m/s, above "
+                    "1 %: the velocity components may be misaligned"
+                )
+    return Inspection(
+        facts, failures, [name for name in OPTIONAL if (value := getattr(plane, name)) is None or value == ""]
+    )
 
 
 def _range(values: Tensor) -> str:

@@ -122,11 +122,6 @@ def probe_rows(result: ImpedanceMap, index: int) -> list[Row]:
 # What maps and planes of one figure are called.
 
 
-def height_label(height: float | None) -> str:
-    """'y = 1 mm' or nothing."""
-    return "" if height is None else f"y = {1e3 * height:.3g} mm"
-
-
 def case_title(one: ImpedanceMap | VelocityPlane) -> str:
     """The title up to the height: what several heights share."""
     return one.title.split(", y =")[0]
@@ -144,7 +139,7 @@ def labels_of(results: Sequence[Any]) -> list[str]:
     return distinct(
         [
             (
-                height_label(one.height),
+                "" if one.height is None else f"y = {1e3 * one.height:.3g} mm",
                 f"source {one.source_side}" if one.source_side else "",
                 "" if one.incident_level is None else f"{one.incident_level:g} dB",
                 one.title,

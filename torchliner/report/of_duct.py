@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,7 +29,7 @@ MOST_DRAWN = 6  # frequencies along a wall
 MESH, GROWTH = "mesh difference (dB)", "growth over the liner (dB)"
 
 
-def of_wall(found: Sequence[WallEduction | FieldFit], source: Path | None = None) -> Answer:
+def of_wall(*found: WallEduction | FieldFit) -> Answer:
     """Z of each eduction with its interval, how far they are apart, what is known of the wall."""
     lines, several = [one.source_line for one in found], len(found) > 1
     pairs = list(zip(found, lines, strict=True))
@@ -66,10 +66,13 @@ def of_wall(found: Sequence[WallEduction | FieldFit], source: Path | None = None
     pressures = [
         {"eduction": labels[i]} | row for i, _ in there for row in _microphones(lines[i]) if row["frequency"] == main
     ]
-    spectra, along = (
-        partial(fields.draw_spectra, found, labels, each_rows),
-        partial(fields.draw_along, found, there, labels),
-    )
+    waves = []
+    for i, f in there:
+        places, fitted = found[i].fitted_along()
+        waves.append((labels[i], (places, fitted[:, f]), lines[i].x, lines[i].pressure[:, f]))
+    title = "measured and fitted pressures along the wall"
+    along = partial(fields.draw_pressures, waves, title=title, markers="measured")
+    spectra = partial(fields.draw_spectra, found, labels, each_rows)
     words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
     shown = "eduction," * several + "frequency,impedance,interval,"
     known = {f"{name}: Z = {z:.3f}.": 0 for line in lines for name, z in line.reference.items()}
@@ -87,7 +90,6 @@ def of_wall(found: Sequence[WallEduction | FieldFit], source: Path | None = None
             Picture("along-wall", words, along, lambda: pressures),
         ],
         results=list(found),
-        source=source,
     )
 
 
@@ -103,13 +105,12 @@ def _microphones(line: MicrophoneLine) -> list[Row]:
     return rows_of(frequency=line.frequency[:, None], x=line.x, spl=level, phase=phase)
 
 
-def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answer:
+def of_line(line: MicrophoneLine) -> Answer:
     """Of a solved duct, from its line of microphones: what it takes from sound, and whether the mesh is fine enough.
 
     Raises:
         ValueError: microphones that were measured: no result, but what one is educed from.
     """
-    (line,) = lines
     solved, modes = (line.provenance.get(key) for key in ("solved", "plane_mode"))
     if not isinstance(solved, Mapping) or not isinstance(modes, list) or len(modes) != len(line.frequency):
         raise ValueError(
@@ -132,7 +133,8 @@ def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answ
         sentences.append(f"At {grown['frequency (Hz)']:g} Hz {words}.")
     microphones = table_of(_microphones(line), "frequency,x,spl,phase")
     words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
-    draw = partial(fields.draw_line, line, at, liner)
+    waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
+    draw = partial(fields.draw_pressures, waves, title=line.title or line.name, liner=liner)
     return Answer(
         title=f"Solved duct: {line.title}",
         lines=sentences,
@@ -144,7 +146,6 @@ def of_line(lines: Sequence[MicrophoneLine], source: Path | None = None) -> Answ
         pictures=[Picture("along-wall", words, draw, lambda: microphones.rows)],
         results=[SimpleNamespace(choices={key: v for key, v in line.provenance.items() if key != "plane_mode"})],
         more={"duct": solved},
-        source=source,
     )
 
 

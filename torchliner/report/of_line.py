@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,8 @@ from torchliner.pressure.tones import LEVEL
 from torchliner.records import ImpedanceLine, PointImpedances, PressureRecord
 from torchliner.records.notes import Note
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
-from torchliner.report.bursts import draw_lines, draw_stations, moment_of
 from torchliner.report.curves import ORDERS, draw_points, points_along_x
+from torchliner.report.fields import draw_lines
 from torchliner.report.of_map import level_line, state_of
 from torchliner.report.table import Row, rows_of, table_of
 
@@ -35,10 +35,22 @@ WHY = (
 )
 
 
-def of_line(lines: Sequence[ImpedanceLine], source: Path | None = None) -> Answer:
+def of_line(line: ImpedanceLine) -> Answer:
     """Of a line of stations: its average and its stations."""
-    (line,) = lines
-    found, rows, stations = line.average, list[Row](), table_of(_stations(line), STATIONS)
+    found, rows = line.average, list[Row]()
+    stations = rows_of(
+        station=np.array(line.names, object)[:, None],
+        flags=np.array([len(each) for each in line.flags])[:, None],
+        dropped=np.array([sum(each.values()) for each in line.dropped])[:, None],
+        **{name: getattr(line, name)[:, None] for name in OF_STATION},
+        frequency=line.frequency,
+        impedance=line.impedance,
+        interval=line.interval,
+        segment_spread=line.segment_spread,
+        tone_velocity=line.velocity_level,
+        coherence=line.coherence,
+        attenuation=line.attenuation.abs(),
+    )
     words = f"{line.stations} stations that have not been joined: no impedance of the line."
     if found is not None:
         rows = rows_of(
@@ -58,37 +70,18 @@ def of_line(lines: Sequence[ImpedanceLine], source: Path | None = None) -> Answe
         "segments; dark: interval of the mean; crosses: stations that are in no average."
     )
     flags = [f"{name}: {flag}" for name, several in zip(line.names, line.flags, strict=True) for flag in several]
-    known = [f"{name}: Z = {z:.3f}." for name, z in line.reference.items()]
     return Answer(
-        title=f"Impedance line: {line.title or (source.name if source else 'in memory')}",
+        title=f"Impedance line: {line.title}" if line.title else "Impedance line",
         lines=[words, level_line(line, 0)],
         table=table_of(rows, "frequency,impedance,interval,spread,goodrich"),
         brief=table_of(rows if len(rows) > 1 else [], "frequency,impedance,interval"),
         caption="Z = 1/mean(1/Z) over ρc over the stations that count, eq. (5.2); spread: along the line.",
-        grids=[Grid("stations", "A row a station and frequency.", stations)],
-        remarks=["Z is p/(ρc v), exp(+jωt).", *known],
+        grids=[Grid("stations", "A row a station and frequency.", table_of(stations, STATIONS))],
+        remarks=["Z is p/(ρc v), exp(+jωt).", *(f"{name}: Z = {z:.3f}." for name, z in line.reference.items())],
         notes=[*line.notes, *flags],
         state=state_of(line, 0),
-        pictures=[Picture("along-x", caption, partial(draw_lines, line), lambda: stations.rows)],
+        pictures=[Picture("along-x", caption, partial(draw_lines, line), lambda: stations)],
         results=[line],
-        source=source,
-    )
-
-
-def _stations(line: ImpedanceLine) -> list[Row]:
-    """A row a station and frequency."""
-    return rows_of(
-        station=np.array(line.names, object)[:, None],
-        flags=np.array([len(each) for each in line.flags])[:, None],
-        dropped=np.array([sum(each.values()) for each in line.dropped])[:, None],
-        **{name: getattr(line, name)[:, None] for name in OF_STATION},
-        frequency=line.frequency,
-        impedance=line.impedance,
-        interval=line.interval,
-        segment_spread=line.segment_spread,
-        tone_velocity=line.velocity_level,
-        coherence=line.coherence,
-        attenuation=line.attenuation.abs(),
     )
 
 
@@ -97,22 +90,22 @@ def one_of(values: Sequence[float]) -> str:
     return f"{values[0]:g} Hz" + (f", the first of {len(values)} frequencies" if len(values) > 1 else "")
 
 
-def of_stations(stations: Sequence[Station], source: Path | None = None) -> Answer:
+def of_stations(*stations: Station) -> Answer:
     """One row per station of bursts; what was dropped and why; flags and notes."""
     rows, remarks = list[Row](), list[str]()
     for one in stations:
         kept, seen = one.kept, one.moments
         row: Row = {"station": one.name, "x": kept.x, "y": kept.y, "z": kept.z, "received": kept.received}
-        row |= {"bursts": kept.bursts, "dropped": kept.received - kept.bursts, "duration": seen.duration}
-        row |= {"rate": seen.rate, "longest_gap": seen.longest_gap, "irregularity": seen.irregularity}
+        row |= {"bursts": kept.bursts, "dropped": kept.received - kept.bursts}
+        row |= {name: getattr(seen, name) for name in ("duration", "rate", "longest_gap", "irregularity")}
         for short, name in COMPONENTS.items():
-            row |= {f"{short} {key} (m/s)": moment_of(one, name, key) for key in MOMENTS}
+            values = {key: getattr(seen.components.get(name), key, None) for key in MOMENTS}
+            row |= {f"{short} {key} (m/s)": math.nan if v is None else float(v) for key, v in values.items()}
         rows.append(row | {"flags": list(one.flags), "flagged": "; ".join(one.flags)})
         remarks += [f"{one.name}: {n} dropped: {why}" for why, n in kept.dropped.items()]
         remarks += [] if seen.weighted else [f"{one.name}: no transit times, weighted moments are not weighted"]
     count = sum(1 for one in stations if one.flags)
     shown = "station,x,y,z,bursts,dropped,duration,rate,longest_gap,v mean (m/s),v rms (m/s)"
-    words = "Rms of the velocity and rate of the bursts of each station."
     return Answer(
         title=f"{len(stations)} stations of bursts",
         lines=[f"{count} of {len(stations)} stations are flagged" if count else "no flags"],
@@ -120,14 +113,11 @@ def of_stations(stations: Sequence[Station], source: Path | None = None) -> Answ
         brief=table_of(rows, shown),
         remarks=remarks,
         notes=[f"{one.name}: {text}" for one in stations for text in (*one.flags, *one.kept.notes)],
-        pictures=[Picture("stations", words, partial(draw_stations, rows), lambda: rows)],
-        source=source,
     )
 
 
-def of_points(several: Sequence[PointImpedances], source: Path | None = None) -> Answer:
+def of_points(found: PointImpedances) -> Answer:
     """Of impedances at points and cells, as an in situ measurement gives them."""
-    (found,) = several
     level = None if found.uncertainty is None else float(found.uncertainty.settings["level"])
     words, at = impedance_words(complex(found.answer[0]), found.bounds_of_liner(), level), found.frequency.tolist()
     several_points = int(torch.isfinite(found.point_impedance[:, 0].real).sum()) > 1
@@ -139,7 +129,6 @@ def of_points(several: Sequence[PointImpedances], source: Path | None = None) ->
         notes=found.notes,
         pictures=[_along_x(found, f"Impedance along x at {at[0]:g} Hz")] if several_points else [],
         results=[found],
-        source=source,
     )
 
 
@@ -154,17 +143,17 @@ def point_rows(found: PointImpedances) -> list[Row]:
     names = [f"cell {c}{at}" for c, at in enumerate(x, 1)]
     rows, mean = list[Row](), found.coherence.mean(0, keepdim=True)
     for end, order in ORDERS:
-        ends: list[Any] = [None, None]
+        ends: dict[str, Any] = {"low": None, "high": None}
         if found.uncertainty is not None:
             surface, cells = (getattr(found.uncertainty, f"{name}{end}") for name in ("liner", "cells"))
-            ends = [torch.cat([getattr(surface, e)[None], getattr(cells, e)]) for e in ("low", "high")]
+            ends = {e: torch.cat([getattr(surface, e)[None], getattr(cells, e)]) for e in ends}
         z = torch.cat([getattr(found, f"liner_impedance{end}")[None], getattr(found, f"cell_impedance{end}")])
         rows += rows_of(
             place=np.array(["surface", *names], object)[:, None],
             order=order,
             frequency=found.frequency,
             impedance=z,
-            **dict(zip(("low", "high"), ends, strict=True)),
+            **ends,
             coherence=torch.cat([mean, found.coherence]),
         )
     return rows
@@ -211,20 +200,13 @@ def of_pressures(
     for chosen in [about for there, about in wanted if there]:
         found = decompose_waves(record, frequency, **chosen, **options)
         ends = [f"{1e3 * float(found.microphones[i]):.1f}" for i in (0, -1)]
-        rows += rows_of(
-            method=found.name,
-            place=f"y = {(', ' if len(found.microphones) == 2 else ' to ').join(ends)} mm",
-            frequency=found.frequency,
-            impedance=found.impedance,
-            interval=found.interval,
-            residual=found.residual,
-            incident_level=found.incident_level,
-        )
+        names = ("frequency", "impedance", "interval", "residual", "incident_level")
+        place = f"y = {(', ' if len(found.microphones) == 2 else ' to ').join(ends)} mm"
+        rows += rows_of(method=found.name, place=place, **{name: getattr(found, name) for name in names})
         notes += found.notes
     true, tone = record.reference.get("true"), record.frequency
-    if true is not None and tone is not None:
-        at_tone = [row for row in rows if abs(row["frequency"] / tone - 1) < 1e-6]
-        for row in at_tone:
+    for row in rows if true is not None and tone is not None else []:
+        if abs(row["frequency"] / tone - 1) < 1e-6:
             row |= {"true": true, "distance_to_true": abs(row["impedance"] - true)}
     first = [row for row in rows if all(row[key] == rows[0][key] for key in ("frequency", "place"))]
     level, name = options.get("interval", LEVEL), record.title or record.name

@@ -33,7 +33,7 @@ MATCHED = "level-matched"
 NULL_TEST = "Null test: the wall is hard and has no liner; the values show how this model responds to such a velocity."
 
 
-def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answer:
+def of_maps(*results: ImpedanceMap) -> Answer:
     """Z with its interval and level check, a row a run and frequency; all averagings; what is known from elsewhere."""
     first, several, main = results[0], len(results) > 1, main_of(results[0])
     rows = [
@@ -49,7 +49,7 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         lines = [_line(first, main), *([near] if near else []), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
-    name = (case_title(first) if several else first.title) or (source.name if source else "")
+    name = case_title(first) if several else first.title
     return Answer(
         title=("Impedance map" + "s" * several) + (f": {name}" if name else ""),
         lines=[*dict.fromkeys([*lines, *(line for one in results for line in _known_lines(one))])],
@@ -66,7 +66,6 @@ def of_maps(results: Sequence[ImpedanceMap], source: Path | None = None) -> Answ
         state=state,
         pictures=[] if several else _pictures(first, main),
         results=[each for one in results for each in (one, *one.alongside)],
-        source=source,
     )
 
 

@@ -1,24 +1,32 @@
-"""The answers of studies: audit, comparison, models, sensitivities, heights, impedance over level."""
+"""The answers of studies: audit, comparison, models, sensitivities, heights, levels, fits, validation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
+from typing import Any
+
+import torch
 
 from torchliner.report import studies
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words
 from torchliner.report.curves import draw_comparison
-from torchliner.report.table import bounds_of, format_complex, rows_of, table_of
+from torchliner.report.table import Table, bounds_of, format_complex, rows_of, table_of
+from torchliner.studies.fit import Fit
 from torchliner.studies.sensitivities import Sensitivities, correlation_of
+from torchliner.studies.validation import DEFAULT, errors_by_rule
 from torchliner.studies.variants import Row, Study
 from torchliner.velocity.ir_tdibc_wall import LevelCurve
 
+SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
+TRUTH = "case,height,drive,mean,phase,averaging,educed,true,in_situ,low,high,error,level_check,speed,velocity_rms,mach,"
+TRUTH += "incident_level,periods"
+PREDICTED = "label,frequency,height,before,impedance,standard,fitted,level_check,true,misses,outside"
 
-def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
+
+def of_audit(found: Study) -> Answer:
     """What each open choice moves, the largest first; the base and its interval are rows of the CSV too."""
-    (found,) = several
     shown, level = "factor,variant,impedance,change.real,change.imag,level_check", found.level_check
     first = [Row(factor="base", variant=found.averaging, impedance=found.base, level_check=level)]
     ends = {"low": found.low, "high": found.high}
@@ -30,10 +38,8 @@ def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
         f"{impedance_words(found.base, bounds_of(found), found.level)}, whole liner, averaging {found.averaging}, "
         f"{found.frequency:g} Hz.",
         f"Level check{':' if level is None else f' {level:+.2f} dB'} {found.level_check_words}.",
+        *(f"{r.factor} moves Z most: {r.variant}, by {format_complex(r.change)}." for r in found.rows[:1]),
     ]
-    most = found.rows[0] if found.rows else None
-    if most is not None:
-        lines.append(f"{most.factor} moves Z most: {most.variant}, by {format_complex(most.change)}.")
     skipped = [f"{factor} does not apply: {reason}" for factor, reason in found.skipped.items()]
     words = f"{found.title}: what each choice moves"
     return Answer(
@@ -44,17 +50,15 @@ def of_audit(several: Sequence[Study], source: Path | None = None) -> Answer:
         caption="Every variant and how far it moves Z.",
         remarks=[*skipped, *([found.nearest_case] if found.nearest_case else [])],
         notes=found.notes,
-        step="" if most is None else f"state which {most.factor} you take, and why: it moves Z most",
+        step="".join(f"state which {r.factor} you take, and why: it moves Z most" for r in found.rows[:1]),
         pictures=[Picture("audit", words, partial(studies.draw_audit, found), lambda: found.rows)],
         results=[found],
         more=found,
-        source=source,
     )
 
 
-def of_comparison(several: Sequence[Study], source: Path | None = None) -> Answer:
+def of_comparison(found: Study) -> Answer:
     """A row a place and frequency."""
-    (found,) = several
     row = max((row for row in found.rows if row.place == "liner"), key=lambda each: abs(each.difference))
     differs = f"differs in {row.differs_in}" if row.differs_in else "no difference is shown"
     words = impedance_words(row.difference, bounds_of(row), found.level).removeprefix("Z = ")
@@ -65,13 +69,11 @@ def of_comparison(several: Sequence[Study], source: Path | None = None) -> Answe
         remarks=[found.words],
         pictures=[Picture("difference", "Second minus first", partial(draw_comparison, found), lambda: found.rows)],
         more=found,
-        source=source,
     )
 
 
-def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
+def of_models(found: Study) -> Answer:
     """A row a frequency and model, the nearest first."""
-    (found,) = several
     brief = "model,frequency,impedance,interval,level_check"
     brief += "".join(f",distance.{name}" for name in found.references)
     known = [f"{name}: {format_complex(value)}" for name, value in found.references.items()]
@@ -85,21 +87,15 @@ def of_models(several: Sequence[Study], source: Path | None = None) -> Answer:
         notes=found.notes,
         pictures=[Picture("models", f"{found.title}: models", partial(studies.draw_models, found), lambda: found.rows)],
         more=found,
-        source=source,
     )
 
 
 def of_sensitivities(
-    several: Sequence[Sensitivities],
-    source: Path | None = None,
-    averaging: str | None = None,
-    budget: Study | None = None,
-    limits: str = "rectangular",
+    found: Sensitivities, averaging: str | None = None, budget: Study | None = None, limits: str = "rectangular"
 ) -> Answer:
     """dZ of each parameter per SI unit and per 1 %, or its share of a ``budget`` of uncertainty; largest first."""
-    (found,) = several
     averaging, frequency = averaging or found.found.averaging, found.found.frequency.tolist()
-    nominal, rows, together, combined = found.found.liner[averaging].impedance.tolist(), list[Row](), [], None
+    nominal, rows, together = found.found.liner[averaging].impedance.tolist(), list[Row](), list[float]()
     lines = [f"Z = {format_complex(z)} at {f:g} Hz" for f, z in zip(frequency, nominal, strict=True)]
     if budget is None:
         shown, meaning = "slope.real,slope.imag,step.real,step.imag", "p in its unit"
@@ -115,34 +111,26 @@ def of_sensitivities(
     else:
         shown, meaning = "half_width,standard,impedance.real,impedance.imag", f"tolerances are {limits}"
         together = [correlation_of(each) for each in budget.covariance[averaging]]
-        for i, f in enumerate(frequency):
-            total = complex(budget.combined[averaging][i])
+        for i, (f, total) in enumerate(zip(frequency, budget.combined[averaging].tolist(), strict=True)):
             rows += budget.of(averaging=averaging, frequency=f)
             rows.append(Row(averaging=averaging, frequency=f, parameter="combined", impedance=total))
-            combined = total if i == 0 else combined
             lines[i] += (
                 f", standard uncertainty of R {total.real:.2g} and of X {total.imag:.2g}, "
                 f"their correlation {together[i]:+.2f}"
             )
-    first = [row for row in rows if row.frequency == frequency[0] and row.parameter != "combined"]
-    title = f"{found.found.title}, {frequency[0]:g} Hz, {averaging}; {meaning}"
-    draw = partial(studies.draw_contributions, first, title, total=combined)
     return Answer(
         title=f"Sensitivities: {found.found.title}",
         lines=lines[:3],
         table=table_of(rows, f"frequency,parameter,value,unit,{shown}"),
         remarks=[*lines[3:], f"Z over ρc, averaging {averaging}; {meaning}; first order."],
         notes=found.found.notes,
-        pictures=[Picture("contributions", title, draw, lambda: rows)],
         results=[found.found],
         more={"averaging": averaging, "impedance": nominal, "correlation_of_R_and_X": together},
-        source=source,
     )
 
 
-def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
+def of_heights(study: Study) -> Answer:
     """Z over height by averaging, what else speaks of a height, and which one to take."""
-    (study,) = several
     brief = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
     checks = "".join(f",level_check.{name}" for name in study.rows[0].level_check)
     more, lines, remarks = ",coherence,velocity_rms,modulation", list[str](), list[str]()
@@ -157,9 +145,7 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
     if study.decay is not None:
         sound = "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
         remarks.append(f"cell-periodic modulation: exp(-y/l), l = {1e3 * study.decay:.3g} mm{sound}")
-    drawn = [
-        Row(height=row.height, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()
-    ]
+    drawn = [Row(row, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()]
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
     title = f"{study.title}{hard}, {study.frequency:g} Hz"
     known = {"reference": study.reference["true"]} if "true" in study.reference else {}
@@ -178,13 +164,11 @@ def of_heights(several: Sequence[Study], source: Path | None = None) -> Answer:
         pictures=[Picture("heights", f"{study.title}: Z over height", draw, lambda: study.rows)],
         results=[study],
         more=study,
-        source=source,
     )
 
 
-def of_curve(curves: Sequence[LevelCurve], source: Path | None = None) -> Answer:
+def of_curve(curve: LevelCurve) -> Answer:
     """One row per level and frequency; ``fixed_point`` is that of the lowest speed."""
-    (curve,) = curves
     chosen, roots = curve.choices, curve.fixed_points
     rows = rows_of(
         level=curve.level[:, None],
@@ -199,15 +183,138 @@ def of_curve(curves: Sequence[LevelCurve], source: Path | None = None) -> Answer
     if chosen["kernel"] != "periodic":
         low, high = chosen["kernel_band"]
         kernel += f", error in R {chosen['kernel_error']:.1e} on {low:g}-{high:g} Hz"
-    line = f"A record of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz, {kernel}."
     words = "Resistance and reactance over the level of the incident wave"
     return Answer(
         title=f"{chosen['liner']}: {chosen['incident']}",
-        lines=[line],
+        lines=[f"A record of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz, {kernel}."],
         table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,fixed_point,frozen,drift,residual"),
         brief=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point"),
         remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
         pictures=[Picture("levels", words, partial(studies.draw_levels, curve), lambda: rows)],
         results=[curve],
-        source=source,
+    )
+
+
+# Fits.
+
+
+def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer:
+    """Parameters, correlations, misfit; predictions of other planes; ``words``: how the law was found."""
+    names, spread = found.law.names, found.standard
+    pairs = [
+        f"{names[i]} and {names[j]} {float(found.covariance[i, j] / (spread[i] * spread[j])):+.2f}"
+        for i in range(len(names))
+        for j in range(i)
+        if spread[i] * spread[j] > 0
+    ]
+    noise = "stated noise" if found.stated else "noise from the residual"
+    title, drawn = f"averaging: {found.choices.averaging}", list(predicted or found.rows)
+    draw = partial(studies.draw_predictions, {title: drawn}, "")
+    return Answer(
+        title=f"Calibration: {found.law.label}",
+        lines=[*filter(None, [words]), *([f"correlations: {', '.join(pairs)}"] if pairs else [])],
+        table=_parameters(found),
+        caption="The parameters that were fitted, SI.",
+        grids=_planes(found.rows, "The planes that were fitted.", predicted),
+        remarks=[
+            f"{found.data} data, {len(names)} parameters, sum of squares {float(found.residuals.square().sum()):.4g} "
+            f"({noise}); {title}"
+        ],
+        notes=found.notes,
+        step="predict other planes: --predict PLANE ..." if not predicted else "",
+        pictures=[Picture("predictions", title, draw, lambda: drawn)],
+        more=_about(found),
+    )
+
+
+def _parameters(found: Fit) -> Table:
+    """A row a parameter: value, spread, bounds, interval; SI."""
+    numbers, names = found.runs[0].liner.numbers(), found.law.names
+    rows = rows_of(
+        parameter=names,
+        unit=[numbers[name].unit for name in names],
+        on_bound=[name in found.on_bound for name in names],
+        value=found.values,
+        standard=found.standard,
+        **dict(zip(("lower_95", "upper_95"), found.interval, strict=True)),
+        lowest=found.law.low,
+        highest=found.law.high,
+    )
+    return table_of(rows, "parameter,value,unit,standard,lower_95,upper_95,lowest,highest")
+
+
+def _planes(rows: Sequence[Any], caption: str, predicted: Sequence[Any]) -> list[Grid]:
+    """Fitted ones, or those left out, and others; misses: in standard deviations."""
+    other = Grid("predictions", "Other planes, by the fit.", table_of(predicted, PREDICTED))
+    return [Grid("fitted", caption, table_of(rows, PREDICTED)), other]
+
+
+def _about(found: Fit) -> dict[str, Any]:
+    """Of a fit, for JSON."""
+    return {
+        "law": found.law.label,
+        "covariance": found.covariance,
+        "unseen": found.unseen,
+        "sum_of_squares": float(found.residuals.square().sum()),
+        "degrees_of_freedom": found.freedom,
+        "averaging": found.choices.averaging,
+        "seen_speeds": found.seen_speeds,
+    }
+
+
+def of_identification(found: Study, predicted: Sequence[Any] = ()) -> Answer:
+    """Laws, the one that predicts best first; its curve; what the planes see of it."""
+    fit, (slowest, fastest) = found.fit, found.fit.seen_speeds
+    seen = f"Seen: |v| of about {slowest:.3g} to {fastest:.3g} m/s"
+    if fit.law.frequencies:
+        seen += f"; the data determine {fit.determined:.1f} of {len(fit.values)} parameters"
+    rows, curve = list[Row](), list[Any]()
+    for each in found.candidates:
+        both = zip(each.fit.numbers.items(), each.fit.standard.tolist(), strict=True)
+        values = ", ".join(f"{name} {value:.4g} +- {u:.2g}" for (name, value), u in both)
+        row = Row(model=each.label, error=each.error, misfit=each.fit.misfit, lowest=each.lowest)
+        rows.append(Row(row, values="" if each.fit.law.frequencies else values))
+    speed = fit.knots.top * torch.tensor(SPEEDS, dtype=torch.float64)
+    for frequency in sorted({f for run in fit.runs for f in run.frequency.tolist()}):
+        z, low, high = fit.band(frequency, speed)
+        known = (slowest <= speed) & (speed <= fastest)
+        curve += rows_of(frequency=frequency, speed=speed, impedance=z, low=low, high=high, seen=known)
+    at = table_of(curve, "frequency,speed,impedance,interval,seen")
+    return Answer(
+        title=f"Identified law: {fit.law.label}",
+        lines=[f"{fit.law.label} predicts best what it has not seen.", f"{seen}."],
+        table=table_of(rows, "model,error,misfit,values"),
+        caption="Laws, the one that predicts best first; error: of planes left out.",
+        grids=[
+            Grid("curve", "The law at a few speeds, with its 95 % interval.", at),
+            *([] if fit.law.frequencies else [Grid("parameters", "Of the law, SI.", _parameters(fit))]),
+            *_planes(found.rows, "Each plane by a fit to the other runs.", predicted),
+        ],
+        notes=found.notes,
+        pictures=[Picture("law", "R and X over |v|", partial(studies.draw_identification, found), lambda: curve)],
+        more=_about(fit),
+    )
+
+
+def table_of_rules(rows: Sequence[Any]) -> Table:
+    """Every rule of every plane."""
+    return table_of(rows, "case,height,drive,mean,phase,averaging,educed,true,error", TRUTH)
+
+
+def of_validation(*rows: Any) -> Answer:
+    """Every rule beside the reference impedance of resolved cases; on the screen the default rules."""
+    rules = sorted(errors_by_rule(rows), key=lambda each: abs(each.median))
+    words = f"Median |dR| + j |dX| of each rule over {rules[0].planes} planes."
+    default = [row for row in rows if row.rule == DEFAULT]
+    return Answer(
+        title="Validation: |Z - Z_true| of the default rules",
+        lines=[],
+        table=table_of_rules(rows),
+        brief=table_of(default, "case,height,averaging,educed,true,error"),
+        caption="Every rule of every plane.",
+        grids=[Grid("rules", words, table_of(rules, "drive,mean,phase,averaging,median"))],
+        remarks=[
+            "Default: phase averaged, instantaneous |v|, mean kept. 'given' is the phase of the reference wave, which "
+            "only a simulation knows."
+        ],
     )

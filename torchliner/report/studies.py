@@ -29,57 +29,53 @@ NORMAL = 1.96  # standard deviations of a 95 % interval
 # A row a name: dots and bars.
 
 
-def bar_panels(names: Sequence[str]) -> tuple[look.Figure, list[tuple[Any, str]]]:
-    """Two panels that share the names at their left, the first on top."""
-    figure, axes = look.subplots(1, 2, 1.1 + 0.24 * len(names), beside=True)
-    for axis, (part, label) in zip(axes[0], look.PARTS, strict=True):
-        axis.set_yticks(range(len(names)), map(look.plain_label, names) if part == "resistance" else [])
-        axis.set(xlabel=label, ylim=(len(names) - 0.3, -0.7))
-        axis.tick_params(axis="y", length=0)
-        axis.use_sticky_edges = False
-    return figure, [(axis, part) for axis, (part, _) in zip(axes[0], look.PARTS, strict=True)]
-
-
-def _draw_bars(panels: Any, place: float, values: Sequence[complex], ends: Sequence[complex], label: str) -> None:
-    """Values on a row as dots, on a bar from end to end of each part."""
-    for axis, part in panels:
-        reach = [part_of(end, part) for end in ends]
-        if reach:
-            axis.barh(place, max(reach) - min(reach), left=min(reach), height=0.3, color=look.COLOURS[0], alpha=0.45)
-        axis.plot([part_of(value, part) for value in values], [place] * len(values), label=label, **DOT)
-
-
-@look.styled
-def draw_audit(found: Any, path: str | Path | None = None) -> look.Figure:
-    """A bar per factor from its smallest to its largest value, its variants as points."""
-    factors = list(dict.fromkeys(row.factor for row in found.rows))
-    figure, panels = bar_panels(factors)
-    for axis, part in panels:
-        axis.axvline(part_of(found.base, part), color="k", linewidth=0.9, label="base", zorder=1)
-        if found.low is not None:
-            words = f"{100 * found.level:g} % interval"
-            axis.axvspan(part_of(found.low, part), part_of(found.high, part), color="0.85", zorder=0, label=words)
-    for place, factor in enumerate(factors):
-        values = [row.impedance for row in found.of(factor=factor)]
-        _draw_bars(panels, place, values, [*values, found.base], "choice changed")
-    return look.finish(figure, path, f"{found.title}, {found.frequency:g} Hz, averaging {found.averaging}", 3)
-
-
 @look.styled
 def draw_cases(
     rows: Rows,
     path: str | Path | None = None,
     references: Mapping[str, complex] | None = None,
     title: str = "R and X of each case with its interval",
+    span: tuple[str, complex, complex] | None = None,
 ) -> look.Figure:
-    """A dot a case with its interval: rows with a name, impedance, low and high."""
-    figure, panels = bar_panels([row["name"] for row in rows])
-    for place, row in enumerate(rows):
-        _draw_bars(panels, place, [row["impedance"]], [row[end] for end in ("low", "high") if row[end] is not None], "")
-    for style, (name, value) in zip(look.REFERENCES, (references or {}).items(), strict=False):
-        for axis, part in panels:
+    """A row a case, the first on top: a dot, or one for each of ``values``, on a bar from ``low`` to ``high``.
+
+    Args:
+        rows: with a name, impedance, low and high (None without an interval).
+        references: lines through all rows.
+        span: name and ends of what is shaded through all rows.
+    """
+    figure, axes = look.subplots(1, 2, 1.1 + 0.24 * len(rows), beside=True)
+    for axis, (part, label) in zip(axes[0], look.PARTS, strict=True):
+        names = [look.plain_label(row["name"]) for row in rows]
+        axis.set_yticks(range(len(rows)), names if part == "resistance" else [])
+        axis.set(xlabel=label, ylim=(len(rows) - 0.3, -0.7))
+        axis.tick_params(axis="y", length=0)
+        axis.use_sticky_edges = False
+        for style, (name, value) in zip(look.REFERENCES, (references or {}).items(), strict=False):
             axis.axvline(part_of(value, part), label=look.plain_label(name), **style)
+        if span is not None:
+            axis.axvspan(*(part_of(end, part) for end in span[1:]), color="0.88", zorder=0, label=span[0])
+        for place, row in enumerate(rows):
+            values = row.get("values", [row["impedance"]])
+            label = "choice changed" if "values" in row else ""
+            axis.plot([part_of(value, part) for value in values], [place] * len(values), label=label, **DOT)
+            if row["low"] is not None:
+                low, high = (part_of(row[end], part) for end in ("low", "high"))
+                axis.barh(place, high - low, left=low, height=0.3, color=look.COLOURS[0], alpha=0.45)
     return look.finish(figure, path, title, 4)
+
+
+def draw_audit(found: Any, path: str | Path | None = None) -> look.Figure:
+    """A bar per factor from its smallest to its largest value, its variants as dots."""
+    rows = []
+    for factor in dict.fromkeys(row.factor for row in found.rows):
+        values = [row.impedance for row in found.of(factor=factor)]
+        ends = [[z.real for z in (*values, found.base)], [z.imag for z in (*values, found.base)]]
+        row = {"name": factor, "impedance": found.base, "values": values}
+        rows.append(row | {"low": complex(*map(min, ends)), "high": complex(*map(max, ends))})
+    span = None if found.low is None else (f"{100 * found.level:g} % interval", found.low, found.high)
+    words = f"{found.title}, {found.frequency:g} Hz, averaging {found.averaging}; dots: choices"
+    return draw_cases(rows, path, {"base": found.base}, words, span)
 
 
 def draw_models(found: Any, path: str | Path | None = None) -> look.Figure:
@@ -94,23 +90,6 @@ def draw_models(found: Any, path: str | Path | None = None) -> look.Figure:
     for marker, (name, value) in zip(look.MARKERS, found.references.items(), strict=False):
         drawn.append({"x": [1e-3 * tone], "y": [value]} | look.dots("k", marker, name, markerfacecolor="none"))
     return look.draw_parts(drawn, look.KHZ, path, f"{found.title}, {words}", poles=True)
-
-
-@look.styled
-def draw_contributions(
-    rows: Rows, title: str, path: str | Path | None = None, total: complex | None = None
-) -> look.Figure:
-    """Bars of the changes of R and X by each parameter, and their sum as a line; ``step`` or ``impedance`` of rows of
-    one frequency is drawn, the largest on top."""
-    figure, panels = bar_panels([row["parameter"].replace("_", " ") for row in rows])
-    key, per = ("step", "1 % of $p$") if total is None else ("impedance", "one $u(p)$")
-    for (axis, part), sign in zip(panels, "RX", strict=True):
-        axis.barh(range(len(rows)), [1e3 * part_of(row[key], part) for row in rows], color=look.COLOURS[0], height=0.6)
-        axis.axvline(0, color="0.6", linewidth=0.6)
-        if total is not None:
-            axis.axvline(1e3 * abs(part_of(total, part)), color="k", linestyle="--", label="combined")
-        axis.set_xlabel(rf"$\Delta {sign}$ for {per}, $10^{{-3}}\rho c$")
-    return look.finish(figure, path, title, 3)
 
 
 @look.styled

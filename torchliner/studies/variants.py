@@ -49,15 +49,15 @@ class Study(Row):
     """A result: ``rows``, and by name what they share."""
 
     def __repr__(self) -> str:
-        return self._shown("screen_of") or dict.__repr__(self)
+        return self._shown("screen") or dict.__repr__(self)
 
     def _repr_html_(self) -> str | None:
-        return self._shown("html_of")
+        return self._shown("html")
 
     def _shown(self, outlet: str) -> str | None:
         """As the report shows it; None of a kind of study that it does not know."""
         try:
-            found: str = resolve(f"torchliner.report.answer:{outlet}")(self)
+            found: str = getattr(resolve("torchliner.report.answer:answer_of")(self), outlet)()
         except TypeError:
             return None
         return found
