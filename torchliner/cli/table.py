@@ -38,7 +38,7 @@ GROUPS = {
             Of("velocity.replay:replay", "averaging mean missing interval device dtype"),
             Of("velocity.replay:replay", "kernel levels spacing interpolation velocity_max window segment"),
         ),
-        "ldv info": row("velocity:ldv_info", "bursts rows figure filters seen case place below"),
+        "ldv info": row("velocity:ldv_info", "bursts rows filters seen case place below"),
         "ldv convert": row("velocity:ldv_convert", "bursts plane-file seen case place below"),
         "ldv educe": row(
             "velocity:ldv_educe",
@@ -142,7 +142,7 @@ GROUPS = {
         ),
         "sensitivity": row(
             "studies:sensitivity",
-            "plane liner tone rows figure fixed",
+            "plane liner tone rows fixed",
             Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
             Option("--tolerance", TOLERANCE, Kind("NAME=VALUE"), many=True),
             Option("--parameters", "of the liner, e.g. porosity; default: all", TEXT, "+"),
