@@ -51,7 +51,8 @@ def draw_cases(
         axis.set(xlabel=label, ylim=(len(rows) - 0.3, -0.7))
         axis.tick_params(axis="y", length=0)
         axis.use_sticky_edges = False
-        for style, (name, value) in zip(look.REFERENCES, (references or {}).items(), strict=False):
+        styles = look.REFERENCES[span is not None :]  # a thick line would hide the span
+        for style, (name, value) in zip(styles, (references or {}).items(), strict=False):
             axis.axvline(part_of(value, part), label=look.plain_label(name), **style)
         if span is not None:
             axis.axvspan(*(part_of(end, part) for end in span[1:]), color="0.88", zorder=0, label=span[0])
