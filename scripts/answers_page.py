@@ -29,9 +29,9 @@ from torchliner.engine.drives import incoherent_square, phase_locked
 from torchliner.io.csv_rows import write_rows
 from torchliner.report.table import format_complex
 from torchliner.studies.calibrate import calibrate_without_flow
-from torchliner.velocity.averages import Asked, average
+from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import measure, reading_of
+from torchliner.velocity.reading import reading_of, take_moments
 from torchliner.velocity.sound import SCATTER, STRONG, WEAK, likely_share
 
 Rows = Sequence[dict[str, Any]]
@@ -151,13 +151,13 @@ def needed_rms(plane: tl.VelocityPlane, liner: Any) -> tuple[float, float]:
     """rms of the incoherent velocity that gives the reference R, and that of the record, m/s."""
     asked, chosen = torch.tensor([plane.frequency], dtype=torch.float64), Choices(interval=None)
     reading = reading_of(plane, [liner], asked, chosen, projected=True)
-    known = measure(reading)
+    known = take_moments(reading, reviewed=False)
     own = float(incoherent_square(known.survey, known.membership).mean().sqrt())
     every = torch.ones(plane.probes, dtype=torch.float64)
 
     def miss(share: float) -> float:
         moments = reading.with_drive(known, phase_locked(known.survey, known.membership, share * every))
-        found = average(moments, Asked.of(moments, liner, asked, chosen), "phase-locked")
+        found = average(moments, liner, asked, chosen, "phase-locked")
         return float(impedance_from_reflection(found.replicates[0, 0, 0]).real) - plane.reference["true"].real
 
     return own * float(brentq(miss, 0.1, 3.0, xtol=1e-3)), own

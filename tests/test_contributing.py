@@ -16,8 +16,8 @@ from conftest import plane_of, relative_error, turbulence
 import torchliner as tl
 from torchliner import names
 from torchliner.cli.main import main
-from torchliner.engine import phase
 from torchliner.liners.catalogue import liner_text
+from torchliner.velocity import averages
 from torchliner.velocity.educe import educe
 
 PAGE = Path(__file__).resolve().parent.parent / "CONTRIBUTING.md"
@@ -30,10 +30,10 @@ ROWS = [text for text in BLOCKS if not text.startswith("# torchliner/")]
 def added(tmp_path_factory):
     """Each example as a module of the package, and its row in the table; both go again."""
     tables = {name: dict(value) for name, value in vars(names).items() if name.isupper() and isinstance(value, dict)}
-    rules = dict(phase.PHASE_RULES)
+    rules = dict(averages.PHASE_RULES)
     for place, text in FILES.items():
         if (PAGE.parent / place).exists():  # a function that joins others
-            exec(compile(text, place, "exec"), vars(phase))
+            exec(compile(text, place, "exec"), vars(averages))
             continue
         module, path = place.removesuffix(".py").replace("/", "."), tmp_path_factory.mktemp("added")
         (path / "module.py").write_text(text, encoding="utf-8")
@@ -46,8 +46,8 @@ def added(tmp_path_factory):
     for name, value in tables.items():
         getattr(names, name).clear()
         getattr(names, name).update(value)
-    phase.PHASE_RULES.clear()
-    phase.PHASE_RULES.update(rules)
+    averages.PHASE_RULES.clear()
+    averages.PHASE_RULES.update(rules)
     for place in FILES:
         if not (PAGE.parent / place).exists():
             del sys.modules[place.removesuffix(".py").replace("/", ".")]

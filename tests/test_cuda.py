@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.engine.nodes import chebyshev_sums, torch_sums
+from torchliner.engine.nodes import Chebyshev, torch_sums
 
 RATE, TONE = 42e3, 1400.0
 CHOICES: list[dict[str, Any]] = [
@@ -74,7 +74,7 @@ def test_the_kernel_for_the_device_gives_the_sums_of_its_definition() -> None:
     v = 2 * torch.randn(3, 200, 1000, generator=generator)
     weights = torch.randn(3, 3, 200, generator=generator)
     wanted = torch_sums(weights.double(), v.double(), 32, 0.93)
-    found = chebyshev_sums(weights.cuda(), v.cuda(), 32, 0.93)
+    found = Chebyshev(32, 0.93).sums(weights.cuda(), v.cuda())
     assert found.device.type == "cuda"
     assert off(found, wanted) < 1e-3  # of sums of 200 terms in float32
 

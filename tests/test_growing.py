@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import torchliner as tl
 from torchliner.campaign.follow import MOST
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Reading, measure
+from torchliner.velocity.reading import reading_of, take_moments
 
 PROBES, PITCH = 4, 5e-3
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -28,8 +28,9 @@ def record(samples: int, low: int = 0, rate: float = 42000.0, **about) -> tl.Vel
 def at_once(plane: tl.VelocityPlane, known: tl.Moments, **choices) -> tl.Moments:
     """One reading with the same borders."""
     frequency = torch.tensor([1400.0], dtype=torch.float64)
-    reading = Reading.of(plane, Choices(**choices), frequency, known.nodes, PITCH)
-    return measure(dataclasses.replace(reading, blocks=known.survey.blocks))
+    chosen = Choices(**choices, allow_short=True)
+    reading = reading_of(plane, [], frequency, chosen, cell_pitch=PITCH, nodes=known.nodes)
+    return take_moments(dataclasses.replace(reading, blocks=known.survey.blocks), reviewed=False)
 
 
 @settings(max_examples=20)

@@ -14,8 +14,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.conversions import pressure_amplitude_from_spl, reflection_from_impedance
 from torchliner.records.level_check import Gap
-from torchliner.velocity.known_pressure import known_pressure
-from torchliner.velocity.level_check import change_that_passes, ratio_of_pressures
+from torchliner.velocity.level_check import change_that_passes, known_pressure, ratio_of_pressures
 
 OF_AIR = tl.Fluid()
 LEVELS = 1e-6  # dB, of interpolation between levels

@@ -10,9 +10,9 @@ from one_device import OneDevice
 from torch import Tensor
 
 import torchliner as tl
-from torchliner.velocity.answer import averages_of
+from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import measure, reading_of
+from torchliner.velocity.reading import reading_of, take_moments
 
 PROBES, SAMPLES = 27400, 2280  # the paper's plane
 MOST_UPLOADS, MOST_LAUNCHES = 20, 2500
@@ -50,8 +50,8 @@ def educed_on_meta(frequency: list[float], **choices: Any) -> OneDevice:
     reading = reading_of(plane, [liner], asked, chosen, projected=True)
     phase = 0.3 if chosen.phase == "given" else None
     with OneDevice() as mode, torch.no_grad():
-        known = measure(reading)
-        _, found = averages_of(known, liner, asked, chosen, phase)
+        known = take_moments(reading, reviewed=False)
+        found = {name: average(known, liner, asked, chosen, name, phase) for name in chosen.averagings}
     assert {each.liner.reflection.device.type for each in found.values()} == {"meta"}
     return mode
 

@@ -34,7 +34,7 @@ AVERAGINGS = {  # over the probes of a cell: what is averaged
     "velocity": "of v, whose average drives the liner",
     "phase-locked": "of what of v is periodic with the tone; the rest acts where it is",
 }
-PHASES = {  # of the incident tone relative to v; the rules: engine.phase.PHASE_RULES
+PHASES = {  # of the incident tone relative to v; the rules: velocity.averages.PHASE_RULES
     "averaged": "over all phases: nothing else is known",
     "self-consistent": "from v's own part at the tone",
     "given": "stated by reference_phase",

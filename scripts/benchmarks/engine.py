@@ -16,8 +16,9 @@ from benchmarks.harness import Bench, row
 from torchliner.engine import native
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
-from torchliner.engine.nodes import choose_nodes, response
+from torchliner.engine.nodes import choose_nodes
 from torchliner.engine.sums import Held, Job, reduce
+from torchliner.liners.model import reflection_of
 
 RATE, TONE, SAMPLES, CELL = 200e3, 1400.0, 2280, 25
 PROBES, ALL_PROBES = 1712, 27_400  # the paper's plane is 548 x 50
@@ -47,7 +48,7 @@ def plain_means(v: Tensor, frequency: list[float]) -> Tensor:
     """Means of R(f, |v|) over the whole periods of a record, (n, P): complex128, (P, F)."""
     asked, end = torch.tensor(frequency, dtype=torch.float64), Blocks.of(len(v), RATE, TONE).borders[-1]
     liner = tl.load_liner("polito")
-    return torch.stack([response(liner, asked, each[:end].double().abs()).mean(1) for each in v.T.cpu()])
+    return torch.stack([reflection_of(liner, asked[:, None], each[:end].double().abs()).mean(1) for each in v.T.cpu()])
 
 
 def engine(bench: Bench) -> None:

@@ -37,8 +37,7 @@ from torchliner.records import Gap, ImpedanceLine, Interval, LevelCheck, LineAve
 from torchliner.records.impedance_line import mean_over_segments
 from torchliner.records.level_check import gap_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import INCIDENT, stated_pressure
-from torchliner.velocity.level_check import implied_pressure, turned_back
+from torchliner.velocity.level_check import INCIDENT, implied_pressure, stated_pressure, turned_back
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 SEED = 0  # of the Monte Carlo

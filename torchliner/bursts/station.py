@@ -19,16 +19,16 @@ from torch import Tensor
 from torchliner.bursts.arrivals import GridSignal, corrected_coherent_part, onto_grid, tone_attenuation
 from torchliner.bursts.stations import BurstFilters, Station
 from torchliner.checks import SAME_FREQUENCY, make_plain, require_choice, require_positive, stated_frequency
-from torchliner.engine.blocks import geometric
+from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import choose_nodes, interpolation_error, response
-from torchliner.engine.phase import PHASE_RULES, Sound
-from torchliner.liners.model import LinerModel
+from torchliner.engine.nodes import choose_nodes, interpolation_error
+from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
 from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel, VelocityPlane
 from torchliner.tones import tone_amplitudes, transfer_function, window_weights
 from torchliner.velocity.answer import goodrich_of
-from torchliner.velocity.choices import Choices
+from torchliner.velocity.averages import PHASE_RULES
+from torchliner.velocity.choices import TOLERANCES, Choices
 from torchliner.velocity.reading import reading_of, take_moments
 from torchliner.velocity.review import review_rule
 
@@ -124,7 +124,7 @@ def educe_station(
         phases, follows, each = follow_reference(grid, reference, wanted, plane.frequency, block, hop, weights)
     coherence = each if reference is not None else each.mean(0)
     held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
-    sound = Sound(follows, held, phases + (reference_phase or 0.0))
+    psi = phases + (reference_phase or 0.0)
     reviewed = (*known.notes, *review_rule(held, choices))
     notes = [*station.kept.notes, *(note.text for note in reviewed), *notes]
     for f, square in zip(wanted.tolist(), coherence.tolist(), strict=True):
@@ -136,7 +136,7 @@ def educe_station(
     numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
     numbers |= {"rate": grid.mean_rate, "grid_rate": grid.rate, "longest_gap": grid.longest_gap[0]}
     tensors: dict[str, Any] = {
-        "reflection": PHASE_RULES[choices.phase](a, b, sound),
+        "reflection": PHASE_RULES[choices.phase](a, b, velocity=follows, held=held, phase=psi),
         "segment_start": start,
         "velocity_amplitude": 2 * (velocity * torch.exp(-1j * phases)).mean(0),
         "coherence": coherence,
@@ -165,7 +165,7 @@ def educe_station(
             "surface": record.liner,
             "blocks": seen.blocks.count,
             "referred": reference is not None,
-            "nodes": None if known.nodes is None else known.nodes.describe(),
+            "nodes": None if known.nodes is None else vars(known.nodes),
             "model_error": model_error,
             **asdict(own),
         },
@@ -239,7 +239,7 @@ def segment_means(
     shifts = rate / samples * torch.tensor(list(orders), dtype=torch.float64)  # Hz, (Q,)
     shares = torch.tensor(list(orders.values()), dtype=torch.float64)
     read = frequency[:, None] - shifts  # Hz, (F, Q)
-    nodes = choose_nodes([liner], read.flatten(), choices.tolerance(plane.velocity.dtype))
+    nodes = choose_nodes([liner], read.flatten(), TOLERANCES[choices.working(plane.device, plane.velocity.dtype)[1]])
     reading = reading_of(plane, [liner], frequency, dataclasses.replace(choices, interval=None), nodes=nodes)
     blocks = reading.blocks
     if window == "hann":  # over all samples, whole periods or not
@@ -251,15 +251,18 @@ def segment_means(
     weights = torch.nn.functional.pad(window_weights(kind, end), (0, samples - end))
     if known.nodes is None:  # drive rms: one speed for the whole segment
         square = known.survey.mean_square - (known.survey.mean**2 if choices.mean == "removed" else 0)
-        a = response(liner, frequency, square.clamp(min=0).sqrt().cpu()).T
+        a = reflection_of(liner, frequency[:, None], square.clamp(min=0).sqrt().cpu()).T
         b = torch.zeros_like(a)
     else:
-        c = nodes.coefficients(response(liner, read.flatten(), nodes.speeds)).unflatten(0, read.shape)  # (F, Q, K)
+        c = nodes.coefficients(reflection_of(liner, read.reshape(-1, 1), nodes.speeds)).unflatten(
+            0, read.shape
+        )  # (F, Q, K)
         cosine, sine = known.sums["admittance"].sum(0).cpu()[1:].unflatten(0, (2, -1))
         waves = torch.complex(cosine, -sine)  # sums of T_k e^{-j g t}, (Q + F Q, K, S)
         forth, back = waves[: len(shifts)].conj(), waves[len(shifts) :].unflatten(0, read.shape)
         zero = shares[0] * end
-        twice = (shares * torch.stack([geometric(2 * frequency - shift, rate, 0, end) for shift in shifts], 1)).sum(1)
+        whole = Blocks((0, end), rate, 1).wave_sums(turns[len(shifts) :])[0]
+        twice = (shares * whole.unflatten(0, read.shape)).sum(1)
         a = torch.einsum("q,fqk,qks->sf", shares.to(c), c, forth) / zero
         b = torch.einsum("q,fqk,fqks->sf", shares.to(c), c, back) / zero - twice / zero * a
         error = interpolation_error(nodes, liner, frequency, known.top_speed(liner))[0]

@@ -20,14 +20,14 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
-from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.sums import Held, reduce
+from torchliner.engine.survey import survey_of
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import HDF5
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Reading
+from torchliner.velocity.reading import SURVEY, reading_of
 from torchliner.velocity.review import refuse_beyond_table
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
@@ -61,17 +61,13 @@ class GrowingMoments:
                 raise ValueError(f"a record that goes on has {name} {value!r} alone; leave it out")
         if chosen.averaging == "phase-locked":
             raise ValueError("averaging 'phase-locked' needs the whole record; take 'admittance' or 'velocity'")
-        asked = plane.asked(frequency)
-        nodes: Nodes = ANY_LINER
-        if liner is not None:
-            liner = as_liner(liner)
-            nodes = choose_nodes([liner], asked, chosen.tolerance(plane.velocity.dtype))
-            cell_pitch = liner.cell_pitch
-        self.period = plane.sampling_rate / (plane.frequency or float(asked.min()))  # samples
+        liners, lowest = [] if liner is None else [as_liner(liner)], float(plane.asked(frequency).min())
+        self.period = plane.sampling_rate / (plane.frequency or lowest)  # samples
         self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
         self._about = without_velocity(plane)
-        self._reading = Reading.of(self._plane(round(4 * self.period)), chosen, asked, nodes, cell_pitch)
-        self._jobs = self._reading.first_jobs()
+        several = self._plane(math.ceil(5 * max(self.period, plane.sampling_rate / lowest)))  # periods
+        self._reading = reading_of(several, liners, frequency, chosen, cell_pitch=cell_pitch)
+        self._jobs = self._reading.jobs()
         self._rows: dict[str, Tensor] = {}
         self._waiting = torch.empty(0, plane.probes, dtype=plane.velocity.dtype)
         self.update(plane.load().velocity)
@@ -111,7 +107,7 @@ class GrowingMoments:
 
     def _add(self, rows: Tensor, first: int, borders: list[int]) -> None:
         """Blocks between borders, of rows that begin with sample ``first``."""
-        rows = rows.to(self._reading.device, self._reading.chosen.working_dtype(rows.dtype))
+        rows = rows.to(self._reading.device, self._reading.dtype)
         record = Held(lambda begin, end: rows[begin - first : end - first], borders[-1], rows.shape[1], rows.device)
         blocks = Blocks(tuple(borders), self._about.sampling_rate, self.each * (len(borders) - 1))
         for name, new in zip(self._jobs, reduce(record, blocks, list(self._jobs.values())), strict=True):
@@ -135,7 +131,8 @@ class GrowingMoments:
             )
         blocks = Blocks(tuple(self.borders), self._about.sampling_rate, self.periods)
         reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
-        known = reading.moments(reading.survey(self._rows), None, self._rows)
+        seen = survey_of(self._rows[SURVEY], blocks, reading.lines, reading.harmonics)
+        known = reading.moments(seen, None, self._rows)
         refuse_beyond_table(known.plane, known)
         return known
 

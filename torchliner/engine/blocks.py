@@ -69,7 +69,7 @@ class Blocks:
         """Slabs in order of time, those that are worked on together in one list.
 
         Args:
-            rows: samples of a batch, if one slab is not longer.
+            rows: samples of a batch, at most, if one slab is not longer.
             slab: samples of a slab, at most; those of a block are as equal as can be.
             only: blocks to take, rising; default all.
             across: whether a batch may hold several blocks, which saves launches.
@@ -77,33 +77,24 @@ class Blocks:
         batch: list[Slab] = []
         for place, block in enumerate(range(self.count) if only is None else only):
             begin, end = self.borders[block : block + 2]
-            if batch and not (across and batch[-1].end == begin and end - batch[0].begin <= rows):
-                yield batch
-                batch = []
             count = max(1, math.ceil((end - begin) / slab))
-            batch += [
-                Slab(place, *each) for each in pairwise(begin + (end - begin) * i // count for i in range(count + 1))
-            ]
-            if end - batch[0].begin > rows:  # of this block alone
-                step = max(1, rows * count // (end - begin + count))
-                yield from (batch[i : i + step] for i in range(0, count, step))
-                batch = []
+            for low, high in pairwise(begin + (end - begin) * i // count for i in range(count + 1)):
+                goes_on = batch and batch[-1].end == low and (across or batch[-1].place == place)
+                if batch and not (goes_on and high - batch[0].begin <= rows):
+                    yield batch
+                    batch = []
+                batch.append(Slab(place, low, high))
         if batch:
             yield batch
 
     def wave_sums(self, frequency: Tensor) -> Tensor:
-        """Sum of e^{-j omega t} over each block, complex128, (S, F), of frequencies in Hz, (F,)."""
+        """Sum of e^{-j omega t} over each block, in closed form: complex128, (S, F), of frequencies in Hz, (F,)."""
         begin, end = torch.tensor(self.borders, dtype=torch.float64)[:, None].unfold(0, 2, 1).unbind(-1)
-        return geometric(frequency, self.sampling_rate, begin, end)
-
-
-def geometric(frequency: Tensor, sampling_rate: float, begin: Tensor | int, end: Tensor | int) -> Tensor:
-    """Sum of e^{-j omega t} over samples begin .. end - 1, in closed form: complex128, (..., F)."""
-    turn = 2 * torch.pi / sampling_rate * frequency.to("cpu", torch.float64)
-    sine, count = torch.sin(turn / 2), end - begin + 0 * turn
-    still = sine.abs() < 1e-12  # f is 0 or a multiple of the sampling rate
-    ratio = torch.where(still, count, torch.sin(turn / 2 * count) / torch.where(still, 1.0, sine))
-    return torch.exp(-0.5j * turn * (begin + end - 1)) * ratio
+        turn = 2 * torch.pi / self.sampling_rate * frequency.to("cpu", torch.float64)
+        sine, count = torch.sin(turn / 2), end - begin + 0 * turn
+        still = sine.abs() < 1e-12  # f is 0 or a multiple of the sampling rate
+        ratio = torch.where(still, count, torch.sin(turn / 2 * count) / torch.where(still, 1.0, sine))
+        return torch.exp(-0.5j * turn * (begin + end - 1)) * ratio
 
 
 def waves(lines: Tensor, sampling_rate: float, begin: int, end: int) -> Tensor:

@@ -4,15 +4,10 @@ Sound passes the holes of a whole cell; turbulence acts where it is. So ``phase-
 
 .. math:: v^*(x, t) = \langle v_p \rangle_\text{cell}(t) + [v(x, t) - v_p(x, t)] = v(x, t) - d(x, t),
 
-where :math:`v_p` are the mean and the first harmonics of the tone, fitted over the record, and
-:math:`d = v_p - \langle v_p \rangle` is all that is taken off. A fit over N periods keeps 1/N of the turbulence. How
-much of d is that follows from its scatter over the blocks, and each harmonic of a cell is taken off by the share
-
-.. math:: g = 1 - \frac{\text{variance of the mean over the blocks}}{\text{mean square of } d} \ge 0,
-
-both over the cell's probes: the least mean square error of an estimate with such noise. (The variance is that of the
-blocks over S - 1, times (1 + rho)/(1 - rho) where neighbours correlate by rho.) Without turbulence g = 1 and v* is
-the velocity averaged over the cell; without sound d is noise, g is near 0 and v* is v.
+where :math:`v_p` are the mean and the first harmonics of the tone, fitted over the record. A fit over N periods keeps
+1/N of the turbulence. So each harmonic of a cell is taken off only by the share g = 1 - (variance of its mean over the
+blocks)/(mean square of d), at least 0, which makes the error least. Without turbulence g = 1 and v* is the velocity
+averaged over the cell; without sound d is noise, g is near 0 and v* is v.
 """
 
 from __future__ import annotations
@@ -25,7 +20,7 @@ from torch import Tensor
 
 from torchliner.engine.blocks import waves
 from torchliner.engine.intervals import correlation
-from torchliner.engine.survey import Membership, Survey, gram_of
+from torchliner.engine.survey import Membership, Survey
 
 FEWEST_BLOCKS = 3  # from which the scatter of a fit can be known
 NOTHING = torch.empty(0, dtype=torch.float64)
@@ -56,11 +51,6 @@ class Drive:
     share: Tensor = NOTHING
     window: int = 0
     samples: int = 0
-
-    @property
-    def reach(self) -> int:
-        """Samples before and after a slab that it needs, but at the ends of the record."""
-        return self.window // 2 + 1 if self.window else 0
 
     def __call__(self, v: Tensor, begin: int) -> Tensor:
         """Columns (t, N) of a slab (t, P) that begins with this sample of the record."""
@@ -101,15 +91,9 @@ def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -
 
 def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     """v_p and d of each probe, (1 + 2 H, P), and the share g by cell, (1 + H, C); 1 with too few blocks to tell."""
-    rows, count, harmonics = seen.rows_of_harmonics(), len(seen.sums), seen.harmonics
-    gram = gram_of(seen.blocks, seen.lines[:harmonics])  # made again on the host: nothing is read back
+    rows, count, harmonics = seen.rows, len(seen.sums), seen.harmonics
+    gram = seen.gram[:, rows][:, :, rows]
     whole, *each = torch.linalg.pinv(torch.cat([gram.sum(0)[None], gram]), hermitian=True, rtol=1e-9).to(seen.sums)
-
-    def by_line(of_probes: Tensor) -> Tensor:
-        """Sums over cosine and sine of each line and the probes of each cell: (1 + 2 H, P) to (1 + H, C)."""
-        found = cells.sum(of_probes)
-        return torch.cat([found[:1], found[1 : 1 + harmonics] + found[1 + harmonics :]])
-
     fit = whole @ seen.sums.sum(0)[rows]
     periodic = cells.away(fit)
     if count < FEWEST_BLOCKS:
@@ -121,11 +105,15 @@ def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
         total, squares, products = total + now, torch.addcmul(squares, now, now), torch.addcmul(products, now, before)
         before = now
     mean = total / count  # of which blocks are to deviate
-    variance = by_line((squares - count * mean**2).clamp(min=0))
-    products = by_line(products + mean * (first + before - (count + 1) * mean))
+    squares, products = squares - count * mean**2, products + mean * (first + before - (count + 1) * mean)
+    found = cells.mean(torch.stack([squares.clamp(min=0), products, periodic.square()]))  # (3, 1 + 2 H, C)
+    # Cosine and sine of each line together.
+    variance, products, power = torch.cat(
+        [found[:, :1], found[:, 1 : 1 + harmonics] + found[:, 1 + harmonics :]], 1
+    ).unbind()
     rho = correlation(variance, products, count)
     noise = variance / count / (count - 1) * (1 + rho) / (1 - rho)
-    return fit, periodic, (1 - noise / by_line(periodic.square()).clamp(min=1e-300)).clamp(min=0)
+    return fit, periodic, (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
 
 
 def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
@@ -133,25 +121,25 @@ def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
 
     What a fit over N periods keeps of the turbulence, 1/N of it, belongs to it, as in the drive.
     """
-    rows = seen.rows_of_harmonics()
+    rows = seen.rows
     fit, away, share = _periodic(seen, cells)
     kept = fit - (1 - cells.spread(torch.cat([share, share[1:]]))) * away
-    gram = seen.gram[:, rows][:, :, rows]
+    gram = seen.gram[:, rows][:, :, rows].to(kept)
     return (seen.squares + ((gram @ kept - 2 * seen.sums[:, rows]) * kept).sum(1)).clamp(min=0)
 
 
 def incoherent_square(seen: Survey, cells: Membership) -> Tensor:
     """Its mean over the record, and over the cell where a probe has one, m2/s2, (P,)."""
-    own = seen.mean_of(incoherent_power(seen, cells))[0]
+    own = incoherent_power(seen, cells).sum(0) / seen.lengths.sum()
     return torch.where(cells.labels < cells.count, cells.spread(cells.mean(own)), own)
 
 
 def survey_of_locked(drive: Drive, of_v: Survey) -> Survey:
     """Survey of v*, from that of v; |v*| is a bound."""
     assert drive.taken is not None
-    rows, count = of_v.rows_of_harmonics(), of_v.harmonics
+    rows, count = of_v.rows, of_v.harmonics
     scale = torch.ones_like(drive.taken[0]) if drive.scale is None else drive.scale
-    gram, squares = of_v.gram[:, :, rows], scale**2 * of_v.squares
+    gram, squares = of_v.gram[:, :, rows].to(scale), scale**2 * of_v.squares
     for row, taken in zip(rows, drive.taken, strict=True):  # one after another, in little memory
         change = torch.addcmul(gram[:, row] @ drive.taken, of_v.sums[:, row], scale, value=-2)
         squares.addcmul_(taken, change)

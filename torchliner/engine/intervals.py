@@ -1,24 +1,19 @@
 r"""How far a result may be off because its record is finite: a delete-run jackknife, for everything.
 
 Every result is a function of sums over S blocks. It is computed once from all blocks and once without each of them
-(``replicates``): whatever function it is, its change without block s, times :math:`-(1 - w_s)`, is what block s
-contributes to it to first order, :math:`u_s`. Leaving out a run of L neighbouring blocks changes the result by the sum
-of their contributions, and the jackknife over all runs gives the variance
+(``replicates``): its change without block s, times :math:`-(1 - w_s)`, is what block s contributes to it, to first
+order: :math:`u_s`. The jackknife over all runs of L neighbouring blocks gives the variance
 
 .. math:: \frac{S}{L}\,\frac{S}{S - L}\;\operatorname{mean}_i\Big|\sum_{k < L} u_{i + k}\Big|^2 .
 
-The run length follows from the correlation rho of neighbouring blocks (Andrews 1991), which a tone beside turbulence
-can make negative; the part of the correlation that reaches beyond a run is allowed for as in a first-order process.
-The interval takes Student's quantile with S/L - 1 degrees of freedom.
-
-A result that is not linear in its sums is off in the mean, a mean over many probes by several times its scatter. The
-bounds are without that bias, which is estimated without each quarter of the record: single blocks are not independent,
-and a factor from the correlation in a single record would scatter by half.
+The run length follows from the correlation of neighbouring blocks (Andrews 1991), which a tone beside turbulence can
+make negative. The interval takes Student's quantile with S/L - 1 degrees of freedom, and its bounds are without the
+bias of a result that is not linear in its sums. The bias is estimated without each quarter of the record: single blocks
+are not independent.
 
 Complex results scatter by :math:`E|d|^2` and :math:`E[d^2]`: an ellipse in the plane of R. The bounds of resistance and
-reactance are the extreme values of Z on that ellipse, Student's quantile times as large. Z has a pole (R = 1, a rigid
-wall); where the ellipse encloses it the record does not bound Z and the bounds are infinite, as Fieller's theorem says
-of any ratio.
+reactance are the extremes of Z on that ellipse, Student's quantile times as large. Where it encloses the pole of Z
+(R = 1, a rigid wall) the record does not bound Z and the bounds are infinite, as Fieller's theorem says of any ratio.
 """
 
 from __future__ import annotations
@@ -45,18 +40,16 @@ BENT = 8.0  # an ellipse is small beside its distance to the pole if Z bends thi
 ANGLES, STEPS = 64, 2  # tried on a larger ellipse, and of Newton's method from the best
 
 
-def remaining(sums: Tensor) -> Tensor:
-    """Sums over all blocks, without each block, then without each quarter of them: (S, ...) to (1 + S + 4, ...)."""
-    quarters = torch.stack([quarter.sum(0) for quarter in sums.tensor_split(QUARTERS)])
-    total = sums.sum(0, keepdim=True)
-    return torch.cat([total, total - sums, total - quarters])
-
-
-def replicates(sums: Tensor, lengths: Tensor) -> Tensor:
-    """Means over the same, (S, ...) to (1 + S + 4, ...), from sums over blocks of ``lengths`` samples, (S,)."""
-    each = torch.eye(len(lengths), dtype=lengths.dtype, device=lengths.device)
-    weights = remaining(each) / remaining(lengths)[:, None]
-    return (weights.to(sums.dtype) @ sums.flatten(1)).unflatten(1, sums.shape[1:])
+def replicates(sums: Tensor, lengths: Tensor | None = None, *, every: bool = True) -> Tensor:
+    """From sums over blocks, (S, ...), those over all blocks, without each block, then without each quarter of them:
+    (1 + S + 4, ...); divided by the ``lengths`` of what is left, from those of the blocks, (S,), if these are given.
+    Those over all blocks alone, (1, ...), unless ``every``."""
+    own = torch.eye(len(sums), dtype=torch.float64, device=sums.device)
+    quarters = torch.stack([quarter.sum(0) for quarter in own.tensor_split(QUARTERS)])
+    kept = torch.cat([torch.ones_like(own[:1]), 1 - own, 1 - quarters])[: None if every else 1]
+    if lengths is not None:
+        kept = kept / (kept @ lengths)[:, None]
+    return (kept.to(sums.dtype) @ sums.flatten(1)).unflatten(1, sums.shape[1:])
 
 
 def correlation(power: Tensor, neighbours: Tensor, count: int, least: float = 0.0) -> Tensor:
@@ -86,7 +79,7 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
     """Interval of Z at every place, (...).
 
     Args:
-        values: complex128, of ``remaining`` blocks, (1 + S + 4, ...), S at least 4.
+        values: complex128, as of ``replicates``, (1 + S + 4, ...), S at least 4.
         shares: of each block in the whole record, w, of sum 1, float64, (S,).
         level: of the interval, 0 to 1.
         conversion: from ``values`` to Z, the reflection coefficient unless stated.
@@ -176,11 +169,13 @@ def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
     along, reach = (turned * axes[:, None]).real, axes.abs().sum(0)
     angle = torch.atan2(along[1], along[0])  # of a small ellipse: there u/(1 - u) is nearly u
     bent = (torch.hypot(*along) * (1 - reach).clamp(min=0) < BENT * factor.abs() * reach**2).any(0)
-    if axes.is_cpu:
-        columns = bent.nonzero()[:, 0]
-        angle[:, columns] = _best_angles(factor[columns], axes[:, columns])
-    else:
-        angle = torch.where(bent, _best_angles(factor, axes), angle)
+    # The best of ``ANGLES`` on the larger ones; single precision is enough for that. On a CPU only those are looked at.
+    some = bent.nonzero()[:, 0] if axes.is_cpu else torch.arange(len(bent), device=axes.device)
+    tried = 2 * math.pi / ANGLES * torch.arange(ANGLES, dtype=torch.float32, device=axes.device)
+    u = axes[:, some].T.to(torch.complex64) @ torch.stack([tried.cos(), tried.sin()]).to(torch.complex64)
+    w = factor[some].sgn().to(u)[:, None] * u / (1 - u)
+    best = torch.stack([w.real.argmin(1), w.real.argmax(1), w.imag.argmin(1), w.imag.argmax(1)])
+    angle[:, some] = torch.where(bent[some], 2 * math.pi / ANGLES * best.double(), angle[:, some])
 
     top, cosine, sine = torch.full_like(angle, -math.inf), angle.cos(), angle.sin()
     for step in range(1 + STEPS):
@@ -195,12 +190,3 @@ def _extremes(factor: Tensor, axes: Tensor) -> Tensor:
             shorter = torch.rsqrt(1 + tangent * tangent)
             cosine, sine = (cosine - tangent * sine) * shorter, (sine + tangent * cosine) * shorter
     return top * top.new_tensor([-1, 1, -1, 1])[:, None]
-
-
-def _best_angles(factor: Tensor, axes: Tensor) -> Tensor:
-    """The best of ``ANGLES`` for each of the extremes, float64, (4, N); single precision is enough for that."""
-    angle = 2 * math.pi / ANGLES * torch.arange(ANGLES, dtype=torch.float32, device=axes.device)
-    u = axes.T.to(torch.complex64) @ torch.stack([angle.cos(), angle.sin()]).to(torch.complex64)
-    w = factor.sgn().to(u)[:, None] * u / (1 - u)
-    places = [w.real.argmin(1), w.real.argmax(1), w.imag.argmin(1), w.imag.argmax(1)]
-    return 2 * math.pi / ANGLES * torch.stack(places).double()

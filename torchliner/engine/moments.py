@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor
 from torchliner.engine.drives import Drive
-from torchliner.engine.nodes import Chebyshev, Nodes, interpolation_error, response
+from torchliner.engine.nodes import Chebyshev, Nodes, interpolation_error
 from torchliner.engine.survey import Membership, Survey
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.names import resolve
@@ -31,11 +31,13 @@ ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the err
 SETTINGS = ("averaging", "phase", "drive", "running_window", "mean", "background", "missing", "allow_short")
 
 
+@dataclass(frozen=True)
 class ReducedVelocity:
     """Stands where the velocity of a plane was of which moments alone are left."""
 
-    def __init__(self, shape: tuple[int, ...], dtype: torch.dtype, name: str) -> None:
-        self.shape, self.dtype, self.name = shape, dtype, name
+    shape: tuple[int, ...]
+    dtype: torch.dtype
+    name: str
 
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
         """Refused.
@@ -68,8 +70,11 @@ class Layout:
         cell_pitch: L_c of the cells, m, or None.
         cells: that hold probes.
         membership: probes by cell, on the device of the sums.
-        used: probes that count, bool, (P,), on the host.
+        used: probes that count, bool, (P,), on the host; ``membership`` has them on the device.
         nodes: speeds at which R is weighed; None with drive ``rms``, which needs the survey alone.
+        onto: coefficients of R of one liner at F frequencies, real parts and then imaginary parts, float64, (2 F, K),
+            on the device: sums of these two parts are kept instead of those of all K functions, which takes less
+            memory. None keeps all.
         turns: Hz, of the waves that the sums are weighed with beside 1, (Q,): 2 f for a phase rule that needs it.
         notes: warnings.
     """
@@ -81,6 +86,7 @@ class Layout:
     used: Tensor
     nodes: Nodes | None
     turns: Tensor
+    onto: Tensor | None = None
     notes: tuple[Note, ...] = ()
 
 
@@ -100,18 +106,6 @@ class Moments(Layout, Summarised):
     survey: Survey
     locked: Drive | None
     sums: Mapping[str, Tensor]
-
-    @property
-    def counted(self) -> Tensor:
-        """``used`` on the device of the sums."""
-        device, every = self.survey.sums.device, bool(self.used.all())
-        return torch.ones(len(self.used), dtype=torch.bool, device=device) if every else self.used.to(device)
-
-    def coefficients(self, liner: LinerModel, frequency: Tensor) -> Tensor:
-        """Of R(f, |v|) in the sums, complex128, (F, J), differentiable in the liner's parameters; Hz, (F,)."""
-        if self.nodes is None:
-            return torch.zeros(len(frequency), 1, dtype=torch.complex128)
-        return self.nodes.coefficients(response(liner, frequency, self.nodes.speeds))
 
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""

@@ -44,7 +44,7 @@ def available() -> bool:
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    """See ``nodes.chebyshev_sums``; columns with any strides; other threads work on meanwhile.
+    """See ``nodes.torch_sums``; columns with any strides; other threads work on meanwhile.
 
     Raises:
         TypeError: neither float32 nor float64. ValueError: shapes that do not fit, or not on a CPU.

@@ -6,13 +6,11 @@ With :math:`g(|v|) = \sum_k c_k \varphi_k(|v|)` the sum of any g over a record i
 ``Chebyshev`` serves every smooth liner: :math:`\varphi_k = T_k(x)`, x = (|v| - c)/(|v| + c), so that no largest speed
 has to be known beforehand. The term |v|^2.5 of eq. (2.4) at rest bounds the convergence: K = 24 gives an error in R of
 1e-6 at one frequency, K = 64 below 1e-5 up to 6 kHz where 5 % or more are open, 3e-4 at 3 %. ``Levels`` serves tables,
-whose R has a kink at each of their speeds: cubics between levels that no kink parts. ``OfOneLiner`` keeps of either R
-at certain frequencies alone, which takes less memory.
+whose R has a kink at each of their speeds: cubics between levels that no kink parts.
 """
 
 from __future__ import annotations
 
-import functools
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,11 +32,8 @@ TILE = 1 << 17  # velocities whose temporaries stay in the cache of a CPU
 FASTER = {"cpu": "torchliner.engine.native", "cuda": "torchliner.engine.triton_sums"}  # by kind of device
 
 
-def chebyshev_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    r"""m_k = sum_t w_t T_k(x_t), x = (|v| - c)/(|v| + c), with the fastest code of the device.
-
-    A faster function takes and gives what ``torch_sums`` does, and its module says by ``available()`` whether it can be
-    used here. ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone.
+def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
+    r"""m_k = sum_t w_t T_k(x_t), x = (|v| - c)/(|v| + c), in torch alone: the definition, on any device.
 
     Args:
         weights: w of G slabs of at most 256 rows, in the precision of the data, (G, R, L).
@@ -46,14 +41,6 @@ def chebyshev_sums(weights: Tensor, columns: Tensor, count: int, centre: float) 
     Returns:
         float64, (G, R, K, N). A nan or inf in v makes the sums of its own column nan, but for order 0, the sum of w.
     """
-    home = FASTER.get(columns.device.type)
-    faster: Any = None if home is None else importlib.import_module(home)
-    sums = faster.sums if faster is not None and faster.available() else torch_sums
-    return sums(weights, columns, count, centre)
-
-
-def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    """``chebyshev_sums`` in torch alone: the definition, on any device."""
     slabs, rows, length = weights.shape
     width = columns.shape[2]
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64, device=columns.device)
@@ -76,25 +63,9 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
     return found * (1 - 2 * (torch.arange(count, device=found.device) // 2 % 2))[:, None]
 
 
-class _Functions:
-    """What all kinds have besides ``count``, ``speeds`` (m/s, (K,)), ``coefficients`` (from values at the speeds,
-    (..., K)) and ``sums`` (of the functions of |columns|, as ``chebyshev_sums``)."""
-
-    def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        raise NotImplementedError
-
-    def functions(self, speed: Tensor) -> Tensor:
-        """The functions at speeds (V,), m/s: float64, (V, K)."""
-        return self.sums(torch.ones(len(speed), 1, 1, dtype=torch.float64), speed.double()[:, None, None])[:, 0, :, 0]
-
-    def describe(self) -> dict[str, Any]:
-        """Plain values for a file."""
-        return {"kind": type(self).__name__.lower(), **vars(self)}
-
-
 @dataclass(frozen=True)
-class Chebyshev(_Functions):
-    """T_k((|v| - c)/(|v| + c)), k < K.
+class Chebyshev:
+    """The functions T_k((|v| - c)/(|v| + c)), k < K.
 
     Args:
         count: K, 2 or more.  centre: c, m/s.
@@ -102,28 +73,36 @@ class Chebyshev(_Functions):
 
     count: int
     centre: float
+    kind: str = "chebyshev"
 
     @property
     def speeds(self) -> Tensor:
-        """m/s, falling, float64, (K,)."""
+        """At which R is evaluated, m/s, falling, float64, (K,)."""
         cosine = torch.cos(torch.pi / self.count * (torch.arange(self.count, dtype=torch.float64) + 0.5))
         return self.centre * (1 + cosine) / (1 - cosine)
 
     def coefficients(self, values: Tensor) -> Tensor:
-        """By a discrete cosine transform."""
+        """c_k from values at the speeds, (..., K), by a discrete cosine transform."""
         order = torch.arange(self.count, dtype=torch.float64)
         matrix = 2 / self.count * torch.cos(torch.pi / self.count * torch.outer(order + 0.5, order))
         matrix[:, 0] /= 2
         return values @ matrix.to(values)
 
     def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        """See ``chebyshev_sums``."""
-        return chebyshev_sums(weights, columns, self.count, self.centre)
+        """Measure of ``engine.sums``: ``torch_sums`` by the fastest code of the device.
+
+        A faster function takes and gives what ``torch_sums`` does, and its module says by ``available()`` whether it
+        can be used here. ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone.
+        """
+        home = FASTER.get(columns.device.type)
+        faster: Any = None if home is None else importlib.import_module(home)
+        sums = faster.sums if faster is not None and faster.available() else torch_sums
+        return sums(weights, columns, self.count, self.centre)
 
 
 @dataclass(frozen=True)
-class Levels(_Functions):
-    """Cardinal functions of piecewise cubics between the kinks of a table.
+class Levels:
+    """Cardinal functions of piecewise cubics between the kinks of a table; members as of ``Chebyshev``.
 
     Args:
         kinks: m/s, rising from 0, as a tuple; |v| beyond the last has no value: sums with such |v| are nan.
@@ -132,6 +111,7 @@ class Levels(_Functions):
 
     kinks: tuple[float, ...]
     parts: int
+    kind: str = "levels"
 
     @property
     def count(self) -> int:
@@ -168,78 +148,32 @@ class Levels(_Functions):
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class OfOneLiner(_Functions):
-    """Re R and Im R of one liner at F frequencies in place of K functions; ``coefficients`` are those of that R.
-
-    Args:
-        nodes: whose sums these are made of.
-        matrix: float64, (2 F, K).
-        frequency: Hz, (F,).
-        count: 2 F.
-        speeds: of the nodes.
-    """
-
-    nodes: Chebyshev | Levels
-    matrix: Tensor
-    frequency: Tensor
-    count: int
-    speeds: Tensor
-
-    @classmethod
-    def of(cls, nodes: Chebyshev | Levels, known: Tensor, frequency: Tensor) -> OfOneLiner:
-        """From coefficients of R, complex128, (F, K), on the device of the work."""
-        matrix = torch.stack([known.real, known.imag], 1).flatten(0, 1)
-        return cls(nodes, matrix, frequency, len(matrix), nodes.speeds)
-
-    def coefficients(self, values: Tensor) -> Tensor:
-        """Of R at the frequencies, (F, 2 F)."""
-        one = torch.eye(len(self.frequency), dtype=torch.complex128)
-        return torch.stack([one, 1j * one], 2).flatten(1)
-
-    def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        """Of the two parts."""
-        return self.matrix @ self.nodes.sums(weights, columns)
-
-    def describe(self) -> dict[str, Any]:
-        """Of the nodes."""
-        return self.nodes.describe()
-
-
-Nodes = Chebyshev | Levels | OfOneLiner
+Nodes = Chebyshev | Levels
 ANY_LINER = Chebyshev(64, 1.5)  # for liners that are not known yet
 
 
-def nodes_of(described: dict[str, Any]) -> Chebyshev | Levels:
-    """From ``describe``."""
-    if described["kind"] == "chebyshev":
-        return Chebyshev(int(described["count"]), float(described["centre"]))
-    return Levels(tuple(float(v) for v in described["kinks"]), int(described["parts"]))
+def nodes_of(plain: dict[str, Any]) -> Nodes:
+    """From the values of their fields."""
+    if plain["kind"] == "chebyshev":
+        return Chebyshev(int(plain["count"]), float(plain["centre"]))
+    return Levels(tuple(float(v) for v in plain["kinks"]), int(plain["parts"]))
 
 
-def response(liner: LinerModel, frequency: Tensor, speed: Tensor) -> Tensor:
-    """R of a liner, complex128, (F, V), differentiable in its parameters; Hz and m/s."""
-    return reflection_of(liner, frequency[:, None], speed)
-
-
-def checked_speeds(top: float, count: int = CHECKED) -> Tensor:
-    """Where an interpolation is compared, 0 to ``top``, m/s."""
-    return top * torch.linspace(0, 1, count, dtype=torch.float64) ** 3
-
-
+@torch.no_grad()
 def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top: float) -> tuple[float, float]:
     """Largest error in R from its values at the nodes, over 0 to ``top`` (m/s), and the |v| where it occurs."""
-    nodes, speed = nodes.nodes if isinstance(nodes, OfOneLiner) else nodes, checked_speeds(top)
-    with torch.no_grad():
-        wanted = response(liner, frequency, speed)
-        found = nodes.coefficients(response(liner, frequency, nodes.speeds))
-        away = (found @ nodes.functions(speed).T.to(found) - wanted).abs().amax(0)
+    speed = top * torch.linspace(0, 1, CHECKED, dtype=torch.float64) ** 3
+    functions = nodes.sums(torch.ones(CHECKED, 1, 1, dtype=torch.float64), speed[:, None, None])[:, 0, :, 0]
+    found = nodes.coefficients(reflection_of(liner, frequency[:, None], nodes.speeds)) @ functions.T.to(
+        torch.complex128
+    )
+    away = (found - reflection_of(liner, frequency[:, None], speed)).abs().amax(0)
     worst = int(away.argmax())
     return float(away[worst]), float(speed[worst])
 
 
 @torch.no_grad()
-def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Chebyshev | Levels:
+def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Nodes:
     """The fewest nodes, with the best centre, from which R is known to ``tolerance``; no data are needed.
 
     Args:
@@ -249,7 +183,7 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
     Returns:
         ``Levels`` for tables over |v|, else ``Chebyshev``; the closest where none reaches the tolerance.
     """
-    best: Chebyshev | Levels = ANY_LINER
+    best: Nodes = ANY_LINER
     if ends := [liner.speed_max for liner in liners if liner.speed_max is not None]:
         top = min(ends)
         kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
@@ -260,29 +194,24 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
                 break
         return best
 
-    asked = frequency
+    asked = frequency[:, None]
     if len(asked) > MOST_ASKED:
-        asked = asked.sort().values[torch.linspace(0, len(asked) - 1, MOST_ASKED).round().to(torch.int64)]
-    speed, least = checked_speeds(TOP_SPEED, FIRST_CHECKED), float("inf")
-    wanted = torch.cat([response(liner, asked, speed) for liner in liners])[:, None]
-    for count in COUNTS:
-        made, functions = _candidates(count)
-        speeds = torch.cat([nodes.speeds for nodes in made])
-        values = torch.cat([response(liner, asked, speeds) for liner in liners]).unflatten(1, (len(made), count))
-        found = torch.einsum("fck,cvk->fcv", made[0].coefficients(values), functions.to(values))
+        asked = asked.sort(0).values[torch.linspace(0, len(asked) - 1, MOST_ASKED).round().to(torch.int64)]
+    speed, least = TOP_SPEED * torch.linspace(0, 1, FIRST_CHECKED, dtype=torch.float64) ** 3, float("inf")
+    wanted = torch.cat([reflection_of(liner, asked, speed) for liner in liners])[:, None]
+    centres = torch.tensor(CENTRES, dtype=torch.float64)[:, None]
+    angle = ((speed - centres) / (speed + centres)).acos()
+    for count in COUNTS:  # all centres at once, (C, K)
+        unit = Chebyshev(count, 1.0)
+        speeds = centres * unit.speeds
+        values = torch.cat([reflection_of(liner, asked, speeds.flatten()) for liner in liners])
+        functions = torch.cos(angle[:, :, None] * torch.arange(count))  # T_k, (C, V, K)
+        found = torch.einsum("fck,cvk->fcv", unit.coefficients(values.unflatten(1, speeds.shape)), functions.to(values))
         errors = (found - wanted).abs().amax((0, 2))
         if float(errors.min()) < least:
-            best, least = made[int(errors.argmin())], float(errors.min())
+            best, least = Chebyshev(count, CENTRES[int(errors.argmin())]), float(errors.min())
         if least <= tolerance and all(
             interpolation_error(best, liner, frequency, TOP_SPEED)[0] <= tolerance for liner in liners
         ):
             break
     return best
-
-
-@functools.lru_cache(maxsize=len(COUNTS))
-def _candidates(count: int) -> tuple[list[Chebyshev], Tensor]:
-    """Nodes of all centres, and their functions at the speeds that are checked first, (C, V, K)."""
-    made = [Chebyshev(count, centre) for centre in CENTRES]
-    speed = checked_speeds(TOP_SPEED, FIRST_CHECKED)
-    return made, torch.stack([nodes.functions(speed) for nodes in made])

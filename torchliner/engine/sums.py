@@ -11,8 +11,7 @@ import contextlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import groupby
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import torch
@@ -38,6 +37,12 @@ FEWEST_ROWS = 64  # of a slab, but at the end of a block
 FEW_COLUMNS = 1 << 10  # of which a CPU takes several slabs at once
 
 
+def alive_together() -> int:
+    """Items of ``in_order`` that live at once: one for each thread, and one so that no thread waits for its next."""
+    threads = torch.get_num_threads()
+    return threads if threads == 1 else threads + 1
+
+
 @dataclass(frozen=True)
 class Held:
     """A record in memory, or any function that gives samples, as a ``Record``."""
@@ -61,6 +66,7 @@ class PlaneRecord:
         dtype, device: of the work.
         excluded: probes that are read as 0, bool, (P,), on ``device``; None for none.
         progress: called with numbers of samples read.
+        alive: slabs that live at once; counted beforehand, since torch has one thread while several work.
     """
 
     plane: VelocityPlane
@@ -68,32 +74,23 @@ class PlaneRecord:
     device: torch.device
     excluded: Tensor | None = None
     progress: Callable[[int], object] | None = None
+    alive: int = field(default_factory=alive_together)
+    samples: int = field(init=False)
+    columns: int = field(init=False)
 
-    @property
-    def samples(self) -> int:
-        """T."""
-        return self.plane.samples
-
-    @property
-    def columns(self) -> int:
-        """P."""
-        return self.plane.probes
+    def __post_init__(self) -> None:
+        self.__dict__.update(samples=self.plane.samples, columns=self.plane.probes)
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
-        stored, plane = self.plane.stored, self.plane
-        read: Iterable[Tensor] = (plane.read(*each) for each in bounds)
-        if stored is not None:  # counted now: while slabs are worked on in threads torch says that it has one
-            read = read_ahead(stored, bounds, self.device, alive_together())
-
-        def worked_on() -> Iterator[Tensor]:
-            for slab in read:
-                here = slab.to(self.device, self.dtype)
-                yield here if self.excluded is None else here.masked_fill(self.excluded, 0)
-                if self.progress is not None:
-                    self.progress(len(slab))
-
-        return worked_on()
+        read: Iterable[Tensor] = (self.plane.read(*each) for each in bounds)
+        if self.plane.stored is not None:
+            read = read_ahead(self.plane.stored, bounds, self.device, self.alive)
+        for slab in read:
+            here = slab.to(self.device, self.dtype)
+            yield here if self.excluded is None else here.masked_fill(self.excluded, 0)
+            if self.progress is not None:
+                self.progress(len(slab))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +134,10 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
     rows = slab if on_cpu and record.columns > FEW_COLUMNS else rows
     batches = list(blocks.batches(rows, slab, taken, across=not on_cpu))
     bounds = [(max(0, batch[0].begin - reach), min(record.samples, batch[-1].end + reach)) for batch in batches]
-
     nothing = torch.empty(0, dtype=torch.float64, device=device)
 
     def work(item: tuple[list[Slab], int, Tensor]) -> list[Tensor]:
-        """What each job finds in the parts of blocks that a batch holds, (n, R, K, N)."""
+        """What each job finds in the slabs of a batch, (G, R, K, N)."""
         batch, low, samples = item
         begin, end, lengths = batch[0].begin, batch[-1].end, [slab.end - slab.begin for slab in batch]
         place = own = torch.empty(0)
@@ -149,7 +145,6 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
             first, length = torch.tensor([[slab.begin - begin for slab in batch], lengths]).to(device)[:, :, None]
             step = torch.arange(max(lengths), device=device)
             place, own = first + torch.minimum(step, length - 1), (step < length)[:, None]
-        parts = [len(list(slabs)) for _, slabs in groupby(batch, lambda slab: slab.place)]
         found = []
         for job in jobs:
             columns = job.drive(samples, low)[begin - low : end - low]
@@ -161,13 +156,7 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
             else:  # views
                 columns = columns.unflatten(0, (len(batch), -1))
                 weights = weights.unflatten(1, (len(batch), -1)).transpose(0, 1)
-            each = job.measure(weights, columns).double()
-            if len(parts) < len(batch):
-                several = each.split(parts)
-                each = torch.stack([part.sum(0) for part in several])
-                if job.largest:
-                    each[:, -job.largest :] = torch.stack([part[:, -job.largest :].amax(0) for part in several])
-            found.append(each)
+            found.append(job.measure(weights, columns).double())
         return found
 
     items = zip(batches, (low for low, _ in bounds), record.slabs(bounds), strict=True)
@@ -177,7 +166,8 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
         for batch, found in zip(batches, in_order(work, items, device), strict=True):
             kept = kept or [each.new_zeros(len(taken), *each.shape[1:]) for each in found]
             for job, own, each in zip(jobs, kept, found, strict=True):
-                job.join(own[batch[0].place : batch[-1].place + 1], each)
+                for slab, row in zip(batch, each, strict=True):
+                    job.join(own[slab.place], row)
     return kept
 
 
@@ -210,12 +200,6 @@ def one_thread() -> Iterator[None]:
 def is_differentiated(*values: Tensor) -> bool:
     """Whether a value requires a gradient or carries a tangent of forward differentiation."""
     return any(value.requires_grad or forward_ad.unpack_dual(value).tangent is not None for value in values)
-
-
-def alive_together() -> int:
-    """Items of ``in_order`` that live at once: one for each thread, and one so that no thread waits for its next."""
-    threads = torch.get_num_threads()
-    return threads if threads == 1 else threads + 1
 
 
 def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torch.device) -> Iterator[Result]:

@@ -2,54 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from torchliner.engine.blocks import Blocks
+from torchliner.engine.intervals import replicates
+from torchliner.records.cells import Cells
 
 SAME = 1e-9  # relative: closer lines are one
 HARMONICS = 8
 STEADY = 1e-18  # of the mean square: less than rounding
 
 
-def harmonics_of(tone: float | None, sampling_rate: float, count: int = HARMONICS) -> list[float]:
-    """The first harmonics of a tone (Hz) below half the sampling rate; none without a tone."""
-    found = [] if tone is None else [tone * h for h in range(1, count + 1)]
-    return [line for line in found if line < 0.5 * sampling_rate * (1 - 1e-6)]
-
-
-def merged_lines(harmonics: list[float], asked: list[float]) -> list[float]:
-    """The harmonics, then the frequencies asked for that are none of them."""
-    lines = list(harmonics)
-    for f in asked:
+def lines_of(tone: float | None, sampling_rate: float, asked: Tensor | None = None) -> tuple[Tensor, int]:
+    """The first harmonics of a tone below half the sampling rate, then frequencies asked for that are none of them:
+    Hz, (L,); and how many harmonics there are, none without a tone."""
+    lines = [] if tone is None else [tone * (1 + h) for h in range(HARMONICS)]
+    lines = [line for line in lines if line < 0.5 * sampling_rate * (1 - 1e-6)]
+    harmonics = len(lines)
+    for f in [] if asked is None else asked.tolist():
         if all(abs(f / line - 1) > SAME for line in lines):
             lines.append(f)
-    return lines
+    return torch.tensor(lines, dtype=torch.float64), harmonics
 
 
 @dataclass(frozen=True, eq=False)
 class Membership:
-    """Probes by cell.
+    """Probes by cell, for means over each of C cells, on the device of the work.
 
     Args:
+        count: C.
         labels: cell of each probe, int64, (P,); C for probes of no cell.
         places, inside: probes of each cell side by side, padded with probe 0, int64, and 0 there, else 1, (C, M).
         sizes: probes of each cell, float64, (C,).
+        used: probes that count, bool, (P,).
         ordered: whether the probes already lie so in memory, all cells alike: no copy is needed.
     """
 
+    count: int
     labels: Tensor
     places: Tensor
     inside: Tensor
     sizes: Tensor
+    used: Tensor
     ordered: bool
 
     @classmethod
-    def of(cls, labels: Tensor, count: int, device: torch.device) -> Membership:
-        """From labels on the host, (P,), -1 for no cell, of ``count`` cells that each hold a probe."""
+    def of(cls, cells: Cells, used: Tensor, device: torch.device) -> Membership:
+        """From cells that each hold a probe, and the probes that count, bool, (P,), on the host."""
+        labels, count = cells.labels, cells.count
         sizes = torch.bincount(labels[labels >= 0], minlength=count)
         most = int(sizes.max())
         order = torch.argsort(labels, stable=True)[int((labels < 0).sum()) :]
@@ -59,39 +63,28 @@ class Membership:
         places[cell, slot], inside[cell, slot] = order, 1.0
         ordered = count * most == len(labels) and torch.equal(places.flatten(), torch.arange(count * most))
         outside = torch.where(labels < 0, count, labels)
-        return cls(outside.to(device), places.to(device), inside.to(device), sizes.double().to(device), ordered)
-
-    @property
-    def count(self) -> int:
-        """C."""
-        return len(self.places)
-
-    def sum(self, values: Tensor) -> Tensor:
-        """Over the probes of each cell: (..., P) to (..., C)."""
-        if self.ordered:
-            return values.unflatten(-1, self.places.shape).sum(-1)
-        members = values.index_select(-1, self.places.flatten()).unflatten(-1, self.places.shape)
-        return members.mul_(self.inside.to(members)).sum(-1)
+        placed, sizes, used = (each.to(device) for each in (inside, sizes.double(), used))
+        return cls(count, outside.to(device), places.to(device), placed, sizes, used, ordered)
 
     def mean(self, values: Tensor) -> Tensor:
         """Over the probes of each cell: (..., P) to (..., C)."""
-        return self.sum(values) / self.sizes.to(values)
-
-    def away(self, values: Tensor) -> Tensor:
-        """What deviates from the mean over the cell, 0 at probes of no cell, (..., P)."""
         if self.ordered:
-            members = values.unflatten(-1, self.places.shape)
-            return (members - members.mean(-1, keepdim=True)).flatten(-2)
-        return values * (self.labels < self.count) - self.spread(self.mean(values))
+            return values.unflatten(-1, self.places.shape).mean(-1)
+        members = values.index_select(-1, self.places.flatten()).unflatten(-1, self.places.shape)
+        return members.mul_(self.inside.to(members)).sum(-1) / self.sizes.to(values)
 
     def spread(self, of_cells: Tensor) -> Tensor:
         """The value of its cell at each probe, 0 at probes of no cell: (..., C) to (..., P)."""
         return torch.nn.functional.pad(of_cells, (0, 1)).index_select(-1, self.labels)
 
+    def away(self, values: Tensor) -> Tensor:
+        """What deviates from the mean over the cell, 0 at probes of no cell, (..., P)."""
+        return values * (self.labels < self.count) - self.spread(self.mean(values))
+
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Sums of v over S blocks of P columns, float64.
+    """Sums of v over S blocks of P columns, float64, and what follows from them over the record.
 
     Args:
         blocks: of the record.
@@ -100,7 +93,14 @@ class Survey:
         sums: of v times 1, cos and sin of the lines, m/s, (S, 1 + 2 L, P).
         squares: of v^2, m2/s2, (S, P).
         peaks: largest |v|, m/s, (S, P).
-        gram: of products of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L).
+        gram: of products of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L), on the host; that of the blocks unless stated.
+    Attributes:
+        waves: sums of 1, cos and sin alone, on the device of the sums, (S, 1 + 2 L).
+        lengths: samples of each block, likewise, (S,).
+        rows: which of the 1 + 2 L rows are 1, cos and sin of the harmonics.
+        mean, mean_square: of v, m/s and m2/s2, (P,).
+        rms: of v with its mean removed, eq. (3.6), m/s, (P,).
+        peak: largest |v|, m/s, (P,).
     """
 
     blocks: Blocks
@@ -109,41 +109,30 @@ class Survey:
     sums: Tensor
     squares: Tensor
     peaks: Tensor
-    gram: Tensor
+    gram: Tensor = field(default_factory=lambda: torch.empty(0))
+    waves: Tensor = field(init=False)
+    lengths: Tensor = field(init=False)
+    rows: list[int] = field(init=False)
+    mean: Tensor = field(init=False)
+    mean_square: Tensor = field(init=False)
+    rms: Tensor = field(init=False)
+    peak: Tensor = field(init=False)
 
-    @property
-    def lengths(self) -> Tensor:
-        """Samples of each block, on the device of the sums, (S,)."""
-        return self.gram[:, 0, 0]
-
-    def mean_of(self, sums: Tensor) -> Tensor:
-        """Over the record, from sums over its blocks: (S, ...) to (1, ...)."""
-        return sums.sum(0, keepdim=True) / self.lengths.sum()
-
-    @property
-    def mean(self) -> Tensor:
-        """m/s, (P,)."""
-        return self.mean_of(self.sums[:, 0])[0]
-
-    @property
-    def mean_square(self) -> Tensor:
-        """Of v, m2/s2, (P,)."""
-        return self.mean_of(self.squares)[0]
-
-    @property
-    def rms(self) -> Tensor:
-        """Of v with its mean removed, eq. (3.6), m/s, (P,)."""
-        return (self.mean_square - self.mean**2).clamp(min=0).sqrt()
-
-    @property
-    def peak(self) -> Tensor:
-        """Largest |v|, m/s, (P,)."""
-        return self.peaks.amax(0)
-
-    def rows_of_harmonics(self) -> list[int]:
-        """Which of the 1 + 2 L rows are 1, cos and sin of the harmonics."""
-        cosines = range(1, 1 + self.harmonics)
-        return [0, *cosines, *(row + len(self.lines) for row in cosines)]
+    def __post_init__(self) -> None:
+        gram = self.gram if len(self.gram) else gram_of(self.blocks, self.lines)
+        cosines, waves = range(1, 1 + self.harmonics), gram[:, 0].to(self.sums.device)
+        lengths = waves[:, 0]
+        mean, square = (each.sum(0) / lengths.sum() for each in (self.sums[:, 0], self.squares))
+        self.__dict__.update(
+            gram=gram,
+            waves=waves,
+            lengths=lengths,
+            rows=[0, *cosines, *(row + len(self.lines) for row in cosines)],
+            mean=mean,
+            mean_square=square,
+            rms=(square - mean**2).clamp(min=0).sqrt(),
+            peak=self.peaks.amax(0),
+        )
 
     def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
         """Sums of v e^{-j omega t}, complex128, (S, n, F), nan where not measured, and of e^{-j omega t}, (S, F)."""
@@ -154,7 +143,7 @@ class Survey:
         of_v = torch.complex(part[:, cosine], -part[:, sine]).transpose(1, 2)
         if not bool(measured.all()):
             of_v = of_v * torch.where(measured, 1.0, torch.nan).to(part)
-        return of_v, torch.complex(self.gram[:, 0, cosine], -self.gram[:, 0, sine])
+        return of_v, torch.complex(self.waves[:, cosine], -self.waves[:, sine])
 
     def coherence(self, frequency: Tensor, cells: Membership | None = None) -> Tensor:
         """Squared coherence of v with a steady tone, 0 to 1, (P, F); nan where not measured.
@@ -173,12 +162,11 @@ class Survey:
         power, least = power.sum(-1), STEADY * self.mean_square.mean() * cells.count
         return torch.where(power <= least, torch.nan, coherent.sum(-1) / power.clamp(min=1e-300))
 
-    def tone(self, frequency: Tensor, means: Callable[[Tensor], Tensor], columns: slice = slice(None)) -> Tensor:
-        """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off.
-
-        ``means``: from sums over blocks, (S, ...), to means, (B, ...), such as ``mean_of``.
-        """
+    def tone(self, frequency: Tensor, *, every: bool = False, columns: slice = slice(None)) -> Tensor:
+        """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off: of
+        the record, B = 1, or with ``every`` as ``intervals.replicates``."""
         of_v, of_one = self.line_sums(frequency, columns)
+        means = partial(replicates, lengths=self.lengths, every=every)
         return 2 * (means(of_v) - means(self.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
 
 
@@ -195,8 +183,7 @@ def survey_sums(weights: Tensor, columns: Tensor) -> Tensor:
 
 def survey_of(found: Tensor, blocks: Blocks, lines: Tensor, harmonics: int) -> Survey:
     """From what a job with ``survey_sums`` and ``largest=1`` found in all S blocks; ``lines`` on the host."""
-    gram = gram_of(blocks, lines).to(found.device)
-    return Survey(blocks, lines, harmonics, found[:, :-2, 0], found[:, -2, 0], found[:, -1, 0], gram)
+    return Survey(blocks, lines, harmonics, found[:, :-2, 0], found[:, -2, 0], found[:, -1, 0])
 
 
 def gram_of(blocks: Blocks, lines: Tensor) -> Tensor:

@@ -41,7 +41,7 @@ def available() -> bool:
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    """m_k of each slab, row of weights and column, as ``nodes.chebyshev_sums`` defines them.
+    """m_k of each slab, row of weights and column, as ``nodes.torch_sums`` defines them.
 
     A slab is summed in the precision of the data; strides are any, best where neighbouring columns are adjacent.
     """

@@ -13,8 +13,8 @@ import torch
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments, ReducedVelocity
-from torchliner.engine.nodes import OfOneLiner, nodes_of
-from torchliner.engine.survey import Membership, Survey, gram_of
+from torchliner.engine.nodes import nodes_of
+from torchliner.engine.survey import Membership, Survey
 from torchliner.io.hdf5 import is_there, open_file, text_attribute
 from torchliner.io.own_file import read_attribute, read_coordinate, read_row, require_schema, take
 from torchliner.io.own_writer import fill, new_file, write_row
@@ -62,16 +62,15 @@ def write_moments(known: Moments, path: str | Path) -> None:
     Raises:
         ValueError: the moments answer certain frequencies of one liner alone.
     """
-    if isinstance(known.nodes, OfOneLiner):
-        at = known.nodes.frequency.tolist()
-        raise ValueError(f"{path}: moments of one liner at {at} Hz have no file; use tl.moments")
+    if known.onto is not None:
+        raise ValueError(f"{path}: moments of one liner at certain frequencies have no file; use tl.moments")
     plane, seen = known.plane, known.survey
     velocity = {"shape": list(plane.velocity.shape), "precision": str(plane.velocity.dtype).removeprefix("torch.")}
     said = {
         "schema": SCHEMA,
         "velocity": velocity,
         "blocks": {**vars(seen.blocks), "harmonics": seen.harmonics},
-        "nodes": {} if known.nodes is None else known.nodes.describe(),
+        "nodes": {} if known.nodes is None else vars(known.nodes),
         "settings": {**known.settings, "cell_pitch": known.cell_pitch},
         "notes": known.notes,
     }
@@ -139,15 +138,15 @@ def read_moments(path: str | Path) -> Moments:
     def fields(table: Iterable[Variable]) -> dict[str, Any]:
         return {row.field: found[row.field] for row in table if row in there}
 
-    cells, gram = Cells(**fields(CELLS)), gram_of(blocks, lines)
-    survey = Survey(blocks=blocks, harmonics=harmonics, gram=gram, **fields(SURVEY))
+    cells = Cells(**fields(CELLS))
+    survey = Survey(blocks=blocks, harmonics=harmonics, **fields(SURVEY))
     tone = {"lines": lines[:harmonics], "sampling_rate": blocks.sampling_rate}
     return Moments(
         plane=plane,
         settings=settings,
         cell_pitch=pitch,
         cells=cells,
-        membership=Membership.of(cells.labels, cells.count, survey.sums.device),
+        membership=Membership.of(cells, found["used"], survey.sums.device),
         used=found["used"],
         survey=survey,
         locked=Drive(**tone, **fields(LOCKED)) if locks else None,

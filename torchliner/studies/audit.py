@@ -16,9 +16,8 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_choice, tell
 from torchliner.engine.kernels import kernel_band, kernel_taps, tap_response
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import OfOneLiner, response
 from torchliner.liners.cell import CellLiner
-from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.model import Liner, LinerModel, as_liner, reflection_of
 from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readings
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
@@ -173,14 +172,14 @@ def _other_liners(model: LinerModel) -> tuple[dict[tuple[str, str], LinerModel],
     return found, skipped
 
 
-def _of_one_liner(known: Moments, reflection: Tensor, frequency: Tensor) -> Moments:
+def _of_one_liner(known: Moments, reflection: Tensor) -> Moments:
     """Moments of one R(f, |v|), from its values at the speeds of the nodes, (F, K)."""
     nodes = known.nodes
     assert nodes is not None
-    assert not isinstance(nodes, OfOneLiner)
-    of_one = OfOneLiner.of(nodes, nodes.coefficients(reflection).to(known.survey.sums.device), frequency)
-    sums = {name: of_one.matrix @ each for name, each in known.sums.items() if each.shape[2] == nodes.count}
-    return dataclasses.replace(known, sums=sums, nodes=of_one)
+    of_one = nodes.coefficients(reflection).to(known.survey.sums.device)
+    onto = torch.cat([of_one.real, of_one.imag])
+    sums = {name: onto @ each for name, each in known.sums.items() if each.shape[2] == nodes.count}
+    return dataclasses.replace(known, sums=sums, onto=onto)
 
 
 def _kernels(base: Variant, frequency: Tensor) -> Iterator[Variant]:
@@ -190,7 +189,7 @@ def _kernels(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     band = kernel_band(frequency[:1], base.liner, rate)
     for kind, words in KERNELS.items():
         found = tap_response(*kernel_taps(base.liner, known.nodes.speeds, rate, kind, band), frequency, rate).T
-        yield _vary(base, "kernel", kind + words, moments=_of_one_liner(known, found, frequency))
+        yield _vary(base, "kernel", kind + words, moments=_of_one_liner(known, found))
 
 
 def _halves(base: Variant, frequency: Tensor) -> Iterator[Variant]:
@@ -228,7 +227,7 @@ def _phase_rules(base: Variant, frequency: Tensor) -> Iterator[Variant]:
         raise ValueError("the moments hold no rows of phase rules; reduce the plane with phase='self-consistent'")
     of_one = known
     if known.nodes is not None:  # many phases are quicker asked of R of one liner
-        of_one = _of_one_liner(known, response(base.liner, frequency, known.nodes.speeds), frequency)
+        of_one = _of_one_liner(known, reflection_of(base.liner, frequency[:, None], known.nodes.speeds))
 
     def at(psi: float, words: str) -> Variant:
         name = f"given, psi = {psi:.2f} rad ({words})"
@@ -239,7 +238,7 @@ def _phase_rules(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     for parts, letter in (([each.real for each in z], "R"), ([each.imag for each in z], "X")):
         yield at(turn[parts.index(min(parts))], f"smallest {letter}")
         yield at(turn[parts.index(max(parts))], f"largest {letter}")
-    share = 100 * float((known.survey.coherence(frequency)[known.counted] >= least).double().mean())
+    share = 100 * float((known.survey.coherence(frequency)[known.membership.used] >= least).double().mean())
     if not share:
         raise ValueError(f"self-consistent: no probe is coherent with {f:g} Hz by {least:g}")
     name = "self-consistent"

@@ -29,9 +29,8 @@ from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import moments
-from torchliner.velocity.known_pressure import known_pressure
-from torchliner.velocity.level_check import ratio_of_pressures
-from torchliner.velocity.review import review_liner, review_record
+from torchliner.velocity.level_check import known_pressure, ratio_of_pressures
+from torchliner.velocity.review import review_case
 
 NEPER = math.log(10) / 20  # of a decibel
 LEVEL_CHECK = "level-check"
@@ -68,8 +67,8 @@ class Run:
     @property
     def notes(self) -> list[str]:
         """Warnings of the plane and the liner."""
-        own = review_record(self.plane, self.frequency), review_liner(self.plane, self.liner)
-        return list(dict.fromkeys(note.text for note in (*self.known.notes, *own[0], *own[1])))
+        own = review_case(self.plane, self.liner, self.frequency)
+        return list(dict.fromkeys(note.text for note in (*self.known.notes, *own)))
 
     @functools.cached_property
     def in_flow(self) -> LinerModel:

@@ -16,15 +16,14 @@ import torch
 from torch import Tensor
 
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import Chebyshev, Levels, choose_nodes
+from torchliner.engine.nodes import Nodes, choose_nodes
 from torchliner.engine.sums import reduce
 from torchliner.liners.model import LinerModel
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
-from torchliner.velocity.averages import Asked, Averages, average
-from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import known_pressure
-from torchliner.velocity.level_check import ratio_of_pressures
+from torchliner.velocity.averages import Averages, average
+from torchliner.velocity.choices import TOLERANCES, Choices
+from torchliner.velocity.level_check import known_pressure, ratio_of_pressures
 from torchliner.velocity.reading import Progress, reading_of, take_moments
 
 Records = VelocityPlane | Moments
@@ -88,11 +87,8 @@ class Variant:
 
     def averages(self, frequency: Tensor) -> Averages:
         """R of cells and liner; ``frequency`` in Hz, (F,)."""
-        known, phase = self.moments, None
-        if self.psi is not None:
-            phase = torch.full((known.plane.probes, 1), self.psi, dtype=torch.float64)
         with torch.no_grad():
-            return average(known, Asked.of(known, self.liner, frequency, self.chosen, phase), self.averaging)
+            return average(self.moments, self.liner, frequency, self.chosen, self.averaging, self.psi)
 
 
 def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> list[Row]:
@@ -127,12 +123,12 @@ def read_for(
     chosen: Choices,
     turns: Sequence[float] = (),
     progress: Progress | None = None,
-) -> tuple[Moments, Chebyshev | Levels]:
+) -> tuple[Moments, Nodes]:
     """Moments of a plane for several liners, in cells of the first one, and the nodes for any further reading.
 
     ``turns``: Hz, of waves that the sums are weighed with beside those of the phase rule.
     """
-    nodes = choose_nodes(liners, frequency, chosen.tolerance(plane.velocity.dtype))
+    nodes = choose_nodes(liners, frequency, TOLERANCES[chosen.working(plane.device, plane.velocity.dtype)[1]])
     reading = reading_of(plane, [], frequency, chosen, cell_pitch=liners[0].cell_pitch, nodes=nodes)
     turned = torch.cat([reading.turns, reading.turns.new_tensor([*turns])])
     return take_moments(dataclasses.replace(reading, turns=turned), progress=progress), nodes
@@ -140,7 +136,7 @@ def read_for(
 
 def read_again(
     plane: VelocityPlane,
-    nodes: Chebyshev | Levels,
+    nodes: Nodes,
     frequency: Tensor,
     variants: Sequence[Variant],
     progress: Progress | None = None,
@@ -160,7 +156,7 @@ def read_again(
         way = reading_of(plane, [], frequency, chosen, cell_pitch=group[0].pitch or known.cell_pitch, nodes=nodes)
         way = dataclasses.replace(way, blocks=known.survey.blocks).without(~known.used)
         wanted = {"square of cells", *(each.averaging for each in group)}
-        possible = way.first_jobs() | way.second_jobs(known.survey, locked)
+        possible = way.jobs() | way.jobs(known.survey, locked)
         names = [name for name in possible if name in wanted]
         jobs += [possible[name] for name in names]
         ways.append((group, way, known, locked, names))

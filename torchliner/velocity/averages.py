@@ -1,4 +1,9 @@
-"""From sums over blocks to R of every probe, cell and the whole liner, each with its interval.
+r"""R of every probe, cell and the whole liner, each with its interval, from sums over blocks.
+
+Over a record of velocities the replayed tone :math:`X e^{j\omega t} + \text{conjugate}` comes back as
+:math:`X a + X^* b` with :math:`a = \langle R \rangle` and :math:`b = \langle R e^{-2j\omega t} \rangle`, so that
+:math:`R = a + b X^*/X`. What the phase of the tone relative to v does to R is a phase rule: algebra on a and b. A new
+rule is a function here and a row of ``PHASE_RULES``.
 
 All of it is computed from all blocks and without each block in turn, along one axis of length B (``replicates``), so
 that the intervals of probes, cells and liner come from the same lines of code as their values. It stays on the device.
@@ -10,53 +15,58 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.checks import phase_tensor
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.drives import survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
 from torchliner.engine.moments import Moments
-from torchliner.engine.phase import PHASE_RULES, Sound
 from torchliner.engine.sums import in_order, is_differentiated
 from torchliner.engine.survey import Survey
 from torchliner.liners.model import LinerModel, reflection_of
+from torchliner.records import VelocityPlane
 from torchliner.records.educed import Educed, Interval
 from torchliner.velocity.choices import Choices
 
 ELEMENTS = 1 << 17  # complex values that a thread works on at once on a CPU
-Reflection = Callable[[slice], Tensor]  # R of some columns, from all blocks and without each of them, (B, n, F)
 
 
-@dataclass(frozen=True, eq=False)
-class Asked:
-    """What Z is asked for.
+def averaged(a: Tensor, b: Tensor, **_: Any) -> Tensor:
+    """Over all phases, since nothing else is known: R = a."""
+    return a
+
+
+def given(a: Tensor, b: Tensor, *, phase: Tensor, **_: Any) -> Tensor:
+    r"""The phase is stated: :math:`R = a + b e^{-2j\psi}`; psi of the tone cos(omega t + psi), rad, (N, F or 1)."""
+    return a + b * torch.exp(-2j * phase)
+
+
+def self_consistent(a: Tensor, b: Tensor, *, velocity: Tensor, held: Tensor, **_: Any) -> Tensor:
+    r"""The wave whose replayed reflection gives the tone in v itself.
+
+    :math:`(1 - a) X - b X^* = V` has the solution :math:`X = [(1 - a)^* V + b V^*]/(|1 - a|^2 - |b|^2)`; iterating
+    for X fails at high |v|. Where v is not coherent with the tone the rule falls back to ``averaged``.
 
     Args:
-        liner, frequency: whose R, at which Hz, (F,), on the host.
-        coefficients: of R in the sums that were kept, complex128, (F, J), on the device.
-        phase: psi of the incident tone, rad, (P, F or 1), for phase ``given``, on the device.
-        wall: probes that count as wall, bool, (P, F), on the device; None without a wall filter.
+        velocity: V, half the complex peak amplitude of v into the liner at f, m/s, (..., N, F).
+        held: whether v is coherent enough with the tone for its phase to mean anything, bool, (N, F).
     """
+    wave = (1 - a).conj() * velocity + b * velocity.conj()
+    wave = wave / ((1 - a).abs().square() - b.abs().square())
+    wave = torch.where(wave == 0, torch.ones_like(wave), wave)
+    return torch.where(held, a + b * wave.conj() / wave, a)
 
-    liner: LinerModel
-    frequency: Tensor
-    coefficients: Tensor
-    chosen: Choices
-    phase: Tensor | None = None
-    wall: Tensor | None = None
 
-    @classmethod
-    def of(
-        cls, known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, phase: Tensor | None = None
-    ) -> Asked:
-        """Of moments; ``phase`` may be on any device."""
-        device, wall, liner = known.survey.sums.device, None, liner.in_flow(known.plane.mach)
-        if chosen.wall_filter is not None:
-            wall = (known.survey.coherence(frequency) < chosen.wall_filter) & known.counted[:, None]
-        coefficients = known.coefficients(liner, frequency).to(device)
-        return cls(liner, frequency, coefficients, chosen, None if phase is None else phase.to(device), wall)
+PHASE_RULES: dict[str, Callable[..., Tensor]] = {
+    "averaged": averaged,
+    "self-consistent": self_consistent,
+    "given": given,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +80,7 @@ class Averages:
         along_x: of the admittance averaged over z, (X, F); None for planes without rows and for ``velocity``.
         replicates: R of the liner and of the cells from all blocks and without each of them, (B, 1 + C, F).
         held: where the phase rule could be used, bool, (N, F); N probes or cells.
+        wall: probes that count as wall, bool, (P, F); None without a wall filter.
     """
 
     probes: Educed | None
@@ -78,28 +89,49 @@ class Averages:
     along_x: Educed | None
     replicates: Tensor
     held: Tensor
+    wall: Tensor | None
 
 
-def average(known: Moments, asked: Asked, averaging: str) -> Averages:
-    """R of probes, cells and liner under one averaging."""
-    chosen, frequency, lengths, seen = asked.chosen, asked.frequency, known.survey.lengths, known.survey
-    consistent, phase, locked = chosen.phase == "self-consistent", asked.phase, known.locked
-    count = known.membership.count if averaging == "velocity" else known.plane.probes
-    held = torch.ones(count, len(frequency), dtype=torch.bool, device=lengths.device)
+def average(
+    known: Moments,
+    liner: LinerModel,
+    frequency: Tensor,
+    chosen: Choices,
+    averaging: str,
+    reference_phase: Any = None,
+) -> Averages:
+    """R of probes, cells and liner under one averaging, on the device of the moments; nothing is read back.
+
+    Arguments as of ``educe``; ``frequency`` in Hz, (F,), on the host.
+    """
+    plane, seen, cells, lengths = known.plane, known.survey, known.membership, known.survey.lengths
+    device, liner, locked, wall, phase = lengths.device, liner.in_flow(plane.mach), known.locked, None, None
+    consistent, of_cells = chosen.phase == "self-consistent", averaging == "velocity"
+    if chosen.wall_filter is not None:
+        wall = (seen.coherence(frequency) < chosen.wall_filter) & cells.used[:, None]
+    held = torch.ones(cells.count if of_cells else plane.probes, len(frequency), dtype=torch.bool, device=device)
     if chosen.drive == "rms" or consistent:
         seen = survey_of_columns(known, averaging)
     if consistent:
         held = seen.coherence(frequency) >= chosen.minimum_coherence
-    if phase is not None and averaging == "velocity":
-        phase = known.membership.mean(torch.exp(1j * phase).T).T.angle()
+    if chosen.phase == "given" or reference_phase is not None:
+        phase = phase_of(plane, chosen, reference_phase, len(frequency)).to(device)
+        phase = cells.mean(torch.exp(1j * phase).T).T.angle() if of_cells else phase
     bars = chosen.interval is not None and len(lengths) >= FEWEST_BLOCKS
-    each = torch.view_as_real(asked.coefficients)  # (F, J, 2)
+    one = torch.eye(len(frequency), dtype=torch.complex128, device=device)
+    coefficients = torch.cat([one, 1j * one], 1)  # of R in the sums, (F, J)
+    if known.nodes is not None and known.onto is None:
+        values = reflection_of(liner, frequency[:, None], known.nodes.speeds)
+        coefficients = known.nodes.coefficients(values).to(device)
+    each = torch.view_as_real(coefficients)  # (F, J, 2)
     of_all = each.transpose(0, 1).flatten(1)
-    turns = [int((known.turns - 2 * f).abs().argmin()) for f in frequency.tolist()] if len(known.turns) else []
+    turns = []  # places of 2 f
+    if chosen.phase != "averaged" and len(known.turns):
+        turns = [int((known.turns - 2 * f).abs().argmin()) for f in frequency.tolist()]
 
-    def means(sums: Tensor) -> Tensor:
-        """From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...)."""
-        return replicates(sums, lengths) if bars else known.survey.mean_of(sums)
+    # From sums over blocks: of all blocks and, if there are intervals, without each of them, (B, ...).
+    means = partial(replicates, lengths=lengths, every=bars)
+    own_waves = means(seen.blocks.wave_sums(2 * frequency).to(device))[:, None] if turns else None
 
     def reflection(part: slice) -> Tensor:
         if chosen.drive == "rms":  # R at the rms over the record, and without each block
@@ -107,25 +139,49 @@ def average(known: Moments, asked: Asked, averaging: str) -> Averages:
             if chosen.mean == "removed":
                 square = square - means(seen.sums[:, 0, part]) ** 2
             speed = square.clamp(min=0).sqrt()
-            return reflection_of(asked.liner, frequency, speed.cpu()[..., None]).to(speed.device)
+            return reflection_of(liner, frequency, speed.cpu()[..., None]).to(device)
         sums = known.sums[averaging][..., part]
         a = torch.view_as_complex((means(sums[:, 0]).transpose(1, 2) @ of_all).unflatten(2, (-1, 2)))  # <R>
         b = torch.zeros_like(a)  # <R e^{-2 j omega t}> less what the mean of R leaves in it
-        if turns and chosen.phase != "averaged":
+        if own_waves is not None:
             cosine, sine = (
                 torch.view_as_complex(means(sums[:, [first + i for i in turns]]).transpose(2, 3) @ each)
                 for first in (1, 1 + len(known.turns))
             )
-            waves = known.survey.blocks.wave_sums(2 * frequency).to(a.device)
-            b = (cosine - 1j * sine).transpose(1, 2) - means(waves)[:, None] * a
-        velocity = -seen.tone(frequency, means, part) / 2 if consistent else None
-        found = PHASE_RULES[chosen.phase](a, b, Sound(velocity, held[part], None if phase is None else phase[part]))
+            b = (cosine - 1j * sine).transpose(1, 2) - own_waves * a
+        tone = -seen.tone(frequency, every=bars, columns=part) / 2 if consistent else None
+        own = None if phase is None else phase[part]
+        found = PHASE_RULES[chosen.phase](a, b, velocity=tone, held=held[part], phase=own)
         if averaging == "phase-locked" and locked is not None and locked.scale is not None:
             # The record's own level of turbulence, which varies from block to block, was replaced by a stated one.
             found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])
         return found
 
-    return averages_of(known, asked, averaging, lengths, reflection, held)
+    threads = not is_differentiated(coefficients)
+    return fold(known, averaging, lengths, reflection, held, chosen.interval, wall=wall, threads=threads)
+
+
+def phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor:
+    """psi of all probes, (P, F or 1), from what was given for F = ``count`` frequencies."""
+    if chosen.phase != "given":
+        raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
+    if phase is None:
+        raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
+    values, shape = phase_tensor(phase).cpu(), plane.probe_shape
+    if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
+        raise ValueError(
+            f"reference_phase has shape ({count},), and there are {count} probes and {count} frequencies; give "
+            "(probes, 1) or (1, frequencies)"
+        )
+    for candidate in (shape, (*shape, count)):
+        try:
+            return values.broadcast_to(candidate).reshape(plane.probes, -1)
+        except RuntimeError:
+            continue
+    raise ValueError(
+        f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape {shape} (and {count} "
+        "frequencies)"
+    )
 
 
 def survey_of_columns(known: Moments, averaging: str) -> Survey:
@@ -140,27 +196,40 @@ def survey_of_columns(known: Moments, averaging: str) -> Survey:
     return seen
 
 
-def averages_of(
-    known: Moments, asked: Asked, averaging: str, lengths: Tensor, reflection: Reflection, held: Tensor
+def fold(
+    known: Moments,
+    averaging: str,
+    lengths: Tensor,
+    reflection: Callable[[slice], Tensor],
+    held: Tensor,
+    level: float | None,
+    *,
+    wall: Tensor | None = None,
+    threads: bool = True,
 ) -> Averages:
     """Averages of the admittances of columns: probes or, of averaging ``velocity``, cells.
 
-    ``lengths``: weights of the blocks, (S,); ``held``: where the phase rule could be used, bool, (N, F).
+    Args:
+        lengths: weights of the blocks, (S,).
+        reflection: R of some columns, from all blocks and without each of them, (B, n, F).
+        held, wall: see ``Averages``.
+        level: of the intervals, 0 to 1, or None.
+        threads: whether several may work at once.
     """
     cells, device, (columns, frequencies) = known.membership, lengths.device, held.shape
-    of_cells, share, x, rows = averaging == "velocity", None, None, 0
-    level = asked.chosen.interval if len(lengths) >= FEWEST_BLOCKS else None
-    if of_cells:
-        labels, counted = torch.arange(cells.count, device=device), torch.ones_like(held[:, :1])
-        share = None if known.cells.weight is None else known.cells.weight.to(device)
-    else:
-        labels, counted = cells.labels, known.counted[:, None]
-        if averaging == "phase-locked":
-            counted = counted & (labels < cells.count)[:, None]
-        if len(known.plane.probe_shape) == 2:
-            rows = known.plane.probe_shape[1]
-            x = torch.arange(columns, device=device) % rows
+    of_cells, level = averaging == "velocity", level if len(lengths) >= FEWEST_BLOCKS else None
     # Sums of admittances over each cell, the probes of no cell, and each x, side by side.
+    labels, weight, rows = cells.labels, cells.used.double(), 0
+    if of_cells:
+        labels, weight = torch.arange(cells.count, device=device), torch.ones_like(cells.sizes)
+        weight = weight if known.cells.weight is None else known.cells.weight.to(device)
+    elif averaging == "phase-locked":
+        weight = weight * (labels < cells.count)
+    places, leave = [labels], (weight == 0)[:, None]
+    if not of_cells and len(known.plane.probe_shape) == 2:
+        rows = known.plane.probe_shape[1]
+        places.append(cells.count + 1 + torch.arange(columns, device=device) % rows)
+    leave = leave if wall is None or of_cells else leave | wall
     numbers, sums = torch.zeros(cells.count + 1 + rows, dtype=torch.float64, device=device), torch.empty(0)
 
     def educed(replicated: Tensor) -> Educed:
@@ -169,41 +238,37 @@ def averages_of(
 
     def work(part: slice) -> tuple[slice, Tensor, Educed | None]:
         each = reflection(part)
-        leave = ~counted[part]
-        if asked.wall is not None and not of_cells:
-            leave = leave | asked.wall[part]
-        return part, admittance_from_reflection(each).masked_fill(leave, 0), None if of_cells else educed(each)
+        admittance = admittance_from_reflection(each).masked_fill(leave[part], 0)
+        return part, admittance, None if of_cells else educed(each)
 
     # The bits of a column do not depend on how the columns are shared out.
     size = max(1, ELEMENTS // ((1 + len(lengths)) * frequencies)) if device.type == "cpu" else columns
     parts, found = [slice(left, min(left + size, columns)) for left in range(0, columns, size)], list[Educed]()
-    for part, admittance, own in (
-        map(work, parts) if is_differentiated(asked.coefficients) else in_order(work, parts, device)
-    ):
+    for part, admittance, own in in_order(work, parts, device) if threads else map(work, parts):
         found += [] if own is None else [own]
         if not sums.numel():
             sums = admittance.new_zeros(len(admittance), len(numbers), frequencies)
-        weight = counted[part, 0].double() if share is None else share[part]
-        admittance = admittance if share is None else admittance * weight[:, None]
-        for place in [labels[part]] + ([] if x is None else [cells.count + 1 + x[part]]):
-            sums.index_add_(1, place, admittance)
-            numbers.index_add_(0, place, weight)
+        admittance = admittance * weight[part, None] if of_cells else admittance
+        for place in places:
+            sums.index_add_(1, place[part], admittance)
+            numbers.index_add_(0, place[part], weight[part])
     sums, number = (
         torch.cat([each[..., : cells.count + 1, :].sum(-2, keepdim=True), each], -2)
         for each in (sums, numbers[:, None])
     )
-    averaged = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
-    joined, probes = educed(averaged), None
+    averages = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
+    joined, probes = educed(averages), None
     if found:
         intervals = [each.interval for each in found if each.interval is not None]
         of_all = Educed(torch.cat([e.reflection for e in found]), Interval.joined(intervals) if intervals else None)
-        left_out, nan = ~known.counted[:, None], complex(math.nan, math.nan)
+        left_out, nan = ~cells.used[:, None], complex(math.nan, math.nan)
         probes = of_all.map(lambda value: value.masked_fill(left_out, nan if value.is_complex() else math.nan))
     return Averages(
         probes=probes,
         cells=joined.map(lambda value: value[1 : 1 + cells.count]),
         liner=joined.map(lambda value: value[0]),
-        along_x=None if x is None else joined.map(lambda value: value[2 + cells.count :]),
-        replicates=averaged[:, : 1 + cells.count],
+        along_x=joined.map(lambda value: value[2 + cells.count :]) if rows else None,
+        replicates=averages[:, : 1 + cells.count],
         held=held,
+        wall=wall,
     )

@@ -21,7 +21,7 @@ from torchliner.engine.drives import Drive, incoherent_power, incoherent_square
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife, replicates
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import Job, PlaneRecord, reduce
-from torchliner.engine.survey import Membership, Survey, coherence_by_chance, harmonics_of, survey_of, survey_sums
+from torchliner.engine.survey import Membership, Survey, coherence_by_chance, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
@@ -100,13 +100,14 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
     if isinstance(quiet, Moments):
         seen = quiet.survey
     else:  # with the harmonics of the tone, which the plane need not have; without one, in 32 blocks
-        rate, lines = about.sampling_rate, torch.tensor(harmonics_of(tone, about.sampling_rate), dtype=torch.float64)
+        rate = about.sampling_rate
+        lines, harmonics = lines_of(tone, rate)
         blocks = Blocks.of(about.samples, rate, tone or 32.5 * rate / about.samples)
         job = Job(Drive(), survey_sums, lines.to(about.device), largest=1)
         (sums,) = reduce(PlaneRecord(about, torch.float64, about.device), blocks, [job])
-        seen = survey_of(sums, blocks, lines, len(lines))
+        seen = survey_of(sums, blocks, lines, harmonics)
     cells, count = sort_into_cells(about, pitch if same_grid else None), seen.blocks.count
-    members = Membership.of(cells.labels, cells.count, seen.sums.device)
+    members = Membership.of(cells, torch.ones(about.probes, dtype=torch.bool), seen.sums.device)
     if tone is not None and count > 2:
         found = float(seen.coherence(torch.tensor([tone], dtype=torch.float64), members).nan_to_num(0).max())
         limit = coherence_by_chance(count, FALSE_ALARM)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -98,8 +99,7 @@ class Choices:
             require_positive("running_window", self.running_window)
             if self.drive != "running-rms":
                 raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
-        self.working_dtype(torch.float64)
-        self.working_device(torch.device("cpu"))
+        self.working(torch.device("cpu"), torch.float64)
 
     @property
     def averagings(self) -> tuple[str, ...]:
@@ -112,41 +112,26 @@ class Choices:
             return self.running_window
         return 1 / float(frequency.min())
 
-    def working_device(self, default: torch.device) -> torch.device:
-        """The device asked for.
+    def working(self, device: torch.device, dtype: torch.dtype) -> tuple[torch.device, torch.dtype]:
+        """Device and precision that were asked for, else those given, of the data.
 
         Raises:
-            ValueError: it does not exist here.
+            ValueError: a device that does not exist here; neither float32 nor float64.
         """
-        text = f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'"
-        try:
-            device = torch.device(default if self.device is None else self.device)
-        except (RuntimeError, TypeError) as error:
-            raise ValueError(text) from error
-        if device.type not in ("cpu", "cuda", "meta"):
-            raise ValueError(text)
-        if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        found, wanted = None, dtype if self.dtype is None else self.dtype
+        with contextlib.suppress(RuntimeError, TypeError):
+            found = torch.device(device if self.device is None else self.device)
+        if found is None or found.type not in ("cpu", "cuda", "meta"):
+            raise ValueError(f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'")
+        if found.type == "cuda" and (found.index or 0) >= torch.cuda.device_count():
             raise ValueError(
-                f"device {str(device)!r} is asked for, and torch {torch.__version__} sees {torch.cuda.device_count()} "
+                f"device {str(found)!r} is asked for, and torch {torch.__version__} sees {torch.cuda.device_count()} "
                 "CUDA devices; use device='cpu', or install a CUDA build of torch"
             )
-        return device
-
-    def working_dtype(self, default: torch.dtype) -> torch.dtype:
-        """The precision asked for.
-
-        Raises:
-            ValueError: neither float32 nor float64.
-        """
-        wanted = default if self.dtype is None else self.dtype
         name = str(wanted).removeprefix("torch.")
         if name not in DTYPES and isinstance(wanted, torch.dtype):
             raise ValueError(f"dtype is {wanted}; float32 or float64")
-        return getattr(torch, require_choice("dtype", name, DTYPES))
-
-    def tolerance(self, default: torch.dtype) -> float:
-        """Error in R that is allowed to the model table."""
-        return TOLERANCES[self.working_dtype(default)]
+        return found, getattr(torch, require_choice("dtype", name, DTYPES))
 
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""

@@ -14,7 +14,7 @@ from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
-from torchliner.velocity.answer import answer, origin_facts
+from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_matched import match_level
 from torchliner.velocity.reading import Progress, reading_of, take_moments
@@ -76,11 +76,10 @@ def educe(
             ends = [reading.with_drive(known, phase_locked(seen, cells, scale)) for scale in bounds]
     found = answer(known, model, asked, chosen, reference_phase, pressure, ends)
     if chosen.level_matched:
-        matched, notes = match_level(reading, known, model, pressure)
+        matched, notes = match_level(reading, known, model, pressure, reference_phase)
         found = dataclasses.replace(found, level_matched=matched, notes=(*found.notes, *notes))
     tell([note.text for note in found.notes])
-    origin = origin_facts(plane, model, pressure, reference_phase)
-    return dataclasses.replace(found, choices={**found.choices, **origin})
+    return found
 
 
 def moments(

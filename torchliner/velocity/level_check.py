@@ -1,62 +1,118 @@
 r"""Level check: does the educed impedance, with the measured velocity, give the pressure that is known?
 
-With the level of the sound known and the velocity measured, Z is over-determined. V is the phase-locked velocity into
-the liner at the tone, averaged over the cell, or over all cells for the whole plane. At normal incidence the waves are
-plane, so V is moved from the height y of the data to the wall, :math:`V_0 = V/(\cos ky + j Z \sin ky)`, and then
+V is the phase-locked velocity into the liner at the tone, averaged over a cell or over all. At normal incidence the
+waves are plane, so V is moved from the height y of the data to the wall, :math:`V_0 = V/(\cos ky + j Z \sin ky)`, and
 
 .. math:: |p_i| = \rho c |Z + 1| |V_0|/2, \qquad p = \rho c Z V_0
 
-for the incident wave and for the pressure at the wall; one cell among unlike ones has the pressure of all of them above
-it, :math:`|p_i| = \rho c |Z V_0 + \langle V_0 \rangle|/2`. At grazing incidence the wave's field above the wall is not
-known beforehand: V stays as measured, and what is stated is the pressure at the wall. V of several cells along a
-grazing wave is averaged after its phase was turned back by that wavenumber along x which makes the mean largest.
-
-The ratio of implied to known pressure is computed without each block in turn, like everything else.
+are the incident wave and the pressure at the wall; one cell among unlike ones has the pressure of all of them above it,
+:math:`|p_i| = \rho c |Z V_0 + \langle V_0 \rangle|/2`. At grazing incidence the field above the wall is not known
+beforehand: V stays as measured, the pressure is that at the wall, and V of several cells is averaged after its phase
+was turned back by that wavenumber along x which makes the mean largest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
+from torchliner.checks import SAME_FREQUENCY, index_of_frequency
+from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl, spl_from_pressure_amplitude
+from torchliner.engine.blocks import waves
 from torchliner.engine.intervals import ITSELF, jackknife, replicates
+from torchliner.engine.moments import Moments
 from torchliner.fluid import Fluid
-from torchliner.records.level_check import Gap, LevelCheck, gap_of
+from torchliner.pressure.plane_waves import split_waves
+from torchliner.records import MicrophoneLine, PressureRecord
+from torchliner.records.case import require_same_run
+from torchliner.records.cells import sort_into_cells
+from torchliner.records.level_check import UNKNOWN, Gap, LevelCheck, gap_of
+from torchliner.records.notes import Note
+from torchliner.tones import segment_amplitudes
 from torchliner.velocity.averages import Averages
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.known_pressure import INCIDENT, KnownPressure
 
+INCIDENT, WALL = "incident", "wall"
+SAME_TIMES = 0.01  # of the duration: beyond, phases belong to different times
 NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
 WAVENUMBERS = 241  # tried along x, up to three times that of sound
+NO_SIDE = (
+    "not checked, state source_side: normal makes incident_level that of the incident wave, "
+    "upstream or downstream that of the pressure at the wall"
+)
+NO_SOUND = "not checked, since source_side states that there is no sound"
+OTHER_TONE = "not checked, since nothing is known at the frequencies asked for"
 
 
-def check_level(known: KnownPressure, found: dict[str, Averages], chosen: Choices, averaging: str) -> LevelCheck:
-    """Of all averagings, with intervals where these have them; ``averaging``: of the answer."""
-    velocity, ratios, bounds = cell_velocity(known), [], []
-    lengths, fluid = known.moments.survey.blocks.lengths, known.moments.plane.fluid
-    places = torch.cat([known.liner[None], known.cells.expand(known.moments.cells.count, -1)])
+@dataclass(frozen=True, eq=False)
+class KnownPressure:
+    """Complex peak amplitudes at y = 0, Pa; nan at frequencies where nothing is known.
+
+    Args:
+        moments, frequency: what they are put beside, and at which Hz, (F,).
+        kind, words: ``incident`` (of the incident wave) or ``wall`` (of the pressure itself); what it is compared with.
+        liner, cells: (F,), and (C, F) or the same above all, (F,).
+        has_phase: whether the phase is on the clock of the velocity.
+        height: from which the velocity is moved to the wall, m; None where it cannot be: no plane waves.
+        replicates: of a recorded pressure over its value, from all blocks and without each, (B, 1 + C, F), liner first.
+    """
+
+    moments: Moments
+    frequency: Tensor
+    kind: str
+    words: str
+    liner: Tensor
+    cells: Tensor
+    has_phase: bool = False
+    height: float | None = None
+    replicates: Tensor | None = None
+
+    def ratio(self, z: Tensor, velocity: Tensor) -> Tensor:
+        """Implied over known pressure, (..., 1 + C, F), the whole plane first, or of that alone, (..., 1, F): of
+        impedances and of velocities into the liner (m/s) of this shape."""
+        places = torch.cat([self.liner[None], self.cells.expand(self.moments.cells.count, -1)])[: z.shape[-2]]
+        fluid, height = self.moments.plane.fluid, self.height or 0.0
+        return implied_pressure(self.kind, fluid, self.frequency, height, z, velocity) / places
+
+
+def check_level(
+    moments: Moments,
+    frequency: Tensor,
+    found: Mapping[str, Averages],
+    chosen: Choices,
+    averaging: str,
+    pressure: Any = None,
+) -> tuple[LevelCheck | None, str, list[Note]]:
+    """Of all averagings, with intervals where these have them; ``averaging``: of the answer.
+
+    Returns:
+        The check, None where nothing is known; ``checked``, or why nothing is; a note for each frequency at which the
+        answer does not pass, with the size of the change of Z that would make it pass.
+    """
+    known = known_pressure(moments, frequency, pressure)
+    if isinstance(known, str):
+        return None, known, []
+    velocity, ratios, bounds, name = cell_velocity(known), [], [], moments.plane.name
     for each in found.values():
         z = impedance_from_reflection(each.replicates.detach()).cpu()
-        own, height = velocity[: len(z)], known.height or 0.0
-        ratio = implied_pressure(known.kind, fluid, known.frequency, height, z, own) / places
+        ratio = known.ratio(z, velocity[: len(z)])
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:
-            change = ratio / ratio[:1]
-            change = change if known.replicates is None else change / known.replicates
-            unknown = ~torch.isfinite(change.sum(0))
+            change = ratio / ratio[:1] / (1 if known.replicates is None else known.replicates)
+            unknown, lengths = ~torch.isfinite(change.sum(0)), moments.survey.lengths.cpu()
             logarithm = torch.where(unknown, 0, torch.log(torch.where(unknown, 1, change)))
             interval = jackknife(logarithm, lengths / lengths.sum(), chosen.interval, ITSELF)
-            bounds.append([torch.where(unknown, torch.nan, end) for end in (interval.low, interval.high)])
-    ends = None
-    if len(bounds) == len(ratios):
-        low, high = zip(*bounds, strict=True)
-        ends = torch.stack(low), torch.stack(high)
-    gap = vars(gap_of(torch.stack(ratios), ends, known.has_phase)).values()
-    return LevelCheck(
+            bounds.append(torch.stack([interval.low, interval.high]).masked_fill(unknown, torch.nan))
+    ends = torch.stack(bounds, 1) if len(bounds) == len(ratios) else None
+    gap = vars(gap_of(torch.stack(ratios), None if ends is None else (ends[0], ends[1]), known.has_phase)).values()
+    check = LevelCheck(
         averagings=tuple(found),
         averaging=averaging,
         known=known.words,
@@ -64,10 +120,15 @@ def check_level(known: KnownPressure, found: dict[str, Averages], chosen: Choice
         pressure_level=spl_from_pressure_amplitude(known.liner),
         limit=chosen.level_limit + chosen.level_uncertainty,
         uncertainty=chosen.level_uncertainty,
-        confidence=chosen.interval if ends else None,
+        confidence=None if ends is None else chosen.interval,
         liner=Gap(*(value[:, 0] for value in gap)),
         cells=Gap(*(value[:, 1:] for value in gap)),
     )
+    of_answer = Gap(*(value[check.averagings.index(averaging)] for value in vars(check.liner).values()))
+    sizes = change_that_passes(known, found[averaging].liner.impedance.detach().cpu(), of_answer).abs().tolist()
+    texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
+    notes = [Note("level-check", f"{name}: {text}", size) for text, size in zip(texts, sizes, strict=True) if text]
+    return check, "checked", notes
 
 
 def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
@@ -90,14 +151,11 @@ def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
 def ratio_of_pressures(known: KnownPressure, *, every: bool = False) -> Callable[[Tensor], Tensor]:
     """Implied over known pressure of the whole plane, complex, as a function of its Z, (..., F); with ``every`` of Z of
     all blocks and without each of them, (B, F). Its phase means something where ``known.has_phase``."""
-    velocity, height, fluid = cell_velocity(known)[:, :1], known.height or 0.0, known.moments.plane.fluid
+    velocity, own = cell_velocity(known)[:, :1], known.replicates
 
     def ratio(z: Tensor) -> Tensor:
-        own = velocity[: len(z)] if every else velocity[0]
-        z = z[:, None] if every else z[None]
-        pressure = implied_pressure(known.kind, fluid, known.frequency, height, z, own)
-        found = (pressure[:, 0] if every else pressure[0]) / known.liner
-        return found / known.replicates[: len(z), 0] if every and known.replicates is not None else found
+        found = known.ratio(z[..., None, :], velocity[: len(z)] if every else velocity[0])[..., 0, :]
+        return found / own[: len(z), 0] if every and own is not None else found
 
     return ratio
 
@@ -105,7 +163,7 @@ def ratio_of_pressures(known: KnownPressure, *, every: bool = False) -> Callable
 def cell_velocity(known: KnownPressure) -> Tensor:
     """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
     moments, seen, members = known.moments, known.moments.survey, known.moments.membership
-    probes = seen.tone(known.frequency, lambda sums: replicates(sums, seen.lengths))
+    probes = seen.tone(known.frequency, every=True)
     cells = -members.mean(probes.transpose(1, 2)).transpose(1, 2).cpu()
     scale = members.mean(seen.mean_square).sqrt().cpu()
     cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)
@@ -141,3 +199,103 @@ def implied_pressure(kind: str, fluid: Fluid, frequency: Tensor, height: Any, z:
     if kind == INCIDENT:
         pressure = (pressure + at_wall[..., :1, :]) / 2
     return float(fluid.characteristic_impedance) * pressure
+
+
+def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> KnownPressure | str:
+    """What is known of a plane's sound at frequencies in Hz, (F,), or why nothing is compared.
+
+    ``given``: ``PressureRecord`` of the same run (facesheet, or microphones in front of the surface) or
+    ``MicrophoneLine`` along the wall; None: the level that the plane states.
+
+    Raises:
+        TypeError, ValueError: something else is given, or of another case, or what cannot be compared with this plane.
+    """
+    plane, height = moments.plane, moments.plane.height or 0.0
+    if isinstance(given, PressureRecord):
+        require_same_run(plane, given)
+        return _of_record(moments, frequency, given)
+    if given is None:
+        found = stated_pressure(plane, frequency, plane.frequency)
+        if isinstance(found, str):
+            return found
+        kind, words, pressure = found
+        moved = height if kind == INCIDENT else None
+        return KnownPressure(moments, frequency, kind, words, pressure, pressure, height=moved)
+    if not isinstance(given, MicrophoneLine):
+        raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord or a MicrophoneLine is needed")
+    # The logarithm of the level along the wall, interpolated to the middle of each cell.
+    x = moments.cells.x
+    if not bool(torch.isfinite(x).all()):
+        raise ValueError(f"{plane.name} states no x; {given.name} cannot be put beside it")
+    logarithm = torch.full((len(x), len(frequency)), torch.nan, dtype=torch.float64)
+    for f, hertz in enumerate(frequency.tolist()):
+        if (index := index_of_frequency(given.frequency, hertz)) is not None:
+            level = given.pressure[..., index].abs().log().numpy()
+            places = np.interp(x.numpy(), given.x.numpy(), level, left=np.nan, right=np.nan)
+            logarithm[:, f] = torch.from_numpy(places)
+    if not bool(torch.isfinite(logarithm).any()):
+        return OTHER_TONE
+    mean, cells = (each.exp().to(torch.complex128) for each in (logarithm.mean(0), logarithm))
+    moved, words = height if plane.source_side == "normal" else None, "microphones along the wall (rho c |Z| |V|)"
+    return KnownPressure(moments, frequency, WALL, words, mean, cells, height=moved)
+
+
+def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple[str, str, Tensor] | str:
+    """Kind, words and peak amplitude (Pa, nan off the tone) of a record's ``incident_level``, or why there is none.
+
+    ``tone``: of the level, Hz; None: the frequency itself, if it is one.
+    """
+    level, side = record.incident_level, record.source_side
+    if side == "none" or level is None or side == "unknown":
+        return NO_SOUND if side == "none" else UNKNOWN if level is None else NO_SIDE
+    tone = tone or (float(frequency[0]) if len(frequency) == 1 else math.nan)
+    same = (frequency / tone - 1).abs() < SAME_FREQUENCY
+    if not bool(same.any()):
+        return OTHER_TONE
+    pressure = torch.where(same, pressure_amplitude_from_spl(float(level)), torch.nan).to(torch.complex128)
+    if side == "normal":
+        words = f"the stated {level:.4g} dB of the incident wave (normal incidence, rho c |Z + 1| |V|/2)"
+        return INCIDENT, words, pressure
+    return WALL, f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)", pressure
+
+
+def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> KnownPressure:
+    """The pressure of the facesheet, or incident plus reflected wave at y = 0 from microphones in front of it."""
+    plane, rate, cells, blocks = moments.plane, record.sampling_rate, moments.cells, moments.survey.blocks
+    after, side, height = plane.start - record.start, plane.source_side, plane.height or 0.0
+    same_times = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
+    # A phasor of the record becomes one of the plane.
+    turn = 2 * torch.exp(2j * torch.pi * frequency * (after if same_times else 0.0))
+    phase = f"{'with' if same_times else 'without'} phase"
+    if record.facesheet is not None:
+        face = record.facesheet.reshape(record.probes, -1).to(torch.float64)
+        mean, own = face.mean(0, keepdim=True), sort_into_cells(record, moments.cell_pitch)
+        near, places = 0.1 * (moments.cell_pitch or 0.0), ((own.x, cells.x), (own.z, cells.z))
+        same = own.count == cells.count and all(bool(torch.nan_to_num(a - b).abs().max() <= near) for a, b in places)
+        # Where the record's cells are not the plane's, the mean stands for each.
+        signals = torch.cat([mean, own.average(face, own.labels >= 0) if same else mean])
+        peak, left = turn * segment_amplitudes(signals, frequency, rate)[0], None
+        if signals.shape[-1] == plane.samples and abs(rate / plane.sampling_rate - 1) < 1e-9:
+            steady = signals - signals.mean(-1, keepdim=True)
+            pairs = pairwise(blocks.borders)
+            sums = [steady[:, low:high] @ waves(frequency, rate, low, high)[1:].T for low, high in pairs]
+            lines = torch.stack([torch.complex(*each.chunk(2, 1)).conj() for each in sums])
+            left = replicates(lines, blocks.lengths)
+            left = left / left[:1]
+            left = torch.cat([left[:, :1], left[:, 1:].expand(-1, cells.count, -1)], dim=1)
+        words, moved = f"the facesheet's pressure (rho c Z V, {phase})", height if side == "normal" else None
+        return KnownPressure(moments, frequency, WALL, words, peak[0], peak[1:], same_times, moved, left)
+    if record.microphones is None or len(record.microphones) < 2:
+        raise ValueError(
+            f"{record.name} holds one microphone alone; a level check needs the facesheet's pressure or two microphones"
+        )
+    if side not in ("normal", "unknown"):
+        raise ValueError(
+            f"{record.name}: its microphones stand for a wave at normal incidence, but the sound of {plane.name} comes "
+            f"from {side}; give the facesheet's pressure or microphones along the wall"
+        )
+    amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]
+    speed, mach = record.fluid.sound_speed, record.microphone_mach
+    whole = turn * split_waves(amplitude, record.microphone_y, frequency, speed, mach)[0].sum(0)
+    words = f"the sum of incident and reflected wave from microphones (rho c Z V, {phase})"
+    return KnownPressure(moments, frequency, WALL, words, whole, whole, same_times, height)

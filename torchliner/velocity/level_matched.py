@@ -21,9 +21,8 @@ from torchliner.engine.moments import Moments
 from torchliner.liners.model import LinerModel
 from torchliner.records.level_check import LevelMatched
 from torchliner.records.notes import Note
-from torchliner.velocity.averages import Asked, average
-from torchliner.velocity.known_pressure import known_pressure
-from torchliner.velocity.level_check import ratio_of_pressures
+from torchliner.velocity.averages import average
+from torchliner.velocity.level_check import known_pressure, ratio_of_pressures
 from torchliner.velocity.reading import Reading
 
 RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
@@ -38,12 +37,12 @@ PER_NEPER = 20 / math.log(10)
 
 
 def match_level(
-    reading: Reading, known: Moments, liner: LinerModel, pressure: object = None
+    reading: Reading, known: Moments, liner: LinerModel, pressure: object = None, reference_phase: object = None
 ) -> tuple[LevelMatched | None, list[Note]]:
     """Z at each frequency at which a pressure is known, and why there is none.
 
     ``reading`` is of a plane that still has its samples: each share that is tried reads them again; ``known`` is what
-    it gave, ``liner`` and ``pressure`` as of ``educe``.
+    it gave, ``liner``, ``pressure`` and ``reference_phase`` as of ``educe``.
 
     Raises:
         ValueError: averaging is not ``phase-locked``; as ``known_pressure``.
@@ -63,7 +62,7 @@ def match_level(
         if place not in seen:
             drive = phase_locked(known.survey, known.membership, math.exp(place) * scale)
             moments = known if place == 0 else reading.with_drive(known, drive)
-            found = average(moments, Asked.of(moments, liner, frequency, chosen), "phase-locked")
+            found = average(moments, liner, frequency, chosen, "phase-locked", reference_phase)
             z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
             seen[place] = z, ratio(z).log()
         return seen[place]

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, require_positive, tell
 from torchliner.engine.blocks import SLAB
-from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, remaining
+from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, replicates
 from torchliner.engine.kernels import KernelTable, build_kernels, kernel_band
 from torchliner.engine.replay import Replay, transfer
 from torchliner.io.plane_writer import reflected_file
@@ -22,11 +22,11 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Educed
 from torchliner.records.incident import ComplexTones, Incident, as_incident
 from torchliner.records.notes import Note
-from torchliner.velocity.answer import facts_of, map_of, origin_facts
-from torchliner.velocity.averages import Asked, averages_of
+from torchliner.velocity.answer import facts_of, map_of
+from torchliner.velocity.averages import fold
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.reading import Progress, Reading, take_moments
-from torchliner.velocity.review import review_liner, review_record
+from torchliner.velocity.reading import Progress, reading_of, take_moments
+from torchliner.velocity.review import review_case
 
 AVERAGED = ("admittance", "velocity")
 MOST_TONES = 3  # frequencies at which v is measured, too; of more that of the data
@@ -121,7 +121,7 @@ def replay(
     chosen = Choices(**options, device=device, dtype=dtype, allow_short=True)
 
     tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
-    reading = Reading.of(plane, chosen, tones, None, model.cell_pitch)
+    reading = reading_of(plane, [model], tones, chosen, summed=False)
     with torch.no_grad():
         known = take_moments(reading)
     reading, members, still = reading.without(~known.used), known.membership, known.survey.mean * (mean == "removed")
@@ -135,7 +135,7 @@ def replay(
     first = min(known.survey.blocks.borders[-1], samples - 1)
     (rest,) = reading.record().slabs([(first, samples)])
     peak = torch.maximum(known.survey.peak, rest.detach().abs().amax(0).double()) + still.abs()
-    limit = _velocity_limit(velocity_max, torch.where(known.counted, peak, 0).cpu(), plane, model)
+    limit = _velocity_limit(velocity_max, torch.where(members.used, peak, 0).cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
     facts = {
@@ -153,7 +153,6 @@ def replay(
         "segment": segment,
         "phase": "averaged" if sent.is_complex() else "signal",
         "level_check": "not checked by replay",
-        **origin_facts(plane, model, None, None),
     }
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
         signal = Replay(reading.record(progress), kernels, wave, drive, store=store)
@@ -163,13 +162,13 @@ def replay(
             for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(behind, samples, SLAB)]):
                 pass
     count = facts["blocks"] = len(found.incident)
-    lengths, about = torch.ones(count, device=reading.device).double(), Asked(model, asked, torch.empty(0), chosen)
+    lengths = torch.ones(count, device=reading.device).double()
     # R from all segments and, if there are intervals, without each of them, (B, N, F).
     x, replicated = found.incident[:, None], found.reflection[None]
     if interval is not None and count >= FEWEST_BLOCKS:
         cross, power = found.reflected * x.conj(), x.abs().square()
-        left = remaining(power)[1:].clamp(min=1e-12 * power.sum(0))
-        replicated = torch.cat([replicated, remaining(cross)[1:] / left])
+        left = replicates(power)[1:].clamp(min=1e-12 * power.sum(0))
+        replicated = torch.cat([replicated, replicates(cross)[1:] / left])
     held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
     averages = {}
     for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True):
@@ -177,16 +176,16 @@ def replay(
         def some(columns: slice, own: Tensor = each) -> Tensor:
             return own[:, columns]
 
-        averages[name] = averages_of(known, about, name, lengths, some, held[: each.shape[1]])
+        averages[name] = fold(known, name, lengths, some, held[: each.shape[1]], interval)
     chief = averages[averaging].liner
-    notes = [*review_record(plane, asked), *review_liner(plane, model), *known.notes]
+    notes = [*review_case(plane, model, asked), *known.notes]
     notes += _review_replay(kernels, wave, sent, chief)
     runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
     if segment is not None and interval is not None and runs < FEWEST_RUNS:
         text = f"error bars rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
         notes.append(Note("few-segments", f"{text}: there are {count} segments of {segment:.3g} s; shorten them"))
     tell([note.text for note in notes])
-    return map_of(known, model, asked, averages, averaging, phase_rule=held, choices=facts, notes=tuple(notes))
+    return map_of(known, model, asked, averages, averaging=averaging, choices=facts, notes=tuple(notes))
 
 
 def _lines_of(wave: Incident, frequency: Any, plane: VelocityPlane, length: int) -> Tensor:

@@ -12,7 +12,7 @@ from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
-from torchliner.engine.nodes import Levels, OfOneLiner, interpolation_error
+from torchliner.engine.nodes import Levels, interpolation_error
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
 from torchliner.names import AVERAGINGS
@@ -20,7 +20,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note, height_warnings, plane_unit_warnings
-from torchliner.velocity.averages import survey_of_columns
+from torchliner.velocity.averages import Averages, survey_of_columns
 from torchliner.velocity.choices import Choices
 
 FEWEST_SAMPLES_PER_PERIOD = 8.0
@@ -45,35 +45,30 @@ def require_periods(plane: VelocityPlane, frequency: Tensor, chosen: Choices) ->
         )
 
 
-def review_record(plane: VelocityPlane, frequency: Tensor) -> Iterator[Note]:
-    """Null tests, units, and the sampling rate against the frequencies asked for."""
+def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Iterator[Note]:
+    """Null tests, units, the sampling rate against the frequencies asked for; whether liner and data state the same
+    gas, flow and lengths, and whether flow would count twice."""
+    name, lowest, highest = plane.name, float(frequency.min()), float(frequency.max())
     if plane.liner == "hard wall":
         text = "there is a hard wall below and no liner: the values only show what this model makes of such a velocity"
-        yield Note("null-test", f"null test: {plane.name}: {text}")
-    for text in plane_unit_warnings(plane, float(frequency.min())):
-        yield Note("units", text)
-    highest = float(frequency.max())
+        yield Note("null-test", f"null test: {name}: {text}")
+    yield from (Note("units", text) for text in plane_unit_warnings(plane, lowest))
     if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
         text = f"{steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
-        yield Note("coarse-sampling", f"{plane.name} has {text}: the corners of |v| are not resolved")
-
-
-def review_liner(plane: VelocityPlane, liner: LinerModel) -> Iterator[Note]:
-    """Whether liner and data state the same gas, flow and lengths, and whether flow would count twice."""
-    for text in height_warnings(plane, liner.cell_pitch):
-        yield Note("height", text)
+        yield Note("coarse-sampling", f"{name} has {text}: the corners of |v| are not resolved")
+    yield from (Note("height", text) for text in height_warnings(plane, liner.cell_pitch))
     if liner.flow_resistance > 0:
         text = (
             f"the law of liner {liner.describe().get('name', '')!r} adds {liner.flow_resistance:.3g} rho c of "
-            f"resistance for grazing flow, but |v| as measured in {plane.name} holds the turbulence already (Roncen et "
+            f"resistance for grazing flow, but |v| as measured in {name} holds the turbulence already (Roncen et "
             "al. 2026, section 2.4), so flow would count twice; set the law's mach to 0"
         )
         yield Note("flow-counted-twice", text, liner.flow_resistance)
     if liner.lacks_mach and plane.mach is None:
-        text = f"neither the liner nor {plane.name} states a Mach number, on which the liner's law depends; 0 is taken"
+        text = f"neither the liner nor {name} states a Mach number, on which the liner's law depends; 0 is taken"
         yield Note("no-mach", f"{text}: state mach of the data (--mach), 0 where there is no flow")
-    for text in [] if liner.fluid is None else gas_warnings(liner.fluid, plane.fluid, plane.name):
-        yield Note("gas", text)
+    if liner.fluid is not None:
+        yield from (Note("gas", text) for text in gas_warnings(liner.fluid, plane.fluid, name))
 
 
 def review_reading(
@@ -101,16 +96,16 @@ def review_reading(
         least = f"{FEWEST_BLOCKS} are the least, and 16 periods give a fair interval"
         yield Note("no-intervals", f"{name}: {text}; {least}")
     diameter = None if liner is None else liner.hole_diameter
-    if quiet is not None and quiet.source and diameter and quiet.height is not None:
-        share = quiet.height / diameter
-        if not NEAR[0] <= share <= NEAR[1]:
-            text = (
-                f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters. It acts at "
-                f"half a diameter, {500 * diameter:.3g} mm: in resolved cases R was off by -47 and -38 % at 0.25 "
-                "diameters, by -12 to -5 % at 0.41, by +21 and +42 % at 0.7. Give planes on either side of it, between "
-                "which the rms is interpolated (--background LOW HIGH)"
-            )
-            yield Note("background-height", text)
+    if quiet is None or not quiet.source or quiet.height is None or not diameter:
+        return
+    if not NEAR[0] <= (share := quiet.height / diameter) <= NEAR[1]:
+        text = (
+            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters. It acts at "
+            f"half a diameter, {500 * diameter:.3g} mm: in resolved cases R was off by -47 and -38 % at 0.25 "
+            "diameters, by -12 to -5 % at 0.41, by +21 and +42 % at 0.7. Give planes on either side of it, between "
+            "which the rms is interpolated (--background LOW HIGH)"
+        )
+        yield Note("background-height", text)
 
 
 def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterator[Note]:
@@ -124,8 +119,7 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterat
     """
     used, seen, name = known.used, known.survey, plane.name
     mean, square, rms = seen.mean.cpu(), seen.mean_square.cpu(), seen.rms.cpu()
-    faulty = ~torch.isfinite(square)
-    if bool(faulty.any()):
+    if bool((faulty := ~torch.isfinite(square)).any()):
         probe = int(faulty.nonzero()[0])
         raise ValueError(
             f"{name} holds nan or inf at {int(faulty.sum())} of {plane.probes} probes, the first at probe "
@@ -176,19 +170,18 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
     Raises:
         ValueError: beyond its table.
     """
-    nodes = known.nodes.nodes if isinstance(known.nodes, OfOneLiner) else known.nodes
-    if not isinstance(nodes, Levels):
+    if not isinstance(known.nodes, Levels):
         return
-    for averaging, sums in known.sums.items():
-        beyond = torch.isnan(sums.sum((0, 1, 2))).cpu()
-        if averaging in AVERAGINGS and bool(beyond.any()):
+    for averaging in (name for name in known.sums if name in AVERAGINGS):
+        beyond = torch.isnan(known.sums[averaging].sum((0, 1, 2))).cpu()
+        if bool(beyond.any()):
             first = int(beyond.nonzero()[0])
-            peak = float(survey_of_columns(known, averaging).peak[first])
+            peak, top = float(survey_of_columns(known, averaging).peak[first]), known.nodes.kinks[-1]
             place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
             remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
             raise ValueError(
                 f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's "
-                f"table, {nodes.kinks[-1]:g} m/s; extend it{remedy}"
+                f"table, {top:g} m/s; extend it{remedy}"
             )
 
 
@@ -208,10 +201,10 @@ def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor
     error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
     text = (
         f"{known.plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = "
-        f"{speed:.4g} m/s, from its values at {len(known.nodes.speeds)} speeds"
+        f"{speed:.4g} m/s, from its values at {known.nodes.count} speeds"
     )
     remedy = "reduce the data with this liner and these frequencies"
-    if isinstance(known.nodes, OfOneLiner):
+    if known.onto is not None:
         remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
     if error > LARGEST_MODEL_ERROR:
         raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
@@ -219,36 +212,32 @@ def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor
     return error, [Note("model-table", f"{text}: {remedy}", most)] if error > DOUBTFUL_MODEL_ERROR else []
 
 
-def review_walls(known: Moments, wall: Tensor | None, frequency: Tensor, limit: float | None) -> Iterator[Note]:
-    """How many probes count as wall, (P, F) bool, and how many would pass without any tone."""
-    if wall is None or limit is None:
-        return
-    plane, total, count = known.plane, int(known.used.sum()), known.survey.blocks.count
-    for f, found in zip(frequency.tolist(), wall.sum(0).tolist(), strict=True):
+def review_rule(held: Tensor, chosen: Choices) -> Iterator[Note]:
+    """How many values fell back to ``averaged``, bool (P, F)."""
+    if chosen.phase == "self-consistent" and not bool(held.all()):
+        text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {chosen.minimum_coherence:g}"
+        yield Note("phase-fell-back", f"self-consistent phase: {text} with the tone; they are 'averaged' instead")
+
+
+def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Tensor, chosen: Choices) -> Iterator[Note]:
+    """Probes that count as wall, values that fell back, fewer than eight runs, a large bias of a mean of admittances.
+
+    ``paper``: averaging ``admittance``, whose probes are judged; ``chief``: of the liner, by the answer's averaging.
+    """
+    plane, total, blocks, limit = known.plane, int(known.used.sum()), known.survey.blocks, chosen.wall_filter or 0.0
+    walls = [] if paper.wall is None else paper.wall.sum(0).tolist()
+    for f, found in zip(frequency.tolist(), walls, strict=bool(walls)):
         text = (
             f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {plane.name} have a squared "
             f"coherence below {limit:g} with {f:g} Hz and count as wall, admittance 0, in averages over probes; "
-            f"without any tone {100 * (1 - limit) ** (count - 1):.2g} % of probes would pass it, with {count} blocks"
+            f"without any tone {100 * (1 - limit) ** (blocks.count - 1):.2g} % of probes would pass it, with "
+            f"{blocks.count} blocks"
         )
         if plane.frequency is not None and abs(f / plane.frequency - 1) > SAME_FREQUENCY:
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         yield Note("wall-filter", text)
-
-
-def review_rule(held: Tensor, chosen: Choices) -> Iterator[Note]:
-    """How many values fell back to ``averaged``, bool (P, F)."""
-    if chosen.phase != "self-consistent":
-        return
-    limit = chosen.minimum_coherence
-    if not bool(held.all()):
-        text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {limit:g} with the tone"
-        yield Note("phase-fell-back", f"self-consistent phase: {text}; they are 'averaged' instead")
-
-
-def review_intervals(plane: VelocityPlane, liner: Educed, blocks: Blocks, frequency: Tensor) -> Iterator[Note]:
-    """Fewer than eight runs; a large bias of a mean of admittances."""
-    interval = liner.interval
-    if interval is None:
+    yield from review_rule(paper.held, chosen)
+    if (interval := chief.interval) is None:
         return
     runs, width = float(interval.runs.min()), float(interval.widths.max())
     if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
