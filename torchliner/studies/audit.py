@@ -104,6 +104,8 @@ def audit(
             variants += make(base, asked)  # those before a reason stay
         except ValueError as reason:
             skipped[factor] = str(reason)
+    rest = [name for name in base.chosen.averagings if name != averaging]
+    variants += [_vary(base, "averaging", name, averaging=name) for name in rest]
     if base.chosen.drive != "rms":  # which the survey knows
         variants.append(_vary(base, "drive", "rms", drive="rms", running_window=None))
     if nodes is None or isinstance(record, Moments):
@@ -146,23 +148,19 @@ def _vary(base: Variant, factor: str, name: str, **changes: Any) -> Variant:
     return dataclasses.replace(base, labels={"factor": factor, "variant": name}, chosen=chosen, **about)
 
 
-def _contraction(liner: SDoFLiner) -> dict[str, SDoFLiner]:
-    others = [value for value in CONTRACTION_COEFFICIENTS if value != liner.vena_contracta]
-    return {f"{value:g}": liner.replace(vena_contracta=value) for value in others}
-
-
-LINERS: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
-    "contraction coefficient": (SDoFLiner, _contraction),
-    "velocity reading": (CellLiner, velocity_readings),
-    "porosity reading": (SDoFLiner, porosity_readings),
-}
-
-
 def _other_liners(model: LinerModel) -> tuple[dict[tuple[str, str], LinerModel], dict[str, str]]:
     """By factor and variant; and why a factor has none."""
-    found: dict[tuple[str, str], LinerModel] = {}
-    skipped: dict[str, str] = {}
-    for factor, (needed, others) in LINERS.items():
+    coefficients = [value for value in CONTRACTION_COEFFICIENTS if value != getattr(model, "vena_contracta", None)]
+    makers: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
+        "contraction coefficient": (
+            SDoFLiner,
+            lambda own: {f"{c:g}": own.replace(vena_contracta=c) for c in coefficients},
+        ),
+        "velocity reading": (CellLiner, velocity_readings),
+        "porosity reading": (SDoFLiner, porosity_readings),
+    }
+    found, skipped = dict[tuple[str, str], LinerModel](), dict[str, str]()
+    for factor, (needed, others) in makers.items():
         try:
             if not isinstance(model, needed):
                 raise ValueError(f"{type(model).__name__} has no such parameter")
@@ -214,12 +212,6 @@ def _half_rate(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     yield _vary(base, "sampling rate", f"every second sample, {rate:.6g} Hz", moments=every_second(known))
 
 
-def _averagings(base: Variant, frequency: Tensor) -> Iterator[Variant]:
-    for name in base.chosen.averagings:
-        if name != base.averaging:
-            yield _vary(base, "averaging", name, averaging=name)
-
-
 def _phase_rules(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     """The phases of the incident wave that move R and X furthest, wherever it may lie, and that of the tone in v."""
     known, f, least = base.moments, float(frequency[0]), base.chosen.minimum_coherence
@@ -249,7 +241,6 @@ FACTORS: dict[str, Factor] = {
     "kernel": _kernels,
     "half the record": _halves,
     "sampling rate": _half_rate,
-    "averaging": _averagings,
     "phase rule": _phase_rules,
 }
 
