@@ -137,9 +137,6 @@ def test_empty_and_cut_files_are_refused(tmp_path):
         read_bursts(tmp_path / "none.txt")
 
 
-# Columns without a header
-
-
 @pytest.mark.parametrize("comma", [False, True])
 def test_columns_in_the_stated_order(tmp_path, comma):
     path = tmp_path / "c.txt"
@@ -175,9 +172,6 @@ def test_faulty_columns_are_refused(tmp_path, columns, words):
     path.write_text("1 1.5 20 30 1\n2 2.5 20 30\n3 3.5 20 30 1\n")
     with pytest.raises(ValueError, match=words):
         read_burst_columns(path, columns)
-
-
-# CSV and our own files
 
 
 def record_of(seed=0, count=50, **about):
@@ -259,9 +253,6 @@ def test_faulty_csv_is_refused(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(ValueError, match=words):
         read_burst_csv(path)
-
-
-# Folders
 
 
 @pytest.mark.parametrize("option", [{"components": ["-wall_normal"]}, {"separator": "comma"}])

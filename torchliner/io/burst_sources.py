@@ -164,9 +164,6 @@ def read_bursts(path: str | Path, **options: Any) -> list[BurstRecord]:
     return [station.read() for station in list_stations(path, **options)]
 
 
-# Files of our own
-
-
 def write_bursts(records: Sequence[BurstRecord], path: str | Path) -> None:
     """Write stations, one at least, to an HDF5 file; an old one is replaced only when the new is whole."""
     if not records:
@@ -187,9 +184,6 @@ def _read(path: Path, number: int) -> BurstRecord:
     with open_file(path) as file:
         found: BurstRecord = taken(_groups(file, path)[number], path, BurstRecord)
     return found
-
-
-# Finished stations
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ import numpy as np
 
 from torchliner.checks import tell
 from torchliner.io.clocks import uniform_rate
+from torchliner.io.histories import SPACES, digits_of, last_digit, open_text, parse_rows
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_parts import join_planes
 from torchliner.io.points import Frame, direction_of, place, plane_of_frames
-from torchliner.io.text_rows import SPACES, digits_of, last_digit, open_text, parse_rows
 from torchliner.io.vtk import read_frame
 from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of
@@ -31,9 +31,6 @@ def time_folders(path: Path) -> list[Path]:
     """Folders called by a time, in its order."""
     found = [each for each in path.iterdir() if math.isfinite(number_of(each.name)) and each.is_dir()]
     return sorted(found, key=lambda each: float(each.name))
-
-
-# Probes
 
 
 def are_probes(path: Path, head: bytes) -> bool:
@@ -84,9 +81,6 @@ def _one_run(path: Path, name: str, request: PlaneRequest) -> VelocityPlane:
     values[np.abs(values) > UNSET] = np.nan
     rate = uniform_rate(time, f"{label}, time", rounding)
     return placed.plane(values, rate, float(time[0]), path, format="OpenFOAM probes")
-
-
-# Surfaces
 
 
 def surfaces_of(folder: Path) -> dict[str, Path]:

@@ -171,9 +171,6 @@ def references_of(fields: Fields) -> dict[str, complex]:
     return found
 
 
-# Axes and places
-
-
 def time_axis(field: Field, samples: int) -> int:
     """0 or -1, from the dimension 'time' or from the lengths; a ValueError where neither or both fit."""
     shape, axes = field.shape, [axis.rpartition("/")[2] for axis in field.axes]
@@ -201,9 +198,6 @@ def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarra
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}, all finite")
     return values
-
-
-# Velocity that stays where it lies
 
 
 class VariableVelocity(Stored):

@@ -17,9 +17,9 @@ import numpy as np
 from torchliner.file_checks import Unwritten, require_memory, require_regular
 from torchliner.io.clocks import clock_of
 from torchliner.io.hdf5 import is_there, open_file, require_stored
+from torchliner.io.histories import last_digit
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import Frame, Places, Read, centres_of, plane_of_frames, stated_factor
-from torchliner.io.text_rows import last_digit
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import numbered_series
 
