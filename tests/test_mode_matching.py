@@ -1,10 +1,11 @@
-"""Mode matching without flow, the oracle of the Euler solver: energy, the plane-wave limit, convergence."""
+"""Mode matching without flow, the oracle of the Euler solver, and ``scripts/verify_duct.py``, which holds it to."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import verify_duct as verify
 from oracles.mode_matching import match_modes
 from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.modes import duct_modes
@@ -39,3 +40,13 @@ def test_a_long_liner_decays_like_its_first_mode():
     alpha = 1j * np.log(p[1] / p[0]) / 0.01
     wanted = complex(duct_modes(UniformProfile(0.0, HEIGHT, SPEED), 1500.0, 2.33 - 0.30j, count=1).wavenumber)
     assert abs(alpha / wanted - 1) < 1e-9
+
+
+def test_checks_hold_and_fail(capsys, monkeypatch):
+    """Degree 1 here; test_lee.py holds the others."""
+    assert verify.main(["--degrees", "1"]) == 0
+    assert "holds: rigid-lined-rigid" in capsys.readouterr().out
+    monkeypatch.setattr(verify, "PUBLISHED", 21.5 - 2.5j)
+    monkeypatch.setattr(verify, "order_table", lambda *_: [])
+    assert verify.main(["--degrees", "1"]) == 1
+    assert "FAILS: dispersion relation against its published value (1/m) 4.37e-02" in capsys.readouterr().out
