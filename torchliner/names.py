@@ -92,8 +92,6 @@ RESULT_WRITERS = {  # beside .h5: functions of a result and a path
     ".vtp": "torchliner.io.result_writers:write_vtp",
     ".vtkhdf": "torchliner.io.result_writers:write_vtkhdf",
     ".mat": "torchliner.io.result_writers:write_matlab",
-    ".bdf": "torchliner.io.result_writers:write_nastran",
-    ".dat": "torchliner.io.result_writers:write_nastran",
     ".txt": "torchliner.io.result_writers:write_solver_table",
 }
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it

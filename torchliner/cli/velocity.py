@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from torchliner.cli.work import (
 )
 from torchliner.io.burst_sources import LineParts, StationSource, write_bursts
 from torchliner.io.microphone_file import read_wall_pressure
-from torchliner.io.result_writers import require_result
+from torchliner.io.result_writers import require_places
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.pressure.dean import with_in_situ
 from torchliner.records.origin import input_file, with_choices
@@ -38,7 +37,7 @@ def educe(options: argparse.Namespace) -> int:
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
     records = [with_facts(each, options.facts) for each in read_records(options.planes, options)]
     planes = planes_of(records)
-    outputs = _outputs(options, planes, len(options.frequency or [0]))
+    outputs = _outputs(options, planes)
     liners, found = liners_of(options, records, options.planes), []
     with progress_bar(samples_of(planes), options) as step:
         about = {"pressure": wall or pressure, "progress": step} | options.chosen
@@ -53,7 +52,7 @@ def replay(options: argparse.Namespace) -> int:
     """The same under any incident wave, with the reflected signal."""
     incident = incident_signal(options)
     (plane,) = planes = read_planes([options.plane], options)
-    outputs = _outputs(options, planes, len(options.frequency or [0]) if incident is None else math.inf)
+    outputs = _outputs(options, planes)
     incident = incident or options.frequency or plane.frequency
     if incident is None:
         raise ValueError(f"{options.plane} states no tone; name --incident or --frequency")
@@ -64,7 +63,7 @@ def replay(options: argparse.Namespace) -> int:
     return _finish(options, [found], planes, outputs)
 
 
-def _outputs(options: argparse.Namespace, planes: list[Any], frequencies: float) -> list[Path]:
+def _outputs(options: argparse.Namespace, planes: list[Any]) -> list[Path]:
     """The map file of each plane, if any: of several their names are appended."""
     path: Path | None = options.output
     if path is None:
@@ -76,7 +75,7 @@ def _outputs(options: argparse.Namespace, planes: list[Any], frequencies: float)
         raise ValueError("planes of the same name would share one map file; educe them one by one")
     for each, plane in zip(found, planes, strict=True):
         writable(each)
-        require_result(each, frequencies, plane.x is not None or plane.z is not None)
+        require_places(each, plane.x is not None or plane.z is not None)
     return found
 
 
@@ -122,7 +121,6 @@ def ldv_educe(options: argparse.Namespace) -> int:
     sources, parts = _stations(options), None
     liner = tl.load_liner(options.liner or preset_named(sources[0].read().liner, sources[0].path))
     if options.output is not None:
-        require_result(options.output, len(options.educe_at or [0]))
         parts = LineParts(Path(f"{options.output}.parts"))
         writable_folder(parts.folder)
         if parts.there and not options.quiet:

@@ -1,11 +1,10 @@
-"""Results for other programs: MATLAB; ParaView and pyvista; NASTRAN, and solvers that read columns of text, or poles
-and residues."""
+"""Results for other programs: MATLAB; ParaView and pyvista; solvers that read columns of text, or poles and
+residues."""
 
 from __future__ import annotations
 
 import base64
 import json
-import textwrap
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -21,9 +20,7 @@ from torchliner.io.whole_file import printable, written_whole
 from torchliner.liners.multipole import Multipole
 from torchliner.names import __version__, frequency_ends
 
-FEWEST = {".bdf": 2, ".dat": 2}  # frequencies: a table of one cannot be interpolated
 AT_PLACES = (".vtp", ".vtkhdf")
-LONGEST = 70  # characters of a comment of NASTRAN: a line has 72 to 80
 MULTIPOLE = "torchliner multipole 1"
 REAL = 1e-8  # relative: an imaginary part below it is rounding
 POLES = """\
@@ -34,22 +31,9 @@ POLES = """\
 """
 
 
-def require_result(path: str | Path, frequencies: float, places: bool = True) -> None:
-    """Refuse a name in whose format a result could not be written, also before the work.
-
-    Args:
-        path: whose ending names the format.
-        frequencies: how many the result has.
-        places: whether its probes have x or z.
-    Raises:
-        ValueError: fewer frequencies than the format needs; no places.
-    """
+def require_places(path: str | Path, places: bool) -> None:
+    """Refuse a name in whose format a result without ``places``, x or z, could not be written, also before the work."""
     ending = Path(path).suffix.lower()
-    if frequencies < FEWEST.get(ending, 1):
-        raise ValueError(
-            f"{path}: a {ending} needs {FEWEST[ending]} frequencies at least and the result has {frequencies:g}; educe "
-            "with several, or write .txt"
-        )
     if ending in AT_PLACES and not places:
         raise ValueError(
             f"{path}: a {ending} needs places and the result has no x or z; state them in the data, or write .csv"
@@ -83,48 +67,20 @@ def _plain(group: h5py.Group) -> dict[str, Any]:
     return found
 
 
-def write_nastran(record: Any, path: str | Path) -> None:
-    """Bulk data: TABLED1 1 is R(f), 2 is X(f) of the whole liner, in units of rho c, in large fields.
-
-    Raises:
-        ValueError: a single frequency, of which no table can be interpolated; as ``_over_frequency``.
-    """
-    table = _over_frequency(record, path)
-    require_result(path, len(table))
-    lines = [f"$ {part}" for line in _about(record) for part in textwrap.wrap(line, LONGEST)]
-    for number, part in enumerate(("resistance", "reactance"), 1):
-        lines += [f"$ {part} over frequency in Hz", f"{'TABLED1*':8}{number:16d}{'LINEAR':>16}{'LINEAR':>16}", "*"]
-        fields = [f"{value:16.9E}" for value in table[:, (0, number)].reshape(-1)] + [f"{'ENDT':>16}"]
-        lines += [f"{'*':8}{''.join(fields[begin : begin + 4])}" for begin in range(0, len(fields), 4)]
-    with written_whole(path, ".bdf", ".dat") as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="ascii", errors="replace")
-
-
 def write_solver_table(record: Any, path: str | Path) -> None:
-    """f, R, X of the whole liner, a line each, after comments that begin with ``%``, as COMSOL reads them."""
-    heading = "\n".join([*_about(record), "frequency (Hz), resistance (rho c), reactance (rho c)"])
-    table = _over_frequency(record, path)
-    with written_whole(path, ".txt") as temporary:
-        np.savetxt(temporary, table, fmt="%.10g", comments="% ", header=heading, encoding="utf-8")
-
-
-def _over_frequency(record: Any, path: str | Path) -> np.ndarray:
-    """f, R and X of a result's ``answer`` in the order of f, (F, 3); a ValueError where Z is not finite somewhere: a
-    solver would interpolate over it."""
+    """f, R, X of the whole liner in the order of f, a line each, after comments that begin with ``%``, as COMSOL reads
+    them; a ValueError where Z is not finite somewhere: a solver would interpolate over it."""
     value = record.answer.detach().cpu().numpy()
     table = np.stack([record.frequency.numpy(), value.real, value.imag], 1)
-    bad = ~np.isfinite(table).all(1)
-    if bad.any():
+    if (bad := ~np.isfinite(table).all(1)).any():
         at = table[bad, 0].tolist()
         raise ValueError(f"{path}: Z of the whole liner is not finite at {at} Hz; educe without these frequencies")
-    return table[table[:, 0].argsort()]
-
-
-def _about(record: Any) -> list[str]:
-    """What the numbers are, a line each."""
     title = " ".join(printable(getattr(record, "title", "") or getattr(record, "name", "")).split())
     said = "Z = R + jX of the whole liner, normalised by rho c, exp(+j omega t), v into the liner"
-    return [title, said] if title else [said]
+    heading = "\n".join([*filter(None, [title]), said, "frequency (Hz), resistance (rho c), reactance (rho c)"])
+    with written_whole(path, ".txt") as temporary:
+        rows = table[table[:, 0].argsort()]
+        np.savetxt(temporary, rows, fmt="%.10g", comments="% ", header=heading, encoding="utf-8")
 
 
 # For ParaView and pyvista, values over (x, z)
@@ -184,7 +140,7 @@ def _at_places(record: Any, path: str | Path) -> tuple[np.ndarray, dict[str, np.
     frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
     unknown = {"x (m)": np.nan, "y (m)": getattr(record, "height", None) or 0.0, "z (m)": np.nan}
     places = np.array([[row.get(axis, unknown[axis]) for axis in unknown] for row in rows[:: len(frequencies)]])
-    require_result(path, len(frequencies), bool(np.isfinite(places[:, (0, 2)]).any()))
+    require_places(path, bool(np.isfinite(places[:, (0, 2)]).any()))
     fields: dict[str, np.ndarray] = {}
     for heading, first in rows[0].items():
         if "(m)" not in heading and "(Hz)" not in heading and not isinstance(first, str):

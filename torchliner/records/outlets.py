@@ -86,7 +86,7 @@ class Written(Summarised):
     FILE: ClassVar = "torchliner.io.own_writer:write_record"
 
     def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file (.h5, .hdf5, .nc); a result also as .csv, .vtp, .vtkhdf, .mat, .bdf, .dat or .txt
+        """Write one netCDF-4 file (.h5, .hdf5, .nc); a result also as .csv, .vtp, .vtkhdf, .mat or .txt
         (docs/results.md).
 
         Raises:
