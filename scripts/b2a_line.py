@@ -206,27 +206,10 @@ def summary(case: Case, line: tl.ImpedanceLine, liner: Any) -> dict[str, Any]:
 
 
 def station_rows(case: Case, line: tl.ImpedanceLine) -> list[dict[str, Any]]:
-    """What the figures show of each station, in six digits."""
-    columns: dict[str, torch.Tensor] = {"x (m)": line.x}
-    for part, word in WORDS:
-        columns[word] = getattr(line.impedance, part)
-        if line.interval is not None:
-            columns |= {f"{word} {end}": getattr(getattr(line.interval, end), part) for end in ("low", "high")}
-        columns[f"{word} spread over segments"] = getattr(line.segment_spread, part)
-    columns |= {
-        "mean velocity (m/s)": line.mean_velocity,
-        "velocity rms (m/s)": line.velocity_rms,
-        "coherent velocity peak (m/s)": line.velocity_level,
-        "coherence": line.coherence,
-        "inferred incident level (dB)": line.inferred_incident_level,
-        "attenuation": line.attenuation.abs(),
-        "rate (1/s)": line.rate,
-    }
-    if line.level_check is not None:
-        columns["level check (dB)"] = line.level_check.cells.level[0]
-    rounded = [[float(f"{value:.6g}") for value in each.flatten().tolist()] for each in columns.values()]
-    rows = (dict(zip(columns, row, strict=True)) for row in zip(*rounded, strict=True))
-    return [{"configuration": case.name, **row} for row in rows]
+    """Z of each station, in six digits."""
+    numbers = torch.stack([line.x, line.impedance[:, 0].real, line.impedance[:, 0].imag], 1).tolist()
+    names = ("x (m)", "resistance", "reactance")
+    return [{"configuration": case.name, **{n: f"{v:.6g}" for n, v in zip(names, row, strict=True)}} for row in numbers]
 
 
 def velocity_figure(lines: Sequence[tl.ImpedanceLine], labels: Sequence[str]) -> Figure:

@@ -45,10 +45,7 @@ GROUPS = {
 CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "t00_130", "t03_130", "t015_145")
 REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
 CHECKED = "phase-locked"  # the averaging whose level check the page shows
-PAIRS = {
-    **dict.fromkeys(("for_resistance", "for_reactance"), ("constant", "sine")),
-    **dict.fromkeys(("factor", "contraction"), ("replayed", "rms")),
-}
+PAIRS = ("for_resistance", "for_reactance", "factor", "contraction")
 
 
 def planes_of(case: str) -> list[tl.VelocityPlane]:
@@ -144,19 +141,6 @@ def reason_of(case: str) -> Row:
     )
 
 
-def plain(reason: Row) -> dict[str, Any]:
-    """For CSV: pairs and complex values as two numbers."""
-    row: dict[str, Any] = {}
-    for key, value in reason.items():
-        if isinstance(value, complex):
-            row |= {f"{key}_resistance": value.real, f"{key}_reactance": value.imag}
-        elif key in PAIRS:
-            row |= {f"{key}_{end}": "" if v is None else v for end, v in zip(PAIRS[key], value, strict=True)}
-        else:
-            row[key] = value
-    return row
-
-
 def rule_table(rows: Sequence[Row]) -> str:
     """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
@@ -237,7 +221,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     models = (("slit", "n115", "ng"), ("orifice", "o115", "o"), ("coarser lattice", "t03_130", "t"))
     panels = {title: (liner_of(name), [r for r in reasons if r.case[0] in letters]) for title, name, letters in models}
     draw_reach(panels, folder / "validation_reach.png")
-    write_rows([plain(row) for row in reasons], folder / "validation_reach.csv")
     rows = read_rows(folder / "validation_errors.csv")  # so that the tables follow from the file
     tables = {"default": default_table(rows), "rules": rule_table(rows), **reason_tables(reasons)}
     for name, text in tables.items():
