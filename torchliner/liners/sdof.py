@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import plain_number, real_tensor
-from torchliner.liners.cell import CellLiner
 from torchliner.liners.laws import Perforate
+from torchliner.liners.layered import CellLiner
 from torchliner.liners.model import Coefficient, Depth, Factor, FactorFrom0, Length, Mach, Number, Share, ShareFrom0
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import VELOCITY_READINGS

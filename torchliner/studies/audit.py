@@ -16,7 +16,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_choice, tell
 from torchliner.engine.kernels import kernel_band, kernel_taps, tap_response
 from torchliner.engine.moments import Moments
-from torchliner.liners.cell import CellLiner
+from torchliner.liners.layered import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner, reflection_of
 from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readings
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
