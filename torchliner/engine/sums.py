@@ -25,7 +25,7 @@ from torchliner.records.slabs import read_ahead
 Read = Callable[[int, int], Tensor]  # samples begin .. end - 1 of v, (t, P), m/s, positive away from the liner
 Columns = Callable[[Tensor, int], Tensor]  # a slab (t, P) and its first sample, to columns (t, N), m/s
 # T samples of P columns on a device, such as ``Held``: ``samples``, ``columns``, ``device``, and ``slabs(bounds)`` that
-# gives samples begin .. end - 1 of each pair; on a CPU a slab lives until ``alive_together`` more were read.
+# gives samples begin .. end - 1 of each pair; on a CPU a slab lives until one more were read than torch has threads.
 Record = Any
 Measure = Callable[[Tensor, Tensor], Tensor]  # weights (G, R, L) and columns (G, L, N), to (G, R, K, N)
 
@@ -35,12 +35,6 @@ Result = TypeVar("Result")
 ON_CPU, ON_DEVICE = 1 << 21, 1 << 26  # velocities that are worked on together
 FEWEST_ROWS = 64  # of a slab, but at the end of a block
 FEW_COLUMNS = 1 << 10  # of which a CPU takes several slabs at once
-
-
-def alive_together() -> int:
-    """Items of ``in_order`` that live at once: one for each thread, and one so that no thread waits for its next."""
-    threads = torch.get_num_threads()
-    return threads if threads == 1 else threads + 1
 
 
 @dataclass(frozen=True)
@@ -66,7 +60,8 @@ class PlaneRecord:
         dtype, device: of the work.
         excluded: probes that are read as 0, bool, (P,), on ``device``; None for none.
         progress: called with numbers of samples read.
-        alive: slabs that live at once; counted beforehand, since torch has one thread while several work.
+        alive: slabs that live at once, counted beforehand, since torch has one thread while several work: one for each
+            thread, and one so that no thread waits for its next.
     """
 
     plane: VelocityPlane
@@ -74,7 +69,7 @@ class PlaneRecord:
     device: torch.device
     excluded: Tensor | None = None
     progress: Callable[[int], object] | None = None
-    alive: int = field(default_factory=alive_together)
+    alive: int = field(default_factory=lambda: torch.get_num_threads() + 1)
     samples: int = field(init=False)
     columns: int = field(init=False)
 
@@ -205,9 +200,9 @@ def is_differentiated(*values: Tensor) -> bool:
 def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torch.device) -> Iterator[Result]:
     """The ``work`` of each item, in order; on a CPU as many at once as torch has threads.
 
-    Items may be read from a file: few are asked for ahead, and ``alive_together`` must live at once.
+    Items may be read from a file: few are asked for ahead, one more than threads live at once.
     """
-    threads, most = torch.get_num_threads(), alive_together()
+    threads = torch.get_num_threads()
     if device.type != "cpu" or threads == 1:
         yield from map(work, items)
         return
@@ -221,7 +216,7 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torc
         waiting: deque[Future[Result]] = deque()
         for item in items:
             waiting.append(pool.submit(in_a_thread, item))
-            if len(waiting) == most:
+            if len(waiting) > threads:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()

@@ -119,7 +119,14 @@ class Survey:
     peak: Tensor = field(init=False)
 
     def __post_init__(self) -> None:
-        gram = self.gram if len(self.gram) else gram_of(self.blocks, self.lines)
+        gram = self.gram
+        if not len(gram):  # in closed form, from sums of waves of the sums and differences of all lines
+            lines = torch.cat([self.lines.new_zeros(1), self.lines])
+            pairs = torch.stack([lines[:, None] - lines, lines[:, None] + lines])
+            minus, plus = self.blocks.wave_sums(pairs.flatten()).unflatten(1, pairs.shape).unbind(1)
+            cosines, sines = (minus.real + plus.real) / 2, (minus.real - plus.real) / 2
+            mixed = (minus.imag - plus.imag)[:, :, 1:] / 2  # of cos (row) times sin (column)
+            gram = torch.cat([torch.cat([cosines, mixed], 2), torch.cat([mixed.mT, sines[:, 1:, 1:]], 2)], 1)
         cosines, waves = range(1, 1 + self.harmonics), gram[:, 0].to(self.sums.device)
         lengths = waves[:, 0]
         mean, square = (each.sum(0) / lengths.sum() for each in (self.sums[:, 0], self.squares))
@@ -184,15 +191,3 @@ def survey_sums(weights: Tensor, columns: Tensor) -> Tensor:
 def survey_of(found: Tensor, blocks: Blocks, lines: Tensor, harmonics: int) -> Survey:
     """From what a job with ``survey_sums`` and ``largest=1`` found in all S blocks; ``lines`` on the host."""
     return Survey(blocks, lines, harmonics, found[:, :-2, 0], found[:, -2, 0], found[:, -1, 0])
-
-
-def gram_of(blocks: Blocks, lines: Tensor) -> Tensor:
-    """Sums of products of 1, cos and sin of lines (Hz, (L,)) over each block, in closed form: (S, 1 + 2 L, 1 + 2 L)."""
-    with_zero = torch.cat([lines.new_zeros(1), lines])
-    pairs = torch.stack([with_zero[:, None] - with_zero, with_zero[:, None] + with_zero])
-    minus, plus = blocks.wave_sums(pairs.flatten()).unflatten(1, pairs.shape).unbind(1)
-    cosines, sines = (minus.real + plus.real) / 2, (minus.real - plus.real) / 2
-    mixed = (minus.imag - plus.imag) / 2  # of cos (row) times sin (column)
-    upper = torch.cat([cosines, mixed[:, :, 1:]], 2)
-    lower = torch.cat([mixed.transpose(1, 2)[:, 1:], sines[:, 1:, 1:]], 2)
-    return torch.cat([upper, lower], 1)
