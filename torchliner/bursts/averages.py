@@ -29,13 +29,12 @@ from torchliner.conversions import (
     impedance_from_admittance,
     impedance_from_reflection,
     mean_impedance,
-    spl_from_pressure_amplitude,
 )
 from torchliner.engine import intervals
 from torchliner.engine.intervals import FEWEST_BLOCKS, FROM_REFLECTION, Conversion
-from torchliner.records import Gap, ImpedanceLine, Interval, LevelCheck, LineAverage
+from torchliner.records import ImpedanceLine, Interval, LevelCheck, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
-from torchliner.records.level_check import gap_of
+from torchliner.records.level_check import level_check_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_check import INCIDENT, implied_pressure, stated_pressure, turned_back
 
@@ -165,17 +164,6 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
         of_value = torch.hypot(value.real * of_z.real, value.imag * of_z.imag) / value.abs() ** 2
         of_size = torch.hypot(of_value, torch.cat([(spread / mean.abs())[None], error]))
         reach = float(ndtri(0.5 + choices.interval / 2)) * torch.complex(of_size, torch.zeros_like(of_size))[None]
-        ends = -reach, reach
-    gap = vars(gap_of(ratio[None], ends, False)).values()
-    return LevelCheck(
-        averagings=("stations",),
-        averaging="stations",
-        known=words,
-        kind=kind,
-        pressure_level=spl_from_pressure_amplitude(pressure),
-        limit=choices.level_limit + choices.level_uncertainty,
-        uncertainty=choices.level_uncertainty,
-        confidence=choices.interval if ends else None,
-        liner=Gap(*(value[:, 0] for value in gap)),
-        cells=Gap(*(value[:, 1:] for value in gap)),
-    )
+        ends = torch.stack([-reach, reach])
+    about = {"averagings": ("stations",), "averaging": "stations", "known": words, "kind": kind}
+    return level_check_of(ratio[None], ends, False, pressure, choices, **about)

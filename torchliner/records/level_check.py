@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.declared import part, record, var
 
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
@@ -32,23 +34,6 @@ class Gap:
         """Plain values of one place, None for what is not known."""
         found = {name: float(value[place]) for name, value in vars(self).items()}
         return {name: value if math.isfinite(value) else None for name, value in found.items()}
-
-
-def gap_of(ratio: Tensor, ends: tuple[Tensor, Tensor] | None, has_phase: bool) -> Gap:
-    """From the complex ratio of implied to known pressure.
-
-    Args:
-        ratio: complex; nan where nothing is known.
-        ends: of the interval of its logarithm less that of the value (real part: nepers, imaginary part: rad); None
-            without one.
-        has_phase: whether its phase means anything.
-    """
-    nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
-    low, high = ends or (torch.complex(nothing, nothing),) * 2
-    level, per_neper = 20 * torch.log10(ratio.abs()), 20 / math.log(10)
-    phase = torch.rad2deg(ratio.angle()) if has_phase else nothing
-    of_level = (level + per_neper * low.real, level + per_neper * high.real)
-    return Gap(level, *of_level, phase, phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag))
 
 
 @record
@@ -132,6 +117,36 @@ class LevelCheck:
                 "or take another height"
             )
         return f"{start}. {excluded}; {tried}"
+
+
+def level_check_of(
+    ratio: Tensor, ends: Tensor | None, has_phase: bool, pressure: Tensor, chosen: Any, **about: Any
+) -> LevelCheck:
+    """From the complex ratio of implied to known pressure, (A, 1 + places, F), the whole first; nan where unknown.
+
+    Args:
+        ends: of the interval of its logarithm less that of the value (real part: nepers, imaginary part: rad), (2, A,
+            1 + places, F); None without one.
+        has_phase: whether its phase means anything.
+        pressure: that is known, Pa, (F,).
+        chosen: ``Choices``, with the limit and the level of the interval.
+        about: averagings, averaging, known, kind.
+    """
+    nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
+    low, high = (torch.complex(nothing, nothing),) * 2 if ends is None else ends
+    level, per_neper = 20 * torch.log10(ratio.abs()), 20 / math.log(10)
+    phase = torch.rad2deg(ratio.angle()) if has_phase else nothing
+    gap = [level, level + per_neper * low.real, level + per_neper * high.real]
+    gap += [phase, phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag)]
+    return LevelCheck(
+        pressure_level=spl_from_pressure_amplitude(pressure),
+        limit=chosen.level_limit + chosen.level_uncertainty,
+        uncertainty=chosen.level_uncertainty,
+        confidence=None if ends is None else chosen.interval,
+        liner=Gap(*(value[:, 0] for value in gap)),
+        cells=Gap(*(value[:, 1:] for value in gap)),
+        **about,
+    )
 
 
 @record

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, index_of_frequency
-from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl, spl_from_pressure_amplitude
+from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl
 from torchliner.engine.blocks import waves
 from torchliner.engine.intervals import ITSELF, jackknife, replicates
 from torchliner.engine.moments import Moments
@@ -33,7 +33,7 @@ from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.level_check import UNKNOWN, Gap, LevelCheck, gap_of
+from torchliner.records.level_check import UNKNOWN, Gap, LevelCheck, level_check_of
 from torchliner.records.notes import Note
 from torchliner.tones import segment_amplitudes
 from torchliner.velocity.averages import Averages
@@ -111,19 +111,8 @@ def check_level(
             interval = jackknife(logarithm, lengths / lengths.sum(), chosen.interval, ITSELF)
             bounds.append(torch.stack([interval.low, interval.high]).masked_fill(unknown, torch.nan))
     ends = torch.stack(bounds, 1) if len(bounds) == len(ratios) else None
-    gap = vars(gap_of(torch.stack(ratios), None if ends is None else (ends[0], ends[1]), known.has_phase)).values()
-    check = LevelCheck(
-        averagings=tuple(found),
-        averaging=averaging,
-        known=known.words,
-        kind=known.kind,
-        pressure_level=spl_from_pressure_amplitude(known.liner),
-        limit=chosen.level_limit + chosen.level_uncertainty,
-        uncertainty=chosen.level_uncertainty,
-        confidence=None if ends is None else chosen.interval,
-        liner=Gap(*(value[:, 0] for value in gap)),
-        cells=Gap(*(value[:, 1:] for value in gap)),
-    )
+    about = {"averagings": tuple(found), "averaging": averaging, "known": known.words, "kind": known.kind}
+    check = level_check_of(torch.stack(ratios), ends, known.has_phase, known.liner, chosen, **about)
     of_answer = Gap(*(value[check.averagings.index(averaging)] for value in vars(check.liner).values()))
     sizes = change_that_passes(known, found[averaging].liner.impedance.detach().cpu(), of_answer).abs().tolist()
     texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
