@@ -204,6 +204,15 @@ def test_an_averaging_has_one_colour_everywhere(found, liner):
         assert {name: colours[name] for name in AVERAGINGS} == COLOUR_OF
 
 
+def test_each_panel_shows_its_part(found):
+    """Resistance at the left, reactance at the right, x in mm."""
+    rows = curves.impedance_along_x(found[0])
+    for axis, part in zip(curves.draw_along_x(found[:1]).axes, ("real", "imag"), strict=True):
+        x, values = axis.lines[0].get_data()
+        assert x == pytest.approx([1e3 * row["x (m)"] for row in rows])
+        assert values == pytest.approx([getattr(row["impedance"], part) for row in rows])
+
+
 def test_two_runs_in_one_pair_of_axes(found):
     """``plot(ax=)`` twice: two colours, and limits that show both."""
     axes = matplotlib.figure.Figure().subplots(1, 2)
