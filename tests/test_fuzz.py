@@ -24,7 +24,6 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 from test_burst_files import write_burst_csv
 from test_liner_files import table_rows
-from test_microphone_line import write_microphone_csv
 from test_stations import station
 from test_two_wave_fit import both_ways
 from test_wall_pressure import line_of
@@ -33,6 +32,7 @@ import torchliner as tl
 from torchliner.cli.options import Parser
 from torchliner.cli.table import COMMANDS as TABLE
 from torchliner.duct.presets import duct_text
+from torchliner.io.microphone_file import STATED
 
 pytestmark = pytest.mark.slow
 INPUTS = int(os.environ.get("TORCHLINER_FUZZ", "2000"))
@@ -85,6 +85,18 @@ def plane_file(path: Path, tone: float = 0.0) -> Path:
         title="fuzz",
     ).write(path)
     return path
+
+
+def write_microphone_csv(line, path):
+    """As a laboratory writes it: what is stated, then a header, then a row each microphone and frequency."""
+    known = {name: getattr(line, name, getattr(line.fluid, name, None)) for name in STATED}
+    about = {name: f"{value!r} {STATED[name]}" for name, value in known.items() if isinstance(value, float)}
+    about |= {name: value for name, value in known.items() if isinstance(value, str) and value}
+    text = [f"# {name} = {value}" for name, value in about.items()] + ["x [m],frequency [Hz],SPL [dB],phase [deg]"]
+    for n, x in enumerate(line.x.tolist()):
+        for i, f in enumerate(line.frequency.tolist()):
+            text.append(",".join(map(repr, (x, f, float(line.level[n, i]), float(line.phase[n, i])))))
+    path.write_text("\n".join(text))
 
 
 def convert(path, folder, *words):
