@@ -9,42 +9,37 @@ what counts. The quick plane has 1712 probes x 2280 samples (200 kHz, 11.4 ms, f
 
 from __future__ import annotations
 
-import argparse
 import os
-import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
 
-import torchliner as tl
 from benchmarks import engine, files, methods
-from benchmarks.harness import Bench
+from common import options_of, parser_of
 
 ENGINE, METHODS = (engine.engine, engine.stream), (methods.studies, methods.bursts, methods.duct)
-PARTS: dict[str, Callable[[Bench], None]] = {
+PARTS: dict[str, Callable[[Any], None]] = {
     work.__name__: work for work in (*ENGINE, *METHODS, files.cold, files.memory, files.workers)
 }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default all")
     parser.add_argument("--full", action="store_true", help="the sizes of the paper")
-    parser.add_argument("--seconds", type=float, default=20.0, help="work that takes longer is run once")
-    parser.add_argument("--device", default="cpu", help="of the part engine")
+    parser.add_argument("--device", type=torch.device, default="cpu", help="of the part engine")
     parser.add_argument("--folder", type=Path, help="for large files; default a temporary one")
-    options = parser.parse_args()
+    options = options_of(parser)
     if unknown := {*options.parts} - {*PARTS}:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
-    warnings.simplefilter("ignore", tl.DataWarning)
-    bench = Bench(options.full, options.seconds, torch.device(options.device), options.folder)
     threads = torch.get_num_threads()
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
     for name in options.parts or PARTS:
         torch.set_num_threads(threads)
         print(f"\n{name}: {(PARTS[name].__doc__ or '').splitlines()[0]}")
-        PARTS[name](bench)
+        PARTS[name](options)
 
 
 if __name__ == "__main__":

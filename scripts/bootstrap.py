@@ -32,14 +32,9 @@ LINT = ["-m ruff check .", "-m ruff format --check .", "-m mypy"]
 PYTEST = "-m pytest -n auto --maxprocesses 4 -m"
 TASKS = {  # commands of .venv's Python, one after the other
     "setup": [],
-    "lint": ["-m ruff check .", "-m ruff format --check .", "-m mypy"],
-    "test": [
-        "-m ruff check .",
-        "-m ruff format --check .",
-        "-m mypy",
-        "-m pytest -n auto --maxprocesses 4 -m not_slow",
-    ],
-    "test-slow": ["-m pytest -n auto --maxprocesses 4 -m slow"],
+    "lint": LINT,
+    "test": [*LINT, f"{PYTEST} not_slow"],
+    "test-slow": [f"{PYTEST} slow"],
     "demo": ["scripts/demo.py"],
     "docs": ["-m sphinx -W --keep-going -q -b html docs docs/build/html"],
     "benchmark": ["scripts/benchmark.py"],

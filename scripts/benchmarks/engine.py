@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 import torchliner as tl
-from benchmarks.harness import Bench, row
+from benchmarks.harness import best, row
 from torchliner.engine import native
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
@@ -33,10 +33,10 @@ def plane_of(velocity: Tensor) -> tl.VelocityPlane:
     return tl.VelocityPlane(velocity.T, sampling_rate=RATE, frequency=TONE, x=x)
 
 
-def noise(bench: Bench) -> Tensor:
+def noise(options: Any) -> Tensor:
     """m/s, (n, P), float32, on the device."""
-    probes = ALL_PROBES if bench.full else PROBES
-    return 2 * torch.randn(SAMPLES, probes, generator=torch.Generator().manual_seed(0)).to(bench.device)
+    probes = ALL_PROBES if options.full else PROBES
+    return 2 * torch.randn(SAMPLES, probes, generator=torch.Generator().manual_seed(0)).to(options.device)
 
 
 def held(v: Tensor) -> Held:
@@ -51,22 +51,24 @@ def plain_means(v: Tensor, frequency: list[float]) -> Tensor:
     return torch.stack([reflection_of(liner, asked[:, None], each[:end].double().abs()).mean(1) for each in v.T.cpu()])
 
 
-def engine(bench: Bench) -> None:
+def engine(options: Any) -> None:
     """The floor, the sums and ``educe``; the largest error in R is that against a plain mean in float64."""
-    v = noise(bench)
-    device = torch.cuda.get_device_name() if bench.device.type == "cuda" else platform.machine()
+    v = noise(options)
+    device = torch.cuda.get_device_name() if options.device.type == "cuda" else platform.machine()
     print(f"{device}, {torch.get_num_threads()} threads, torch {torch.__version__}: {v.shape[1]} x {SAMPLES} samples")
-    row("one sum over the plane, the floor", bench.best(v.sum)[0], samples=v.numel())
-    ways = {"compiled": "native", "torch": "torch"} if bench.device.type == "cpu" else {"Triton": "", "torch": "torch"}
-    if bench.device.type == "cpu" and not native.available():
+    row("one sum over the plane, the floor", best(v.sum)[0], samples=v.numel())
+    ways = (
+        {"compiled": "native", "torch": "torch"} if options.device.type == "cpu" else {"Triton": "", "torch": "torch"}
+    )
+    if options.device.type == "cpu" and not native.available():
         print(f"no compiled sums: {native.reason}")
         del ways["compiled"]
     for name, way in ways.items():
         with mock.patch.dict(os.environ, TORCHLINER_SUMS=way):
-            of_one_way(bench, v, name)
+            of_one_way(v, name)
 
 
-def of_one_way(bench: Bench, v: Tensor, name: str) -> None:
+def of_one_way(v: Tensor, name: str) -> None:
     """Rows of the engine with compiled sums, or in torch alone."""
     liner, plane, part = tl.load_liner("polito"), plane_of(v), v[:, :COMPARED]
     long = v.T.flatten().repeat(1 + LONG // v.numel())[:LONG, None]
@@ -75,10 +77,10 @@ def of_one_way(bench: Bench, v: Tensor, name: str) -> None:
     for values, words in ((v, ""), (long, f", one probe of {LONG:.0e} samples")):
         job = Job(Drive(), nodes.sums)
         work = functools.partial(reduce, held(values), Blocks.of(len(values), RATE, TONE), [job])
-        row(f"moments, {nodes.count} nodes{words}, {name}", bench.best(work)[0], samples=values.numel())
+        row(f"moments, {nodes.count} nodes{words}, {name}", best(work)[0], samples=values.numel())
 
     def educe(words: str, values: Tensor, of: tl.VelocityPlane, wanted: Tensor, compared: str, **choices: Any) -> None:
-        seconds, found = bench.best(functools.partial(tl.educe, of, liner, **choices))
+        seconds, found = best(functools.partial(tl.educe, of, liner, **choices))
         error = float((found.probes[compared].reflection[:COMPARED].cpu() - wanted).abs().max())
         row(f"educe, {words}, {name}", seconds, error=error, samples=values.numel())
 
@@ -92,16 +94,16 @@ def of_one_way(bench: Bench, v: Tensor, name: str) -> None:
     educe("one probe", long, one_probe, plain_means(long, [TONE]), "admittance", averaging="admittance")
 
 
-def stream(bench: Bench) -> None:
+def stream(options: Any) -> None:
     """Pieces of four periods as they come: how many probes one machine keeps up with, and how soon a map is there."""
-    v, liner = noise(bench).cpu(), tl.load_liner("onera")
+    v, liner = noise(options).cpu(), tl.load_liner("onera")
     length = round(4 * RATE / TONE)
     piece = v[:length].T
     for bars, level in (("error bars", 0.95), ("no error bars", None)):
         first = tl.VelocityPlane(piece, sampling_rate=RATE, frequency=TONE, x=plane_of(v).x, name="stream")
         growing = tl.GrowingMoments(first, liner, interval=level)
-        seconds, _ = bench.best(functools.partial(growing.update, piece))
-        map_seconds, _ = bench.best(functools.partial(growing.educe, liner, interval=level))
+        seconds, _ = best(functools.partial(growing.update, piece))
+        map_seconds, _ = best(functools.partial(growing.educe, liner, interval=level))
         keeps_up = f"keeps up with {v.shape[1] * length / RATE / seconds:.0f} probes at 200 kHz"
         row(f"stream, a piece of {length} samples", seconds, keeps_up, samples=v.shape[1] * length)
         row(f"stream, its map, {bars}", map_seconds)

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 import torchliner as tl
-from benchmarks.harness import Bench, apart, row
+from benchmarks.harness import apart, row
 from torchliner.engine import native
 from torchliner.records.slabs import bounds_of, read_ahead
 from torchliner.velocity.workers import open_cluster
@@ -77,21 +77,21 @@ def command_of(*words: str) -> Callable[[], int]:
     return lambda: main(list(words))
 
 
-def educe_apart(path: Path, *options: str) -> dict[str, Any]:
-    """``torchliner educe`` of a file, a process of its own."""
-    return apart("benchmarks.files:command_of", "educe", str(path), "--liner", "polito", "--quiet", *options)
+def educe_apart(path: Path, *words: str) -> tuple[float, float]:
+    """``torchliner educe`` of a file, a process of its own: seconds, peak in MB."""
+    return apart("benchmarks.files:command_of", "educe", str(path), "--liner", "polito", "--quiet", *words)
 
 
-def cold(bench: Bench) -> None:
+def cold(options: Any) -> None:
     """A file that is in no cache, to its map. The same read may take one second or four, by the state of the system's
     free pages: so rows are repeated in turn, and the best of each is compared with the best raw read."""
     native.available()  # built before anything is timed
-    with plane_file(bench.folder, 2.0) as path:
+    with plane_file(options.folder, 2.0) as path:
         works: dict[str, Callable[[], float]] = {
             "raw read": lambda: raw_read(path),
             "slabs, read ahead": lambda: slab_read(path),
-            "educe, one reading": lambda: educe_apart(path, *ONE)["seconds"],
-            "educe, the default": lambda: educe_apart(path, *TWO)["seconds"],
+            "educe, one reading": lambda: educe_apart(path, *ONE)[0],
+            "educe, the default": lambda: educe_apart(path, *TWO)[0],
         }
         found: dict[str, list[float]] = {name: [] for name in works}
         for _ in range(ROUNDS):
@@ -106,21 +106,19 @@ def cold(bench: Bench) -> None:
             row(f"cold, {size / 1e9:.2f} GB, {name}", best, rate)
 
 
-def memory(bench: Bench) -> None:
+def memory(options: Any) -> None:
     """Peak resident memory of ``torchliner educe`` against the size of the plane, wanted below 600 MB."""
-    for gigabytes in (0.25, 1.0, 4.0, 16.0) if bench.full else (0.25, 1.0):
-        with plane_file(bench.folder, gigabytes) as path:
-            found = educe_apart(path)
-            row(
-                f"educe, a file of {path.stat().st_size / 1e9:.2f} GB", found["seconds"], f"peak {found['peak']:.0f} MB"
-            )
+    for gigabytes in (0.25, 1.0, 4.0, 16.0) if options.full else (0.25, 1.0):
+        with plane_file(options.folder, gigabytes) as path:
+            seconds, peak = educe_apart(path)
+            row(f"educe, a file of {path.stat().st_size / 1e9:.2f} GB", seconds, f"peak {peak:.0f} MB")
 
 
-def workers(bench: Bench) -> None:
+def workers(options: Any) -> None:
     """A file in the page cache: here, by one worker, by two; what keeping finished shares costs; the same bits."""
     native.available()
     torch.set_num_threads(1)
-    with plane_file(bench.folder, 4.0 if bench.full else 1.0) as path:
+    with plane_file(options.folder, 4.0 if options.full else 1.0) as path:
         row("raw read, from the cache", raw_read(path))
 
         def moments(name: str, **options: Any) -> tl.Moments:

@@ -14,13 +14,12 @@ from scipy.sparse.linalg import spsolve
 
 import torchliner as tl
 from benchmarks.engine import MANY, noise, plane_of
-from benchmarks.harness import Bench, apart, row
+from benchmarks.harness import apart, best, row
 from common import case_files
 from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.settled import growing_wave, solve_settled
 from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.pressure.microphone_errors import draw_pressures
 from verify_duct import node_places
@@ -40,23 +39,23 @@ MICROPHONES = -0.027 + 0.012 * np.arange(18)
 MESHES = {17_000: (3, 0.0184, 0.01), 45_000: (4, 0.011, 0.01), 224_000: (4, 0.003, 0.005)}
 
 
-def studies(bench: Bench) -> None:
+def studies(options: Any) -> None:
     """The audit beside one ``educe``, a calibration on shipped planes."""
-    plane, liner = plane_of(noise(bench).cpu()), tl.load_liner("polito")
-    seconds, audited = bench.best(lambda: tl.audit(plane, liner), 1)
-    each, one = bench.best(functools.partial(tl.educe, plane, liner, interval=None), 1)
+    plane, liner = plane_of(noise(options).cpu()), tl.load_liner("polito")
+    seconds, audited = best(lambda: tl.audit(plane, liner), 1)
+    each, one = best(functools.partial(tl.educe, plane, liner, interval=None), 1)
     row(f"audit, {len(audited.rows)} variants", seconds, error=abs(audited.base - complex(one.answer[0])))
     row("one educe of them", each)
     files = [path for case in ("n115", "n130") for path in case_files(case)[-3:]]
     slit = tl.load_liner("lbm_slit")
     kept: dict[str, Any] = {"cell_pitch": slit.cell_pitch, "averaging": "velocity"}
-    seconds, reduced = bench.best(lambda: [tl.moments(tl.read_plane(path), **kept) for path in files], 1)
+    seconds, reduced = best(lambda: [tl.moments(tl.read_plane(path), **kept) for path in files], 1)
     row(f"{len(files)} planes read and reduced", seconds)
     fit = functools.partial(tl.calibrate, reduced, slit, "true", FREE, noise=0.002)
-    row(f"calibration, {len(FREE)} parameters on {len(files)} planes", bench.best(fit)[0])
+    row(f"calibration, {len(FREE)} parameters on {len(files)} planes", best(fit)[0])
     educe = functools.partial(reduced[-1].educe, slit, averaging="velocity", interval=None)
-    row("one map from moments", bench.best(educe)[0])
-    row("one map from moments, 60 frequencies", bench.best(functools.partial(educe, MANY))[0])
+    row("one map from moments", best(educe)[0])
+    row("one map from moments, 60 frequencies", best(functools.partial(educe, MANY))[0])
 
 
 def station(seed: int) -> tl.BurstRecord:
@@ -68,25 +67,25 @@ def station(seed: int) -> tl.BurstRecord:
     return tl.BurstRecord(times, wall_normal=v, x=1e-3 * seed, y=1e-3, z=0.0, frequency=DOPPLER_TONE)
 
 
-def bursts(bench: Bench) -> None:
+def bursts(options: Any) -> None:
     """A station of 10 s in segments of 1 s; a line of 120 stations from files."""
     liner, record = tl.load_liner("onera"), station(1)
     choices: dict[str, Any] = {"grid_rate": GRID, "flagged": "use", "correction": "none"}
     educe = functools.partial(tl.educe_bursts, [record], liner, **choices)
-    row(f"a station of {BURSTS} bursts", bench.best(educe)[0])
+    row(f"a station of {BURSTS} bursts", best(educe)[0])
     more: dict[str, dict[str, Any]] = {
         "tone corrected": {"correction": "tone"},
         "self-consistent, tone corrected": {"correction": "tone", "phase": "self-consistent"},
         "band-limited reconstruction": {"correction": "tone", "method": "band-limited"},
     }
     for name, changed in more.items():
-        row(f"a station, {name}", bench.best(functools.partial(educe, **changed), 1)[0])
-    stations = 120 if bench.full else 6
+        row(f"a station, {name}", best(functools.partial(educe, **changed), 1)[0])
+    stations = 120 if options.full else 6
     with tempfile.TemporaryDirectory() as folder:
         for i in range(stations):
             station(i).write(Path(folder) / f"s{i:03d}.h5")
-        found = apart("benchmarks.methods:line_of", folder)
-        row(f"a line of {stations} stations from files", found["seconds"], f"peak {found['peak']:.0f} MB")
+        seconds, peak = apart("benchmarks.methods:line_of", folder)
+        row(f"a line of {stations} stations from files", seconds, f"peak {peak:.0f} MB")
 
 
 def line_of(folder: str) -> Callable[[], int]:
@@ -101,52 +100,43 @@ def mesh_of(size: int) -> DuctMesh:
     return build_mesh(CASE, FREQUENCY, degree=degree, column=column, row=high)
 
 
-def duct(bench: Bench) -> None:
+def duct(options: Any) -> None:
     """B2A: condensed columns against scipy's sparse LU (COLAMD, the quickest of its orders here) of the assembled
-    matrix, many impedances at once, draws of microphones, checks of an answer."""
+    matrix, many impedances at once, draws of microphones."""
     torch.set_num_threads(1)
     for size in MESHES:
         mesh = mesh_of(size)
-        seconds, field = bench.best(functools.partial(solve_duct, CASE, FREQUENCY, IMPEDANCE, mesh))
+        seconds, field = best(functools.partial(solve_duct, CASE, FREQUENCY, IMPEDANCE, mesh))
         row(f"{mesh.unknowns} unknowns, condensed columns", seconds)
-        if size < 100_000 and (bench.full or size < 20_000):
+        if size < 100_000 and (options.full or size < 20_000):
             matrix, right = assemble(CASE, FREQUENCY, IMPEDANCE, mesh)
-            slow, found = bench.best(
-                functools.partial(spsolve, matrix, right, permc_spec="COLAMD", use_umfpack=False), 1
-            )
+            slow, found = best(functools.partial(spsolve, matrix, right, permc_spec="COLAMD", use_umfpack=False), 1)
             shape = (len(mesh.x) - 1, len(mesh.y) - 1, 3, (mesh.degree + 1) ** 2)
             ours = field.at(*(places.ravel() for places in node_places(mesh)))[0][0].numpy()
             error = float(np.abs(ours - found.reshape(shape)[:, :, 0].ravel()).max())
             row(f"{mesh.unknowns} unknowns, sparse LU", slow, f"{slow / seconds:.0f} times", error=error)
-    many_impedances(bench)
-    many_draws(bench)
-    works: dict[str, Callable[[], Any]] = {
-        "one mesh": lambda: solve_duct(CASE, FREQUENCY, IMPEDANCE),
-        "search for a growing wave": lambda: growing_wave(CASE.profile, FREQUENCY, IMPEDANCE),
-        "both, and a finer mesh": lambda: solve_settled(CASE, FREQUENCY, IMPEDANCE, places=MICROPHONES),
-    }
-    for name, work in works.items():
-        row(name, bench.best(work)[0])
+    many_impedances()
+    many_draws()
 
 
-def many_impedances(bench: Bench) -> None:
+def many_impedances() -> None:
     """100 impedances x 20 frequencies in one batch, and some of them one at a time."""
     random = torch.rand(100, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     walls = torch.complex(0.2 + 3 * random[:, 0], 3 * random[:, 1] - 1.5)[:, None, None]
     frequency, mesh = torch.linspace(500, 2400, 20, dtype=torch.float64), mesh_of(17_000)
-    seconds, whole = bench.best(lambda: DuctSolver(CASE, frequency, mesh).solve(walls).wall_pressure(MICROPHONES), 2)
+    seconds, whole = best(lambda: DuctSolver(CASE, frequency, mesh).solve(walls).wall_pressure(MICROPHONES), 2)
     chosen = [(7 * i % 100, 3 * i % 20) for i in range(8)]
 
     def one_by_one() -> list[torch.Tensor]:
         return [solve_duct(CASE, frequency[f], walls[z], mesh).wall_pressure(MICROPHONES) for z, f in chosen]
 
-    slow, ones = bench.best(one_by_one, 1)
+    slow, ones = best(one_by_one, 1)
     error = max(float((one[0] - whole[z, f]).abs().max()) for one, (z, f) in zip(ones, chosen, strict=True))
     row("100 impedances x 20 frequencies, one batch", seconds)
     row("the same one by one (8 measured)", slow / len(chosen) * 2000, error=error)
 
 
-def many_draws(bench: Bench) -> None:
+def many_draws() -> None:
     """Draws of the errors of 12 microphones as one batch."""
     every = torch.linspace(500, 2400, 20, dtype=torch.float64)
     for name, frequency, draws in (("kumaresan_tufts", every, 500), ("fit_field", every[10:11], 100)):
@@ -155,4 +145,4 @@ def many_draws(bench: Bench) -> None:
         noisy = draw_pressures(pressure, draws, torch.Generator().manual_seed(0))
         line = tl.MicrophoneLine(over, noisy, frequency, duct_height=HEIGHT, mach=0.3, source_side="upstream")
         fit = functools.partial(getattr(tl, name), line, *([solver] if name == "fit_field" else []))
-        row(f"{name}, {draws} draws x {len(frequency)} frequencies, one batch", bench.best(fit, 1)[0])
+        row(f"{name}, {draws} draws x {len(frequency)} frequencies, one batch", best(fit, 1)[0])
