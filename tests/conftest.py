@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import math
 import signal
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import hypothesis
@@ -73,7 +73,7 @@ def unrendered(monkeypatch):
     monkeypatch.setattr(save, lambda figure, path, **_: Path(path).touch())
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Resistive(LinerModel):
     """Z = r0 + a |v| + j (m omega - cot(omega L/c)): a model of one's own, which states numbers."""
 
@@ -116,6 +116,21 @@ def frozen_plane(speed: float, probes: int = 3, periods: float = 16.0, **about: 
 
 def relative_error(found: torch.Tensor, wanted: torch.Tensor) -> float:
     return float(((found - wanted).abs() / wanted.abs()).max())
+
+
+def same_bits(one, two):
+    """Whether all tensors and values within are the same; names of files and what they say of themselves aside."""
+    if isinstance(one, torch.Tensor):
+        parts = [torch.view_as_real(each) if each.is_complex() else each for each in (one, two)]
+        return one.dtype == two.dtype and torch.equal(*(each.double().nan_to_num(-7e77) for each in parts))
+    if dataclasses.is_dataclass(one):
+        names = [each.name for each in dataclasses.fields(one) if each.name not in ("velocity", "name", "text")]
+        return type(one) is type(two) and all(same_bits(getattr(one, name), getattr(two, name)) for name in names)
+    if isinstance(one, dict):
+        return list(one) == list(two) and all(same_bits(one[k], two[k]) for k in one if k not in ("source", "inputs"))
+    if isinstance(one, tuple):
+        return len(one) == len(two) and all(map(same_bits, one, two))
+    return one == two
 
 
 def load_script(name: str):

@@ -220,28 +220,23 @@ class Case:
 
 # Mutations. Each takes the file, and a ``random.Random``; it returns what it did.
 
+BYTES: dict[str, Callable[[bytes, int, Any], bytes]] = {
+    "flip": lambda data, at, draw: data[:at] + bytes([data[at] ^ 1 << draw.randrange(8)]) + data[at + 1 :],
+    "put": lambda data, at, draw: data[:at] + bytes([draw.randrange(256)]) + data[at:],
+    "take": lambda data, at, draw: data[:at] + data[at + draw.choice((1, 2, 16)) :],
+    "cut": lambda data, at, draw: data[:at],
+    "zero": lambda data, at, draw: data[:at] + bytes(8) + data[at + 8 :],
+    "copy": lambda data, at, draw: data[:at] + data[at : at + draw.choice((4, 64))] + data[at:],
+}
+
 
 def flip_bytes(path: Path, draw: Any) -> str:
     """One to eight bytes changed, put in, taken out, or the end cut off."""
-    data = bytearray(path.read_bytes())
-    done = []
+    data, done = path.read_bytes(), []
     for _ in range(draw.choice((1, 1, 2, 8))):
-        at = draw.randrange(len(data)) if data else 0
-        # Structure stands at the beginning and between the data.
-        at = draw.choice((at, at, min(at, draw.randrange(1, 4096))))
-        kind = draw.choice(("flip", "flip", "put", "take", "cut", "zero", "copy"))
-        if kind == "flip" and data:
-            data[at] ^= 1 << draw.randrange(8)
-        elif kind == "put":
-            data[at:at] = bytes([draw.randrange(256)])
-        elif kind == "take":
-            del data[at : at + draw.choice((1, 2, 16))]
-        elif kind == "cut":
-            del data[at:]
-        elif kind == "zero":
-            data[at : at + 8] = bytes(8)
-        else:
-            data[at:at] = data[at : at + draw.choice((4, 64))]
+        at, kind = draw.randrange(len(data) or 1), draw.choice(["flip", *BYTES])
+        at = draw.choice((at, at, min(at, draw.randrange(1, 4096))))  # structure stands at the beginning
+        data = BYTES[kind](data, at, draw) if data else data
         done.append(f"{kind} {at}")
     path.write_bytes(data)
     return ", ".join(done)
@@ -252,61 +247,56 @@ CELLS = [
     *('" "1" \u22121 1;2 true 1j \x1b[2J \0'.split(" ")),
     *("", " ", "1 000", "9" * 400),
 ]
-TABLE_KINDS = (
-    "cell cell cell cell surplus missing twice swap drop repeat order blank mark comma remark bom crlf column"
-).split()
+ROW: dict[str, Callable[[list[str], int, Any], list[list[str]]]] = {  # what comes in the place of the cells of a row
+    "cell": lambda cells, at, draw: [[*cells[:at], draw.choice(CELLS), *cells[at + 1 :]]],
+    "surplus": lambda cells, at, draw: [[*cells[:at], draw.choice(("1", "0.5", "")), *cells[at:]]],
+    "missing": lambda cells, at, draw: [cells[:at] + cells[at + 1 :]],
+    "drop": lambda cells, at, draw: [],
+    "repeat": lambda cells, at, draw: [cells, cells],
+    "blank": lambda cells, at, draw: [draw.choice(([""], ["   "], ["", ""])), cells],
+    "comma": lambda cells, at, draw: [[cell.replace(".", ",") for cell in cells]],
+    "remark": lambda cells, at, draw: [[f"#{cells[0]}", *cells[1:]]],
+}
+COLUMN: dict[str, Callable[[list[str], int, int], list[str]]] = {  # of each row
+    "twice": lambda cells, at, other: [*cells[:other], cells[at], *cells[other:]],
+    "swap": lambda cells, at, other: [cells[{at: other, other: at}.get(i, i)] for i in range(len(cells))],
+    "column": lambda cells, at, other: cells[:at] + cells[at + 1 :],
+}
+WHOLE: dict[str, Callable[[str, str, Any], str]] = {
+    "mark": lambda text, mark, draw: text.replace(mark, draw.choice(";\t|")),
+    "order": lambda text, mark, draw: "\n".join(
+        [*(lines := text.split("\n"))[:1], *draw.sample(lines[1:], len(lines) - 1)]
+    ),
+    "bom": lambda text, mark, draw: f"\ufeff{text}",
+    "crlf": lambda text, mark, draw: text.replace("\n", "\r\n"),
+}
 
 
 def table_cells(path: Path, draw: Any) -> str:
     """Cells, rows or columns of a table of text."""
-    text = path.read_bytes().decode()
-    lines = text.split("\n")
+    lines = path.read_bytes().decode().split("\n")
     first = next((i for i, line in enumerate(lines) if line.strip() and line[0] != "#"), 0)
     mark = next((each for each in ";\t," if each in lines[first]), " ")
     rows = [i for i in range(first, len(lines)) if lines[i].strip()]
-    at, kind = draw.choice(rows), draw.choice(TABLE_KINDS)
+    at, kind = draw.choice(rows), draw.choice([*["cell"] * 3, *ROW, *COLUMN, *WHOLE])
     cells = lines[at].split(mark)
-    column = draw.randrange(len(cells))
-    said = f"{kind} row {at} column {column}"
-    if kind == "cell":
-        cells[column] = draw.choice(CELLS)
-        said += f" {cells[column]!r}"
-    elif kind == "surplus":
-        cells.insert(column, draw.choice(("1", "0.5", "")))
-    elif kind == "missing":
-        del cells[column]
-    lines[at] = mark.join(cells)
-    if kind in ("twice", "swap", "column"):
-        other = draw.randrange(len(cells))
-        for i in rows:
-            one = lines[i].split(mark)
-            if max(column, other) < len(one):
-                if kind == "twice":
-                    one.insert(other, one[column])
-                elif kind == "swap":
-                    one[column], one[other] = one[other], one[column]
-                else:
-                    del one[column]
-            lines[i] = mark.join(one)
-    elif kind == "drop":
-        del lines[at]
-    elif kind == "repeat":
-        lines.insert(at, lines[at])
-    elif kind == "order":
-        lines[first + 1 :] = draw.sample(lines[first + 1 :], len(lines) - first - 1)
-    elif kind == "blank":
-        lines.insert(at, draw.choice(("", "   ", mark)))
-    elif kind == "mark":
-        new = draw.choice(";\t|")
-        lines[first:] = [line.replace(mark, new) for line in lines[first:]]
-    elif kind == "comma":
-        lines[at] = lines[at].replace(".", ",")
-    elif kind == "remark":
-        lines[at] = f"#{lines[at]}"
-    text = "\n".join(lines)
-    text = f"\ufeff{text}" if kind == "bom" else text.replace("\n", "\r\n") if kind == "crlf" else text
-    path.write_bytes(text.encode())
-    return said
+    column, other = draw.randrange(len(cells)), draw.randrange(len(cells))
+    if kind in ROW:
+        lines[at : at + 1] = map(mark.join, ROW[kind](cells, column, draw))
+    for i in rows if kind in COLUMN else ():
+        one = lines[i].split(mark)
+        lines[i] = mark.join(COLUMN[kind](one, column, other) if max(column, other) < len(one) else one)
+    above, text = ("".join(f"{line}\n" for line in lines[:first]), "\n".join(lines[first:]))
+    path.write_bytes(
+        (
+            WHOLE[kind](above + text, mark, draw)
+            if kind in ("bom", "crlf")
+            else above + WHOLE[kind](text, mark, draw)
+            if kind in WHOLE
+            else above + text
+        ).encode()
+    )
+    return f"{kind} row {at} column {column}"
 
 
 def _replace(file: Any, name: str, values: Any = None, **storage: Any) -> Any:

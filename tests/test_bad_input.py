@@ -48,20 +48,17 @@ REPLAY = [
 
 @pytest.mark.parametrize(("options", "message"), OPTIONS, ids=[str(o) for o, _ in OPTIONS])
 def test_bad_options(liner, options, message):
-    """Each names the option, the value, the limit or the nearest valid one."""
     with pytest.raises(ValueError, match=message):
         tl.educe(good(), liner, **options)
 
 
 @pytest.mark.parametrize(("options", "message"), REPLAY, ids=[str(o) for o, _ in REPLAY])
 def test_bad_options_of_a_replay(liner, options, message):
-    """Likewise."""
     with pytest.raises(ValueError, match=message):
         tl.replay(good(), liner, **{"incident": 1400.0, **options})
 
 
 def test_unknown_option_name(liner):
-    """A misspelt keyword is a TypeError, as everywhere in Python."""
     with pytest.raises(TypeError, match=r"no option is called 'averging' \(did you mean 'averaging'\?\)"):
         tl.educe(good(), liner, averging="velocity")
     with pytest.raises(TypeError, match="did you mean 'frequency'"):
@@ -70,13 +67,11 @@ def test_unknown_option_name(liner):
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
 def test_cuda_asked_for_and_absent(liner):
-    """The remedy is named."""
     with pytest.raises(ValueError, match="sees 0 CUDA devices; use device='cpu'"):
         tl.educe(good(), liner, device="cuda")
 
 
 def test_nan_and_inf_are_counted_and_placed(liner):
-    """Refused with count, place and remedy; excluded if asked, without touching the others."""
     v = turbulence((2, 3, 600))
     wanted = tl.educe(plane_of(v), liner)
     v[1, 2, 77] = torch.nan
@@ -114,7 +109,6 @@ def test_dead_probes_are_doubted(liner):
 
 
 def test_speed_beyond_a_table():
-    """A tabulated liner names its limit and the probe."""
     table = tl.TabulatedLiner([200.0, 4000.0], np.ones((2, 2)) * (0.5 + 0.1j), speed=[0.0, 4.0], name="measured")
     v = turbulence((2, 3, 600), rms=1.0)
     v[1, 1, 40] = -4.5
@@ -157,14 +151,12 @@ def test_phases_of_probes_are_not_those_of_frequencies(liner):
 
 
 def test_velocities_beyond_sound_are_a_unit_mistake(liner):
-    """mm/s read as m/s, say."""
     with pytest.raises(ValueError, match=r"beyond the speed of sound, 343.2 m/s; check the unit"):
         tl.educe(plane_of(1000 * turbulence((2, 600))), liner)
 
 
 @pytest.mark.parametrize("value", [complex("nan"), -1.0 + 0j])
 def test_a_liner_without_a_reflection_is_named(value):
-    """nan and Z = -1 are refused, with the range that was asked for."""
 
     class Broken:
         def impedance(self, frequency, speed):
@@ -175,7 +167,6 @@ def test_a_liner_without_a_reflection_is_named(value):
 
 
 def test_what_is_no_plane_or_no_liner_is_said(liner):
-    """A preset's name or a bare array in the wrong place."""
     with pytest.raises(TypeError, match=r"'polito', without impedance.*load_liner"):
         tl.educe(good(), "polito")
     with pytest.raises(TypeError, match="plane is Tensor; make a VelocityPlane"):

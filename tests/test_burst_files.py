@@ -7,7 +7,7 @@ import dataclasses
 import h5py
 import numpy as np
 import pytest
-from test_moments_file import same_bits
+from conftest import same_bits
 
 import torchliner as tl
 from torchliner.io.burst_sources import read_bursts, write_bursts
@@ -61,7 +61,6 @@ def dxex(
     "how", [{}, {"version": "v3"}, {"comma": True}, {"encoding": "utf-8"}, {"encoding": "utf-8-sig", "comma": True}]
 )
 def test_coincident_export(tmp_path, how):
-    """Versions, decimal marks and encodings say the same; the micro sign is understood."""
     record = read_dantec(dxex(tmp_path / "a.txt", **how), frequency=1500.0)
     assert record.arrival_time.tolist() == pytest.approx([1.5e-3, 2.25e-3, 4e-3], rel=1e-12)
     assert record.transit_time.tolist() == pytest.approx([2e-5, 1e-5, 4e-5], rel=1e-12)
@@ -79,7 +78,6 @@ def test_components_are_named_and_turned(tmp_path):
 
 
 def test_non_coincident_export(tmp_path):
-    """Columns of unequal length: the wall-normal channel stands alone."""
     path = dxex(tmp_path / "b.txt", LONE, APART)
     alone = read_dantec(path)
     assert alone.wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
@@ -188,7 +186,6 @@ def record_of(seed=0, count=50, **about):
 
 
 def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):
-    """In the order of x, with what each lacks: transit times, a component, bursts dropped before."""
     records = [
         record_of(0, 50, dropped={"outlier": 3}, notes=("a doubt",), reference={"true": 1 - 2j}, provenance={"a": 1}),
         record_of(1, 7, fluid=tl.Fluid(340.0)),
@@ -227,7 +224,6 @@ def test_a_station_comes_back_from_csv_bit_for_bit(tmp_path):
 
 
 def test_csv(tmp_path):
-    """Semicolons, decimal comma, other units, remarks."""
     path = tmp_path / "s.csv"
     path.write_text(
         "# from the lab\n# x = 12.5 mm\n# frequency = 1.5 kHz\n# liner = onera\n"
@@ -268,7 +264,6 @@ def test_options_of_other_formats_are_refused(tmp_path, option):
 
 
 def test_folders(tmp_path):
-    """Sorted by x; what cannot be a line is refused."""
     with pytest.raises(ValueError, match="holds no files of bursts"):
         read_bursts(tmp_path)
     (tmp_path / ".hidden.txt").write_text("nothing")

@@ -130,7 +130,6 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
 
 
 def test_only_what_changed_is_done_again(capsys, campaign, readings, monkeypatch):
-    """Liners, frequencies and averagings read no data; a plane that changed is read alone."""
     toml = TOML.replace("averaging =", "interval = false\naveraging =")
     campaign.write_text(toml)
     done(capsys, campaign)
@@ -206,7 +205,6 @@ def test_kill_9_at_any_moment(capsys, campaign, kills):
 
 
 def test_a_failing_unit_stops_no_other(capsys, campaign):
-    """It stands in the index with its error, is tried again, and the exit code is 1."""
     (campaign.parent / "a" / "broken.h5").write_bytes(b"no HDF5")
     v = turbulence((PROBES, SAMPLES)).float()
     v[2, 5] = torch.nan
@@ -273,7 +271,6 @@ def test_facts_that_leave_the_file_are_gone(capsys, smallest, readings):
     ],
 )
 def test_of_moments_no_tone_or_layout_is_stated(capsys, smallest, stated, words):
-    """Both were settled when the plane was reduced."""
     tl.moments(tl.read_plane(smallest.parent / "b.h5")).write(smallest.parent / "b.h5")
     smallest.write_text(smallest.read_text().replace("liner =", f"{stated}\nliner ="))
     code, (row,), _ = done(capsys, smallest)
@@ -281,7 +278,6 @@ def test_of_moments_no_tone_or_layout_is_stated(capsys, smallest, stated, words)
 
 
 def test_a_pressure_record_stands_beside(capsys, tmp_path, unrendered):
-    """In situ impedances in the map, the level check in the index, pictures where they are asked for."""
     (tmp_path / "c.toml").write_text(f"""
 figures = true
 [[planes]]
@@ -317,7 +313,6 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("text", "words"), MISTAKES)
 def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
-    """Before anything is done, or in the rows of the planes that they concern."""
     campaign.write_text(text)
     code, rows, err = done(capsys, campaign)
     assert code in (1, 2)
@@ -326,7 +321,6 @@ def test_mistakes_in_the_file_are_all_told(capsys, campaign, text, words):
 
 
 def test_folders_that_cannot_serve(capsys, smallest, tmp_path):
-    """One that another run holds, one with another index, one with a link that leads out of it."""
     output = smallest.parent / "c_results"
     with locked(output):
         code, _, err = done(capsys, smallest)
@@ -343,7 +337,6 @@ def test_folders_that_cannot_serve(capsys, smallest, tmp_path):
 
 
 def test_a_full_disk(capsys, smallest, monkeypatch):
-    """Each unit tells of it, and is done when there is room again."""
     replace = os.replace
 
     def full(source, target):
@@ -360,7 +353,6 @@ def test_a_full_disk(capsys, smallest, monkeypatch):
 
 
 def test_what_a_pattern_stands_for(tmp_path):
-    """A name with brackets is a file where there is one of that name; frames of a series are one plane."""
     for name in ("v[Y].csv", "vY.csv", "vZ.csv", "a_1.vti", "a_2.vti", "b_1.vti", "b_2.vti"):
         (tmp_path / name).touch()
     (tmp_path / "c.toml").write_text('[[planes]]\nfiles = ["v[Y].csv", "v[Z].csv", "a*.vti", "b_2.vti"]\n')
@@ -369,7 +361,6 @@ def test_what_a_pattern_stands_for(tmp_path):
 
 
 def test_the_example_of_the_page_runs(capsys, tmp_path):
-    """As printed, in the folder of the shipped data."""
     example = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
     (tmp_path / "data").symlink_to(DATA)
     (tmp_path / "campaign.toml").write_text(example)

@@ -90,7 +90,6 @@ def test_help_is_complete_and_slips_are_answered(capsys, name, command):
 
 @EVERY
 def test_no_output_takes_the_place_of_an_input(tmp_path, name, command):
-    """Whatever is read, by whatever is written: the gate refuses before the command begins."""
     options = [each for each in Parser(name, command).options if isinstance(each.kind, Kind)]
     for source in (each for each in options if each.kind.part in ("read", "named")):
         for target in (each for each in options if each.kind.part == "written"):
@@ -106,7 +105,6 @@ def test_no_output_takes_the_place_of_an_input(tmp_path, name, command):
 
 
 def test_help_is_quick():
-    """It imports neither torch nor numpy, of any command."""
     code = f"""
 import sys
 from torchliner.cli.main import main
@@ -244,7 +242,6 @@ REFUSED = [  # words, and what the one line names
 
 @pytest.mark.parametrize(("words", "message"), REFUSED, ids=[words[:50] for words, _ in REFUSED])
 def test_mistakes_exit_with_2_and_one_clear_line(capsys, small, monkeypatch, words, message):
-    """No traceback and nothing written: what is wrong, and the remedy."""
     monkeypatch.chdir(small)
     before = set(small.iterdir())
     code, out, err = run(capsys, *words.split())
@@ -254,7 +251,6 @@ def test_mistakes_exit_with_2_and_one_clear_line(capsys, small, monkeypatch, wor
 
 
 def test_educe_prints_writes_and_draws(capsys, tmp_path):
-    """The averagings and the reference; in a folder the map, pictures and their numbers."""
     folder = tmp_path / "new"
     code, out, err = run(capsys, "educe", SLIT, "-o", str(folder), "--figure", str(folder))
     assert code == DONE
@@ -270,7 +266,6 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
 
 
 def test_liner_prints_geometry_and_draws(capsys, tmp_path):
-    """Geometry, resonance, table; a picture; a preset to edit, which is not overwritten."""
     figure, copy = tmp_path / "liner.png", tmp_path / "mine.toml"
     code, out, _ = run(capsys, "liner", "onera", "--figure", str(figure), "--copy", str(copy))
     assert code == DONE
@@ -283,7 +278,6 @@ def test_liner_prints_geometry_and_draws(capsys, tmp_path):
 
 
 def test_info_describes_and_checks(capsys, tmp_path):
-    """Sizes, v0, v', u', spectrum peak, alignment; exit 1 if a check fails."""
     code, out, _ = run(capsys, "info", CHANNEL, "--figure", str(tmp_path / "v.png"))
     assert code == DONE
     for text in ("15x80", "93632", "v0 mean", "u' rms", "|v0| over bulk velocity", "all checks"):
@@ -333,7 +327,6 @@ def test_moments_stand_for_a_plane(capsys, small, words):
     ],
 )
 def test_an_interrupt_is_quiet_and_exits_with_130(capsys, tmp_path, monkeypatch, where, words):
-    """Ctrl-C in the middle: one line, no traceback, no file and no part of one."""
 
     def stop(*_, **__):
         raise KeyboardInterrupt

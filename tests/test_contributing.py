@@ -54,7 +54,6 @@ def added(tmp_path_factory):
 
 
 def test_each_addition_is_one_file_and_one_row():
-    """Two files touched at most: that of the addition and names.py."""
     assert len(FILES) == len(ROWS) == 4
     tables = [row.split("[")[0] for row in ROWS]
     assert all(isinstance(getattr(names, table), dict) for table in tables)
@@ -78,7 +77,6 @@ def plate(added, tmp_path):
 
 
 def test_a_liner_is_read_refused_written_educed_and_differentiated(plate):
-    """Like the models of the package."""
     liner = tl.load_liner(plate)
     assert liner.name == "plate"
     plate.write_text(PLATE.replace("porosity = 0.01", "porosty = 0.01"))
@@ -99,7 +97,6 @@ def test_a_liner_is_read_refused_written_educed_and_differentiated(plate):
 
 
 def test_a_format_is_read(added, tmp_path):
-    """From its file to a plane, with the units that were stated, or refused."""
     velocity = np.random.default_rng(0).normal(size=(50, 3))
     np.savez(tmp_path / "v.data.npz", v=velocity, x=[0.001, 0.002, 0.004], rate=1e4)
     with pytest.raises(ValueError, match="has no units"):

@@ -1,23 +1,30 @@
-"""torchliner follow: planes that are being written."""
+"""Records that go on, against one reading of all of them; torchliner follow: planes that are being written."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import subprocess
 import sys
+import warnings
 
 import h5py
 import numpy as np
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from test_cli import run
 
 import torchliner as tl
-from torchliner.campaign.follow import Frames, follow
+from torchliner.campaign.follow import MOST, Frames, follow
+from torchliner.velocity.choices import Choices
+from torchliner.velocity.reading import reading_of, take_moments
 
 PROBES, SAMPLES = 4, 2400  # 80 periods
+PITCH = 5e-3
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +58,6 @@ def followed(path, *steps, until=None, **choices):
 
 
 def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
-    """Z as ``educe`` has it of the same whole periods; the wider of both half-widths."""
     piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
     ((row,),), _ = followed(tmp_path / "plane.h5")
     wanted = tl.educe(piece(velocity, 0, SAMPLES), tl.load_liner("polito"), averaging="admittance")
@@ -66,7 +72,6 @@ def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
 
 
 def test_files_that_come_into_a_folder(tmp_path, velocity):
-    """Each adds what it holds; the sum is that of the whole; a file in the making is waited for."""
     solver = [lambda i=i: piece(velocity, 600 * i, 600 * i + 600).write(tmp_path / f"v{i}.h5") for i in range(1, 4)]
     solver.insert(1, lambda: (tmp_path / "v2.h5").write_bytes(b"half"))
     piece(velocity, 0, 600).write(tmp_path / "v0.h5")
@@ -150,7 +155,6 @@ def test_a_file_that_another_process_writes(tmp_path, velocity):
 
 
 def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
-    """A last file that stays unreadable; one that others follow at once; one that was replaced."""
     (tmp_path / "v0.h5").write_bytes(b"half")
     with pytest.raises(OSError, match=r"v0\.h5 begins with b"):
         followed(tmp_path)
@@ -165,7 +169,6 @@ def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
 
 
 def test_the_command(capsys, tmp_path, velocity, monkeypatch):
-    """A row, exit code by --until, moments at the end and on Ctrl-C."""
     plane, output = str(tmp_path / "plane.h5"), tmp_path / "m.h5"
     piece(velocity, 0, SAMPLES).write(plane)
     words = ["follow", plane, "--idle", "0.1", "--every", "0.05", "-o", str(output)]
@@ -223,7 +226,6 @@ BEGUN = {
 
 @pytest.mark.parametrize("name", BEGUN)
 def test_what_may_become_a_plane_is_waited_for(tmp_path, name):
-    """Whatever is wrong with the last file is said when nothing has come for a while."""
     path, sleep = tmp_path / "plane.h5", Solver()
     if isinstance(content := BEGUN[name], bytes):
         path.write_bytes(content)
@@ -238,7 +240,6 @@ def test_what_may_become_a_plane_is_waited_for(tmp_path, name):
 
 
 def test_what_is_there_twice_counts_once(tmp_path, velocity):
-    """A restart that begins before the end; numbers of files are numbers."""
     piece(velocity, 0, 1000).write(tmp_path / "v9.h5")
     piece(velocity, 980, 1800).write(tmp_path / "v10.h5")
     frames = Frames(tmp_path)
@@ -255,3 +256,91 @@ def test_another_file_of_the_same_name_is_refused(tmp_path, velocity):
     piece(velocity + 1, 0, 1800).write(path)
     with pytest.raises(OSError, match="it was replaced"):
         list(frames.new())
+
+
+# Moments of a record that goes on
+
+
+def growing_record(samples: int, low: int = 0, rate: float = 42000.0, **about) -> tl.VelocityPlane:
+    v = turbulence((PROBES, 9000), seed=2)[:, low : low + samples]
+    return plane_of(v, sampling_rate=rate, x=2e-3 * torch.arange(PROBES), **about)
+
+
+def at_once(plane: tl.VelocityPlane, known: tl.Moments, **choices) -> tl.Moments:
+    """One reading with the same borders."""
+    frequency = torch.tensor([1400.0], dtype=torch.float64)
+    chosen = Choices(**choices, allow_short=True)
+    reading = reading_of(plane, [], frequency, chosen, cell_pitch=PITCH, nodes=known.nodes)
+    return take_moments(dataclasses.replace(reading, blocks=known.survey.blocks), reviewed=False)
+
+
+@settings(max_examples=20)
+@given(
+    st.integers(1, 500),
+    st.lists(st.integers(1, 3000), max_size=8),
+    st.sampled_from([42000.0, 41234.5]),
+    st.sampled_from(["averaged", "self-consistent"]),
+)
+def test_moments_are_those_of_one_reading(first, pieces, rate, phase):
+    choices = {"averaging": "velocity", "phase": phase}
+    growing = tl.GrowingMoments(growing_record(first, rate=rate), cell_pitch=PITCH, **choices)
+    held = first
+    for piece in pieces:
+        piece = min(piece, 9000 - held)
+        if piece:
+            growing.update(growing_record(piece, held, rate).velocity)
+        held += piece
+    assert growing.periods == int((held + 0.5) * 1400 / rate) // growing.each * growing.each
+    if not growing.periods:
+        return
+    found = growing.moments()
+    assert 1 <= found.survey.blocks.count < MOST
+    assert found.plane.samples == found.survey.blocks.borders[-1] <= held
+    wanted = at_once(growing_record(held, rate=rate), found, **choices)
+    assert found.sums.keys() == wanted.sums.keys()
+    for name in found.sums:
+        torch.testing.assert_close(found.sums[name], wanted.sums[name], rtol=1e-12, atol=1e-12)
+    for name in ("sums", "squares", "peaks", "gram"):
+        mine, theirs = getattr(found.survey, name), getattr(wanted.survey, name)
+        torch.testing.assert_close(mine, theirs, rtol=1e-12, atol=1e-12)
+
+
+def test_a_standing_is_left_alone_by_what_comes_later(liner):
+    growing = tl.GrowingMoments(growing_record(2400), liner, averaging="velocity")
+    then = growing.moments()
+    before = then.educe(liner, averaging="velocity").answer
+    growing.update(growing_record(6000, 2400).velocity)
+    assert torch.equal(then.educe(liner, averaging="velocity").answer, before)
+    wanted = tl.educe(growing_record(growing.moments().plane.samples), liner, averaging="velocity")
+    assert float((growing.educe(liner).answer - wanted.answer).abs().max()) < 1e-6
+    assert growing.educe(liner).averaging == "velocity"
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"averaging": "phase-locked"}, "needs the whole record; take 'admittance' or 'velocity'"),
+        ({"mean": "removed"}, "has mean 'kept' alone"),
+        ({"drive": "rms"}, "has drive 'instantaneous' alone"),
+        ({"missing": "exclude"}, "has missing 'refuse' alone"),
+    ],
+)
+def test_what_needs_the_whole_record_is_refused(choices, words):
+    with pytest.raises(ValueError, match=words):
+        tl.GrowingMoments(growing_record(600), cell_pitch=PITCH, **choices)
+
+
+def test_samples_that_do_not_fit_are_refused():
+    growing = tl.GrowingMoments(growing_record(20), cell_pitch=PITCH)
+    with pytest.raises(ValueError, match="holds 20 samples so far; a period has 30"):
+        growing.moments()
+    bad = growing_record(30, 20).velocity.clone()
+    bad[2, 5] = torch.nan
+    with pytest.raises(ValueError, match="1 of 4 probes hold nan or inf among the new samples, the first is probe 2"):
+        growing.update(bad)
+    with pytest.raises(ValueError, match=r"shape \(3, 9\); they are of probes \(4,\), time last"):
+        growing.update(torch.zeros(3, 9))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        growing.update(growing_record(30, 20).velocity)
+    assert growing.periods == 1

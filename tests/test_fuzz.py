@@ -99,93 +99,87 @@ def write_microphone_csv(line, path):
     path.write_text("\n".join(text))
 
 
-def convert(path, folder, *words):
+def convert(path, folder):
     out = folder / "out.h5"
-    words = ["convert", str(path), "-o", str(out), "--axes", "time,x", *RATE, *words, "--json"]
-    return lambda: command([*words, "--quiet"], lambda: written(out))
+    words = ["convert", str(path), "-o", str(out), "--axes", "time,x", *RATE, "--json", "--quiet"]
+    return lambda: command(words, lambda: written(out))
+
+
+def wall_line():
+    return line_of(both_ways("upstream")[0], "upstream", title="fuzz")
+
+
+def moments_file(path):
+    plane = tl.read_plane(plane_file(path, tone=5.0))
+    tl.moments(plane, tl.load_liner("polito"), phase="self-consistent").write(path)
+
+
+def line_file(path):
+    bursts = [station(seed, seconds=0.2) for seed in range(2)]
+    tl.educe_bursts(bursts, tl.load_liner("onera"), segment=0.04, monte_carlo=100).write(path)
+
+
+def sound_file(path):
+    wavfile.write(path, 42000, np.random.default_rng(0).normal(size=260).astype(np.float32))
+    plane_file(path.parent / "plane.h5")
+
+
+def pressure_file(path):
+    path.write_bytes((DATA / "pressure_n130.h5").read_bytes())
+
+
+def preset_file(name):
+    return lambda path: path.write_text(tl.liners.catalogue.preset_text(name), encoding="utf-8")
+
+
+AT = ["--frequency", "800", "1500", "--speed", "0", "1"]
+NAMES = {  # ending and command: what writes the file, and the words behind it, or the reader in Python
+    ".h5 educe": (plane_file, ["--interval", "none"]),
+    ".h5 educe moments": (moments_file, ["--interval", "none", "--phase", "self-consistent"]),
+    ".csv kt": (lambda path: write_microphone_csv(wall_line(), path), []),
+    ".h5 kt": (lambda path: wall_line().write(path), []),
+    ".h5 insitu": (pressure_file, []),
+    ".csv ldv educe": (
+        lambda path: write_burst_csv(station(0, seconds=0.2), path),
+        ["--segment", "0.04", "--liner", "onera"],
+    ),
+    ".csv liner": (lambda path: path.write_text("\n".join(table_rows()) + "\n"), AT),
+    ".toml liner": (preset_file("onera"), AT),
+    ".toml liner layers": (preset_file("double_layer_example"), AT),
+    ".toml duct modes": (lambda path: path.write_text(duct_text("b2a"), encoding="utf-8"), ["--count", "1"]),
+    ".npy convert": (lambda path: np.save(path, np.random.default_rng(0).normal(size=(60, 4))), None),
+    ".wav incident": (sound_file, ["--frequency", "1400"]),
+    ".h5 read_map": (
+        lambda path: tl.educe(tl.read_plane(plane_file(path)), tl.load_liner("polito")).write(path),
+        tl.read_map,
+    ),
+    ".h5 read_line": (line_file, tl.read_line),
+    ".h5 read_points": (
+        lambda path: tl.in_situ(tl.read_pressure(DATA / "pressure_n130.h5"), [1400.0]).write(path),
+        tl.read_points,
+    ),
+    ".h5 read_wall": (
+        lambda path: tl.kumaresan_tufts(wall_line(), draws=2).write(path, tl.two_wave_fit(wall_line())),
+        tl.read_wall,
+    ),
+}
 
 
 def make(name: str, folder: Path) -> Case:
     """One command with one file."""
-    path = folder / f"input{name[name.index('.') : name.index(' ')]}"
-    told = [str(path)]
-    kind = name.partition(" ")[2]
-    if kind == "educe":
-        plane_file(path)
-        words = ["educe", *told, "--interval", "none"]
-    elif kind == "educe moments":
-        plane, liner = tl.read_plane(plane_file(path, tone=5.0)), tl.load_liner("polito")
-        tl.moments(plane, liner, phase="self-consistent").write(path)
-        words = ["educe", *told, "--interval", "none", "--phase", "self-consistent"]
-    elif kind == "kt":
-        line = line_of(both_ways("upstream")[0], "upstream", title="fuzz")
-        line.write(path) if path.suffix == ".h5" else write_microphone_csv(line, path)
-        words = ["kt", *told]
-    elif kind == "insitu":
-        path.write_bytes((DATA / "pressure_n130.h5").read_bytes())
-        words = ["insitu", *told]
-    elif kind == "ldv educe":
-        write_burst_csv(station(0, seconds=0.2), path)
-        words = ["ldv", "educe", *told, "--segment", "0.04", "--liner", "onera"]
-    elif kind in ("liner", "liner layers"):
-        if path.suffix == ".toml":
-            preset = "double_layer_example" if kind == "liner layers" else "onera"
-            path.write_text(tl.liners.catalogue.preset_text(preset), encoding="utf-8")
-        else:
-            path.write_text("\n".join(table_rows()) + "\n")
-        words = ["liner", *told, "--frequency", "800", "1500", "--speed", "0", "1"]
-    elif kind == "duct modes":
-        path.write_text(duct_text("b2a"), encoding="utf-8")
-        words = ["duct", "modes", *told, "--count", "1"]
-    elif kind == "convert":
-        np.save(path, np.random.default_rng(0).normal(size=(60, 4)))
+    (ending, kind), (write, more) = name.split(" ", 1), NAMES[name]
+    path = folder / f"input{ending}"
+    write(path)
+    if kind == "convert":
         return Case(name, path, convert(path, folder))
-    elif kind == "incident":
-        wavfile.write(path, 42000, np.random.default_rng(0).normal(size=260).astype(np.float32))
-        plane = plane_file(folder / "plane.h5")
-        words = ["replay", str(plane), "--incident", *told, "--frequency", "1400"]
-    else:
-        read, path = python_record(kind, path)
-        return Case(name, path, reader(read, path))
-    return Case(name, path, lambda: command([*words, "--json", "--quiet"]))
+    if callable(more):
+        return Case(name, path, reader(more, path))
+    words = [*kind.removesuffix(" moments").removesuffix(" layers").split(), str(path)]
+    if kind == "incident":
+        words = ["replay", str(folder / "plane.h5"), "--incident", str(path)]
+    return Case(name, path, lambda: command([*words, *more, "--json", "--quiet"]))
 
 
-def python_record(kind: str, path: Path):
-    """A file that only Python reads."""
-    if kind == "read_map":
-        plane = tl.read_plane(plane_file(path))
-        tl.educe(plane, tl.load_liner("polito")).write(path)
-        return tl.read_map, path
-    if kind == "read_line":
-        bursts = [station(seed, seconds=0.2) for seed in range(2)]
-        tl.educe_bursts(bursts, tl.load_liner("onera"), segment=0.04, monte_carlo=100).write(path)
-        return tl.read_line, path
-    if kind == "read_wall":
-        line = line_of(both_ways("upstream")[0], "upstream", title="fuzz")
-        tl.kumaresan_tufts(line, draws=2).write(path, tl.two_wave_fit(line))
-        return tl.read_wall, path
-    tl.in_situ(tl.read_pressure(DATA / "pressure_n130.h5"), [1400.0]).write(path)
-    return tl.read_points, path
-
-
-NAMES = [
-    ".h5 educe",
-    ".h5 educe moments",
-    ".csv kt",
-    ".h5 kt",
-    ".h5 insitu",
-    ".csv ldv educe",
-    ".csv liner",
-    ".toml liner",
-    ".toml liner layers",
-    ".toml duct modes",
-    ".npy convert",
-    ".wav incident",
-    ".h5 read_map",
-    ".h5 read_line",
-    ".h5 read_points",
-    ".h5 read_wall",
-]
 SHARE = INPUTS / (len(NAMES) + 1)
 
 
@@ -256,10 +250,10 @@ def test_mutated_options(tmp_path, monkeypatch, set_threads):
     monkeypatch.chdir(tmp_path)
     set_threads(1)
     plane_file(Path("plane.h5"))
-    line_of(both_ways("upstream")[0], "upstream", title="fuzz").write("line.h5")
+    wall_line().write("line.h5")
     write_burst_csv(station(0, seconds=0.2), Path("bursts.csv"))
     np.save("v.npy", np.random.default_rng(0).normal(size=(60, 4)))
-    Path("record.h5").write_bytes((DATA / "pressure_n130.h5").read_bytes())
+    pressure_file(Path("record.h5"))
     counts, faults = {}, []
 
     def one(draw):

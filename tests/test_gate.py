@@ -50,7 +50,6 @@ OVER_INPUTS = [  # words that end in the output, and the input that it is a link
 
 @pytest.mark.parametrize(("way", "words", "name"), OVER_INPUTS)
 def test_no_command_writes_over_an_input(capsys, folder, way, words, name):
-    """By no name: the output is a link to the input."""
     output, old = folder / words.split()[-1], (folder / name).read_bytes()
     way(folder / name, output)
     code, _, err = run(capsys, *words.split())
@@ -79,7 +78,6 @@ def test_what_is_named_later_is_held_against_the_inputs_too(folder):
 
 
 def test_links_are_followed_and_modes_kept(folder):
-    """The link stays a link, the file behind it is replaced; a new file has the usual mode."""
     old, usual = folder / "old.csv", folder / "new.csv"
     old.write_text("old")
     old.chmod(0o600)
@@ -96,7 +94,6 @@ def test_links_are_followed_and_modes_kept(folder):
 
 
 def test_devices_links_in_circles_and_protected_files_are_refused(folder):
-    """Each with what to do; none is replaced."""
     os.mkfifo("pipe.csv")
     (folder / "loop.csv").symlink_to("loop.csv")
     (folder / "kept.csv").write_text("kept")
@@ -133,7 +130,6 @@ BEFORE = [  # tested before a plane is read
 
 @pytest.mark.parametrize(("words", "message"), BEFORE)
 def test_tested_before_the_work(capsys, folder, monkeypatch, words, message):
-    """No plane is read first, and nothing is written."""
     (folder / "loop.toml").symlink_to("loop.toml")
     monkeypatch.setattr(tl, "read_plane", None, raising=False)
     before = set(folder.iterdir())
@@ -143,7 +139,6 @@ def test_tested_before_the_work(capsys, folder, monkeypatch, words, message):
 
 
 def test_an_output_without_an_ending_is_a_folder(capsys, folder):
-    """Of several planes each has its map there."""
     (folder / "other.h5").write_bytes((folder / "plane.h5").read_bytes())
     assert run(capsys, "educe", "plane.h5", "other.h5", "-o", "new/maps", "--quiet")[0] == DONE
     assert {path.name for path in (folder / "new/maps").iterdir()} == {"educe_plane.h5", "educe_other.h5"}
@@ -151,7 +146,6 @@ def test_an_output_without_an_ending_is_a_folder(capsys, folder):
 
 @pytest.mark.parametrize("words", ["educe plane.h5 --figure f -o m.h5", "info plane.h5 --figure p.png"])
 def test_without_matplotlib_nothing_is_begun(capsys, folder, monkeypatch, words):
-    """No map without its pictures, and no work for nothing."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = run(capsys, *words.split())
     assert (code, "figures need matplotlib" in err, out) == (BAD_INPUT, True, "")
@@ -165,7 +159,6 @@ def test_unfinished_files_of_killed_runs_are_deleted_with_the_lock(folder):
 
 
 def test_a_full_disk_names_the_output(folder):
-    """And leaves the old file; the part is deleted."""
     import resource
 
     (folder / "p.h5").write_text("old")
@@ -184,7 +177,6 @@ def test_a_full_disk_names_the_output(folder):
 
 @pytest.mark.parametrize("fault", [KeyError("x"), AttributeError("no x"), RecursionError("deep")])
 def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
-    """The file, the fault, and the wish for a report; --debug shows where."""
     monkeypatch.setattr(files, "read_records", lambda *_: (each for each in ()).throw(fault))
     code, out, err = run(capsys, "info", "plane.h5")
     assert (code, out, len(err.splitlines())) == (BAD_INPUT, "", 1)
@@ -194,7 +186,6 @@ def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
 
 
 def test_titles_do_not_steer_a_terminal_nor_a_spreadsheet(capsys, folder):
-    """Neither in a table, nor in a warning, nor in a CSV."""
     evil = "\x1b[2J\x1b]0;owned\x07=1+1"
     plane_of(turbulence((2, 600)), title=evil, liner="polito").write("evil.h5")
     code, out, err = run(capsys, "info", "evil.h5")
@@ -206,7 +197,6 @@ def test_titles_do_not_steer_a_terminal_nor_a_spreadsheet(capsys, folder):
 
 
 def test_warnings_come_once_three_at_most_and_are_ours(capsys, folder, monkeypatch):
-    """One that planes share but for its numbers is shown once; what libraries plan is left to --debug."""
 
     def doubtful(*_):
         for i in range(3):
@@ -241,7 +231,6 @@ sys.exit(main(["info", "plane.h5"]))
 
 @pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.files", "torch", "h5py"])
 def test_an_interrupt_while_modules_are_imported(folder, name):
-    """In the first second a command does little else."""
     code = IMPATIENT.format(name=name)
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (found.returncode, "Traceback" in found.stderr) == (INTERRUPTED, False), found.stderr

@@ -10,7 +10,7 @@ import torchliner as tl
 
 pytest.importorskip("matplotlib")
 from torchliner.report import curves, maps, of_map
-from torchliner.report.figure import WIDTHS, entry, finish, frame, styled, subplots
+from torchliner.report.figure import WIDTHS, entry, finish, frame, styled, subplots, typeset, typeset_label
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -38,7 +38,6 @@ def found(cases, liner):
 
 
 def test_widths_are_those_asked_for(found):
-    """A text block by default; within the block another, and after it the default again."""
     for width, inches in (*WIDTHS.items(), (4.8, 4.8), ("4.8", 4.8)):
         with tl.figure_style(width):
             assert curves.draw_along_x(found).get_size_inches()[0] == pytest.approx(inches)
@@ -49,7 +48,6 @@ def test_widths_are_those_asked_for(found):
 
 
 def test_panels_have_letters_and_in_a_column_stand_one_above_the_other(found):
-    """Those that share their labels stay; a single one has no letter."""
     with tl.figure_style("one"):
         upper, lower = curves.draw_along_x(found).axes
         assert upper.get_position().y0 > lower.get_position().y1
@@ -60,7 +58,6 @@ def test_panels_have_letters_and_in_a_column_stand_one_above_the_other(found):
 
 
 def test_the_caption_stands_in_the_file_and_text_is_text(found, tmp_path):
-    """A word of a vector file can be found and edited: no outlines; TrueType and not bitmaps in PDF."""
     from PIL import Image
 
     figure = curves.draw_along_x(found, tmp_path / "a.png")
@@ -77,7 +74,6 @@ def test_the_caption_stands_in_the_file_and_text_is_text(found, tmp_path):
 
 
 def test_maps_of_one_call_have_the_same_colours(cases, found, tmp_path, monkeypatch):
-    """Those to be compared; a map alone has its own."""
     seen = []
     monkeypatch.setattr(of_map, "draw_map", lambda *a, limits=None: seen.append(limits))
     of_map.draw_pictures(found, cases, tmp_path)
@@ -87,7 +83,6 @@ def test_maps_of_one_call_have_the_same_colours(cases, found, tmp_path, monkeypa
 
 
 def test_cells_are_drawn_on_maps(liner):
-    """Lines at borders of cells within the plane; none over a hard wall."""
     pitch, points = liner.cell_pitch, 6
     x = (np.arange(2 * points) + 0.5) * pitch / points
     found = tl.educe(plane_of(turbulence((points, 2 * points, 480)), x=x, z=x[:points]), liner)
@@ -99,7 +94,6 @@ def test_cells_are_drawn_on_maps(liner):
 
 
 def test_limits_show_values_and_break_at_poles():
-    """All values of lines, of those with poles the most; no line joins both sides of a pole."""
     axis = subplots(1, 1, 2.0)[1][0, 0]
     x = np.linspace(0, 2, 201)
     axis.plot(x, 1 / (x - 0.995))
@@ -111,7 +105,6 @@ def test_limits_show_values_and_break_at_poles():
 
 
 def test_a_legend_names_what_is_drawn_and_is_no_wider_than_its_figure(liner):
-    """No cells without a place; columns are taken away until it fits."""
     for x, there in ((None, False), ([0.0, 0.01, 0.02], True)):
         figure = curves.draw_along_x([tl.educe(plane_of(turbulence((3, 480)), x=x), liner)])
         names = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -128,3 +121,39 @@ def test_a_legend_names_what_is_drawn_and_is_no_wider_than_its_figure(liner):
         with tl.figure_style(width):
             figure = drawn()
         assert figure.legends[0].get_window_extent().width <= figure.bbox.width
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("-1.93 dB (-2.62 to -2.60)", "~1.93 dB (~2.62 to ~2.60)"),
+        ("Z = 2.33-0.30j, -5-3j, -1j, 1+2j", "Z = 2.33~0.30j, ~5~3j, ~1j, 1+2j"),
+        ("off by 1.2e-05, 4e-4.", "off by 1.2e~05, 4e~4."),
+        *(
+            (text, text)
+            for text in (
+                "2026-11-23, 2026-11-23T10:04:05",
+                "300-3500 Hz, 5-95 %, two-wave, 1.5-2",
+                "data/slit_n130-1.0mm.h5, run-3.h5, -3.h5, 1e-3.nc, data/-2/x",
+                r"$v'_{\mathrm{rms}}$ s$^{-1}$ $-$",
+                "a - b, case n130 - 2.5 mm",
+                "10.1017/jfm.2026.11969, 3d5c-4e-12ab",
+            )
+        ),
+    ],
+)
+def test_numbers_have_a_true_minus_and_hyphens_stay(given, wanted):
+    found = typeset(given)
+    assert found == wanted.replace("~", "\N{MINUS SIGN}")
+    assert typeset(found) == found
+
+
+def test_labels_have_the_symbol_of_the_axes():
+    assert typeset_label("y = 0.5 mm, R -1") == "$y$ = 0.5 mm, R \N{MINUS SIGN}1"
+    assert typeset_label("$y = 2$") == "$y = 2$"
+
+
+@pytest.mark.parametrize("text", ["-" + "1" * 200_000 + "a", "-1e" * 70_000 + "x", "+1" * 100_000 + " -2"])
+def test_text_of_any_file_takes_a_moment(text):
+    """Every end from every start would take hours: the notes of a file may hold such text."""
+    assert len(typeset(text)) == len(text)

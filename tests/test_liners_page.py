@@ -21,7 +21,6 @@ def block(kind: str) -> str:
 
 
 def test_the_command_prints_what_the_page_shows(tmp_path, monkeypatch, capsys):
-    """With the files as the page gives them."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").symlink_to(ROOT / "data")
     Path("goodrich.toml").write_text(block("toml"), encoding="utf-8")

@@ -59,7 +59,6 @@ def test_notebooks_get_a_table_whose_titles_are_text(maps):
 
 
 def test_scattered_probes_make_a_map(maps):
-    """A dot a probe; a line, also a slanted one, stays a line."""
     assert [over_surface(maps[place]) for place in PLACES] == [True, False, False, True]
     figure = maps["scattered"].plot(frequency=1400.0)
     assert figure._repr_png_().startswith(b"\x89PNG")
@@ -93,7 +92,6 @@ def test_plots_go_into_given_axes_at_a_given_frequency(maps, tmp_path):
 
 
 def test_the_stub_is_what_the_code_says():
-    """Written anew by its script; it names exactly the public names."""
     stub = load_script("make_stub")
     assert stub.STUB.read_text(encoding="utf-8") == stub.text()
     named = set()
@@ -107,7 +105,6 @@ def test_the_stub_is_what_the_code_says():
 
 @pytest.mark.slow
 def test_mypy_knows_the_options(tmp_path):
-    """A slip is an error, the right word is none, and a map is a map."""
     mypy = pytest.importorskip("mypy.api")
     text = """import torchliner as tl
 p, l = tl.read_plane("p.h5"), tl.load_liner("onera")

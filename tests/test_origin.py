@@ -40,7 +40,6 @@ def write(path, content: bytes, time=[0]):  # noqa: B006  a clock that goes on
 
 
 def test_a_small_file_has_the_hash_that_sha256sum_prints(tmp_path):
-    """And its size, and its name as given."""
     path = tmp_path / "a.h5"
     write(path, b"velocity" * 999)
     wanted = hashlib.sha256(b"velocity" * 999).hexdigest()
@@ -148,7 +147,6 @@ def alone(*words):
 
 
 def test_the_command_is_kept_as_it_was_typed(files):
-    """With its phase, its pressure and what is read of the plane."""
     words = (
         "educe p0.h5 --liner l.toml --phase given --reference-phase -0.5 --every 2 --wall-pressure w.h5 "
         "--interval none --quiet -o map.h5"
@@ -164,7 +162,6 @@ def test_the_command_is_kept_as_it_was_typed(files):
 
 
 def test_a_line_holds_its_bursts(capsys, files):
-    """Each file once, the command, the phases of its stations."""
     time = torch.arange(4000, dtype=torch.float64) / 12e3
     wave = torch.cos(2 * torch.pi * 1500 * time)
     (files / "b").mkdir()
@@ -182,7 +179,6 @@ def test_a_line_holds_its_bursts(capsys, files):
 
 
 def test_a_collection_stands_for_the_files_that_it_names(tmp_path):
-    """Wherever they lie, and for no others beside it; numbered files for those of their name."""
     from torchliner.records.origin import series_of
 
     (tmp_path / "a").mkdir()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import math
 import os
 
 import h5py
@@ -11,19 +13,20 @@ import numpy as np
 import pytest
 import torch
 import xarray
-from conftest import turbulence
+from conftest import plane_of, same_bits, turbulence
 from test_burst_files import record_of
 from test_microphone_line import line_of
-from test_moments_file import grid_plane, same_bits
 from test_plane_file import LAYOUTS, make_plane
-from test_pressure_file import record
 from test_results_out import hand_map, line, made, points
-from test_wall_file import field_fit, noisy
+from test_two_wave_fit import both_ways
+from test_wall_pressure import line_of as wall_line
 
 import torchliner as tl
+from torchliner.cli.main import DONE, main
 from torchliner.records.declared import flat
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note
+from torchliner.records.wall_eduction import fine_places
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SAMPLES = 300
@@ -48,6 +51,93 @@ PRESSURES = {
 }
 
 
+def grid_plane(dtype=torch.float32, **about):
+    """(z, x) probes with all that a plane may state."""
+    facts = {
+        "x": 0.01 * torch.arange(4.0),
+        "z": 0.02 * torch.arange(2.0),
+        "height": 1e-3,
+        "incident_level": 130.0,
+        "mach": 0.1,
+        "source_side": "upstream",
+        "liner": "polito",
+        "reference": {"true": 1 - 0.5j},
+        "title": "two rows",
+        "provenance": {"run": 7},
+        "start": 0.25,
+        "area": torch.linspace(1e-6, 8e-6, 8),
+        "holes": tl.records.Holes(x=(0.01,), diameter=(1e-3,), z=(0.01,)),
+    }
+    time = torch.arange(900, dtype=torch.float64) / 42e3
+    v = turbulence((2, 4, 900)) + 2 + 3 * torch.cos(2 * torch.pi * 1400 * time)
+    return plane_of(v.to(dtype), **facts | about)
+
+
+def record(**about) -> tl.PressureRecord:
+    """Everything a record can hold, over one line of probes."""
+    about = {
+        "facesheet": turbulence((6, SAMPLES)).float(),
+        "backplate": turbulence((2, SAMPLES), seed=1).float(),
+        "sampling_rate": 40000.0,
+        "x": [0.001 * i for i in range(6)],
+        "cavity_depth": 0.038,
+        "cavity_porosity": 0.8,
+        "cavity_hydraulic_radius": 0.005,
+        "cell_pitch": 0.003,
+        "microphones": turbulence((3, SAMPLES), seed=2).float(),
+        "microphone_y": [0.01, 0.02, 0.03],
+        "microphone_velocity": turbulence((3, SAMPLES), seed=3).float(),
+        "microphone_mach": 0.1,
+        "frequency": 1400.0,
+        "incident_level": 130.0,
+        "mach": 0.3,
+        "reference": {"true": 1 - 0.5j},
+        "title": "made up",
+        "provenance": {"source": "a test"},
+        **about,
+    }
+    return tl.PressureRecord(about.pop("facesheet"), about.pop("backplate"), **about)
+
+
+def noisy(side, seed=0, **about):
+    """A line of two waves and 1 % of noise, so that methods leave a residual."""
+    pressure = both_ways(side)[0]
+    draw = torch.Generator().manual_seed(seed)
+    noise = torch.randn(pressure.shape, dtype=torch.complex128, generator=draw)
+    return wall_line(pressure * (1 + 0.01 * noise), side, title=f"{side} case", **about)
+
+
+def field_fit(line, draws=True):
+    """A fit of the field as ``fit_field`` returns it, with numbers at random."""
+    draw = torch.Generator().manual_seed(1)
+    lead = (3,) if draws is None else ()
+
+    def random(*shape):
+        return torch.randn(*lead, *shape, dtype=torch.complex128, generator=draw)
+
+    count, along = len(line.frequency), fine_places(line.x)
+    spread = random(count, 2, 2).abs()
+    return tl.FieldFit(
+        method="LEE fit",
+        frequency=line.frequency,
+        x=line.x,
+        impedance=2 + random(count) / 9,
+        covariance=spread @ spread.mT * 1e-4,
+        amplitude=random(count),
+        end_reflection=random(count),
+        pressure=random(line.microphones, count),
+        along=along,
+        pressure_along=random(len(along), count),
+        residual=random(count).abs(),
+        misfit=random(count).abs(),
+        converged=random(count).real > 0,
+        source_side=line.source_side,
+        draws=field_fit(line, None) if draws else None,
+        line=line,
+        choices={"method": "field", "mach": 0.3},
+    )
+
+
 def noted():
     """A map with all that may stand beside Z."""
     found = made("plane", **FACTS).with_alongside(points())
@@ -55,31 +145,20 @@ def noted():
     return dataclasses.replace(found, notes=notes, holes=tl.Holes((0.01,), (1e-3,)), title="Überströmt")
 
 
-def tones(**about):
-    return line_of(
-        liner_start=0.0,
-        liner_end=0.132,
-        duct_width=0.05,
-        liner="onera",
-        title="a line",
-        notes=("doubt",),
-        provenance={"a": 1},
-        reference={"true": 2 - 1j},
-        coherence=torch.rand(12, 2).double(),
-    )
+def tones():
+    about = {"liner_start": 0.0, "liner_end": 0.132, "duct_width": 0.05, "liner": "onera", "title": "a line"}
+    about |= {"notes": ("doubt",), "provenance": {"a": 1}, "reference": {"true": 2 - 1j}}
+    return line_of(coherence=torch.rand(12, 2).double(), **about)
+
+
+def draws():
+    scale = 1 + torch.arange(6.0).double().reshape(3, 2, 1, 1)
+    return dataclasses.replace(line_of(title="draws"), pressure=scale * line_of().pressure)
 
 
 def bursts():
-    return record_of(
-        0,
-        50,
-        dropped={"outlier": 3},
-        notes=("a doubt",),
-        provenance={"a": 1},
-        reference={"true": 1 - 2j},
-        liner="onera",
-        source_side="upstream",
-    )
+    about = {"notes": ("a doubt",), "provenance": {"a": 1}, "reference": {"true": 1 - 2j}, "liner": "onera"}
+    return record_of(0, 50, dropped={"outlier": 3}, source_side="upstream", **about)
 
 
 def microphones():
@@ -106,7 +185,7 @@ RECORDS = {
     },
     "moments": (lambda: tl.moments(grid_plane(), cell_pitch=0.02), tl.read_moments),
     "microphones": (tones, tl.read_microphones),
-    "lines of microphones": (lambda: line_of(batch=(3, 2), title="draws"), tl.read_microphones),
+    "lines of microphones": (draws, tl.read_microphones),
     "waves": (lambda: tl.kumaresan_tufts(microphones(), draws=3), lambda path: tl.read_wall(path)[0]),
     "fit of the field": (lambda: field_fit(microphones()), lambda path: tl.read_wall(path)[0]),
     "bursts": (bursts, lambda path: tl.read_bursts(path)[0]),
@@ -218,7 +297,6 @@ def test_another_shape_is_refused_with_its_place(written):
     "kind", ["map, plane", "line of stations", "points", "waves", "microphones", "moments", "pressure, line"]
 )
 def test_damage_is_refused(kind, tmp_path):
-    """Another schema, no unit, another unit, half a file, no file at all, another ending."""
     make, read = RECORDS[kind]
     path = tmp_path / "a.h5"
     make().write(path)
@@ -360,3 +438,168 @@ def test_an_old_file_stays_where_a_new_one_fails(tmp_path, monkeypatch, name, er
         hand_map().write(tmp_path / name)
     assert (tmp_path / name).read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == [name]
+
+
+# Moments
+
+CHOICES = [
+    {},
+    {"averaging": "velocity"},
+    {"phase": "self-consistent"},
+    {"drive": "rms"},
+    {"drive": "running-rms"},
+    {"mean": "removed"},
+    {"background": 1.0},
+]
+
+
+@pytest.mark.parametrize("choices", CHOICES, ids=str)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
+    path = tmp_path / "m.h5"
+    known = tl.moments(grid_plane(dtype), cell_pitch=liner.cell_pitch, **choices)
+    known.write(path)
+    found = tl.read_moments(path)
+    assert same_bits(found, known)
+    assert found.notes == known.notes
+    assert (found.plane.velocity.shape, found.plane.velocity.dtype) == ((2, 4, 900), dtype)
+    assert same_bits(found.educe(liner, **choices), known.educe(liner, **choices))
+    with pytest.raises(ValueError, match=r"m\.h5 holds moments.* 900 time samples are gone"):
+        found.plane.read(0, 1)
+
+
+def test_other_moments_and_planes(tmp_path):
+    v = turbulence((8, 900))
+    v[3, ::7] = torch.nan
+    table = tl.TabulatedLiner([1000.0, 2000.0], np.full((2, 3), 2 + 1j), [0.0, 5.0, 40.0])
+    cases = {
+        "levels": tl.moments(plane_of(v.nan_to_num(), title="t"), table),
+        "lines": tl.moments(plane_of(v.nan_to_num(), title="t"), frequency=[1400.0, 1000.0]),
+        "left out": tl.moments(plane_of(v, title="t"), missing="exclude"),
+        "one probe": tl.moments(plane_of(v[0], title="t")),
+    }
+    for name, known in cases.items():
+        known.write(tmp_path / "m.h5")
+        assert same_bits(tl.read_moments(tmp_path / "m.h5"), known), name
+
+
+# Pressures
+
+
+def test_units_are_converted(tmp_path):
+    record().write(tmp_path / "p.h5")
+    with h5py.File(tmp_path / "p.h5", "a") as file:
+        file["backplate_pressure"].attrs["units"] = "kPa"
+        file["cavity_depth"].attrs["units"] = "mm"
+    found = tl.read_pressure(tmp_path / "p.h5")
+    assert torch.allclose(found.backplate, 1000 * record().backplate)
+    assert found.cavity_depth == pytest.approx(0.038e-3)
+
+
+def faulty(label, value):
+    """A record one of whose signals holds a value at probe 1, sample 7."""
+    bad = turbulence((2, SAMPLES))
+    bad[1, 7] = value
+    alone = {"facesheet": {"x": [0.0, 1.0]}, "microphones": {"microphone_y": [0.1, 0.2], "microphone_velocity": None}}
+    return {label: bad, **alone.get(label, {})}
+
+
+@pytest.mark.parametrize(
+    ("about", "error", "words"),
+    [
+        ({"backplate": None}, ValueError, "backplate pressure is missing"),
+        ({"facesheet": None, "x": None}, ValueError, "facesheet pressure is missing"),
+        ({"facesheet": None, "backplate": None, "x": None, "microphones": None}, ValueError, "no pressure is given"),
+        ({"backplate": turbulence((2, 299))}, ValueError, "backplate has shape (2, 299); (2 backplate, 300 time)"),
+        ({"backplate": turbulence((2, 2, SAMPLES))}, ValueError, "backplate has another shape than the facesheet"),
+        ({"facesheet": torch.zeros(6, 0)}, ValueError, "facesheet has shape (6, 0); one or more samples"),
+        ({"x": [0.0, 1.0]}, ValueError, "x has 2 values; probes of shape (6,)"),
+        ({"x": [0.0] * 5 + [float("nan")]}, ValueError, "x holds values that are not finite"),
+        ({"cavity_porosity": 80.0}, ValueError, "cavity_porosity is 80; (0, 1] is needed (share of"),
+        ({"sampling_rate": float("nan")}, ValueError, "sampling_rate (Hz) is nan"),
+        ({"microphone_mach": float("nan")}, ValueError, "microphone_mach is nan; (-1, 1)"),
+        ({"microphone_y": None}, ValueError, "microphone_y is missing, the distances"),
+        ({"microphones": None}, ValueError, "microphones have no pressure"),
+        ({"probe_cell": [0, 1]}, ValueError, "probe_cell has 2 values"),
+        ({"probe_cell": [0, 0, 0, 2, 2, 2]}, ValueError, "0, 1, 2, ... without gaps"),
+        ({"probe_cell": [-1] * 6}, ValueError, "probe_cell has 6 values, [-1]"),
+        ({"facesheet": torch.zeros(6, SAMPLES, dtype=torch.int32)}, TypeError, "facesheet is torch.int32"),
+        ({"probe_cell": [0.0] * 6}, TypeError, "whole numbers are needed"),
+        ({"cavity_depth": "38 mm"}, TypeError, "cavity_depth is '38 mm'; one number"),
+        (faulty("facesheet", float("nan")), ValueError, "facesheet is nan Pa at 1, 7"),
+        (faulty("backplate", float("inf")), ValueError, "backplate is inf Pa at 1, 7"),
+        (faulty("microphones", 1e200), ValueError, "microphones is 1e+200 Pa at 1, 7 and 0 more; [-1e9, 1e9] Pa"),
+    ],
+)
+def test_refusals(about, error, words):
+    with pytest.raises(error) as said:
+        record(**about)
+    assert words in str(said.value)
+
+
+def test_a_file_without_signals_is_refused(tmp_path):
+    with h5py.File(tmp_path / "empty.h5", "w"):
+        pass
+    with pytest.raises(ValueError, match="facesheet_pressure is missing; the file holds: nothing"):
+        tl.read_pressure(tmp_path / "empty.h5")
+    with pytest.raises(ValueError, match="has 1 sample"):
+        tl.PressureRecord(torch.ones(1), torch.ones(1), sampling_rate=1.0).write(tmp_path / "x.h5")
+
+
+# Eductions from microphones
+
+SIDES = ("upstream", "downstream")
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory):
+    """Both sources of one wall, what kt makes of them with draws, and its page."""
+    folder = tmp_path_factory.mktemp("wall")
+    for side in SIDES:
+        noisy(side).write(folder / f"{side}.h5")
+    words = ["kt", *(str(folder / f"{side}.h5") for side in SIDES)]
+    found = str(folder / "found.h5")
+    assert main([*words, "--draws", "20", "--seed", "7", "-o", found, "--quiet"]) == DONE
+    return folder
+
+
+def test_a_file_keeps_an_eduction_whole(tmp_path):
+    """KT with draws and a lost frequency, fits tied and free, the field: all of it, in order."""
+    line = noisy("upstream", provenance={"who": "me"}, reference={"true": 1 + 0j})
+    lost = tl.kumaresan_tufts(line, draws=3)
+    wave = lost.wavenumber.clone()
+    wave[1] = complex(math.nan, math.nan)
+    found = [
+        dataclasses.replace(lost, wavenumber=wave),
+        tl.two_wave_fit(line, condition="continuous-velocity"),
+        tl.two_wave_fit(line, tied=False),
+        field_fit(dataclasses.replace(line, title="")),
+    ]
+    found[0].write(tmp_path / "found.nc", *found[1:])
+    again = tl.read_wall(tmp_path / "found.nc")
+    assert len(again) == 4
+    for one, other in zip(found, again, strict=True):
+        assert dict(other.choices) == dict(one.choices)
+        assert torch.equal(one.impedance, other.impedance)
+        assert torch.equal(one.interval()[1], other.interval()[1])
+        assert other.source_line.name == one.choices.get("source", "microphones")
+        assert torch.equal(one.level_along()[1], other.level_along()[1])
+
+
+def test_choices_command_and_hashes_are_kept(lines):
+    for one, side in zip(tl.read_wall(lines / "found.h5"), SIDES, strict=True):
+        path = lines / f"{side}.h5"
+        (known,) = one.choices["inputs"]
+        assert (known["what"], known["name"]) == ("microphones", str(path))
+        assert known["hash"] == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert (one.choices["seed"], one.choices["draws"], one.choices["margin"]) == (7, 20, 0.0)
+        assert one.choices["version"] == tl.__version__
+        assert one.choices["command"][:2] == ["kt", str(path.parent / "upstream.h5")]
+
+
+def test_what_is_no_line_of_one_case_has_no_file(lines, tmp_path):
+    with pytest.raises(ValueError, match="'torchliner wall 1' is needed"):
+        tl.read_wall(lines / "upstream.h5")
+    with pytest.raises(ValueError, match=r"holds \(2,\) lines; a file or a page"):
+        tl.two_wave_fit(wall_line(torch.stack([both_ways()[0]] * 2))).write(tmp_path / "two.h5")
+    assert not (tmp_path / "two.h5").exists()

@@ -99,7 +99,6 @@ def test_order_of_axes_and_bytes_does_not_matter(tmp_path, name, order, dtype):
 
 @pytest.mark.parametrize("name", [name for name in SURFACES | TEXTS if name not in make.FIXED])
 def test_order_of_points_does_not_matter(tmp_path, name):
-    """They fill a grid; the normal is another one, or turned."""
     order = np.random.default_rng(0).permutation(12)
     path, stated = made(name, tmp_path, VALUES[:, order], POINTS[order])
     found = tl.read_plane(path, **stated)
@@ -123,7 +122,6 @@ def test_order_of_points_does_not_matter(tmp_path, name):
 
 @pytest.mark.parametrize("name", [name for name in MAKERS if name not in ("probes", *EXACT, "foam vtp", "foam raw")])
 def test_units_and_signs(tmp_path, name):
-    """mm/s and mm, stated or in the file; positive into the liner."""
     if name in ("histories", "listed histories"):
         path, stated = made(name, tmp_path)
         unit = {"[m/s]": "[mm/s]"} if name == "histories" else {"[m/s]": "[mm/s]", "[ms]": "[us]"}
@@ -150,7 +148,6 @@ def test_units_and_signs(tmp_path, name):
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_values_on_faces(tmp_path, name):
-    """They stand at centroids, with areas."""
     path, stated = made(name, tmp_path, VALUES[:, :6])
     found = tl.read_plane(path, **stated)
     assert np.allclose(found.velocity.flatten(0, 1).T, VALUES[:, :6, 1], atol=3e-7)
@@ -225,7 +222,6 @@ def test_mutated_bytes_are_errors_or_answers(tmp_path_factory, name):
 @pytest.mark.parametrize("keep", [0.1, 0.3, 0.6])
 @pytest.mark.parametrize("name", ["netcdf3", "npy", "matlab5", "packed matlab5", "matlab73"])
 def test_a_truncated_file_is_named(tmp_path, name, keep):
-    """In the header or in the values; and one that is cut while it is read."""
     path, stated = made(name, tmp_path, np.tile(VALUES, (16, 1, 1)))
     whole, lazy = path.read_bytes(), tl.read_plane(path, lazy=True, **stated)
     path.write_bytes(whole[: int(keep * len(whole))])
@@ -250,7 +246,6 @@ def test_a_pipe_behind_a_link_or_in_a_store_does_not_hang(tmp_path):
 
 
 def test_a_file_that_is_replaced_while_it_is_read(tmp_path):
-    """Old data and new ones are not mixed."""
     values = np.random.default_rng(0).normal(size=(3, 9000)).astype("f4")
     plane = tl.VelocityPlane(values, sampling_rate=50e3, frequency=1000.0)
     plane.write(tmp_path / "a.h5")
@@ -469,7 +464,6 @@ HEADINGS = {
 
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_points_in_a_heading(tmp_path, heading):
-    """However it lists them, and whatever remarks with numbers stand above and below."""
     remarks = "# run 2024 11 23", f"# seeds {'123456 ' * 11}"  # one number fewer than there are columns
     path = make.text(tmp_path / "v.csv", *remarks, *HEADINGS[heading][:-1], "# 4 blocks of 1 2 3", *make.rows())
     found = tl.read_plane(path, normal="y", length_units="m", velocity_units="m/s", sampling_rate=1 / STEP)
@@ -537,7 +531,6 @@ def test_times_without_a_unit_and_a_last_row_without_end(tmp_path):
 
 
 def test_restarts_of_probes_are_one_record(tmp_path):
-    """Folders of times are joined; an instant that both runs have comes once, or as the user says."""
     path, _ = make.probes(tmp_path / "whole")
     wanted = tl.read_plane(path, **UP).velocity
     path, _ = make.probes(tmp_path, VALUES[:5])
@@ -595,7 +588,6 @@ def test_stamps_of_few_digits(tmp_path):
     ],
 )
 def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
-    """A decimal, as of a time, is one number; a glob opens it once."""
     for i, name in enumerate(numbers):
         make.image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
     stated = UP | SI | {"sampling_rate": 1 / STEP}
@@ -627,7 +619,6 @@ WITHOUT = [i for i in range(20) if i not in (7, 8)]
     ],
 )
 def test_a_stated_rate_closes_no_gap(tmp_path, numbers, times, message):
-    """Times are tested whatever they count, or numbers where no times are stated."""
     for i, name in enumerate(numbers):
         mesh = make.image(VALUES[0])
         if times is not None:
@@ -656,7 +647,6 @@ def test_faces_are_where_they_are(tmp_path):
 
 
 def test_values_of_faces_stand_behind_those_of_other_cells(tmp_path):
-    """Of vertices and lines; several blocks are refused unless one is named."""
     faces = np.insert(make.QUADS, 0, 4, 1).reshape(-1)
     mesh = pyvista.PolyData(POINTS, faces=faces, lines=[2, 0, 1], verts=[1, 0, 1, 1])
     mesh.cell_data["U"] = np.vstack([np.full((3, 3), 7.0), VALUES[0, :6]])

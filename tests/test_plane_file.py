@@ -57,7 +57,6 @@ def raw_file(path, velocity, time=TIMES, dims=(), units="m/s", time_units="s", *
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_dimensions_of_each_layout(tmp_path, layout):
-    """And both components come back; test_own_files.py has the rest."""
     shape, coordinates, dims = LAYOUTS[layout]
     plane = make_plane(shape, streamwise=make_plane(shape).velocity + 10, **coordinates)
     plane.write(tmp_path / "a.h5")

@@ -12,6 +12,7 @@ import zarr
 from scipy.io import netcdf_file, savemat
 
 import torchliner as tl
+from torchliner.cli.main import main
 from torchliner.units import si_factor
 
 RATE = 40e3
@@ -51,7 +52,7 @@ def same_plane(found, wanted=VALUES, rtol=1e-6):
 
 @pytest.mark.parametrize("kind", ["netcdf4", "zarr", "mat"])
 def test_one_of_several_heights(tmp_path, kind):
-    """Is taken, and its height."""
+    """As of particle images, at the command line too."""
     stated = {}
     if kind == "mat":
         path, stated = tmp_path / "a.mat", {"axes": "time,y,x", "velocity_units": "m/s", "length_units": "m"}
@@ -65,6 +66,9 @@ def test_one_of_several_heights(tmp_path, kind):
     found = tl.read_plane(path, row=2, **stated)
     assert np.array_equal(found.velocity, VALUES[:, 2].T)
     assert found.height == pytest.approx(Z[2])
+    words = [word for key, value in stated.items() for word in (f"--{key.replace('_', '-')}", str(value))]
+    assert main(["convert", str(path), *words, "--row", "2", "-o", str(tmp_path / "b.h5"), "--quiet"]) == 0
+    assert torch.equal(tl.read_plane(tmp_path / "b.h5").velocity, found.velocity)
 
 
 @pytest.mark.parametrize("kind", FILES)
@@ -81,7 +85,6 @@ def test_one_of_several_heights(tmp_path, kind):
     ids=range(6),
 )
 def test_packed_and_missing_values(tmp_path, kind, encoding, attributes):
-    """scale_factor, add_offset, marks and ranges; a missing value is nan, in slabs too."""
     data = dataset(attrs=attributes)
     data.v[7, 1, 2] = 9.0 if attributes else np.nan
     data.v.encoding = encoding
@@ -163,7 +166,6 @@ def test_a_store_that_fills_with_0(tmp_path, monkeypatch, version):
 
 
 def test_groups_dates_and_axes_of_size_1(tmp_path):
-    """A velocity in a group, times as dates since, a height of size 1, mm; all found."""
     data = dataset(x=1e3 * X).expand_dims(y=[2.5], axis=1)
     data.y.attrs["units"] = data.x.attrs["units"] = "millimeter"
     data = data.assign_coords(time=("time", 1e6 + TIMES, {"units": "seconds since 2020-01-01 00:00:00"}))
@@ -238,7 +240,6 @@ HEIGHTS = ("height", "level", "lev", "wall_distance")
 
 @pytest.mark.parametrize("name", ["component", "vector", "dim", "nv", "velocity_components", *HEIGHTS])
 def test_heights_and_components_are_no_probes(name):
-    """Several are refused beside x and alone, unless the user says what they are; one passes."""
     data = named(z=name)
     for each in (data, data.isel(x=0, drop=True)):
         with pytest.raises(ValueError, match=f"axes time, {name}.*; a plane has one height and one component"):
@@ -252,7 +253,6 @@ def test_heights_and_components_are_no_probes(name):
 
 
 def test_a_rate_or_a_sign_against_a_plane_of_ours_is_refused(tmp_path):
-    """Its times have a unit, and it is positive away by its schema; within 1 % its times count."""
     path = tmp_path / "a.h5"
     tl.VelocityPlane(torch.ones(2, 9), sampling_rate=RATE).write(path)
     with pytest.raises(ValueError, match=r"a.h5:/time: its times are at .* states 5000 Hz; leave"):
@@ -282,7 +282,6 @@ def test_times_without_a_unit_or_in_single_precision():
 
 
 def test_our_own_file_through_xarray_is_the_plane_itself(tmp_path):
-    """Schema, fluid, references, holes and attributes: nothing is lost in any kind of file."""
     velocity = np.moveaxis(VALUES, 0, -1).copy()
     about = {"streamwise": velocity + 9, "frequency": 1400.0, "fluid": tl.Fluid(340.0), "area": np.full(12, 1e-6)}
     about |= {"x": X, "z": Z, "reference": {"true": 1 - 0.5j}, "provenance": {"run": [1, "b"]}, "liner": "onera"}
@@ -299,7 +298,6 @@ def test_our_own_file_through_xarray_is_the_plane_itself(tmp_path):
 
 
 def test_numbers_of_the_case_as_attributes():
-    """In SI, or with a unit; a field over the plane is no property of the gas."""
     data = dataset().assign(density=(AXES, VALUES + 1.2, {"units": "kg m-3"}))
     data.attrs = {"frequency": "1.4 kHz", "mach": 0.3, "sound_speed": 340.0}
     found = tl.VelocityPlane.from_xarray(data)
@@ -335,7 +333,6 @@ def test_dates_of_pandas_tables_and_arrays_without_units():
 
 
 def test_a_lazy_dataset_stays_so(tmp_path):
-    """Of dask or a file: nothing is read before a slab is asked for."""
     path = written(dataset(), tmp_path, "netcdf4")
     with xarray.open_dataset(path, engine="h5netcdf", chunks={"time": 7}) as data:
         found = tl.VelocityPlane.from_xarray(data)
@@ -353,7 +350,6 @@ UNITS = {
 
 @pytest.mark.parametrize("quantity", UNITS)
 def test_units_are_read_as_they_are_spelled(quantity):
-    """One factor for all spellings, and others for others."""
     assert {si_factor(quantity, unit, "v") for unit in UNITS[quantity]} == {1.0}
     assert si_factor("velocity", "millimeter/second", "v") == 1e-3
     assert si_factor("time", "minutes", "t") == 60

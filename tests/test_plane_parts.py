@@ -33,7 +33,6 @@ def files(folder, cuts, **changes):
 
 
 def test_restarts_are_one_plane(tmp_path):
-    """By a glob or a list in any order; lazily too; said in the provenance."""
     pattern = files(tmp_path, [(0, 20), (20, 45), (45, 60)])
     found, lazy = tl.read_plane(pattern), tl.read_plane(sorted(tmp_path.iterdir()), lazy=True)
     assert torch.equal(found.velocity, WHOLE.velocity)
@@ -49,7 +48,6 @@ def test_restarts_are_one_plane(tmp_path):
 @settings(max_examples=40)
 @given(st.lists(st.integers(1, 59), min_size=1, max_size=4), st.integers(0, 5), st.randoms())
 def test_any_cuts_and_overlaps_join_to_the_whole(cuts, more, random):
-    """Whatever the pieces and their order."""
     borders = [0, *sorted(set(cuts)), 60]
     pieces = [piece(low, min(60, high + more)) for low, high in pairwise(borders)]
     random.shuffle(pieces)
@@ -95,7 +93,6 @@ def dated(path, low, high, units, first):
 
 
 def test_restarts_with_one_epoch_are_joined(tmp_path):
-    """Whatever its unit; times since another epoch leave a gap, which is refused."""
     one = dated(tmp_path / "a.h5", 0, 20, "ns since 1970-01-01", 1_704_067_259_980_000_000)
     two = dated(tmp_path / "b.h5", 20, 60, "s since 1970-01-01", 1_704_067_260.0)
     found = tl.read_plane([two, one])
@@ -121,14 +118,12 @@ FAULTS = {
 
 @pytest.mark.parametrize("kind", FAULTS)
 def test_what_is_not_one_run_is_refused(kind):
-    """Gaps, two clocks, other probes, another case: with numbers."""
     changes, (low, high), message = FAULTS[kind]
     with pytest.raises(ValueError, match=message):
         join_planes([piece(0, 30), piece(low, high, **changes)])
 
 
 def test_other_probes_and_a_glob_of_nothing(tmp_path):
-    """Shapes; and what the folder holds instead."""
     with pytest.raises(ValueError, match=r"shapes \(3, 4\) and \(2,\)"):
         join_planes([WHOLE, make_plane((2,), 60, start=0.7)])
     files(tmp_path, [(0, 60)])
@@ -155,7 +150,6 @@ def test_a_stretch_of_time_is_that_of_the_array(tmp_path_factory, low, length, e
 
 @pytest.mark.parametrize("lazy", [False, True])
 def test_a_region_keeps_rows_and_columns(tmp_path, lazy):
-    """Of a plane, its coordinates and areas; scattered probes stay scattered."""
     replace(WHOLE, streamwise=WHOLE.velocity + 1).write(tmp_path / "a.h5")
     found = tl.read_plane(tmp_path / "a.h5", lazy, region="0.0005:0.0025,:0.01")
     assert torch.equal(found.load().velocity, WHOLE.velocity[:2, 1:3])
@@ -182,20 +176,17 @@ WRONG = [
 
 @pytest.mark.parametrize(("what", "message"), WRONG)
 def test_what_selects_nothing_is_refused(what, message):
-    """With what there is."""
     with pytest.raises(ValueError, match=message):
         select(WHOLE, **what)
 
 
 def test_a_region_needs_coordinates():
-    """Which none are guessed."""
     with pytest.raises(ValueError, match="states no x, so that no region of it is known"):
         select(make_plane(), region="0:1")
     assert parse_region(":,-0.1:0") == [(None, None), (-0.1, 0.0)]
 
 
 def test_all_that_has_a_unit_is_scaled(tmp_path):
-    """Times by length over velocity, and with them the tone; areas by the square of lengths."""
     plane = make_plane((4,), 60, area=torch.full((4,), 1e-6), frequency=700.0, start=0.5)
     found = plane.scaled(2.0, 4.0)
     assert (found.frequency, found.start) == (1400.0, 0.25)
@@ -209,7 +200,6 @@ def test_all_that_has_a_unit_is_scaled(tmp_path):
 
 
 def test_a_level_is_not_that_of_other_velocities():
-    """It is left out with a warning; lengths do not touch it."""
     plane = make_plane((4,), 60, incident_level=145.0)
     assert plane.scaled(2.0, 1.0).incident_level == 145.0
     with pytest.warns(tl.DataWarning, match=r"incident_level, 145 dB, .* before they were scaled"):
@@ -217,7 +207,6 @@ def test_a_level_is_not_that_of_other_velocities():
 
 
 def test_convert_takes_any_format(tmp_path, capsys):
-    """Restarts joined and selected; nothing is stated that the files say."""
     pattern, out = files(tmp_path, [(0, 20), (20, 60)]), tmp_path / "out.h5"
     part = "--start 0.5002 --every 2 --region 0.0005:0.0025 --quiet".split()
     assert main(["convert", pattern, "-o", str(out), *part]) == 0
@@ -230,7 +219,6 @@ def test_convert_takes_any_format(tmp_path, capsys):
 
 
 def test_commands_see_the_part_that_is_asked_for(tmp_path, capsys):
-    """The same options everywhere planes are read; moments have no parts."""
     plane = replace(make_plane((4,), 2000), x=[0.0, 0.001, 0.002, 0.003], frequency=1000.0, liner="polito")
     plane.write(tmp_path / "a.h5")
     part, whole = (tmp_path / name for name in ("m.h5", "w.h5"))

@@ -21,7 +21,6 @@ def read(name):
 
 
 def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
-    """The same version, Python and packages, by conda's names, and the same command."""
     recipe = read(".ci/conda/recipe.yaml")
     wheel = {re.sub(r"^torch(?=>)", "pytorch", each) for each in PROJECT["dependencies"]}
     asked = {each.replace(" ", "") for each in recipe["requirements"]["run"]}
@@ -32,14 +31,12 @@ def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
 
 
 def test_the_citation_has_the_version_and_the_paper():
-    """As the package and the README have them."""
     citation = read("CITATION.cff")
     assert citation["version"] == tl.__version__
     assert citation["preferred-citation"]["doi"] in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_workflow_calls_the_same_script_as_everybody():
-    """.ci/run and nothing else, with the oldest Python that the package takes."""
     (job,) = read(".github/workflows/test.yml")["jobs"].values()
     assert [step["run"] for step in job["steps"] if "run" in step] == [".ci/run"]
     (python,) = [step["with"]["python-version"] for step in job["steps"] if "with" in step]
@@ -49,7 +46,6 @@ def test_the_workflow_calls_the_same_script_as_everybody():
 
 @pytest.mark.parametrize("form", sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml")))
 def test_every_form_asks_for_something(form):
-    """With a label, and at least one answer required."""
     body = read(form.relative_to(ROOT))["body"]
     assert all(each["attributes"]["label"] for each in body)
     assert any(each.get("validations", {}).get("required") for each in body)

@@ -37,7 +37,6 @@ def beside_data(tmp_path, monkeypatch):
 
 
 def test_python_example_runs(beside_data):
-    """As printed it gives the Z of the table of the demo."""
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
@@ -49,7 +48,6 @@ def test_python_example_runs(beside_data):
 
 @pytest.mark.parametrize("command", commands_of(README))
 def test_commands_of_the_readme_run(beside_data, command):
-    """As they stand, on shipped files."""
     words = [
         name
         for word in shlex.split(command)
@@ -60,13 +58,11 @@ def test_commands_of_the_readme_run(beside_data, command):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_commands_are_understood(page):
-    """Every command line of the page parses: no option has been renamed."""
     for command in commands_of(page.read_text(encoding="utf-8")):
         assert parsed(shlex.split(command, comments=True))
 
 
 def test_shipped_data_are_whole():
-    """Checksums, size, and every file of the list opens."""
     lines = (ROOT / "data" / "SHA256SUMS").read_text().splitlines()
     listed = dict(reversed(line.split("  ")) for line in lines)
     files = sorted((ROOT / "data").glob("*.h5"))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
+from test_own_files import noisy
 from test_results_out import line, points
-from test_wall_file import noisy
 
 import torchliner as tl
 from torchliner.names import AVERAGINGS
@@ -61,7 +61,6 @@ def studies(liner):
 
 
 def test_every_result_has_a_screen_rows_pictures_and_values(liner, tmp_path):
-    """The screen is short and has at most three warnings; the CSV has a row a row; a picture a file and its numbers."""
     for name, result in studies(liner).items():
         answer = answer_of(result)
         brief, full = answer.screen(), answer.screen(verbose=True)
@@ -78,7 +77,6 @@ def test_every_result_has_a_screen_rows_pictures_and_values(liner, tmp_path):
 
 
 def test_every_result_has_a_short_repr_and_a_table(liner):
-    """No tensors; texts of files are no markup."""
     wall = noisy("upstream")
     for one in (tl.kumaresan_tufts(wall), wall, points(), studies(liner)["audit"], studies(liner)["compare"]):
         assert len(repr(one).splitlines()) < 30
@@ -87,7 +85,6 @@ def test_every_result_has_a_short_repr_and_a_table(liner):
 
 
 def test_the_screen_says_z_interval_check_and_step(found):
-    """Of the map: the numbers of the record, those of ``plain`` the same."""
     one, answer = found[0], answer_of(found[0])
     z, (low, _) = complex(one.answer[0]), one.bounds_of_liner(one.averaging)
     text = answer.screen()
@@ -115,7 +112,6 @@ def test_warnings_go_by_what_they_may_move():
 
 
 def test_along_x_is_the_admittance_average_over_z(found):
-    """Not the mean of Z."""
     rows = curves.impedance_along_x(found[1])
     wanted = 1 / (1 / found[1].impedance[..., 0]).mean(0)
     assert [row["impedance"] for row in rows] == pytest.approx(wanted.tolist(), rel=1e-12)
@@ -123,7 +119,6 @@ def test_along_x_is_the_admittance_average_over_z(found):
 
 
 def test_scattered_probes_are_grouped_by_x(liner):
-    """Probes of equal x are averaged, in the order of x."""
     plane = plane_of(turbulence((5, 480), seed=3), x=[0.3, 0.1, 0.3, 0.2, 0.1], z=[0.0, 0, 1, 0, 1])
     result = tl.educe(plane, liner)
     rows = curves.impedance_along_x(result)
@@ -159,7 +154,6 @@ def test_goodrich_stands_in_map_file_and_figure(liner, tmp_path):
 
 @pytest.mark.filterwarnings("ignore:.*so flow would count twice")
 def test_goodrich_counts_the_flow_once(liner):
-    """A law that adds the same flow itself gives the same value."""
     plane = plane_of(turbulence((5, 480)), x=np.arange(5) * 1e-3, mach=0.3, displacement_thickness=2e-3)
     plate = {"thickness": 0.8e-3, "orifice_diameter": 1.17e-3, "porosity": 0.055}
     still, moved = (
@@ -182,7 +176,6 @@ def legend(figure) -> list[str]:
 
 
 def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_path):
-    """Symbols and units on the axes; a file of either kind; the caller's settings stay."""
     before = dict(matplotlib.rcParams)
     along = curves.draw_along_x(found, tmp_path / "along.pdf")
     velocity = curves.draw_velocity([made()], tmp_path / "velocity.png")
@@ -196,7 +189,6 @@ def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_
 
 
 def test_an_averaging_has_one_colour_everywhere(found, liner):
-    """Along x, over frequency, over height."""
     spectrum = tl.educe(made(), liner, [500.0, 1000.0, 1500.0])
     drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), draw_maps_over_height(found)]
     for figure in drawn:
@@ -205,7 +197,6 @@ def test_an_averaging_has_one_colour_everywhere(found, liner):
 
 
 def test_each_panel_shows_its_part(found):
-    """Resistance at the left, reactance at the right, x in mm."""
     rows = curves.impedance_along_x(found[0])
     for axis, part in zip(curves.draw_along_x(found[:1]).axes, ("real", "imag"), strict=True):
         x, values = axis.lines[0].get_data()
@@ -214,7 +205,6 @@ def test_each_panel_shows_its_part(found):
 
 
 def test_two_runs_in_one_pair_of_axes(found):
-    """``plot(ax=)`` twice: two colours, and limits that show both."""
     axes = matplotlib.figure.Figure().subplots(1, 2)
     for one in found:
         curves.draw_along_x([one], axes=axes)
@@ -225,7 +215,6 @@ def test_two_runs_in_one_pair_of_axes(found):
 
 
 def test_a_phase_does_not_jump():
-    """Along a line, and beside a curve."""
     level, phase = level_and_phase(20e-6 * 2**0.5 * np.exp(1j * np.radians([170.0, -170.0, -150.0])))
     assert level == pytest.approx(0)
     assert np.diff(phase) == pytest.approx(20)
@@ -233,7 +222,6 @@ def test_a_phase_does_not_jump():
 
 
 def test_the_level_check_is_drawn_where_a_pressure_is_known(liner, tmp_path):
-    """No height that is not stated is 0."""
     tone = torch.cos(2 * torch.pi * FREQUENCY * torch.arange(480) / RATE)
     about = {"frequency": FREQUENCY, "incident_level": 120.0, "source_side": "normal"}
     plane = plane_of(tone.expand(3, -1) + 0.1 * turbulence((3, 480)), **about)
@@ -245,8 +233,6 @@ def test_the_level_check_is_drawn_where_a_pressure_is_known(liner, tmp_path):
 
 
 def test_pictures_of_a_run(liner, tmp_path):
-    """Of a sweep a spectrum, and the rest at the tone alone; of two runs what they differ by; of other frequencies a
-    folder."""
     two = [made(i, height=h, name=f"p{i}.h5", frequency=FREQUENCY) for i, h in enumerate((1e-3, 2e-3))]
     sweep = [1000.0 + 10 * i for i in range(10)] + [FREQUENCY]
     found = [tl.educe(plane, liner, sweep, averaging="velocity", interval=None) for plane in two]

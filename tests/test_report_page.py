@@ -19,8 +19,8 @@ import pytest
 import torch
 from conftest import DATA, plane_of, turbulence
 from test_cli import run
+from test_own_files import noisy
 from test_results_out import PLACES, line, made, points
-from test_wall_file import noisy
 
 import torchliner as tl
 from torchliner.cli.main import BAD_INPUT, DONE, main
@@ -110,7 +110,6 @@ def require_whole(page):
 
 
 def test_numbers_are_those_of_the_map(page, shipped):
-    """Sections as a reader asks; the sentence, the table, Z along x, what is known from elsewhere, the choices."""
     assert require_whole(page) == ["along-x"]
     wanted = ["answers", "warnings", "pictures", "tables", "origin", "cite"]
     assert [attrs["id"] for attrs in page.all("section")] == wanted
@@ -133,7 +132,6 @@ def test_numbers_are_those_of_the_map(page, shipped):
 
 
 def test_the_command_gives_the_map_again(capsys, page, shipped, tmp_path):
-    """As it stands on the page."""
     command = shlex.split(unescape(re.search(r"<dd>(torchliner educe.*?)</dd>", page.html)[1]))
     command[command.index("-o") + 1] = str(tmp_path / "again.h5")
     assert run(capsys, *command[1:])[0] == DONE
@@ -155,7 +153,6 @@ def test_references_are_of_the_tone():
 
 
 def test_inputs_that_changed_are_told(tmp_path, monkeypatch):
-    """On top of the warnings, and in the provenance; what a stranger wrote there is passed over."""
     monkeypatch.chdir(tmp_path)
     plane_of(turbulence((3, 600)), x=np.arange(3) * 1e-3).write("p.h5")
     found = tl.educe(tl.read_plane("p.h5"), tl.load_liner("polito"), interval=None)
@@ -200,7 +197,6 @@ ALSO = [place for place in PLACES if place not in ("plane", "scattered", "one pr
     "place", ["plane", "scattered", "one probe", *(pytest.param(p, marks=pytest.mark.slow) for p in ALSO)]
 )
 def test_maps_of_every_shape(place, tmp_path):
-    """Planes, lines, scattered probes, one probe, no places; the plane at two frequencies."""
     page = page_of(made(place, (1400.0, 1000.0) if place == "plane" else (1400.0,)), tmp_path)
     there = require_whole(page)
     assert ("map" in there) == (place in ("plane", "uneven", "scattered", "bare"))
@@ -209,7 +205,6 @@ def test_maps_of_every_shape(place, tmp_path):
 
 
 def test_a_map_without_optional_parts(tmp_path):
-    """No intervals, no level check, no references, no choices: said, not missed."""
     bare_plane = plane_of(turbulence((2, 3, 480)), x=np.arange(3) * 0.01, z=np.arange(2) * 0.01)
     found = tl.educe(bare_plane, tl.load_liner("polito"), 1400.0, interval=None)
     bare = dataclasses.replace(found, level_check=None, reference={}, choices={}, goodrich=None, alongside=())
@@ -223,7 +218,6 @@ def test_a_map_without_optional_parts(tmp_path):
 
 @pytest.mark.parametrize("make", [line, points])
 def test_lines_and_points(capsys, make, tmp_path):
-    """From their files, the same as from memory but for the file."""
     found = make()
     found.write(tmp_path / "result.h5")
     code, out, _ = report(capsys, tmp_path / "result.h5", "-o", tmp_path / "page.html")
@@ -236,7 +230,6 @@ def test_lines_and_points(capsys, make, tmp_path):
 
 
 def test_two_sources_of_one_wall(tmp_path):
-    """Both impedances with their intervals, how far they are apart, what is known of the wall."""
     walls = torch.tensor([1 + 0.5j, 1 + 1.5j, 1 + 2.5j])
     lines = [dataclasses.replace(noisy("upstream"), wall_impedance=walls), noisy("downstream")]
     found = [tl.kumaresan_tufts(each, draws=20) for each in lines]
@@ -257,7 +250,6 @@ def test_two_sources_of_one_wall(tmp_path):
 
 
 def test_the_page_of_a_duct(capsys, tmp_path):
-    """Loss and levels; the file is still a line for kt."""
     words = "duct solve b2a --profile uniform --frequency 900 1200 --mesh 20 --impedance 1.5-0.5j -o".split()
     assert run(capsys, *words, str(tmp_path / "duct.h5"))[0] == DONE
     solved = tl.read_microphones(tmp_path / "duct.h5")
@@ -272,7 +264,6 @@ def test_the_page_of_a_duct(capsys, tmp_path):
 
 
 def test_a_campaign(capsys, tmp_path):
-    """All rows, what failed among the warnings; an index of another version is refused."""
     for seed in (0, 1):
         plane = plane_of(turbulence((3, 600), seed=seed).float(), x=np.arange(3) * 1e-3, height=1e-3 * (2 - seed))
         plane.write(tmp_path / f"plane {seed}.h5")
@@ -297,7 +288,6 @@ def test_a_campaign(capsys, tmp_path):
 
 
 def test_what_cannot_be_is_refused(capsys, files, tmp_path):
-    """What is no result is told what it is; outputs that cannot be; an old page is replaced."""
     source, out = files / "map.h5", tmp_path / "page.html"
     whole = source.read_bytes()
     (tmp_path / "text.csv").write_text("a")
@@ -321,7 +311,6 @@ def test_what_cannot_be_is_refused(capsys, files, tmp_path):
 
 @pytest.mark.parametrize("name", ["jinja2", "matplotlib"])
 def test_what_is_not_installed_is_said_before_the_work(capsys, name, files, tmp_path, monkeypatch):
-    """With the command that installs it, before the file is read."""
     monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr("torchliner.io.own_file.read_map", lambda path: pytest.fail("read"))
     code, _, err = report(capsys, files / "map.h5", "-o", tmp_path / "page.html")

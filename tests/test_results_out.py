@@ -96,7 +96,6 @@ RESULTS = {
 
 @pytest.mark.parametrize("kind", ["scattered", "one probe", "line of stations", "alongside"])
 def test_xarray_shows_of_the_file_what_the_record_gives(kind, tmp_path):
-    """Each variable, coordinate and attribute; beside them Z is complex, and described."""
     result = RESULTS[kind]()
     result.write(tmp_path / "r.nc")
     mine = result.to_xarray()
@@ -115,7 +114,6 @@ def test_xarray_shows_of_the_file_what_the_record_gives(kind, tmp_path):
 
 
 def test_places_are_attached_to_what_has_them():
-    """A value is picked by the place of its probe, cell or station, not by a number."""
     scattered = made("scattered")
     mine = scattered.to_xarray()
     assert {"x", "z"} <= set(mine.impedance.coords)
@@ -136,7 +134,6 @@ def read_rows(path):
 
 
 def test_csv_by_hand(tmp_path):
-    """A row a probe and frequency; an excluded probe is nan."""
     reflection = hand_map().probes["admittance"].reflection.clone()
     reflection[0, 1] = torch.nan
     dataclasses.replace(hand_map(), probes={"admittance": Educed(reflection)}).write(tmp_path / "gap.csv")

@@ -103,7 +103,6 @@ PLANES = {
 @pytest.mark.parametrize("lazy", [False, True])
 @pytest.mark.parametrize("kind", PLANES)
 def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
-    """The file is refused and named, whether its values are read at once or by slabs."""
     edit, message = PLANES[kind]
     path = edited(tmp_path, edit)
     with pytest.raises(ValueError, match=f"a.h5.*{message}"):
@@ -124,7 +123,6 @@ def test_what_a_file_fills_is_missing(tmp_path):
 
 
 def test_values_of_other_files_are_named(tmp_path):
-    """Followed by a link, where all is there, but not without a word."""
 
     def edit(file):
         with h5py.File(tmp_path / "part.h5", "w") as other:
@@ -140,7 +138,6 @@ def test_values_of_other_files_are_named(tmp_path):
 
 @pytest.mark.parametrize("longer", [False, True])
 def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, longer):
-    """Nothing of it is read first: of the velocity, or of times that are too long already."""
 
     def edit(file):
         if longer:

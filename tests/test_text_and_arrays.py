@@ -3,10 +3,12 @@
 import io
 import struct
 
+import h5py
 import numpy as np
 import pytest
 import torch
 import xarray
+from scipy.io import savemat
 
 import torchliner as tl
 from torchliner import file_checks
@@ -47,14 +49,12 @@ def stored(tmp_path, text, name="a.csv"):
     ],
 )
 def test_cells_that_are_none_are_refused(tmp_path, kind, text, message):
-    """In every reader: too many cells, doubled columns, #N/A, values that nothing measures."""
     with pytest.raises(ValueError, match=rf"a.csv.*{message}"):
         READERS[kind](stored(tmp_path, text))
 
 
 @pytest.mark.parametrize("kind", READERS)
 def test_only_regular_files_are_tables(tmp_path, kind):
-    """No device, no line of a gigabyte, no more than memory; nothing of it is kept before."""
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     with pytest.raises(OSError, match=r"zero.csv is a device or a pipe; a regular file is needed"):
         READERS[kind](tmp_path / "zero.csv")
@@ -68,7 +68,6 @@ def test_only_regular_files_are_tables(tmp_path, kind):
 
 
 def test_texts_larger_than_memory_are_refused(tmp_path, monkeypatch):
-    """By their size on disk."""
     monkeypatch.setattr(file_checks, "machine_memory", lambda: 100.0)
     with pytest.raises(ValueError, match=r"a.csv as cells of text takes .* GB; this machine has"):
         read_microphones(stored(tmp_path, LINE))
@@ -90,7 +89,6 @@ TOML = 'model = "table"\nfile = "{}"\n'
     ids=range(6),
 )
 def test_toml_that_is_none(tmp_path, text, error, message):
-    """Devices, depth, length, numbers and lists of mistakes without an end."""
     with pytest.raises(error, match=message):
         tl.load_liner(stored(tmp_path, text, "a.toml"))
 
@@ -116,7 +114,6 @@ def wav(channels=1, size=None, samples=100):
     ],
 )
 def test_sounds_that_were_streamed_or_broken_off(tmp_path, content, message):
-    """Headers without a length or a channel."""
     with pytest.raises(ValueError, match=f"a.wav.*{message}"):
         read_signal(stored(tmp_path, content, "a.wav"))
     assert read_signal(stored(tmp_path, wav(), "b.wav")).sampling_rate == 8000
@@ -138,7 +135,6 @@ def archive():
     ],
 )
 def test_arrays_that_are_none(tmp_path, name, content, message):
-    """Libraries' own words come behind the file's name."""
     with pytest.raises(ValueError, match=message):
         read_array(stored(tmp_path, content, name))
 
@@ -184,15 +180,69 @@ def of(values, **about):
     ],
 )
 def test_what_an_array_cannot_carry_is_refused(make, error, message):
-    """Names of axes, units and masks that would go by unseen."""
     with pytest.raises(error, match=message):
         make()
 
 
 def test_masked_velocities_are_missing():
-    """They are nan, which educe refuses or leaves out, in all ways in."""
     masked = np.ma.masked_greater(V[:, 0].T, 1.0)
     wanted = torch.from_numpy(np.where(V[:, 0].T > 1.0, np.nan, V[:, 0].T))
     for found in (of(masked), of(list(masked))):
         assert torch.equal(found.velocity.isnan(), wanted.isnan())
         assert torch.equal(found.velocity.nan_to_num(), wanted.nan_to_num())
+
+
+# Plain arrays and MATLAB files: nothing is guessed, so every order and unit must be honoured
+
+CUBE = np.random.default_rng(0).normal(size=(2, 3, 5))  # z, x, time: all lengths differ
+
+
+def saved(path, **arrays):
+    """Arrays in the way the ending (or ``_v73``) implies; MATLAB 7.3 reverses the axes."""
+    if path.suffix == ".npy":
+        np.save(path, next(iter(arrays.values())))
+    elif path.suffix == ".mat" and "v73" not in path.name:
+        savemat(path, arrays)
+    else:
+        with h5py.File(path, "w") as file:
+            for name, values in arrays.items():
+                file[name] = np.transpose(values) if path.suffix == ".mat" else values
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.mat", "a_v73.mat", "a.h5"])
+def test_variable_is_named_where_there_are_several(tmp_path, name):
+    path = saved(tmp_path / name, YVelocity=CUBE, XVelocity=-CUBE)
+    assert np.array_equal(read_array(path, "YVelocity"), CUBE)
+    with pytest.raises(ValueError, match=r"a.*\..* holds .Velocity, .Velocity; name the one meant"):
+        read_array(path)
+    with pytest.raises(ValueError, match=r"no variable 'YVelocty' \(did you mean 'YVelocity'\?\)"):
+        read_array(path, "YVelocty")
+
+
+@pytest.mark.parametrize(
+    ("values", "axes", "wanted"),
+    [
+        (CUBE[0].T, "time,probe", CUBE[0]),
+        (CUBE[0, 0], "time", CUBE[0, 0]),
+        (CUBE[0, :1], "time", CUBE[0, 0]),  # MATLAB keeps a vector as a row
+        (CUBE[:, :1], "z,time", CUBE[:, 0]),
+        (CUBE[:1, :1], "z,x,time", CUBE[:1, :1]),
+        ((100 * CUBE).astype("i4"), "z,x,time", (100 * CUBE).astype("i4")),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.npy", "a.mat", "a_v73.mat"])
+def test_lines_single_probes_and_integers(tmp_path, name, values, axes, wanted):
+    path = saved(tmp_path / name, v=values)
+    found = tl.read_plane(path, axes=axes, velocity_units="m/s", sampling_rate=5e4).velocity
+    assert np.array_equal(found.numpy(), wanted)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.mat", "a.h5"])
+@pytest.mark.parametrize("values", [CUBE + 1j, np.array(["a", "bc"])])
+def test_only_real_numbers_are_read(tmp_path, name, values):
+    if name == "a.h5" and values.dtype.kind == "U":
+        values = values.astype("S")
+    path = saved(tmp_path / name, v=values)
+    with pytest.raises(ValueError, match=rf"{name}:.* is .*(, not real|;) numbers"):
+        read_array(path)

@@ -24,7 +24,6 @@ ROWS = page.read_rows(page.FIGURES / "validation_errors.csv")
 
 
 def test_a_constant_speed_is_found_again(liner):
-    """R and X of the model at 0.7 m/s ask for 0.7 m/s."""
     z = complex(liner.impedance(FREQUENCY, 0.7))
     for value, part in ((z.real, "real"), (z.imag, "imag")):
         assert speed_that_gives(liner, FREQUENCY, value, part) == pytest.approx(0.7, rel=1e-9)
@@ -49,7 +48,6 @@ def test_beyond_the_asymptote_there_is_no_speed(liner):
 
 @pytest.mark.parametrize("rms", [0.2, 1.5, 15.0])
 def test_educed_values_lie_within_reach(liner, rms):
-    """Whatever the turbulence, phase averaged."""
     velocity = turbulence((4, 480), 1, rms=rms)
     found = tl.educe(plane_of(velocity), liner, interval=None)
     reachable = reach(liner, FREQUENCY, 1.001 * float(velocity.abs().max()))
@@ -139,7 +137,6 @@ def test_page_states_every_case_and_rule():
 
 @pytest.mark.slow
 def test_the_package_has_the_default_rows(tmp_path):
-    """What educe prints beside an answer are the page's rows."""
     page.write_rows(page.known_rows(ROWS), tmp_path / "known.csv", end="\n")
     assert (tmp_path / "known.csv").read_text() == page.KNOWN.read_text()
 
@@ -147,7 +144,6 @@ def test_the_package_has_the_default_rows(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "index"), [("n130", 3), ("g01_145", 0)])
 def test_committed_rows_are_current(case, index):
-    """All 36 rules of a plane, computed now: value, reference, in situ, interval, level check."""
     plane = page.planes_of(case)[index]
     fresh = page.rows_of(case, [plane])
     kept = [r for r in ROWS if r.case == case and abs(r.height - plane.height) < 1e-9]
@@ -168,7 +164,6 @@ flowless = load_script("calibrate_without_flow")
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 def test_the_fit_without_flow_is_current():
-    """t00_130 alone: 0.411, and t03_130 from it."""
     fit = flowless.FITS[1]
     found = flowless.calibrated(fit)
     assert float(found.values[0]) == pytest.approx(0.411, abs=1e-3)

@@ -8,8 +8,10 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 
+import distributed
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
@@ -88,14 +90,12 @@ def test_shares_are_the_bits_of_one_reading(tmp_path, file, small, read, choices
 
 
 def test_data_do_not_travel(tmp_path):
-    """A plane in memory is refused, before any worker is asked."""
     for more in ({"client": object()}, {"kept": tmp_path}):
         with pytest.raises(ValueError, match="read that with lazy=True"):
             tl.moments(plane_of(turbulence((2, 600))), **more)
 
 
 def test_two_workers_give_the_bits_of_one_machine(file, small, client, liner):
-    """In both readings, and with probes that are left out."""
     plane = tl.read_plane(file, lazy=True)
     for choices in ({}, {"missing": "exclude"}):
         here = tl.moments(plane, cell_pitch=liner.cell_pitch, **choices)
@@ -121,7 +121,6 @@ def test_a_lost_worker_changes_nothing(file, small, client):
 
 
 def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
-    """Which path, on which host; a format's library that is not there, by name."""
     path = tmp_path / "gone.h5"
     path.write_bytes(file.read_bytes())
     plane = tl.read_plane(path, lazy=True)
@@ -152,15 +151,12 @@ def test_a_worker_says_what_it_cannot_read(tmp_path, file, small, client):
     ],
 )
 def test_a_cluster_that_is_not_there(where, kind, words):
-    """Said with what would be right; nothing waits for ever."""
     with pytest.raises(kind, match=re.escape(words)), open_cluster(where, wait=1):
         pass
 
 
 def test_workers_come_when_there_is_work(file):
     """A cluster that adapts starts its first worker for tasks that wait; without any the wait ends."""
-    import distributed
-
     plane = tl.read_plane(file, lazy=True)
     with distributed.LocalCluster(n_workers=0, threads_per_worker=1, dashboard_address=":0") as own:
         with (
@@ -174,9 +170,16 @@ def test_workers_come_when_there_is_work(file):
 
 
 @pytest.mark.slow
-def test_a_lost_scheduler_is_said(tmp_path, file):
-    """With what to do."""
+@pytest.mark.parametrize("lost", ["scheduler", "worker"])
+def test_what_is_lost_is_said_and_nothing_waits_for_ever(tmp_path, file, lost):
+    """The scheduler between two shares; the only worker in the middle of one."""
     where = tmp_path / "scheduler.json"
+
+    class Slow(Stored):
+        shape, dtype, label = (40, SAMPLES), torch.float32, "plane.slow"
+
+        def fill(self, begin, end, out):
+            time.sleep(60)
 
     def started(kind: str, *words: str) -> subprocess.Popen:
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(where)]
@@ -184,16 +187,22 @@ def test_a_lost_scheduler_is_said(tmp_path, file):
 
     with (
         started("scheduler", "--host", "127.0.0.1", "--port", "0") as scheduler,
-        started("worker", "--nthreads", "1") as worker,
+        started("worker", "--nthreads", "1", "--no-nanny") as worker,
     ):
         try:
             while not where.exists():
+                assert scheduler.poll() is None
                 time.sleep(0.05)
-            with (
-                open_cluster(str(where), wait=60) as client,
-                pytest.raises(OSError, match=r"the scheduler of dask is gone.*start it again"),
-            ):
-                tl.moments(tl.read_plane(file, lazy=True), client=client, progress=lambda _: scheduler.kill())
+            with open_cluster(str(where), wait=5) as client:
+                client.wait_for_workers(1, timeout=60)
+                if lost == "scheduler":
+                    plane, words = tl.read_plane(file, lazy=True), "the scheduler of dask is gone.*start it again"
+                else:
+                    plane = tl.VelocityPlane(Slow(), sampling_rate=RATE, frequency=FREQUENCY)
+                    words = "has no worker within 5 s"
+                    threading.Timer(2, worker.kill).start()
+                with pytest.raises(OSError, match=words):
+                    tl.moments(plane, client=client, progress=lambda _: scheduler.kill())
         finally:
             scheduler.kill()
             worker.kill()

@@ -131,15 +131,21 @@ def _on_workers(client: Any, sent: tuple[Any, ...], shares: Iterable[Sequence[in
                 waiting.append(client.submit(on_worker, __version__, held, share, pure=False))
             if not waiting:
                 return
+            seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
             if not threads:  # the work waits already, so that a cluster that adapts starts its first worker
-                seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
                 where = client.scheduler.address
                 try:
                     client.wait_for_workers(1, timeout=seconds)
                 except TimeoutError as error:
                     text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
                     raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
-            yield waiting[0].result()
+            try:
+                rows = waiting[0].result(timeout=seconds)
+            except TimeoutError:
+                if waiting[0].status == "error":
+                    raise  # the task's own
+                continue  # long work; or all workers are lost, or the scheduler, which the next round finds
+            yield rows
             waiting.popleft()  # the worker may forget it
     except Exception as error:
         name = type(error).__name__
